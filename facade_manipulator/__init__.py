@@ -1,0 +1,1 @@
+"""Kinematics, compensation and drives of a 3-DOF parallel façade-cleaning manipulator."""

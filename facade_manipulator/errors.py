@@ -1,0 +1,142 @@
+"""
+The exception tree: one base, children by what the caller would do about them.
+
+::
+
+    ManipulatorError
+    ├── ParameterError (also a ValueError)   mend the configuration
+    ├── InputError                           the message is refused and counted
+    ├── LimitError                           the machine cannot go there
+    │   ├── UnreachableError
+    │   ├── StrokeLimitError
+    │   ├── CarriageGapError
+    │   ├── SingularityError
+    │   └── SetpointLimitError
+    ├── BusError                             look at the CAN interface
+    └── DriveError                           look at the drive
+        ├── DriveStateError                  not possible in the present state
+        ├── DriveTimeoutError                the drive did not answer
+        ├── DriveIdentityError               another drive than configured
+        ├── DriveObjectError                 an object refused or read back wrong
+        └── DriveFaultError                  the drive reports a fault
+
+Messages are sentences with the value, the bound and the unit.
+"""
+
+from __future__ import annotations
+
+
+class ManipulatorError(Exception):
+    """Base of every error that this package raises on purpose."""
+
+
+class ParameterError(ManipulatorError, ValueError):
+    """A parameter is not finite, out of range or contradicts another one."""
+
+
+class InputError(ManipulatorError):
+    """
+    A message is refused.
+
+    Parameters
+    ----------
+    reason : str
+        Short key under which the refusal is counted, such as ``'stale'``.
+    sentence : str
+        What is wrong, with value, bound and unit.
+
+    """
+
+    def __init__(self, reason: str, sentence: str) -> None:
+        super().__init__(sentence)
+        self.reason = reason
+
+
+class LimitError(ManipulatorError):
+    """
+    A quantity lies beyond a limit of the machine.
+
+    Parameters
+    ----------
+    quantity : str
+        What was measured, such as ``'q2'`` or ``'q3 - q1'``.
+    value, bound : float
+        Its value and the limit it violates, in `unit`.
+    unit : str
+        Unit of both; ``''`` for a pure number.
+    relation : str
+        How the value stands to the bound: ``'below'`` or ``'above'``.
+
+    """
+
+    reason = 'limit'
+
+    def __init__(
+        self, quantity: str, value: float, bound: float, unit: str, relation: str
+    ) -> None:
+        self.quantity = quantity
+        self.value = value
+        self.bound = bound
+        self.unit = unit
+        self.relation = relation
+        suffix = f' {unit}' if unit else ''
+        super().__init__(
+            f'{quantity} = {value:.6g}{suffix} is {relation} the bound {bound:.6g}{suffix}')
+
+
+class UnreachableError(LimitError):
+    """The links are too short for the pose: no real solution of eqs 7-8."""
+
+    reason = 'unreachable'
+
+
+class StrokeLimitError(LimitError):
+    """A carriage would leave the rail's stroke."""
+
+    reason = 'stroke'
+
+
+class CarriageGapError(LimitError):
+    """Two carriages would come closer than the carriage gap."""
+
+    reason = 'carriage_gap'
+
+
+class SingularityError(LimitError):
+    """The pose is singular, beyond a singularity or too badly conditioned."""
+
+    reason = 'singularity'
+
+
+class SetpointLimitError(LimitError):
+    """A setpoint lies farther from the carriages than a stream may begin."""
+
+    reason = 'far_setpoint'
+
+
+class BusError(ManipulatorError):
+    """The CAN interface is missing, down, bus-off or refuses frames."""
+
+
+class DriveError(ManipulatorError):
+    """Base of what one drive, or the group of three, reports."""
+
+
+class DriveStateError(DriveError):
+    """The request is not possible in the present state; the message says what to do first."""
+
+
+class DriveTimeoutError(DriveError):
+    """A drive did not answer within its time."""
+
+
+class DriveIdentityError(DriveError):
+    """A drive's type, vendor, product or serial number is not the configured one."""
+
+
+class DriveObjectError(DriveError):
+    """A drive refused an object, or read it back with another value."""
+
+
+class DriveFaultError(DriveError):
+    """A drive is in its fault state."""

@@ -1,0 +1,84 @@
+"""
+Parameters of the core objects: one frozen dataclass is the single source of each.
+
+Name, default, unit and range stand in the dataclass field. A YAML file, a test and a live change
+all construct the dataclass and so meet the same check; nodes turn the fields into described ROS
+parameters (`facade_manipulator.nodes.parameters`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+import math
+from typing import Any
+
+from facade_manipulator.errors import ParameterError
+
+METADATA_KEY = 'parameter'
+
+
+@dataclass(frozen=True)
+class ParameterInfo:
+    """What an operator sees of a parameter: description, unit, range, whether it is read-only."""
+
+    description: str
+    unit: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
+    read_only: bool = False
+    choices: tuple[str, ...] = ()
+
+
+def parameter(default: Any, description: str, **info: Any) -> Any:
+    """
+    Declare a dataclass field as a parameter.
+
+    Parameters
+    ----------
+    default : object
+        Default value: bool, int, float, str or a tuple of one of these.
+    description : str
+        One line for the operator, without the unit.
+    **info
+        The other fields of `ParameterInfo`.
+
+    """
+    return field(default=default, metadata={METADATA_KEY: ParameterInfo(description, **info)})
+
+
+def check_parameters(instance: Any) -> None:
+    """
+    Check every parameter of a dataclass instance against its declared range.
+
+    Call it first in ``__post_init__``, rules between fields after it.
+
+    Raises
+    ------
+    ParameterError
+        Naming the parameter, its value, its bound and unit.
+
+    """
+    for item in fields(instance):
+        info = item.metadata.get(METADATA_KEY)
+        if info is not None:
+            _check(item.name, getattr(instance, item.name), info)
+
+
+def _check(name: str, value: Any, info: ParameterInfo) -> None:
+    if info.choices and value not in info.choices:
+        raise ParameterError(f'{name} = {value!r} is none of {", ".join(info.choices)}')
+    for element in value if isinstance(value, (tuple, list)) else (value,):
+        if isinstance(element, (int, float)) and not isinstance(element, bool):
+            _check_number(name, element, info)
+
+
+def _check_number(name: str, value: float, info: ParameterInfo) -> None:
+    unit = f' {info.unit}' if info.unit else ''
+    if not math.isfinite(value):
+        raise ParameterError(f'{name} = {value} is not a finite number')
+    if info.minimum is not None and value < info.minimum:
+        raise ParameterError(
+            f'{name} = {value:g}{unit} is below its minimum {info.minimum:g}{unit}')
+    if info.maximum is not None and value > info.maximum:
+        raise ParameterError(
+            f'{name} = {value:g}{unit} is above its maximum {info.maximum:g}{unit}')
