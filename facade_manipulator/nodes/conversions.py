@@ -1,0 +1,132 @@
+"""Messages to core values and back; what is not a planar pose is refused here, with a sentence."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Pose as PoseMessage
+from geometry_msgs.msg import PoseStamped, Quaternion
+
+from facade_manipulator.errors import InputError
+from facade_manipulator.kinematics import Pose
+
+PLANE_TOLERANCE = 1e-6
+TILT_TOLERANCE = 1e-3
+NORM_TOLERANCE = 1e-3
+
+LEVELS = {
+    'ok': DiagnosticStatus.OK,
+    'warn': DiagnosticStatus.WARN,
+    'error': DiagnosticStatus.ERROR,
+    'stale': DiagnosticStatus.STALE,
+}
+
+
+def seconds(stamp: Time) -> float:
+    """Return a stamp in seconds; float64 resolves 0.24 µs at today's epoch."""
+    return stamp.sec + stamp.nanosec * 1e-9
+
+
+def stamp(time: float) -> Time:
+    """Return seconds since the epoch as a stamp."""
+    whole = math.floor(time)
+    nanosec = int((time - whole) * 1e9)
+    return Time(sec=whole, nanosec=nanosec)
+
+
+def require_frame(frame_id: str, expected: str, what: str) -> None:
+    """
+    Refuse a message of another frame.
+
+    Raises
+    ------
+    InputError
+        With reason ``'frame'``.
+
+    """
+    if frame_id != expected:
+        raise InputError('frame', f"{what} is in frame '{frame_id}', expected '{expected}'")
+
+
+def planar_pose(message: PoseMessage, what: str) -> Pose:
+    """
+    Return the planar pose of a message.
+
+    Parameters
+    ----------
+    message : geometry_msgs.msg.Pose
+        Position in m, unit quaternion; in the plane, so z = 0 and roll = pitch = 0.
+    what : str
+        Name of the message in the sentence of a refusal, such as ``'goal'``.
+
+    Raises
+    ------
+    InputError
+        With reason ``'not_finite'``, ``'quaternion'`` or ``'out_of_plane'``.
+
+    """
+    position, q = message.position, message.orientation
+    numbers = {
+        'x': position.x, 'y': position.y, 'z': position.z,
+        'orientation.x': q.x, 'orientation.y': q.y, 'orientation.z': q.z, 'orientation.w': q.w,
+    }
+    for name, value in numbers.items():
+        if not math.isfinite(value):
+            raise InputError('not_finite', f'{what} {name} = {value} is not a finite number')
+    _require_planar(position.z, q, what)
+    return Pose(position.x, position.y, _yaw(q))
+
+
+def _require_planar(z: float, q: Quaternion, what: str) -> None:
+    norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
+    if abs(norm - 1.0) > NORM_TOLERANCE:
+        raise InputError(
+            'quaternion',
+            f'{what} orientation has norm {norm:.6g}, not 1 within {NORM_TOLERANCE:g}')
+    if abs(z) > PLANE_TOLERANCE:
+        raise InputError(
+            'out_of_plane', f'{what} z = {z:.6g} m is out of the plane z = 0 m')
+    tilt = 2.0 * math.hypot(q.x, q.y)
+    if tilt > TILT_TOLERANCE:
+        raise InputError(
+            'out_of_plane',
+            f'{what} is tilted by {tilt:.6g} rad out of the plane, bound {TILT_TOLERANCE:g} rad')
+
+
+def _yaw(q: Quaternion) -> float:
+    yaw = 2.0 * math.atan2(q.z, q.w)
+    return math.remainder(yaw, math.tau)
+
+
+def pose_message(pose: Pose) -> PoseMessage:
+    """Return a planar pose as a message."""
+    message = PoseMessage()
+    message.position.x, message.position.y = float(pose.x), float(pose.y)
+    message.orientation.z = math.sin(0.5 * pose.theta)
+    message.orientation.w = math.cos(0.5 * pose.theta)
+    return message
+
+
+def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
+    """Return a planar pose with frame and stamp [s]."""
+    message = PoseStamped(pose=pose_message(pose))
+    message.header.frame_id = frame_id
+    message.header.stamp = stamp(time)
+    return message
+
+
+def diagnostic_status(
+    name: str, level: str, sentence: str, values: Mapping[str, Any], hardware_id: str = ''
+) -> DiagnosticStatus:
+    """Return one component's status; `level` is a key of `LEVELS`."""
+    return DiagnosticStatus(
+        name=name, level=LEVELS[level], message=sentence, hardware_id=hardware_id,
+        values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()])
+
+
+def _text(value: Any) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)

@@ -1,0 +1,158 @@
+"""Settings dataclasses as described ROS parameters: one check for YAML, tests and live changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterUninitializedException,
+)
+from rclpy.node import Node
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.parameters import METADATA_KEY, ParameterInfo
+
+Settings = TypeVar('Settings')
+UNBOUNDED = 1e308
+
+
+def declare(
+    node: Node,
+    settings_class: type[Settings],
+    prefix: str = '',
+    on_change: Callable[[Settings], None] | None = None,
+    **defaults: Any,
+) -> Settings:
+    """
+    Declare every field of a settings dataclass and return the instance the node starts with.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    settings_class : type
+        Frozen dataclass whose fields were made by `facade_manipulator.parameters.parameter`.
+    prefix : str
+        Namespace of the parameters, such as ``'geometry'``.
+    on_change : callable, optional
+        Called with the new settings after an accepted live change. Without it every parameter
+        of the set is read-only.
+    **defaults
+        Defaults of this node where they differ from the dataclass's.
+
+    Raises
+    ------
+    ParameterError
+        A value is of the wrong type, out of its range or contradicts another one.
+
+    """
+    names = {_join(prefix, name): name for name in _parameter_infos(settings_class)}
+    values = {
+        field_name: _declare_one(node, settings_class, ros_name, field_name, on_change, defaults)
+        for ros_name, field_name in names.items()
+    }
+    current = [settings_class(**values)]
+    if on_change is not None:
+        _accept_live_changes(node, names, current, on_change)
+    return current[0]
+
+
+def _parameter_infos(settings_class: type) -> dict[str, ParameterInfo]:
+    return {
+        item.name: item.metadata[METADATA_KEY]
+        for item in fields(settings_class) if METADATA_KEY in item.metadata
+    }
+
+
+def _join(prefix: str, name: str) -> str:
+    return f'{prefix}.{name}' if prefix else name
+
+
+def _declare_one(
+    node: Node, settings_class: type, ros_name: str, field_name: str,
+    on_change: Callable | None, defaults: dict,
+) -> Any:
+    item = next(item for item in fields(settings_class) if item.name == field_name)
+    info = item.metadata[METADATA_KEY]
+    default = defaults.get(field_name, item.default)
+    descriptor = _descriptor(info, default, read_only=info.read_only or on_change is None)
+    initial = list(default) if isinstance(default, tuple) else default
+    try:
+        value = node.declare_parameter(ros_name, initial, descriptor).value
+    except (
+        InvalidParameterTypeException,
+        InvalidParameterValueException,
+        ParameterUninitializedException,
+    ) as error:
+        raise ParameterError(f'{ros_name}: {error}') from error
+    return _to_field(value)
+
+
+def _to_field(value: Any) -> Any:
+    return value if isinstance(value, (bool, int, float, str)) else tuple(value)
+
+
+def _descriptor(info: ParameterInfo, default: Any, read_only: bool) -> ParameterDescriptor:
+    unit = f' [{info.unit}]' if info.unit else ''
+    descriptor = ParameterDescriptor(description=info.description + unit, read_only=read_only)
+    descriptor.additional_constraints = _constraints(info)
+    if info.minimum is None and info.maximum is None or isinstance(default, (tuple, bool)):
+        return descriptor
+    low = -UNBOUNDED if info.minimum is None else info.minimum
+    high = UNBOUNDED if info.maximum is None else info.maximum
+    if isinstance(default, float):
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=float(low), to_value=float(high))]
+    else:
+        descriptor.integer_range = [IntegerRange(
+            from_value=int(max(low, -2**63)), to_value=int(min(high, 2**63 - 1)))]
+    return descriptor
+
+
+def _constraints(info: ParameterInfo) -> str:
+    if info.choices:
+        return 'one of ' + ', '.join(info.choices)
+    bounds = [
+        f'{word} {bound:g} {info.unit}'.rstrip()
+        for word, bound in (('at least', info.minimum), ('at most', info.maximum))
+        if bound is not None
+    ]
+    return ', '.join(bounds)
+
+
+def _accept_live_changes(
+    node: Node, names: dict[str, str], current: list, on_change: Callable
+) -> None:
+    """Check a change by constructing the dataclass, then hand the new settings to the node."""
+    def candidate(parameters):
+        changed = {
+            names[item.name]: _to_field(item.value)
+            for item in parameters if item.name in names
+        }
+        unchanged = {name: getattr(current[0], name) for name in names.values()}
+        return type(current[0])(**{**unchanged, **changed}) if changed else current[0]
+
+    def check(parameters):
+        try:
+            candidate(parameters)
+        except (ParameterError, TypeError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def apply(parameters):
+        settings = candidate(parameters)
+        if settings != current[0]:
+            current[0] = settings
+            on_change(settings)
+
+    node.add_on_set_parameters_callback(check)
+    node.add_post_set_parameters_callback(apply)

@@ -1,0 +1,164 @@
+"""Fixtures: a ROS domain for every test, waiting with a deadline, processes that always end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import fcntl
+import itertools
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+from hypothesis import HealthCheck, settings
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[1]
+DOMAINS = range(1, 100)
+DEADLINE = 20.0
+STOP_DEADLINE = 10.0
+
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='facade_manipulator_log_'))
+
+settings.register_profile(
+    'project', deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
+settings.load_profile('project')
+
+
+def wait_until(
+    condition: Callable[[], object], what: str, deadline: float = DEADLINE,
+    step: Callable[[], None] | None = None,
+) -> object:
+    """Return the condition's first true value; fail, saying for what, at the deadline."""
+    end = time.monotonic() + deadline
+    while not (value := condition()):
+        if time.monotonic() > end:
+            pytest.fail(f'waited {deadline:g} s in vain for {what}')
+        if step is None:
+            time.sleep(0.005)
+        else:
+            step()
+    return value
+
+
+_next_domain = itertools.count(os.getpid())
+
+
+@pytest.fixture
+def ros_domain(monkeypatch):
+    """Give the test a ROS domain that no other test on this machine uses meanwhile."""
+    for number in itertools.islice(_next_domain, len(DOMAINS)):
+        domain = DOMAINS[number % len(DOMAINS)]
+        lock = open(Path(tempfile.gettempdir()) / f'ros_domain_{domain}_{os.getuid()}.lock', 'w')
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.close()
+            continue
+        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
+        yield domain
+        lock.close()
+        return
+    pytest.fail('no free ROS domain')
+
+
+class RosSession:
+    """An rclpy context with one executor; `until` spins it for as long as a condition is false."""
+
+    def __init__(self, context) -> None:
+        from rclpy.executors import SingleThreadedExecutor
+
+        self.context = context
+        self.executor = SingleThreadedExecutor(context=context)
+        self._nodes = []
+
+    def add(self, node):
+        """Spin this node too; it is closed and destroyed when the test ends."""
+        self._nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def node(self, name: str = 'tester', **kwargs):
+        """Make a plain node for the test's own publishers, subscriptions and clients."""
+        import rclpy
+
+        return self.add(rclpy.create_node(name, context=self.context, **kwargs))
+
+    def until(self, condition, what: str, deadline: float = DEADLINE):
+        """Spin until the condition is true; return its value."""
+        return wait_until(condition, what, deadline, lambda: self.executor.spin_once(0.02))
+
+    def collect(self, node, message_type, topic: str, qos=10) -> list:
+        """Return a list that grows with every message on the topic."""
+        messages: list = []
+        node.create_subscription(message_type, topic, messages.append, qos)
+        return messages
+
+    def call(self, node, service_type, name: str, request=None, deadline: float = DEADLINE):
+        """Call a service and return its response."""
+        client = node.create_client(service_type, name)
+        self.until(client.service_is_ready, f'service {name}', deadline)
+        future = client.call_async(request or service_type.Request())
+        self.until(future.done, f'the reply of {name}', deadline)
+        node.destroy_client(client)
+        return future.result()
+
+    def close(self) -> None:
+        """End every node."""
+        for node in self._nodes:
+            if hasattr(node, 'close'):
+                node.close()
+            node.destroy_node()
+        self.executor.shutdown()
+
+
+@pytest.fixture
+def ros(ros_domain):
+    """Run nodes in this process, in a ROS domain of their own."""
+    import rclpy
+
+    rclpy.init(domain_id=ros_domain)
+    session = RosSession(rclpy.get_default_context())
+    yield session
+    session.close()
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def start_process(ros_domain, tmp_path):
+    """Start ``python -m MODULE ARGS…`` in a process group of its own, ended after the test."""
+    started = []
+
+    def start(module: str, *args: str, **popen) -> subprocess.Popen:
+        environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **popen.pop('env', {})}
+        environment['PYTHONPATH'] = os.pathsep.join(
+            filter(None, [str(SOURCE), environment.get('PYTHONPATH')]))
+        output = open(tmp_path / f'{module}_{len(started)}.log', 'w')
+        process = subprocess.Popen(
+            [sys.executable, '-m', module, *args], env=environment, cwd=tmp_path,
+            stdout=output, stderr=subprocess.STDOUT, start_new_session=True, **popen)
+        process.log = Path(output.name)
+        output.close()
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        end_process(process)
+    print(*(f'--- {process.args}\n{process.log.read_text()}' for process in started), sep='\n')
+
+
+def end_process(process: subprocess.Popen) -> int:
+    """End a process group as an operator does, and by force after a deadline."""
+    for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        if process.poll() is None:
+            os.killpg(process.pid, sign)
+        try:
+            return process.wait(STOP_DEADLINE)
+        except subprocess.TimeoutExpired:
+            continue
+    return process.wait()
