@@ -1,0 +1,61 @@
+"""
+Where the package's data files are: configuration, EDS, scenarios, launch files.
+
+Code and data of one version belong together, so the tree that the package runs from comes first
+(a checkout, an editable or a symlink install); an installed package finds the share directory
+of its ament prefix, or, installed by pip alone, the one under ``sys.prefix``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import sys
+
+PACKAGE = Path(__file__).resolve().parent
+
+
+def config_path(relative: str | os.PathLike[str] = '') -> Path:
+    """
+    Find a file or folder of ``config/``.
+
+    Parameters
+    ----------
+    relative : str or os.PathLike
+        Path below ``config/``, such as ``'drives/epos4.yaml'``.
+
+    Returns
+    -------
+    path : pathlib.Path
+        Its absolute path.
+
+    Raises
+    ------
+    FileNotFoundError
+        With every place that was searched.
+
+    """
+    return resource_path(Path('config') / relative)
+
+
+def resource_path(relative: str | os.PathLike[str]) -> Path:
+    """Find an installed file by its path below the package's share directory."""
+    places = list(share_directories())
+    for place in places:
+        if (place / relative).exists():
+            return place / relative
+    searched = ', '.join(str(place) for place in places)
+    raise FileNotFoundError(f'{relative} is not among the data files of {PACKAGE.name} '
+                            f'(searched: {searched})')
+
+
+def share_directories() -> Iterator[Path]:
+    """Yield the directories that may hold the data files, the nearest to the code first."""
+    if (PACKAGE.parent / 'package.xml').is_file():
+        yield PACKAGE.parent
+    prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
+    for prefix in (*filter(None, prefixes), sys.prefix):
+        share = Path(prefix) / 'share' / PACKAGE.name
+        if share.is_dir():
+            yield share

@@ -1,0 +1,64 @@
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'facade_manipulator'
+NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator',
+         'gondola_simulator', 'demo', 'monitor')
+
+# Ranges, so that the gondola PC may use its distribution's packages;
+# .ci/constraints.txt pins what make installs elsewhere.
+REQUIRES = [
+    'numpy>=1.26,<3',  # batch kinematics and filters; Ubuntu 24.04 has 1.26
+    'python-can>=4.3,<5',  # moves frames on SocketCAN and on the virtual bus
+    'canopen>=2.3,<3',  # object dictionary (EDS), SDO, NMT, heartbeat, EMCY
+    'ruckig>=0.12,<1',  # jerk-limited reference towards a goal pose
+    'PyYAML>=6,<7',  # drive profiles and scenarios
+    'rich>=13,<16',  # the demo's and the monitor's live table
+    'matplotlib>=3.6,<4',  # the demo's time courses, the study's figures
+]
+EXTRAS = {
+    'ros': [  # ROS 2 Jazzy as wheels, where no ROS is sourced; unpinned names are a later distro
+        'ros-jazzy-rclpy[fastrtps]==7.1.6',
+        'ros-jazzy-common-interfaces==5.3.6',
+    ],
+    'study': ['scipy>=1.11,<2'],  # optimisation over the workspace
+    'test': [
+        'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
+        'hypothesis>=6.98,<7',  # properties before examples
+    ],
+    'lint': ['ruff>=0.9,<1'],  # the fast twin of the ament linters
+}
+
+
+def tree(folder):
+    """Yield (destination, files) of every folder below `folder`, as data_files wants it."""
+    for directory in sorted({path.parent for path in Path(folder).rglob('*') if path.is_file()}):
+        files = sorted(str(path) for path in directory.iterdir() if path.is_file())
+        yield f'share/{NAME}/{directory}', files
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Kinematics, compensation and drives of a 3-DOF parallel façade-cleaning '
+                'manipulator',
+    maintainer='facade_manipulator maintainers',
+    maintainer_email='maintainers@facade-manipulator.invalid',
+    license='Apache-2.0',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        *tree('config'),
+        *tree('launch'),
+    ],
+    python_requires='>=3.10,<3.14',
+    install_requires=REQUIRES,
+    extras_require=EXTRAS,
+    zip_safe=True,
+    entry_points={'console_scripts': [
+        *(f'{node} = {NAME}.nodes.{node}:main' for node in NODES),
+        f'workspace_study = {NAME}.workspace.study:main',
+    ]},
+)
