@@ -1,0 +1,167 @@
+"""
+Speed, acceleration and jerk limits of the three carriages, kept by all three axes together.
+
+A target inside the limits passes unchanged. Beyond them the carriages chase the moving target on
+the time-optimal jerk-limited path, planned in the frame that moves with it (ruckig), with one
+duration for all three axes, so that the head turns no corner that the stream does not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ruckig import (
+    ControlInterface,
+    InputParameter,
+    OutputParameter,
+    Result,
+    Ruckig,
+    Synchronization,
+)
+
+from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.parameters import check_parameters, parameter
+
+Triple = tuple[float, float, float]
+AT_REST_SPEED = 1e-5
+FEED_FORWARD_SHARE = 0.8
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Bounds on the motion of each carriage."""
+
+    speed: float = parameter(
+        0.5, 'Highest speed of a carriage', unit='m/s', minimum=0.001, maximum=5.0)
+    acceleration: float = parameter(
+        3.0, 'Highest acceleration of a carriage', unit='m/s^2', minimum=0.01, maximum=50.0)
+    jerk: float = parameter(
+        150.0, 'Highest jerk of a carriage', unit='m/s^3', minimum=0.1, maximum=10000.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.jerk < self.acceleration:
+            raise ParameterError(
+                f'jerk = {self.jerk:g} m/s^3 is below acceleration = {self.acceleration:g} m/s^2: '
+                'a ramp would take more than 1 s')
+
+
+class Motion(NamedTuple):
+    """Positions [m], velocities [m/s] and accelerations [m/s²] of the three carriages."""
+
+    position: Triple
+    velocity: Triple = (0.0, 0.0, 0.0)
+    acceleration: Triple = (0.0, 0.0, 0.0)
+
+    @property
+    def at_rest(self) -> bool:
+        """Tell whether no carriage moves."""
+        return max(map(abs, self.velocity)) < AT_REST_SPEED
+
+
+class PathLimiter:
+    """
+    Step a commanded motion towards a target without leaving the limits.
+
+    Parameters
+    ----------
+    limits : MotionLimits
+    period : float
+        Time between two steps [s].
+
+    """
+
+    def __init__(self, limits: MotionLimits, period: float) -> None:
+        self.limits = limits
+        self.period = period
+        self._planner = Ruckig(3, period)
+        self._plan = InputParameter(3)
+        self._plan.synchronization = Synchronization.Phase
+        self._plan.max_acceleration = [limits.acceleration] * 3
+        self._plan.max_jerk = [limits.jerk] * 3
+        self._output = OutputParameter(3)
+
+    def reach(self, motion: Motion, target: Triple) -> Motion | None:
+        """Return the motion that is at the target one period later, None if limits forbid it."""
+        direct = self._direct(motion, target)
+        return direct if self._allowed(motion, direct) else None
+
+    def chase(self, motion: Motion, target: Triple, target_velocity: Triple) -> Motion:
+        """
+        Return the motion one period later on the fastest allowed way to a moving target.
+
+        Parameters
+        ----------
+        motion : Motion
+            Present commanded motion.
+        target : tuple of float, shape (3,)
+            Where the carriages should be one period later [m].
+        target_velocity : tuple of float, shape (3,)
+            The target's own velocity [m/s]; faster than the limits, it is taken as slower.
+
+        """
+        frame = self._feed_forward(target_velocity)
+        drift = self.period
+        plan = self._plan
+        plan.control_interface = ControlInterface.Position
+        plan.current_position = [
+            p - (t - w * drift) for p, t, w in zip(motion.position, target, frame, strict=True)]
+        plan.current_velocity = [v - w for v, w in zip(motion.velocity, frame, strict=True)]
+        plan.current_acceleration = list(motion.acceleration)
+        plan.target_position = plan.target_velocity = [0.0] * 3
+        plan.max_velocity = [self.limits.speed - w for w in frame]
+        plan.min_velocity = [-self.limits.speed - w for w in frame]
+        step = self._step()
+        return Motion(
+            tuple(e + t for e, t in zip(step.position, target, strict=True)),
+            tuple(e + w for e, w in zip(step.velocity, frame, strict=True)),
+            step.acceleration)
+
+    def brake(self, motion: Motion) -> Motion:
+        """Return the motion one period later on the way to rest, all axes braking together."""
+        plan = self._plan
+        plan.control_interface = ControlInterface.Velocity
+        plan.current_position = list(motion.position)
+        plan.current_velocity = list(motion.velocity)
+        plan.current_acceleration = list(motion.acceleration)
+        plan.target_velocity = [0.0] * 3
+        plan.max_velocity = [self.limits.speed] * 3
+        plan.min_velocity = None
+        return self._step()
+
+    def rest_position(self, motion: Motion) -> Triple:
+        """Return where the carriages come to rest, at the latest, when they brake now [m]."""
+        limits = self.limits
+        fastest = max(map(abs, motion.velocity))
+        time = 0.5 * fastest / limits.acceleration + limits.acceleration / limits.jerk
+        return tuple(p + time * v for p, v in zip(motion.position, motion.velocity, strict=True))
+
+    def _direct(self, motion: Motion, target: Triple) -> Motion:
+        rate = 1.0 / self.period
+        velocity = tuple(
+            (t - p) * rate for t, p in zip(target, motion.position, strict=True))
+        acceleration = tuple(
+            (n - v) * rate for n, v in zip(velocity, motion.velocity, strict=True))
+        return Motion(target, velocity, acceleration)
+
+    def _allowed(self, before: Motion, after: Motion) -> bool:
+        limits = self.limits
+        change = max(
+            abs(a - b) for a, b in zip(after.acceleration, before.acceleration, strict=True))
+        return (max(map(abs, after.velocity)) <= limits.speed
+                and max(map(abs, after.acceleration)) <= limits.acceleration
+                and change <= limits.jerk * self.period)
+
+    def _feed_forward(self, velocity: Triple) -> Triple:
+        fastest = max(map(abs, velocity))
+        share = min(1.0, FEED_FORWARD_SHARE * self.limits.speed / fastest) if fastest else 1.0
+        return tuple(share * v for v in velocity)
+
+    def _step(self) -> Motion:
+        result = self._planner.update(self._plan, self._output)
+        if result not in (Result.Working, Result.Finished):
+            raise ManipulatorError(f'no path inside the motion limits: {result}')
+        output = self._output
+        return Motion(
+            tuple(output.new_position), tuple(output.new_velocity), tuple(output.new_acceleration))

@@ -1,0 +1,69 @@
+"""
+Services whose answer takes longer than a callback may: the executor never waits.
+
+rclpy sends what a service's callback returns at once. Waiting there would stop every other
+callback of the node, among them the one that hears the operator's stop; a coroutine is polled
+without pause while it waits. Here the callback returns a `Deferred` and the answer is sent when
+its job is done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.service import Service
+
+
+class Deferred:
+    """
+    An answer that follows when a job is done.
+
+    Parameters
+    ----------
+    job : concurrent.futures.Future
+        Completed in any thread.
+    respond : callable
+        Takes the completed job, returns the service's response; runs in the executor.
+
+    """
+
+    def __init__(self, job: Future, respond: Callable[[Future], Any]) -> None:
+        self.job = job
+        self.respond = respond
+
+
+class DeferredReplies:
+    """
+    Let services of one node answer later.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._waiting: list[tuple[Deferred, Callable[[Any], None]]] = []
+        self._wake = node.create_guard_condition(self._send_completed)
+
+    def attach(self, service: Service) -> None:
+        """Let the service's callback return a `Deferred` in place of a response."""
+        send_response = service.send_response
+
+        def send(response, header):
+            if isinstance(response, Deferred):
+                self._waiting.append((response, lambda answer: send_response(answer, header)))
+                response.job.add_done_callback(lambda _: self._wake.trigger())
+            else:
+                send_response(response, header)
+
+        service.send_response = send
+
+    def _send_completed(self) -> None:
+        completed = [item for item in self._waiting if item[0].job.done()]
+        self._waiting = [item for item in self._waiting if item not in completed]
+        for deferred, send in completed:
+            send(deferred.respond(deferred.job))

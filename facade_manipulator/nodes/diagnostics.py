@@ -1,0 +1,88 @@
+"""What an operator reads in /diagnostics: components at 1 Hz and on change, refusals counted."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.node import Node
+
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.nodes.runtime import RELIABLE
+
+PERIOD = 1.0
+REPEAT_WARNING_AFTER = 1.0
+
+
+class DiagnosticsPublisher:
+    """
+    Publish the status of a node's components on /diagnostics.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    components : callable
+        Returns the list of `diagnostic_msgs.msg.DiagnosticStatus` of this moment.
+
+    """
+
+    def __init__(self, node: Node, components: Callable[[], list[DiagnosticStatus]]) -> None:
+        self._node = node
+        self._components = components
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+        self._summary: list[tuple[str, bytes, str]] = []
+        node.create_timer(PERIOD, self.publish)
+
+    def publish(self) -> None:
+        """Publish the present status."""
+        self._send(self._components())
+
+    def publish_change(self) -> None:
+        """Publish if a component's level or sentence is another than last published."""
+        components = self._components()
+        if _summary(components) != self._summary:
+            self._send(components)
+
+    def _send(self, components: list[DiagnosticStatus]) -> None:
+        self._summary = _summary(components)
+        message = DiagnosticArray(status=components)
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+
+
+def _summary(components: list[DiagnosticStatus]) -> list[tuple[str, bytes, str]]:
+    return [(item.name, item.level, item.message) for item in components]
+
+
+class Refusals:
+    """
+    Count refused messages by reason and say each sentence in the log, at most once a second.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._logger = node.get_logger()
+        self._counts: Counter[str] = Counter()
+        self.last_sentence = ''
+
+    @property
+    def total(self) -> int:
+        """Count of all refusals."""
+        return self._counts.total()
+
+    def add(self, error: ManipulatorError) -> None:
+        """Count a refusal."""
+        self._counts[getattr(error, 'reason', 'other')] += 1
+        self.last_sentence = str(error)
+        self._logger.warning(
+            self.last_sentence, throttle_duration_sec=REPEAT_WARNING_AFTER)
+
+    def values(self) -> dict[str, int | str]:
+        """Return the counters as key-value pairs of a diagnostic status."""
+        counts = {f'refused: {reason}': n for reason, n in sorted(self._counts.items())}
+        return {'refused': self.total, **counts, 'last refusal': self.last_sentence}
