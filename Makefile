@@ -1,0 +1,27 @@
+# Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint clean
+
+export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+IN_VENV := . .venv/environment;
+
+help:  ## Show the targets
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
+
+setup:  ## Make .venv with everything in it (the other targets do this by themselves)
+	@.ci/setup-venv
+
+demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (DURATION=30 SCENARIO=…)
+	@$(IN_VENV) exec python -m facade_manipulator.nodes.demo \
+	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
+
+test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS=…)
+	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
+
+lint: setup  ## Check the style
+	@$(IN_VENV) ruff check .
+
+clean:  ## Remove .venv and everything made
+	@rm -rf .venv build install log *.egg-info .pytest_cache .hypothesis .ruff_cache \
+	  demo_report bench_report workspace_report
+	@find . -name __pycache__ -prune -exec rm -rf {} +
