@@ -1,0 +1,221 @@
+"""
+The CiA 402 power state machine as tables: states, statuswords, controlwords, transitions.
+
+Everything that steps through the machine, the master as well as the simulated drive, reads the
+tables here; nothing here has a state of its own.
+
+References
+----------
+IEC 61800-7-201 (CiA 402-2), "Power drive systems": finite state automaton, tables of controlword
+commands and statusword coding.
+
+"""
+
+from __future__ import annotations
+
+from enum import Enum, IntEnum
+
+from facade_manipulator.errors import DriveStateError
+
+
+class State(Enum):
+    """A state of the power drive system."""
+
+    NOT_READY_TO_SWITCH_ON = 'not ready to switch on'
+    SWITCH_ON_DISABLED = 'switch on disabled'
+    READY_TO_SWITCH_ON = 'ready to switch on'
+    SWITCHED_ON = 'switched on'
+    OPERATION_ENABLED = 'operation enabled'
+    QUICK_STOP_ACTIVE = 'quick stop active'
+    FAULT_REACTION_ACTIVE = 'fault reaction active'
+    FAULT = 'fault'
+
+    __hash__ = object.__hash__  # the tables are looked up at every SYNC
+
+
+class Status(IntEnum):
+    """Bits of the statusword 6041; bits 12 and 13 mean one thing per mode of operation."""
+
+    READY_TO_SWITCH_ON = 0x0001
+    SWITCHED_ON = 0x0002
+    OPERATION_ENABLED = 0x0004
+    FAULT = 0x0008
+    VOLTAGE_ENABLED = 0x0010
+    QUICK_STOP = 0x0020  # active low
+    SWITCH_ON_DISABLED = 0x0040
+    WARNING = 0x0080
+    REMOTE = 0x0200
+    TARGET_REACHED = 0x0400
+    INTERNAL_LIMIT = 0x0800
+    HOMING_ATTAINED = 0x1000
+    DRIVE_FOLLOWS = 0x1000
+    SETPOINT_ACKNOWLEDGE = 0x1000
+    HOMING_ERROR = 0x2000
+    FOLLOWING_ERROR = 0x2000
+
+
+class Controlword(IntEnum):
+    """Controlwords 6040 of the commands, and the bits that modes add to 0x0F."""
+
+    DISABLE_VOLTAGE = 0x0000
+    QUICK_STOP = 0x0002
+    SHUTDOWN = 0x0006
+    SWITCH_ON = 0x0007
+    DISABLE_OPERATION = 0x0007
+    ENABLE_OPERATION = 0x000F
+    HOMING_START = 0x0010
+    NEW_SETPOINT = 0x0010
+    CHANGE_IMMEDIATELY = 0x0020
+    RELATIVE = 0x0040
+    FAULT_RESET = 0x0080
+    HALT = 0x0100
+
+
+class Mode(IntEnum):
+    """Modes of operation 6060 that this package uses."""
+
+    NONE = 0
+    PROFILE_POSITION = 1
+    HOMING = 6
+    CYCLIC_SYNCHRONOUS_POSITION = 8
+
+
+class Command(Enum):
+    """What a controlword commands."""
+
+    DISABLE_VOLTAGE = 'disable voltage'
+    QUICK_STOP = 'quick stop'
+    SHUTDOWN = 'shutdown'
+    SWITCH_ON = 'switch on'
+    ENABLE_OPERATION = 'enable operation'
+    FAULT_RESET = 'fault reset'
+
+    __hash__ = object.__hash__
+
+
+# mask and value of the statusword in each state
+STATUSWORDS = {
+    State.NOT_READY_TO_SWITCH_ON: (0x4F, 0x00),
+    State.SWITCH_ON_DISABLED: (0x4F, 0x40),
+    State.READY_TO_SWITCH_ON: (0x6F, 0x21),
+    State.SWITCHED_ON: (0x6F, 0x23),
+    State.OPERATION_ENABLED: (0x6F, 0x27),
+    State.QUICK_STOP_ACTIVE: (0x6F, 0x07),
+    State.FAULT_REACTION_ACTIVE: (0x4F, 0x0F),
+    State.FAULT: (0x4F, 0x08),
+}
+
+# mask and value of the controlword for each command; the masks of no two commands overlap
+CONTROLWORDS = {
+    Command.DISABLE_VOLTAGE: (0x82, 0x00),
+    Command.QUICK_STOP: (0x86, 0x02),
+    Command.SHUTDOWN: (0x87, 0x06),
+    Command.SWITCH_ON: (0x8F, 0x07),
+    Command.ENABLE_OPERATION: (0x8F, 0x0F),
+    Command.FAULT_RESET: (0x80, 0x80),
+}
+
+# what a command does in a state; a pair that is not here changes nothing
+TRANSITIONS = {
+    (State.SWITCH_ON_DISABLED, Command.SHUTDOWN): State.READY_TO_SWITCH_ON,
+    (State.READY_TO_SWITCH_ON, Command.SWITCH_ON): State.SWITCHED_ON,
+    (State.READY_TO_SWITCH_ON, Command.ENABLE_OPERATION): State.OPERATION_ENABLED,
+    (State.READY_TO_SWITCH_ON, Command.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.READY_TO_SWITCH_ON, Command.QUICK_STOP): State.SWITCH_ON_DISABLED,
+    (State.SWITCHED_ON, Command.ENABLE_OPERATION): State.OPERATION_ENABLED,
+    (State.SWITCHED_ON, Command.SHUTDOWN): State.READY_TO_SWITCH_ON,
+    (State.SWITCHED_ON, Command.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.SWITCHED_ON, Command.QUICK_STOP): State.SWITCH_ON_DISABLED,
+    (State.OPERATION_ENABLED, Command.SWITCH_ON): State.SWITCHED_ON,
+    (State.OPERATION_ENABLED, Command.SHUTDOWN): State.READY_TO_SWITCH_ON,
+    (State.OPERATION_ENABLED, Command.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.OPERATION_ENABLED, Command.QUICK_STOP): State.QUICK_STOP_ACTIVE,
+    (State.QUICK_STOP_ACTIVE, Command.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.QUICK_STOP_ACTIVE, Command.ENABLE_OPERATION): State.OPERATION_ENABLED,
+    (State.FAULT, Command.FAULT_RESET): State.SWITCH_ON_DISABLED,
+}
+
+# what the drive does by itself: after its initialisation, at the end of the fault reaction
+AUTOMATIC_TRANSITIONS = {
+    State.NOT_READY_TO_SWITCH_ON: State.SWITCH_ON_DISABLED,
+    State.FAULT_REACTION_ACTIVE: State.FAULT,
+}
+
+POWERED_STATES = frozenset({
+    State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE,
+})
+
+_STATE_BITS = 0x6F
+_STATE_OF_BITS = {
+    bits: state
+    for state, (mask, value) in STATUSWORDS.items()
+    for bits in range(0x80) if bits & ~_STATE_BITS == 0 and bits & mask == value
+}
+_COMMAND_OF_BITS = {
+    bits: command
+    for command, (mask, value) in CONTROLWORDS.items()
+    for bits in range(0x100) if bits & mask == value
+}
+
+# the way up to operation enabled and down again, with the controlword that holds each rung
+_LADDER = (
+    (State.SWITCH_ON_DISABLED, Controlword.DISABLE_VOLTAGE),
+    (State.READY_TO_SWITCH_ON, Controlword.SHUTDOWN),
+    (State.SWITCHED_ON, Controlword.SWITCH_ON),
+    (State.OPERATION_ENABLED, Controlword.ENABLE_OPERATION),
+)
+_RUNG = {state: rung for rung, (state, _) in enumerate(_LADDER)}
+
+
+def decode_state(statusword: int) -> State:
+    """
+    Return the state that a statusword names.
+
+    Raises
+    ------
+    DriveStateError
+        The statusword names no state: 52 of the 64 patterns of its six state bits do not.
+
+    """
+    try:
+        return _STATE_OF_BITS[statusword & _STATE_BITS]
+    except KeyError:
+        raise DriveStateError(
+            f'statusword 0x{statusword & 0xFFFF:04X} names no state of a CiA 402 drive') from None
+
+
+def decode_command(controlword: int) -> Command:
+    """Return the command that a controlword gives; every controlword gives exactly one."""
+    return _COMMAND_OF_BITS[controlword & 0xFF]
+
+
+def next_controlword(state: State, goal: State) -> int:
+    """
+    Return the controlword that brings a drive one step closer to a goal state.
+
+    Going down it takes the same rungs as going up. It never leaves a fault (resetting is an
+    operator's decision, see `Controlword.FAULT_RESET`), and out of quick stop it goes through
+    switch on disabled, never straight back to operation.
+
+    Parameters
+    ----------
+    state : State
+        State the drive is in.
+    goal : State
+        Switch on disabled, ready to switch on, switched on, operation enabled or quick stop
+        active.
+
+    Raises
+    ------
+    DriveStateError
+        No controlword leads to the goal.
+
+    """
+    if goal is State.QUICK_STOP_ACTIVE:
+        return Controlword.QUICK_STOP
+    if goal not in _RUNG:
+        raise DriveStateError(f'no controlword leads a drive to the state {goal.value}')
+    here, there = _RUNG.get(state, 0), _RUNG[goal]
+    if state not in _RUNG:
+        return Controlword.DISABLE_VOLTAGE
+    return _LADDER[here + (there > here) - (there < here)][1]

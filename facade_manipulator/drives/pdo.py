@@ -1,0 +1,253 @@
+"""
+The fixed PDO map, from which the codecs and the drives' configuration are both derived.
+
+TPDO and RPDO are seen from the drive: the master encodes RPDO1 and decodes TPDO1 to TPDO3.
+
+References
+----------
+CiA 301, process data objects: communication parameters 1400h/1800h, mapping 1600h/1A00h.
+
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+import struct
+from typing import NamedTuple
+
+from facade_manipulator.errors import InputError
+
+NMT_COB_ID = 0x000
+SYNC_COB_ID = 0x080
+MASTER_NODE_ID = 127
+
+DISABLED = 1 << 31  # in a PDO's COB-ID entry: the PDO does not exist
+NO_REMOTE = 1 << 30  # in a TPDO's COB-ID entry: it does not answer remote frames
+
+_WRITE_SIZES = {'B': 1, 'b': 1, 'H': 2, 'h': 2, 'I': 4, 'i': 4}
+
+
+def emergency_cob_id(node_id: int) -> int:
+    """Return the COB-ID of a node's emergency messages."""
+    return 0x080 + node_id
+
+
+def tpdo_cob_id(number: int, node_id: int) -> int:
+    """Return the COB-ID of a node's TPDO 1 to 4."""
+    return 0x080 + 0x100 * number + node_id
+
+
+def rpdo_cob_id(number: int, node_id: int) -> int:
+    """Return the COB-ID of a node's RPDO 1 to 4."""
+    return 0x100 + 0x100 * number + node_id
+
+
+def sdo_response_cob_id(node_id: int) -> int:
+    """Return the COB-ID with which a node's SDO server answers."""
+    return 0x580 + node_id
+
+
+def sdo_request_cob_id(node_id: int) -> int:
+    """Return the COB-ID to which a node's SDO server listens."""
+    return 0x600 + node_id
+
+
+def heartbeat_cob_id(node_id: int) -> int:
+    """Return the COB-ID of a node's boot-up message and heartbeat."""
+    return 0x700 + node_id
+
+
+class ObjectWrite(NamedTuple):
+    """One expedited SDO download: an unsigned value of `size` bytes."""
+
+    index: int
+    subindex: int
+    value: int
+    size: int
+
+
+class MappedObject(NamedTuple):
+    """An object in a PDO; `code` is its letter in `struct`."""
+
+    index: int
+    subindex: int
+    code: str
+
+    @property
+    def mapping(self) -> int:
+        """The entry of 1600h or 1A00h: index, subindex and length in bits."""
+        return self.index << 16 | self.subindex << 8 | 8 * _WRITE_SIZES[self.code]
+
+
+@dataclass(frozen=True)
+class Pdo:
+    """
+    A process data object of the map.
+
+    Parameters
+    ----------
+    name : str
+        'RPDO1', 'TPDO1', … as an operator reads it.
+    number : int
+        1 to 4.
+    is_transmitted : bool
+        Whether the drive sends it (a TPDO).
+    transmission : int
+        Transmission type: every n-th SYNC.
+    content : tuple of MappedObject
+        The objects in it, in order; empty for one that is only ever disabled.
+
+    """
+
+    name: str
+    number: int
+    is_transmitted: bool
+    transmission: int = 1
+    content: tuple[MappedObject, ...] = ()
+
+    @cached_property
+    def codec(self) -> struct.Struct:
+        """Packer of the data bytes."""
+        return struct.Struct('<' + ''.join(item.code for item in self.content))
+
+    @property
+    def communication_index(self) -> int:
+        """Index of the communication parameter."""
+        return (0x1800 if self.is_transmitted else 0x1400) + self.number - 1
+
+    @property
+    def mapping_index(self) -> int:
+        """Index of the mapping parameter."""
+        return (0x1A00 if self.is_transmitted else 0x1600) + self.number - 1
+
+    def cob_id(self, node_id: int) -> int:
+        """Return the COB-ID of this PDO at a node."""
+        return (tpdo_cob_id if self.is_transmitted else rpdo_cob_id)(self.number, node_id)
+
+    def cob_id_entry(self, node_id: int) -> int:
+        """Return what subindex 1 of the communication parameter holds when the PDO is on."""
+        return self.cob_id(node_id) | (NO_REMOTE if self.is_transmitted else 0)
+
+    def disable_writes(self, node_id: int) -> list[ObjectWrite]:
+        """Return what switches the PDO off."""
+        entry = self.cob_id_entry(node_id) | DISABLED
+        return [ObjectWrite(self.communication_index, 1, entry, 4)]
+
+    def configure_writes(self, node_id: int) -> list[ObjectWrite]:
+        """
+        Return the writes that set the PDO up, in the order that CiA 301 prescribes.
+
+        Disable, clear the count, entries, count, transmission type, enable. The last value that
+        is written to each object is what must be read back.
+
+        """
+        count = len(self.content)
+        entries = [
+            ObjectWrite(self.mapping_index, position, item.mapping, 4)
+            for position, item in enumerate(self.content, start=1)
+        ]
+        return [
+            *self.disable_writes(node_id),
+            ObjectWrite(self.mapping_index, 0, 0, 1),
+            *entries,
+            ObjectWrite(self.mapping_index, 0, count, 1),
+            ObjectWrite(self.communication_index, 2, self.transmission, 1),
+            ObjectWrite(self.communication_index, 1, self.cob_id_entry(node_id), 4),
+        ]
+
+    def unpack(self, data: bytes) -> tuple[int, ...]:
+        """
+        Return the values in a frame's data bytes.
+
+        Raises
+        ------
+        InputError
+            The frame is too short or too long.
+
+        """
+        try:
+            return self.codec.unpack(data)
+        except struct.error:
+            raise InputError(
+                'length', f'{self.name} has {len(data)} bytes, not {self.codec.size}') from None
+
+
+RPDO1 = Pdo('RPDO1', 1, False, 1, (
+    MappedObject(0x6040, 0, 'H'), MappedObject(0x6060, 0, 'b'), MappedObject(0x607A, 0, 'i')))
+TPDO1 = Pdo('TPDO1', 1, True, 1, (
+    MappedObject(0x6041, 0, 'H'), MappedObject(0x6061, 0, 'b'), MappedObject(0x6064, 0, 'i')))
+TPDO2 = Pdo('TPDO2', 2, True, 1, (
+    MappedObject(0x606C, 0, 'i'), MappedObject(0x60F4, 0, 'i')))
+TPDO3 = Pdo('TPDO3', 3, True, 10, (
+    MappedObject(0x603F, 0, 'H'), MappedObject(0x6077, 0, 'h'), MappedObject(0x60FD, 0, 'I')))
+
+PDO_MAP = (RPDO1, TPDO1, TPDO2, TPDO3)
+UNUSED_PDOS = (
+    Pdo('RPDO2', 2, False), Pdo('RPDO3', 3, False), Pdo('RPDO4', 4, False),
+    Pdo('TPDO4', 4, True),
+)
+
+
+class TargetFrame(NamedTuple):
+    """RPDO1: what the master commands."""
+
+    controlword: int
+    mode: int
+    target_counts: int
+
+
+class StatusFrame(NamedTuple):
+    """TPDO1: state, mode and actual position."""
+
+    statusword: int
+    mode: int
+    position_counts: int
+
+
+class MotionFrame(NamedTuple):
+    """TPDO2: actual velocity in the drive's velocity unit, and following error."""
+
+    velocity: int
+    following_error_counts: int
+
+
+class ConditionFrame(NamedTuple):
+    """TPDO3: error code, torque in thousandths of the rated torque, digital inputs 60FD."""
+
+    error_code: int
+    torque: int
+    digital_inputs: int
+
+
+_encode_rpdo1 = RPDO1.codec.pack
+
+
+def encode_rpdo1(controlword: int, mode: int, target_counts: int) -> bytes:
+    """Build RPDO1; the caller has checked the ranges (see `units.AxisScale.to_counts`)."""
+    return _encode_rpdo1(controlword, mode, target_counts)
+
+
+def decode_rpdo1(data: bytes) -> TargetFrame:
+    """Read RPDO1, as a drive or a listener does."""
+    return TargetFrame._make(RPDO1.unpack(data))
+
+
+def encode_tpdo1(statusword: int, mode: int, position_counts: int) -> bytes:
+    """Build TPDO1, as a drive does."""
+    return TPDO1.codec.pack(statusword, mode, position_counts)
+
+
+def decode_tpdo1(data: bytes) -> StatusFrame:
+    """Read TPDO1."""
+    return StatusFrame._make(TPDO1.unpack(data))
+
+
+def decode_tpdo2(data: bytes) -> MotionFrame:
+    """Read TPDO2."""
+    return MotionFrame._make(TPDO2.unpack(data))
+
+
+def decode_tpdo3(data: bytes) -> ConditionFrame:
+    """Read TPDO3."""
+    return ConditionFrame._make(TPDO3.unpack(data))

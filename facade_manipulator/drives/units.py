@@ -1,0 +1,136 @@
+"""Conversion between SI units of a carriage and the units of its drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+import math
+
+from facade_manipulator.errors import InputError, LimitError, ParameterError
+from facade_manipulator.parameters import check_parameters, parameter
+
+INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
+
+# velocity units of a drive in revolutions of the motor per second; None stands for counts/s
+VELOCITY_UNITS = {
+    'counts_per_second': None,
+    'rpm': 60.0,
+    'milli_rpm': 60.0e3,
+}
+
+
+@dataclass(frozen=True)
+class AxisScale:
+    """
+    Motor, gear and ball screw of one axis: metres to counts and torque to force.
+
+    Counts per metre are 4·ppr·gear/lead, the carriage force is τ = 2π η T·gear/lead.
+
+    """
+
+    pulses_per_revolution: int = parameter(
+        500, 'Encoder lines per revolution of the motor; a line gives four counts',
+        minimum=1, maximum=1_000_000, read_only=True)
+    gear_ratio: float = parameter(
+        4.3, 'Revolutions of the motor per revolution of the screw',
+        minimum=1e-3, maximum=1000.0, read_only=True)
+    lead: float = parameter(
+        0.02, 'Travel of the carriage per revolution of the screw', unit='m',
+        minimum=1e-4, maximum=1.0, read_only=True)
+    direction: int = parameter(
+        1, '1: positive counts move the carriage to positive q; -1: the other way round',
+        minimum=-1, maximum=1, read_only=True)
+    rated_torque: float = parameter(
+        0.0545, 'Rated torque of the motor', unit='N m', minimum=1e-6, maximum=1000.0,
+        read_only=True)
+    efficiency: float = parameter(
+        0.8, 'Efficiency of gear and screw together', minimum=0.01, maximum=1.0, read_only=True)
+    velocity_unit: str = parameter(
+        'counts_per_second', 'Unit in which the drive states velocities',
+        choices=tuple(VELOCITY_UNITS), read_only=True)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.direction == 0:
+            raise ParameterError('direction = 0 is neither 1 nor -1')
+
+    @cached_property
+    def counts_per_metre(self) -> float:
+        """Counts per metre of carriage travel; its sign is the direction's."""
+        return self.direction * self.counts_per_revolution * self.gear_ratio / self.lead
+
+    @property
+    def counts_per_revolution(self) -> int:
+        """Counts per revolution of the motor."""
+        return 4 * self.pulses_per_revolution
+
+    @cached_property
+    def velocity_units_per_count(self) -> float:
+        """Velocity units of the drive per count/s, likewise for accelerations per count/s²."""
+        factor = VELOCITY_UNITS[self.velocity_unit]
+        return 1.0 if factor is None else factor / self.counts_per_revolution
+
+    @cached_property
+    def force_per_torque_unit(self) -> float:
+        """Carriage force in N per thousandth of the rated torque; its sign is the direction's."""
+        return (self.direction * 2.0 * math.pi * self.efficiency * self.gear_ratio / self.lead
+                * self.rated_torque / 1000.0)
+
+    def to_counts(self, position: float) -> int:
+        """
+        Return the counts of a position in m.
+
+        Raises
+        ------
+        InputError
+            The position is not a finite number.
+        LimitError
+            It does not fit into the 32 bits of the drive.
+
+        """
+        return _rounded('position', position * self.counts_per_metre, 'counts')
+
+    def to_metres(self, counts: float) -> float:
+        """Return the position in m of counts."""
+        return counts / self.counts_per_metre
+
+    def speed_to_units(self, speed: float) -> int:
+        """
+        Return a velocity in m/s, or an acceleration in m/s², in the drive's velocity unit (per s).
+
+        Raises
+        ------
+        InputError
+            The value is not a finite number.
+        LimitError
+            It does not fit into the 32 bits of the drive.
+
+        """
+        units = speed * self.counts_per_metre * self.velocity_units_per_count
+        return _rounded('velocity', units, self.velocity_unit)
+
+    def magnitude_to_units(self, speed: float) -> int:
+        """Return a limit on speed or acceleration in the drive's unit, positive on any axis."""
+        return abs(self.speed_to_units(speed))
+
+    def speed_to_metres(self, units: float) -> float:
+        """Return the velocity in m/s of the drive's velocity units."""
+        return units / (self.counts_per_metre * self.velocity_units_per_count)
+
+    def to_force(self, torque: float) -> float:
+        """Return the carriage force in N of a torque in thousandths of the rated torque."""
+        return torque * self.force_per_torque_unit
+
+    def to_torque(self, force: float) -> float:
+        """Return the torque, in thousandths of the rated torque, that balances a force in N."""
+        return force / self.force_per_torque_unit
+
+
+def _rounded(quantity: str, value: float, unit: str) -> int:
+    if not math.isfinite(value):
+        raise InputError('not_finite', f'{quantity} = {value} {unit} is not a finite number')
+    if value > INT32_MAX:
+        raise LimitError(quantity, value, INT32_MAX, unit, 'above')
+    if value < INT32_MIN:
+        raise LimitError(quantity, value, INT32_MIN, unit, 'below')
+    return max(INT32_MIN, min(INT32_MAX, round(value)))
