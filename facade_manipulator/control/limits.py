@@ -18,6 +18,7 @@ from ruckig import (
     Result,
     Ruckig,
     Synchronization,
+    Trajectory,
 )
 
 from facade_manipulator.errors import ManipulatorError, ParameterError
@@ -26,6 +27,7 @@ from facade_manipulator.parameters import check_parameters, parameter
 Triple = tuple[float, float, float]
 AT_REST_SPEED = 1e-5
 FEED_FORWARD_SHARE = 0.8
+PLAN_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,8 @@ class PathLimiter:
         self._plan.max_acceleration = [limits.acceleration] * 3
         self._plan.max_jerk = [limits.jerk] * 3
         self._output = OutputParameter(3)
+        self._trajectory = Trajectory(3)
+        self._relative: Motion | None = None
 
     def reach(self, motion: Motion, target: Triple) -> Motion | None:
         """Return the motion that is at the target one period later, None if limits forbid it."""
@@ -102,17 +106,19 @@ class PathLimiter:
 
         """
         frame = self._feed_forward(target_velocity)
-        drift = self.period
+        relative = self._continued(Motion(
+            tuple(p - t + w * self.period
+                  for p, t, w in zip(motion.position, target, frame, strict=True)),
+            tuple(v - w for v, w in zip(motion.velocity, frame, strict=True)),
+            motion.acceleration))
         plan = self._plan
         plan.control_interface = ControlInterface.Position
-        plan.current_position = [
-            p - (t - w * drift) for p, t, w in zip(motion.position, target, frame, strict=True)]
-        plan.current_velocity = [v - w for v, w in zip(motion.velocity, frame, strict=True)]
-        plan.current_acceleration = list(motion.acceleration)
+        plan.current_position, plan.current_velocity, plan.current_acceleration = (
+            map(list, relative))
         plan.target_position = plan.target_velocity = [0.0] * 3
         plan.max_velocity = [self.limits.speed - w for w in frame]
         plan.min_velocity = [-self.limits.speed - w for w in frame]
-        step = self._step()
+        self._relative = step = self._step()
         return Motion(
             tuple(e + t for e, t in zip(step.position, target, strict=True)),
             tuple(e + w for e, w in zip(step.velocity, frame, strict=True)),
@@ -120,6 +126,17 @@ class PathLimiter:
 
     def brake(self, motion: Motion) -> Motion:
         """Return the motion one period later on the way to rest, all axes braking together."""
+        self._plan_brake(motion)
+        return self._step()
+
+    def rest_position(self, motion: Motion) -> Triple:
+        """Return where the carriages come to rest when they brake now [m]."""
+        self._plan_brake(motion)
+        result = self._planner.calculate(self._plan, self._trajectory)
+        _require(result)
+        return tuple(self._trajectory.at_time(self._trajectory.duration)[0])
+
+    def _plan_brake(self, motion: Motion) -> None:
         plan = self._plan
         plan.control_interface = ControlInterface.Velocity
         plan.current_position = list(motion.position)
@@ -128,14 +145,17 @@ class PathLimiter:
         plan.target_velocity = [0.0] * 3
         plan.max_velocity = [self.limits.speed] * 3
         plan.min_velocity = None
-        return self._step()
 
-    def rest_position(self, motion: Motion) -> Triple:
-        """Return where the carriages come to rest, at the latest, when they brake now [m]."""
-        limits = self.limits
-        fastest = max(map(abs, motion.velocity))
-        time = 0.5 * fastest / limits.acceleration + limits.acceleration / limits.jerk
-        return tuple(p + time * v for p, v in zip(motion.position, motion.velocity, strict=True))
+    def _continued(self, relative: Motion) -> Motion:
+        """Return the planned motion if it is the present one: a new plan would bend the path."""
+        planned = self._relative
+        if planned is None or any(
+            abs(a - b) > PLAN_TOLERANCE
+            for part, plan in zip(relative, planned, strict=True)
+            for a, b in zip(part, plan, strict=True)
+        ):
+            return relative
+        return planned
 
     def _direct(self, motion: Motion, target: Triple) -> Motion:
         rate = 1.0 / self.period
@@ -160,8 +180,12 @@ class PathLimiter:
 
     def _step(self) -> Motion:
         result = self._planner.update(self._plan, self._output)
-        if result not in (Result.Working, Result.Finished):
-            raise ManipulatorError(f'no path inside the motion limits: {result}')
+        _require(result)
         output = self._output
         return Motion(
             tuple(output.new_position), tuple(output.new_velocity), tuple(output.new_acceleration))
+
+
+def _require(result: Result) -> None:
+    if result not in (Result.Working, Result.Finished):
+        raise ManipulatorError(f'no path inside the motion limits: {result}')
