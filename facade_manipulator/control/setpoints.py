@@ -23,9 +23,10 @@ from facade_manipulator.errors import (
     ParameterError,
     SetpointLimitError,
 )
+from facade_manipulator.kinematics import Carriages
 from facade_manipulator.parameters import check_parameters, parameter
 
-CARRIAGES = ('q1', 'q2', 'q3')
+CARRIAGES = Carriages._fields
 
 
 class Setpoint(NamedTuple):

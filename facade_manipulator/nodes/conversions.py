@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import math
 from typing import Any
 
@@ -12,11 +12,12 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, Quaternion
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Carriages, Pose
 
 PLANE_TOLERANCE = 1e-6
 TILT_TOLERANCE = 1e-3
 NORM_TOLERANCE = 1e-3
+CARRIAGES = Carriages._fields
 
 LEVELS = {
     'ok': DiagnosticStatus.OK,
@@ -100,6 +101,38 @@ def _require_planar(z: float, q: Quaternion, what: str) -> None:
 def _yaw(q: Quaternion) -> float:
     yaw = 2.0 * math.atan2(q.z, q.w)
     return math.remainder(yaw, math.tau)
+
+
+def carriages_from(
+    names: Sequence[str], values: Sequence[float], what: str
+) -> tuple[float, float, float]:
+    """
+    Return the values of q1, q2 and q3, whatever their order in a JointState.
+
+    Parameters
+    ----------
+    names, values : sequence
+        The message's names and one of its arrays.
+    what : str
+        Name of the array in the sentence of a refusal, such as ``'setpoint position'``.
+
+    Raises
+    ------
+    InputError
+        With reason ``'names'`` or ``'not_finite'``.
+
+    """
+    if len(values) != len(names):
+        raise InputError('names', f'{what} has {len(values)} values for {len(names)} names')
+    if sorted(names) != sorted(CARRIAGES):
+        raise InputError(
+            'names', f'{what} names {", ".join(names) or "nothing"}, '
+            f'expected each of {", ".join(CARRIAGES)} once')
+    ordered = [values[names.index(name)] for name in CARRIAGES]
+    for name, value in zip(CARRIAGES, ordered, strict=True):
+        if not math.isfinite(value):
+            raise InputError('not_finite', f'{what} of {name} = {value} is not a finite number')
+    return tuple(ordered)
 
 
 def pose_message(pose: Pose) -> PoseMessage:

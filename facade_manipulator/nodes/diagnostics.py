@@ -23,12 +23,14 @@ class DiagnosticsPublisher:
     ----------
     node : rclpy.node.Node
     components : callable
-        Returns the list of `diagnostic_msgs.msg.DiagnosticStatus` of this moment.
+        Returns the list of `diagnostic_msgs.msg.DiagnosticStatus` of this moment, each named
+        after its component alone: the node's name is put before it.
 
     """
 
     def __init__(self, node: Node, components: Callable[[], list[DiagnosticStatus]]) -> None:
         self._node = node
+        self._name = node.get_fully_qualified_name().lstrip('/')
         self._components = components
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
         self._summary: list[tuple[str, bytes, str]] = []
@@ -46,6 +48,8 @@ class DiagnosticsPublisher:
 
     def _send(self, components: list[DiagnosticStatus]) -> None:
         self._summary = _summary(components)
+        for item in components:
+            item.name = f'{self._name}: {item.name}'
         message = DiagnosticArray(status=components)
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)

@@ -1,0 +1,158 @@
+"""The ik_service node: goals in frame `rail` to certified setpoints, solutions and paths."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.srv import GetPlan
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+
+from facade_manipulator.control.setpoint_stream import (
+    certified_path,
+    GoalSettings,
+    SetpointStream,
+)
+from facade_manipulator.control.setpoints import Setpoint
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import Carriages, forward_kinematics, Geometry, Pose
+from facade_manipulator.nodes.conversions import (
+    CARRIAGES,
+    carriages_from,
+    diagnostic_status,
+    planar_pose,
+    pose_stamped,
+    require_frame,
+    seconds,
+    stamp,
+)
+from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.runtime import LATCHED, LATEST, RELIABLE, run
+
+RAIL = 'rail'
+ACTUATOR_SPACE = 'actuator_space'
+
+
+class IkServiceNode(Node):
+    """Inverse kinematics for the supervisor (service) and for the stream of corrected poses."""
+
+    def __init__(self, **kwargs) -> None:
+        super().__init__('ik_service', **kwargs)
+        self.geometry = declare(self, Geometry, 'geometry')
+        self.settings = declare(self, GoalSettings, '', self._change_settings)
+        self._stream = SetpointStream(self.geometry, self.settings)
+        self._refusals = Refusals(self)
+        self._outcome = ('ok', 'no goal yet')
+        self._setpoint_count = 0
+        self._head: Pose | None = None
+        self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
+        self._heads = self.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
+        self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
+        self.create_subscription(PoseStamped, 'corrected_pose', self._take_goal, LATEST)
+        self.create_subscription(JointState, 'joint_states', self._take_joint_states, RELIABLE)
+        self.create_service(GetPlan, 'ik_service/solve', self._solve)
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self._publish_outcome()
+
+    def _change_settings(self, settings: GoalSettings) -> None:
+        self.settings = settings
+        self._stream = SetpointStream(self.geometry, settings)
+
+    def _take_goal(self, message: PoseStamped) -> None:
+        try:
+            setpoint = self._setpoint(message)
+        except ManipulatorError as error:
+            self._refuse(error)
+            return
+        self._setpoint_count += 1
+        self._setpoints.publish(_setpoint_message(setpoint))
+        self._accept('following the goals')
+
+    def _setpoint(self, message: PoseStamped) -> Setpoint:
+        require_frame(message.header.frame_id, RAIL, 'corrected_pose')
+        pose = planar_pose(message.pose, 'corrected_pose')
+        time = seconds(message.header.stamp) or self._now()
+        return self._stream.setpoint(time, pose)
+
+    def _take_joint_states(self, message: JointState) -> None:
+        try:
+            carriages = carriages_from(message.name, message.position, 'joint_states position')
+            self._head = forward_kinematics(self.geometry, Carriages(*carriages))
+        except (ManipulatorError, ValueError) as error:
+            self._head = None
+            self._refusals.add(error)
+            return
+        self._heads.publish(pose_stamped(RAIL, seconds(message.header.stamp), self._head))
+
+    def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
+        response.plan.header.frame_id = ACTUATOR_SPACE
+        response.plan.header.stamp = self.get_clock().now().to_msg()
+        try:
+            path = self._path(request)
+        except ManipulatorError as error:
+            self._refuse(error)
+            return response
+        response.plan.poses = [_actuator_pose(response.plan.header, point) for point in path]
+        self._accept(f'solved {len(path)} pose{"s" if len(path) > 1 else ""}')
+        return response
+
+    def _path(self, request: GetPlan.Request) -> list[Carriages]:
+        require_frame(request.goal.header.frame_id, RAIL, 'goal')
+        goal = planar_pose(request.goal.pose, 'goal')
+        if not request.start.header.frame_id:
+            return certified_path(self.geometry, self.settings, goal, goal)[:1]
+        require_frame(request.start.header.frame_id, RAIL, 'start')
+        start = planar_pose(request.start.pose, 'start')
+        return certified_path(self.geometry, self.settings, start, goal, request.tolerance)
+
+    def _refuse(self, error: ManipulatorError) -> None:
+        self._refusals.add(error)
+        self._set_outcome('error', str(error))
+
+    def _accept(self, sentence: str) -> None:
+        self._set_outcome('ok', sentence)
+
+    def _set_outcome(self, level: str, sentence: str) -> None:
+        if self._outcome != (level, sentence):
+            self._outcome = (level, sentence)
+            self._publish_outcome()
+
+    def _publish_outcome(self) -> None:
+        self._status.publish(self._outcome_status())
+        self._diagnostics.publish_change()
+
+    def _outcome_status(self) -> DiagnosticStatus:
+        level, sentence = self._outcome
+        values = {'setpoints': self._setpoint_count, **self._refusals.values()}
+        return diagnostic_status('goal', level, sentence, values)
+
+    def _components(self) -> list[DiagnosticStatus]:
+        return [self._outcome_status()]
+
+    def _now(self) -> float:
+        return self.get_clock().now().nanoseconds * 1e-9
+
+
+def _setpoint_message(setpoint: Setpoint) -> JointState:
+    message = JointState(
+        name=CARRIAGES, position=setpoint.position, velocity=setpoint.velocity)
+    message.header.stamp = stamp(setpoint.time)
+    message.header.frame_id = RAIL
+    return message
+
+
+def _actuator_pose(header, point: Carriages) -> PoseStamped:
+    pose = PoseStamped(header=header)
+    position = pose.pose.position
+    position.x, position.y, position.z = point
+    return pose
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the ik_service node."""
+    return run(lambda: [IkServiceNode()], args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
