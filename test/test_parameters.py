@@ -1,0 +1,96 @@
+from dataclasses import dataclass
+import math
+
+import pytest
+from rcl_interfaces.srv import DescribeParameters
+from rclpy.parameter import Parameter
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.parameters import check_parameters, parameter
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Settings as a core object has them."""
+
+    low: float = parameter(0.1, 'Lower bound', unit='m', minimum=0.0, maximum=1.0)
+    high: float = parameter(0.9, 'Upper bound', unit='m', minimum=0.0, maximum=1.0)
+    count: int = parameter(3, 'How many', minimum=1, maximum=9)
+    kind: str = parameter('a', 'Which', choices=('a', 'b'))
+    span: tuple = parameter((0.0, 1.0), 'From and to', unit='m', read_only=True)
+
+    def __post_init__(self):
+        check_parameters(self)
+        if self.low >= self.high:
+            raise ParameterError(f'low = {self.low:g} m is not below high = {self.high:g} m')
+
+
+@pytest.mark.parametrize('values, sentence', [
+    ({'low': -0.5}, 'low = -0.5 m is below its minimum 0 m'),
+    ({'high': 1.5}, 'high = 1.5 m is above its maximum 1 m'),
+    ({'low': math.nan}, 'low = nan is not a finite number'),
+    ({'span': (0.0, math.inf)}, 'span = inf'),
+    ({'kind': 'c'}, "kind = 'c' is none of a, b"),
+    ({'low': 0.95}, 'low = 0.95 m is not below high'),
+])
+def test_a_value_out_of_its_range_is_refused_with_bound_and_unit(values, sentence):
+    with pytest.raises(ParameterError, match=sentence):
+        Sample(**values)
+
+
+def test_parameters_are_declared_with_description_unit_and_range(ros):
+    node = ros.node('node')
+    assert declare(node, Sample, 'sample') == Sample()
+    reply = ros.call(ros.node('caller'), DescribeParameters, 'node/describe_parameters',
+                     DescribeParameters.Request(names=['sample.low', 'sample.kind']))
+    low, kind = reply.descriptors
+    assert low.description == 'Lower bound [m]'
+    assert (low.floating_point_range[0].from_value, low.floating_point_range[0].to_value) == (
+        0.0, 1.0)
+    assert kind.additional_constraints == 'one of a, b'
+
+
+def test_without_a_listener_every_parameter_is_read_only(ros):
+    node = ros.node('node')
+    declare(node, Sample)
+    assert not node.set_parameters([Parameter('low', value=0.2)])[0].successful
+
+
+def test_a_live_change_reaches_the_listener_once_and_whole(ros):
+    node, heard = ros.node('node'), []
+    declare(node, Sample, '', heard.append)
+    result = node.set_parameters_atomically(
+        [Parameter('low', value=0.3), Parameter('high', value=0.4)])
+    assert result.successful
+    assert heard == [Sample(low=0.3, high=0.4)]
+
+
+@pytest.mark.parametrize('name, value, sentence', [
+    ('low', 0.95, 'low = 0.95 m is not below high = 0.9 m'),
+    ('low', 2.0, ''),
+    ('kind', 'z', 'is none of a, b'),
+    ('span', [0.0, 2.0], 'read-only'),
+])
+def test_an_invalid_live_change_is_refused_with_the_reason_and_changes_nothing(
+        ros, name, value, sentence):
+    node, heard = ros.node('node'), []
+    declare(node, Sample, '', heard.append)
+    before = node.get_parameter(name).value
+    result = node.set_parameters([Parameter(name, value=value)])[0]
+    assert not result.successful
+    assert sentence in result.reason
+    assert node.get_parameter(name).value == before
+    assert heard == []
+
+
+@pytest.mark.parametrize('override', [
+    Parameter('low', value='much'), Parameter('low', value=7.0), Parameter('high', value=0.05)])
+def test_a_wrong_value_at_start_is_one_sentence(ros, override):
+    node = ros.node('node', parameter_overrides=[override])
+    with pytest.raises(ParameterError, match='low|high'):
+        declare(node, Sample)
+
+
+def test_the_default_of_one_node_may_differ_from_the_dataclass(ros):
+    assert declare(ros.node('node'), Sample, low=0.5).low == 0.5
