@@ -150,7 +150,7 @@ class ManipulatorClient:
 
     def driver_state(self) -> str:
         """Return the label of the driver's lifecycle state."""
-        return self._call(GetState, 'driver/get_state', GetState.Request()).current_state.label
+        return self.call(GetState, 'driver/get_state', GetState.Request()).current_state.label
 
     def home(self) -> str:
         """Home all axes; return the driver's report."""
@@ -166,7 +166,7 @@ class ManipulatorClient:
 
     def enable_compensation(self, enabled: bool = True) -> str:
         """Fade the compensation in or out."""
-        reply = self._call(SetBool, 'compensator/enable', SetBool.Request(data=enabled))
+        reply = self.call(SetBool, 'compensator/enable', SetBool.Request(data=enabled))
         return _sentence('compensator/enable', reply)
 
     def tare(self) -> str:
@@ -201,23 +201,36 @@ class ManipulatorClient:
         if start is not None:
             request.start = pose_stamped('rail', self._now(), start)
         self.goal_status = None
-        plan = self._call(GetPlan, 'ik_service/solve', request).plan
+        plan = self.call(GetPlan, 'ik_service/solve', request).plan
         if not plan.poses:
             status = self.wait_until(lambda: self.goal_status, 'the reason on ik_service/status')
             raise RequestRefusedError(status.message)
         points = [item.pose.position for item in plan.poses]
         return [Carriages(point.x, point.y, point.z) for point in points]
 
+    def call(
+        self, service_type: Any, name: str, request: Any, timeout: float = ANSWER_TIMEOUT
+    ) -> Any:
+        """Call a service of the manipulator and return its response."""
+        client = self._clients.get(name)
+        if client is None:
+            client = self._clients[name] = self.node.create_client(
+                service_type, name, qos_profile=qos_profile_system_default)
+        self.wait_until(client.service_is_ready, f'service {name}', timeout)
+        future = client.call_async(request)
+        self.wait_until(future.done, f'the answer of {name}', timeout)
+        return future.result()
+
     def _now(self) -> float:
         return self.node.get_clock().now().nanoseconds * 1e-9
 
     def _trigger(self, name: str, timeout: float = ANSWER_TIMEOUT) -> str:
-        return _sentence(name, self._call(Trigger, name, Trigger.Request(), timeout))
+        return _sentence(name, self.call(Trigger, name, Trigger.Request(), timeout))
 
     def _change_state(self, transition: int, what: str, timeout: float = ANSWER_TIMEOUT) -> None:
         begin = self._now()
         request = ChangeState.Request(transition=Transition(id=transition))
-        if not self._call(ChangeState, 'driver/change_state', request, timeout).success:
+        if not self.call(ChangeState, 'driver/change_state', request, timeout).success:
             raise RequestRefusedError(f'{what}: {self._driver_reason(begin)}')
 
     def _driver_reason(self, since: float) -> str:
@@ -230,18 +243,6 @@ class ManipulatorClient:
             return self.wait_until(told, 'the reason in /diagnostics', REASON_TIMEOUT)
         except NoAnswerError:
             return 'refused; the reason stands in the log of the driver'
-
-    def _call(
-        self, service_type: Any, name: str, request: Any, timeout: float = ANSWER_TIMEOUT
-    ) -> Any:
-        client = self._clients.get(name)
-        if client is None:
-            client = self._clients[name] = self.node.create_client(
-                service_type, name, qos_profile=qos_profile_system_default)
-        self.wait_until(client.service_is_ready, f'service {name}', timeout)
-        future = client.call_async(request)
-        self.wait_until(future.done, f'the answer of {name}', timeout)
-        return future.result()
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -1,0 +1,317 @@
+"""
+The whole stack on one machine: real nodes, simulated drives, a gondola that sways.
+
+The demo is a supervisor as a cleaning robot has one: it configures, homes and activates the
+drives through the nodes' services, sends cleaning strokes, and stops the drives first when it
+ends, however it ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+import json
+import math
+import os
+from pathlib import Path
+import signal
+import sys
+import time
+
+from geometry_msgs.msg import PoseStamped
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from std_srvs.srv import Trigger
+
+from facade_manipulator import config_path
+from facade_manipulator.client import ManipulatorClient
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.nodes.conversions import planar_pose
+from facade_manipulator.nodes.demo_report import AXES, draw, Sample, UNITS, write_json
+from facade_manipulator.nodes.monitor import Observer, render
+from facade_manipulator.nodes.processes import NodeProcesses
+from facade_manipulator.nodes.runtime import RELIABLE, USAGE_ERROR
+
+NODES = ('gondola_simulator', 'driver', 'manipulator')
+STROKE_PERIOD = 6.0
+STROKES = (
+    Pose(0.0, 0.250, 0.0),
+    Pose(0.12, 0.250, 0.0),
+    Pose(-0.12, 0.250, 0.0),
+    Pose(-0.12, 0.265, math.radians(3.0)),
+    Pose(0.12, 0.265, math.radians(3.0)),
+    Pose(0.12, 0.240, math.radians(-3.0)),
+)
+FIRST_GOAL_AFTER = 1.0
+REFRESH_PERIOD = 0.25
+LINE_PERIOD = 5.0
+INTERRUPTED = 130
+FAILED = 1
+
+
+class Recorder:
+    """Keep the time courses that the gondola simulator measures."""
+
+    def __init__(self, client: ManipulatorClient) -> None:
+        self._client = client
+        self._begin: float | None = None
+        self._disturbance: Pose | None = None
+        self.samples: list[Sample] = []
+        for topic, take in (
+            ('gondola_simulator/uncompensated_error', self._take_disturbance),
+            ('gondola_simulator/wall_error', self._take_error),
+        ):
+            client.node.create_subscription(PoseStamped, topic, take, RELIABLE)
+
+    def _take_disturbance(self, message: PoseStamped) -> None:
+        self._disturbance = planar_pose(message.pose, 'disturbance')
+
+    def _take_error(self, message: PoseStamped) -> None:
+        if self._client.goal is None or self._disturbance is None:
+            return
+        now = time.monotonic()
+        self._begin = self._begin or now
+        error = planar_pose(message.pose, 'error')
+        self.samples.append(
+            Sample(now - self._begin, self._client.goal, self._disturbance, error))
+
+
+class Demo:
+    """One run: nodes up, strokes for a while, drives off, report."""
+
+    def __init__(self, options: argparse.Namespace, console: Console) -> None:
+        self.options = options
+        self.console = console
+        self.output = Path(options.output)
+        self.processes = NodeProcesses(self.output)
+        self.client = ManipulatorClient(options.namespace, 'demo_supervisor')
+        self.observer = Observer(self.client)
+        self.recorder = Recorder(self.client)
+
+    def run(self) -> None:
+        """Run to the end; whatever happens the drives stop first, then the nodes end."""
+        try:
+            self._start_nodes()
+            self._bring_up()
+            begin = time.monotonic()
+            self._strokes()
+            self._report(time.monotonic() - begin)
+        finally:
+            with _undisturbed():
+                self._stop()
+
+    def _start_nodes(self) -> None:
+        self.console.print(
+            f'starting {", ".join(NODES)} in namespace {self.options.namespace} '
+            f'(logs in {self.output}/)')
+        for name in NODES:
+            self.processes.start(name, _ros_arguments(name, self.options))
+
+    def _bring_up(self) -> None:
+        for what, step in (
+            ('configure: bus up, drives checked', self.client.configure),
+            ('home', self.client.home),
+            ('activate: power on', self.client.activate),
+        ):
+            self.processes.check()
+            self.console.print(f'driver: {what}')
+            step()
+
+    def _strokes(self) -> None:
+        self.client.spin(FIRST_GOAL_AFTER)
+        begin = time.monotonic()
+        shown = -math.inf
+        with _view(self.console) as show:
+            while (elapsed := time.monotonic() - begin) < self.options.duration:
+                self._send_due_goal(elapsed)
+                self.client.spin(REFRESH_PERIOD)
+                self.processes.check()
+                if self.console.is_terminal or elapsed - shown >= LINE_PERIOD:
+                    shown = elapsed
+                    show(self, elapsed)
+
+    def _send_due_goal(self, elapsed: float) -> None:
+        goal = STROKES[int(elapsed / STROKE_PERIOD) % len(STROKES)]
+        if goal != self.client.goal:
+            self.client.send_goal(goal)
+
+    def _report(self, duration: float) -> None:
+        reply = self.client.call(Trigger, 'gondola_simulator/report', Trigger.Request())
+        measured = json.loads(reply.message)
+        self.client.spin(1.2)  # the nodes' last counters come within a second
+        summary = self._summary(measured, duration)
+        write_json(self.output / 'summary.json', summary)
+        draw(self.output / 'time_courses.png', self.recorder.samples, summary)
+        self.console.print(*_lines(summary), sep='\n')
+        self.console.print(f'written: {self.output}/summary.json, {self.output}/time_courses.png')
+
+    def _summary(self, measured: dict, duration: float) -> dict:
+        kept = ('disturbance_rms', 'residual_rms', 'attenuation_db')
+        count = self.observer.count
+        return {
+            'axes': {axis: {key: measured['axes'][axis][key] for key in kept} for axis in AXES},
+            'duration_s': round(duration, 3),
+            'pipeline_latency_ms': self._latency(),
+            'bus_cycles': count('driver: bus', 'cycles'),
+            'missed_cycles': count('driver: bus', 'missed cycles'),
+            'refused_goals': count('ik_service: goal', 'refused'),
+            'drive_faults': count('driver: operation', 'drive faults'),
+        }
+
+    def _latency(self) -> dict[str, float | None]:
+        """From the compensator's decision to the target on the bus: its horizon less the lead."""
+        horizon = self.observer.value('compensator: correction', 'horizon [ms]')
+        leads = {
+            'p50': self.observer.value('driver: operation', 'setpoint lead p50 [ms]'),
+            'p99': self.observer.value('driver: operation', 'setpoint lead p1 [ms]'),
+        }
+        return {
+            name: round(float(horizon) - float(lead), 3) if horizon and lead else None
+            for name, lead in leads.items()}
+
+    def _stop(self) -> None:
+        try:
+            if rclpy.ok() and self.client.driver_state() == 'active':
+                self.console.print('driver: deactivate: ramp down, power off')
+                self.client.deactivate()
+        except ManipulatorError as error:
+            self.console.print(f'[red]{error}[/red]')  # the driver stops its drives when it ends
+        finally:
+            self.processes.end()
+            self.client.close()
+
+
+def _ros_arguments(name: str, options: argparse.Namespace) -> list[str]:
+    files = [config_path('manipulator.yaml'), config_path('simulation.yaml')]
+    arguments = ['--ros-args', '-r', f'__ns:=/{options.namespace}']
+    for file in files:
+        arguments += ['--params-file', str(file)]
+    if name == 'gondola_simulator' and options.scenario:
+        arguments += ['-p', f'scenario:={options.scenario}']
+    return arguments
+
+
+@contextmanager
+def _view(console: Console) -> Iterator:
+    """Show a live table in a terminal, one line every few seconds elsewhere."""
+    if not console.is_terminal:
+        yield lambda demo, elapsed: console.print(_line(demo, elapsed))
+        return
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+        yield lambda demo, elapsed: live.update(_table(demo, elapsed), refresh=True)
+
+
+def _table(demo: Demo, elapsed: float):
+    view = render(demo.observer, f'{elapsed:5.1f} s of {demo.options.duration:g} s   '
+                  f'{demo.observer.refused()} rejections   (Ctrl-C stops the drives first)')
+    view.renderables.insert(1, ProgressBar(total=demo.options.duration, completed=elapsed))
+    return view
+
+
+def _line(demo: Demo, elapsed: float) -> str:
+    poses = demo.observer.poses
+    columns = (
+        ('goal', demo.client.goal),
+        ('disturbance', poses.get('gondola_simulator/uncompensated_error')),
+        ('error', poses.get('gondola_simulator/wall_error')),
+    )
+    cells = [f'{name} {_triple(pose)}' for name, pose in columns]
+    cells.append(f'{demo.observer.count("driver: bus", "cycles")} cycles')
+    cells.append(f'{demo.observer.refused()} rejections')
+    return f'{elapsed:5.1f} s  ' + '  '.join(cells)
+
+
+def _triple(pose: Pose | None) -> str:
+    if pose is None:
+        return '-'
+    return f'{1e3 * pose.x:+7.1f} {1e3 * pose.y:+6.1f} mm {math.degrees(pose.theta):+5.2f}°'
+
+
+def _lines(summary: dict) -> list[str]:
+    lines = [f'{"":8}{"uncompensated":>16}{"compensated":>16}{"attenuation":>14}   (RMS)']
+    for axis, result in summary['axes'].items():
+        unit, scale = UNITS[axis]
+        lines.append(f'{axis:8}' + ''.join(
+            f'{_cell(value, factor, name):>{width}}' for value, factor, name, width in (
+                (result['disturbance_rms'], scale, unit, 16),
+                (result['residual_rms'], scale, unit, 16),
+                (result['attenuation_db'], 1.0, 'dB', 14))))
+    lines.append(
+        f'{summary["bus_cycles"]} bus cycles, {summary["missed_cycles"]} missed, '
+        f'{summary["drive_faults"]} drive faults, {summary["refused_goals"]} goals refused')
+    return lines
+
+
+def _cell(value: float | None, factor: float, unit: str) -> str:
+    return '-' if value is None else f'{factor * value:.3g} {unit}'
+
+
+@contextmanager
+def _undisturbed() -> Iterator[None]:
+    """Let nothing interrupt the stopping of the drives."""
+    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, signal.SIG_IGN) for number in signals]
+    try:
+        yield
+    finally:
+        for number, handler in zip(signals, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _interrupt(*_: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _options(args: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='demo', description='Run the whole stack with simulated drives on a swaying gondola.')
+    parser.add_argument('--duration', type=_duration, default=30.0, metavar='S',
+                        help='how long the strokes last, in s (default 30)')
+    parser.add_argument('--scenario', default='', help='wind and wall: a name in config/scenarios')
+    parser.add_argument('--output', default='demo_report', metavar='DIR',
+                        help='folder of the report (default demo_report)')
+    parser.add_argument('--namespace', default='demo', help='namespace of the nodes')
+    return parser.parse_args(args)
+
+
+def _duration(text: str) -> float:
+    value = float(text)
+    if not 1.0 <= value <= 86400.0:
+        raise argparse.ArgumentTypeError(f'{text} s is not between 1 s and 86400 s')
+    return value
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the demo; return its exit status."""
+    options = _options(args)
+    console = Console(highlight=False)
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    try:
+        Path(options.output).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        print(f'{options.output} cannot be written: {error.strerror}', file=sys.stderr)
+        return USAGE_ERROR
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _interrupt)
+    # rclpy's own handlers would end ROS before the drives are stopped through it
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        Demo(options, console).run()
+    except KeyboardInterrupt:
+        console.print('interrupted: drives stopped, nodes ended')
+        return INTERRUPTED
+    except ManipulatorError as error:
+        console.print(f'the demo ended: {error}', style='red')
+        return FAILED
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
