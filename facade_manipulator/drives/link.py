@@ -1,0 +1,117 @@
+"""
+The CAN interface of the operating system: is it there, is it up, has it our bit rate.
+
+SocketCAN opens an interface that is down or runs at another bit rate without a word, so both are
+looked up first, with iproute2 where it is installed, else in /sys.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import json
+from pathlib import Path
+import shutil
+import subprocess
+from typing import Any
+
+import can
+
+from facade_manipulator.errors import BusError
+from facade_manipulator.parameters import check_parameters, parameter
+
+_SYSTEM = Path('/sys/class/net')
+_IS_UP = 0x1
+_QUERY_TIMEOUT = 2.0
+_BAD_CONDITIONS = ('BUS-OFF', 'STOPPED', 'SLEEPING')
+
+
+@dataclass(frozen=True)
+class BusSettings:
+    """Which CAN interface the drives are on."""
+
+    interface: str = parameter(
+        'virtual', 'Kind of CAN interface, as python-can names it', read_only=True)
+    channel: str = parameter('can0', 'Name of the CAN interface', read_only=True)
+    bitrate: int = parameter(
+        1_000_000, 'Bit rate of the bus', unit='bit/s', minimum=10_000, maximum=1_000_000,
+        read_only=True)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+def open_bus(settings: BusSettings) -> can.BusABC:
+    """
+    Open the CAN interface.
+
+    Raises
+    ------
+    BusError
+        It is missing, down, bus-off, runs at another bit rate or cannot be opened; the message
+        says what to do.
+
+    """
+    if settings.interface == 'socketcan':
+        check_link(settings.channel, settings.bitrate)
+    try:
+        return can.Bus(
+            interface=settings.interface, channel=settings.channel, bitrate=settings.bitrate)
+    except (can.CanError, OSError, ValueError, ImportError) as error:
+        raise BusError(
+            f'{settings.interface} {settings.channel} cannot be opened: {error}') from error
+
+
+def check_link(channel: str, bitrate: int) -> None:
+    """
+    Check a SocketCAN interface.
+
+    Raises
+    ------
+    BusError
+        It is missing, down, bus-off, or runs at another bit rate.
+
+    """
+    if not (_SYSTEM / channel).exists():
+        raise BusError(
+            f'there is no CAN interface {channel}: plug it in, or correct the parameter channel')
+    if not is_up(channel):
+        raise BusError(
+            f'the CAN interface {channel} is down: '
+            f'sudo ip link set {channel} up type can bitrate {bitrate}')
+    _check_details(channel, bitrate, _details(channel))
+
+
+def is_up(channel: str) -> bool:
+    """Tell whether a network interface exists and is up."""
+    try:
+        flags = int((_SYSTEM / channel / 'flags').read_text(), 16)
+    except (OSError, ValueError):
+        return False
+    return bool(flags & _IS_UP)
+
+
+def _check_details(channel: str, bitrate: int, details: dict[str, Any]) -> None:
+    actual = details.get('bittiming', {}).get('bitrate', bitrate)  # vcan has none
+    if actual != bitrate:
+        raise BusError(
+            f'the CAN interface {channel} runs at {actual} bit/s, not at {bitrate} bit/s: '
+            f'sudo ip link set {channel} down, then up with type can bitrate {bitrate}')
+    condition = details.get('state', '')
+    if condition in _BAD_CONDITIONS:
+        raise BusError(
+            f'the controller of {channel} is in the state {condition}: check wiring and bit rate, '
+            f'then sudo ip link set {channel} down and up')
+
+
+def _details(channel: str) -> dict[str, Any]:
+    """Return what iproute2 knows of the CAN controller; nothing where it is not installed."""
+    tool = shutil.which('ip')
+    if tool is None:
+        return {}
+    try:
+        answer = subprocess.run(
+            [tool, '-json', '-details', 'link', 'show', 'dev', channel],
+            capture_output=True, text=True, timeout=_QUERY_TIMEOUT, check=True)
+        return json.loads(answer.stdout)[0].get('linkinfo', {}).get('info_data', {})
+    except (OSError, subprocess.SubprocessError, ValueError, LookupError):
+        return {}
