@@ -1,0 +1,190 @@
+"""
+Run a command in user-mode Linux, whose kernel has CAN whatever the host's has.
+
+``python guest.py -- COMMAND…`` boots a guest on the host's own file system (no root, nothing
+installed, processor time of one CPU), brings up vcan0 in it, streams the command's output and ends
+with its exit status. A guest that panics, dies or takes too long is an error of its own.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+import ctypes
+import json
+import os
+from pathlib import Path
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+
+import fetch
+
+HERE = Path(__file__).resolve().parent
+CACHE = HERE.parents[1] / '.venv' / 'uml'
+MEMORY = 1 << 30
+TIMEOUT = 420.0
+PR_SET_PDEATHSIG = 1
+BOOTED = 'Linux version'
+CONSOLE_LINES = 40
+
+
+class GuestError(Exception):
+    """The guest panicked, died or took too long; the message ends with its console."""
+
+
+class GuestUnavailableError(Exception):
+    """User-mode Linux cannot be had, or does not start, on this machine."""
+
+
+def run_in_guest(command: list[str], timeout: float = TIMEOUT) -> int:
+    """
+    Boot a guest, run a command in it and return its exit status.
+
+    Raises
+    ------
+    GuestUnavailableError
+        There is no kernel for the guest, or no place for its memory, or it does not start.
+    GuestError
+        It started and then did not run the command to its end.
+
+    """
+    root = _fetch_kernel()
+    with _work_folder() as folder:
+        _write_order(folder, root, command)
+        started = _start(folder, root)
+        try:
+            started.wait(timeout)
+        except subprocess.TimeoutExpired:
+            raise GuestError(f'the guest was stopped after {timeout:g} s\n'
+                             f'{_console(folder)}') from None
+        finally:
+            _kill(started)
+        return _exit_status(folder, started.returncode)
+
+
+def _fetch_kernel() -> Path:
+    try:
+        return fetch.fetch(CACHE)
+    except (fetch.FetchError, OSError, subprocess.TimeoutExpired) as error:
+        raise GuestUnavailableError(str(error)) from error
+
+
+@contextmanager
+def _work_folder() -> Iterator[Path]:
+    """Give a folder that the guest sees as well: its /dev, /proc and /sys are its own."""
+    folder = Path(tempfile.mkdtemp(prefix='guest_', dir=CACHE))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _memory_place() -> str:
+    """Choose where the guest's memory is a file: in RAM where possible, never mounted noexec."""
+    for place in ('/dev/shm', '/tmp', str(CACHE)):
+        state = os.statvfs(place)
+        room = state.f_bavail * state.f_frsize
+        if os.access(place, os.W_OK) and not state.f_flag & os.ST_NOEXEC and room > MEMORY:
+            return place
+    raise GuestUnavailableError(f"no folder takes the {MEMORY >> 20} MB of the guest's memory")
+
+
+def _write_order(folder: Path, root: Path, command: list[str]) -> None:
+    """Leave for guest_init.py what to run, and for the kernel a program with no arguments."""
+    modules = next((root / 'usr/lib/uml/modules').iterdir()) / 'kernel'
+    order = {'command': command, 'directory': os.getcwd(), 'modules': str(modules),
+             'environment': _environment(root)}
+    (folder / 'command.json').write_text(json.dumps(order))
+    python = (sys.executable, '-I', '-S', '-c',
+              f'import sys; sys.path.insert(0, {str(HERE)!r}); import guest_init; '
+              'guest_init.main()', str(folder))
+    (folder / 'init').write_text(f'#!/bin/sh\nexec {shlex.join(python)}\n')
+    (folder / 'init').chmod(0o755)
+
+
+def _environment(root: Path) -> dict[str, str]:
+    """Return the host's environment with what is different in the guest."""
+    size = shutil.get_terminal_size()
+    return {**os.environ, 'HOME': '/dev/tmp', 'TMPDIR': '/dev/tmp', 'ROS_LOG_DIR': '/dev/tmp/ros',
+            'PATH': f'{os.environ["PATH"]}:{root}/usr/bin:/usr/sbin:/sbin',
+            'TERM': os.environ.get('TERM', 'dumb') if sys.stdout.isatty() else 'dumb',
+            'COLUMNS': str(size.columns), 'LINES': str(size.lines)}
+
+
+def _start(folder: Path, root: Path) -> subprocess.Popen:
+    """Start the guest's kernel, its serial line copied to our standard output."""
+    read_end, write_end = os.pipe()
+    console = os.open(folder / 'console', os.O_WRONLY | os.O_CREAT)
+    options = ('rootfstype=hostfs', 'rootflags=/', 'rw', 'devtmpfs.mount=0',
+               f'init="{folder}/init"', 'panic=-1',
+               f'mem={MEMORY >> 20}M', f'umid={folder.name}', 'con=null',
+               f'con0=null,fd:{console}', 'ssl=null', f'ssl0=null,fd:{write_end}')
+    libc = ctypes.CDLL(None)
+
+    def child() -> None:
+        libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+
+    process = subprocess.Popen(
+        [root / 'usr/bin/linux.uml', *options],
+        env={'TMPDIR': _memory_place(), 'HOME': str(folder), 'PATH': os.defpath},
+        stdin=subprocess.DEVNULL, stdout=console, stderr=console, pass_fds=(console, write_end),
+        start_new_session=True, preexec_fn=child)
+    os.close(console)
+    os.close(write_end)
+    threading.Thread(target=_copy_output, args=(read_end,), daemon=True).start()
+    return process
+
+
+def _copy_output(descriptor: int) -> None:
+    with open(descriptor, 'rb', buffering=0) as serial_line:
+        while data := serial_line.read(4096):
+            sys.stdout.buffer.write(data)
+            sys.stdout.flush()
+
+
+def _kill(process: subprocess.Popen) -> None:
+    """Kill what is left of the guest: its kernel and the processes that carry its own."""
+    try:
+        os.killpg(process.pid, signal.SIGKILL)
+    except ProcessLookupError:
+        pass  # it has ended in order
+    process.wait()
+
+
+def _exit_status(folder: Path, returncode: int) -> int:
+    status, error = folder / 'status', folder / 'error'
+    if status.exists():
+        return int(status.read_text())
+    if error.exists():
+        raise GuestError(f'the guest did not run the command: {error.read_text()}')
+    if BOOTED in (folder / 'console').read_text(errors='replace'):
+        raise GuestError(f'the guest died (exit status {returncode})\n{_console(folder)}')
+    raise GuestUnavailableError(f'user-mode Linux does not start here\n{_console(folder)}')
+
+
+def _console(folder: Path) -> str:
+    lines = (folder / 'console').read_text(errors='replace').splitlines()
+    return '\n'.join(['the last lines of its console:', *lines[-CONSOLE_LINES:]])
+
+
+def main() -> int:
+    """Run the command of the command line in a guest."""
+    parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
+    parser.add_argument('--timeout', type=float, default=TIMEOUT, help='in s, start included')
+    parser.add_argument('command', nargs='+', help='what to run, after --')
+    arguments = parser.parse_args()
+    try:
+        return run_in_guest(arguments.command, arguments.timeout)
+    except (GuestError, GuestUnavailableError) as error:
+        sys.exit(f'guest: {error}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,79 @@
+"""The virtual CAN bus is the kernel's: raw sockets of several processes, and its own timer."""
+
+from __future__ import annotations
+
+import itertools
+import shutil
+import socket
+import statistics
+import struct
+import subprocess
+import sys
+import time
+
+import can
+import pytest
+
+FRAME = struct.Struct('=IB3x8s')
+PERIOD = 0.010
+FRAMES = 100
+SENDER = """
+import can, sys
+with can.Bus(interface='socketcan', channel=sys.argv[1]) as bus:
+    bus.send(can.Message(arbitration_id=0x181, data=b'carriage', is_extended_id=False))
+"""
+
+
+@pytest.fixture
+def listener(vcan0):
+    with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as raw:
+        raw.settimeout(10.0)
+        raw.bind((vcan0,))
+        yield raw
+
+
+def receive(listener):
+    identifier, length, data = FRAME.unpack(listener.recv(FRAME.size))
+    return identifier, data[:length]
+
+
+def test_a_frame_of_another_process_arrives_whole(listener, vcan0):
+    subprocess.run([sys.executable, '-c', SENDER, vcan0], check=True, timeout=60)
+    assert receive(listener) == (0x181, b'carriage')
+
+
+def test_a_raw_socket_does_not_hear_itself(listener):
+    listener.send(FRAME.pack(0x080, 0, b''))
+    listener.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        listener.recv(FRAME.size)
+
+
+def test_the_broadcast_manager_keeps_the_period(listener, vcan0):
+    sync = can.Message(arbitration_id=0x080, is_extended_id=False)
+    with can.Bus(interface='socketcan', channel=vcan0) as bus:
+        task = bus.send_periodic(sync, PERIOD)
+        times = []
+        for _ in range(FRAMES):
+            assert receive(listener) == (0x080, b'')
+            times.append(time.monotonic())
+        task.stop()
+    assert (times[-1] - times[0]) / (FRAMES - 1) == pytest.approx(PERIOD, rel=0.05)
+    steps = [after - before for before, after in itertools.pairwise(times)]
+    assert statistics.median(steps) == pytest.approx(PERIOD, rel=0.2)
+
+
+def test_an_interface_that_is_not_there_is_an_error(vcan0):
+    with pytest.raises(OSError), can.Bus(interface='socketcan', channel='vcan9'):
+        pass
+
+
+@pytest.mark.skipif(not shutil.which('candump'), reason='can-utils are not installed')
+def test_candump_sees_what_python_sends(vcan0):
+    dump = subprocess.Popen(['candump', '-L', '-n', '1', vcan0], stdout=subprocess.PIPE, text=True)
+    with can.Bus(interface='socketcan', channel=vcan0) as bus:
+        task = bus.send_periodic(can.Message(arbitration_id=0x701, data=[5],
+                                             is_extended_id=False), PERIOD)
+        output, _ = dump.communicate(timeout=30)
+        task.stop()
+    assert output.split()[1:] == [vcan0, '701#05']

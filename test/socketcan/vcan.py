@@ -1,0 +1,70 @@
+"""
+Run a command where there is a virtual CAN interface, vcan0, without asking for root.
+
+``python vcan.py -- COMMAND…`` looks for it in a network namespace of its own, then among the
+machine's interfaces, and boots user-mode Linux where the kernel has no vcan at all. Without any
+of them it says so loudly and runs the command all the same: the tests then skip themselves.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+import guest
+import link
+
+NAMESPACE = ('unshare', '--net', '--mount')
+NAMESPACES = ((*NAMESPACE,), (*NAMESPACE, '--user', '--map-root-user'))
+INSIDE = (sys.executable, str(Path(__file__).resolve()), '--inside')
+PROBE_TIMEOUT = 20.0
+MISSING = 'FACADE_MANIPULATOR_NO_VCAN'
+
+
+def run(command: list[str]) -> tuple[str, int]:
+    """Run a command beside a vcan0; return where that was and its exit status."""
+    for namespace in NAMESPACES if shutil.which('unshare') else ():
+        if _succeeds([*namespace, *INSIDE, 'true']):
+            return 'a network namespace', subprocess.call([*namespace, *INSIDE, *command])
+    if Path('/sys/class/net/vcan0').exists():
+        return 'vcan0 of this machine', subprocess.call(command)
+    try:
+        return 'user-mode Linux', guest.run_in_guest(command)
+    except guest.GuestUnavailableError as error:
+        reason = f'the kernel has no vcan and user-mode Linux cannot be had: {error}'
+    print(f'\n!!! NO SOCKETCAN TESTS: {reason}\n', flush=True)
+    return 'no vcan', subprocess.call(command, env={**os.environ, MISSING: reason})
+
+
+def _succeeds(command: list[str]) -> bool:
+    try:
+        return subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+                              timeout=PROBE_TIMEOUT).returncode == 0
+    except (OSError, subprocess.TimeoutExpired):
+        return False
+
+
+def _run_inside(command: list[str]) -> None:
+    """Turn into the command, in a fresh network namespace with lo, vcan0 and its own /sys."""
+    link.bring_up()
+    if ctypes.CDLL(None).mount(b'sysfs', b'/sys', b'sysfs', 0, None) < 0:
+        sys.exit('the namespace cannot have a /sys of its own')
+    os.execvp(command[0], command)
+
+
+def main() -> int:
+    """Run the command of the command line."""
+    if sys.argv[1:2] == ['--inside']:
+        _run_inside(sys.argv[2:])
+    try:
+        return run(sys.argv[sys.argv.index('--') + 1:])[1]
+    except guest.GuestError as error:
+        sys.exit(f'guest: {error}')
+
+
+if __name__ == '__main__':
+    sys.exit(main())
