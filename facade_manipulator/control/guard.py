@@ -1,0 +1,44 @@
+"""The driver's own check of carriage positions: it trusts no solver that came before it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from facade_manipulator.kinematics import Carriages, certify, forward_kinematics, Geometry
+
+ROUNDING = 1e-6
+
+
+class MechanismGuard:
+    """
+    Check that the mechanism closes at carriage positions and may stand there.
+
+    Stroke, carriage gap, closure of both links on the machine's branch and N > 0; the bounds give
+    way by a micrometre of rounding. How well the pose is conditioned is ik_service's matter.
+
+    Parameters
+    ----------
+    geometry : Geometry
+
+    """
+
+    def __init__(self, geometry: Geometry) -> None:
+        least, greatest = geometry.stroke
+        self._geometry = replace(
+            geometry, stroke=(least - ROUNDING, greatest + ROUNDING),
+            carriage_gap=max(0.0, geometry.carriage_gap - ROUNDING))
+
+    def __call__(self, positions: tuple[float, float, float]) -> None:
+        """
+        Check positions (q1, q2, q3) [m].
+
+        Raises
+        ------
+        ParameterError
+            A position is not finite.
+        LimitError
+            The limit they violate.
+
+        """
+        pose = forward_kinematics(self._geometry, Carriages(*positions))
+        certify(self._geometry, pose, min_conditioning=0.0)

@@ -1,0 +1,55 @@
+import math
+
+from hypothesis import assume, given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.control.guard import MechanismGuard
+from facade_manipulator.errors import (
+    CarriageGapError,
+    LimitError,
+    ParameterError,
+    StrokeLimitError,
+    UnreachableError,
+)
+from facade_manipulator.kinematics import certify, Geometry, Pose
+
+GEOMETRY = Geometry()
+guard = MechanismGuard(GEOMETRY)
+
+
+@given(st.floats(-0.5, 0.5), st.floats(0.01, 0.36), st.floats(-0.5, 0.5))
+def test_every_certified_pose_passes_the_guard(x, y, theta):
+    try:
+        carriages = certify(GEOMETRY, Pose(x, y, theta))
+    except LimitError:
+        assume(False)
+    guard(tuple(carriages))
+
+
+def test_the_home_position_passes():
+    guard((-0.1, 0.1, 0.0))
+
+
+@pytest.mark.parametrize('positions, error, quantity', [
+    ((-0.51, -0.1, -0.3), StrokeLimitError, 'q1'),
+    ((0.31, 0.51, 0.4), StrokeLimitError, 'q2'),
+    ((-0.1, 0.3, -0.085), CarriageGapError, 'q3 - q1'),
+    ((-0.4, 0.4, 0.0), LimitError, ''),
+    ((0.1, -0.1, 0.0), LimitError, ''),
+])
+def test_positions_the_mechanism_cannot_take_are_refused_by_their_limit(
+        positions, error, quantity):
+    with pytest.raises(error) as refusal:
+        guard(positions)
+    assert quantity in refusal.value.quantity
+    assert isinstance(refusal.value, LimitError)
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize('axis', range(3))
+def test_a_position_that_is_no_number_is_refused(bad, axis):
+    positions = [-0.1, 0.1, 0.0]
+    positions[axis] = bad
+    with pytest.raises((ParameterError, UnreachableError)):
+        guard(tuple(positions))
