@@ -1,0 +1,124 @@
+"""Position demands over time: cyclic interpolation, a speed ramp, a trapezoidal profile."""
+
+from __future__ import annotations
+
+import math
+
+
+class Interpolator:
+    """
+    Demand of cyclic synchronous position: a straight line from SYNC to SYNC.
+
+    Parameters
+    ----------
+    position : float
+        Where the demand starts, in counts.
+
+    """
+
+    def __init__(self, position: float) -> None:
+        self.position = position
+        self.speed = 0.0
+        self._target = position
+        self._remaining = 0.0
+
+    def latch(self, target: float, period: float) -> None:
+        """Take a target to be reached after one period in s; a period of 0 makes a step."""
+        self._target = target
+        self._remaining = period
+        if period > 0.0:
+            self.speed = (target - self.position) / period
+        else:
+            self.position, self.speed = target, 0.0
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position and speed after `step` seconds."""
+        if self._remaining > step:
+            self._remaining -= step
+            self.position += self.speed * step
+            return self.position, self.speed
+        speed = self.speed if self._remaining > 0.0 else 0.0
+        self.position, self.speed, self._remaining = self._target, 0.0, 0.0
+        return self.position, speed
+
+
+class SpeedRamp:
+    """
+    Demand whose speed goes to `goal` with a bounded acceleration.
+
+    Parameters
+    ----------
+    position, speed : float
+        Where the demand starts, in counts and counts/s.
+    acceleration : float
+        Bound, in counts/s².
+    goal : float
+        Speed to reach; a caller may change it at any time.
+
+    """
+
+    def __init__(
+        self, position: float, speed: float, acceleration: float, goal: float = 0.0
+    ) -> None:
+        self.position = position
+        self.speed = speed
+        self.goal = goal
+        self._acceleration = acceleration
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position and speed after `step` seconds."""
+        most = self._acceleration * step
+        change = min(max(self.goal - self.speed, -most), most)
+        self.position += (self.speed + 0.5 * change) * step
+        self.speed += change
+        return self.position, self.speed
+
+
+class PositionRamp:
+    """
+    Demand of profile position: a trapezoidal speed profile to a target.
+
+    Parameters
+    ----------
+    position : float
+        Where the demand starts, in counts.
+
+    Attributes
+    ----------
+    target : float
+        Where it goes.
+    halted : bool
+        Whether it comes to rest on the way.
+
+    """
+
+    def __init__(self, position: float) -> None:
+        self.position = position
+        self.speed = 0.0
+        self.target = position
+        self.halted = False
+        self._limits = (0.0, 1.0, 1.0)
+
+    def go(self, target: float, speed: float, acceleration: float, deceleration: float) -> None:
+        """Set a target and the profile to reach it with: counts/s and counts/s²."""
+        self.target = target
+        self._limits = (speed, acceleration, deceleration)
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the demand stands at the target."""
+        return self.position == self.target and self.speed == 0.0
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position and speed after `step` seconds."""
+        limit, acceleration, deceleration = self._limits
+        distance = self.target - self.position
+        brake = math.sqrt(2.0 * deceleration * abs(distance))
+        wanted = 0.0 if self.halted else math.copysign(min(limit, brake), distance)
+        slows = abs(wanted) < abs(self.speed) or wanted * self.speed < 0.0
+        most = (deceleration if slows else acceleration) * step
+        self.speed += min(max(wanted - self.speed, -most), most)
+        if not self.halted and abs(distance) <= max(abs(self.speed) * step, 0.5):
+            self.position, self.speed = self.target, 0.0
+        self.position += self.speed * step
+        return self.position, self.speed
