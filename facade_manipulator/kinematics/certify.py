@@ -1,0 +1,92 @@
+"""Whether the machine may stand at a pose: every limit of the mechanism in one call."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from facade_manipulator.errors import CarriageGapError, SingularityError, StrokeLimitError
+from facade_manipulator.kinematics.conditioning import conditioning_terms
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
+from facade_manipulator.kinematics.inverse import links
+from facade_manipulator.kinematics.jacobian import branch_number
+
+# With lengths in m, the order of the carriages alone keeps the design above 0.07 near the rail.
+# Towards the far edge the index falls to 0 as the links become upright: 0.05 is passed 0.1 mm
+# before it at θ = 0, where carriages already move 40 times faster than the head.
+MIN_CONDITIONING = 0.05
+
+
+def certify(
+    geometry: Geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING,
+    characteristic_length: float = 1.0,
+) -> Carriages:
+    """
+    Check a pose against all limits of the machine at once, in the working mode PLUS_MINUS.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    pose : Pose
+        [m, m, rad].
+    min_conditioning : float
+        Least local conditioning index; 0 asks for nothing beyond the other limits.
+    characteristic_length : float
+        Unit of length of that index [m].
+
+    Returns
+    -------
+    Carriages
+        Carriage positions of the pose [m].
+
+    Raises
+    ------
+    ParameterError
+        If the pose is not finite (a ValueError).
+    UnreachableError
+        If a link is too short.
+    SingularityError
+        If the pose is behind the rail, at or beyond the parallel singularity N = 0, or
+        conditioned worse than `min_conditioning`.
+    CarriageGapError
+        If neighbouring carriages come closer than the carriage gap or change their order.
+    StrokeLimitError
+        If a carriage leaves the stroke.
+
+    """
+    at = links(geometry, pose)
+    x, y, _ = pose
+    if y <= 0.0:
+        raise SingularityError(
+            'y', y, 0.0, 'm', 'behind the rail, on the mirrored assembly branch: not above')
+    span = geometry.platform_half_length * at.cosine
+    _check_gap(geometry, span - at.projection1, span - at.projection2)
+    q1, q2 = x - span + at.projection1, x + span - at.projection2
+    _check_stroke(geometry, q1, q2)
+    number = branch_number(at)
+    if number <= 0.0:
+        raise SingularityError(
+            'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')
+    ratio = geometry.platform_half_length / characteristic_length
+    gain2, determinant2, cofactor2, product2 = conditioning_terms(at, ratio)
+    index = 3.0 * sqrt(determinant2 * product2 / (gain2 * (determinant2 + cofactor2)))
+    if index < min_conditioning:
+        raise SingularityError('conditioning index', index, min_conditioning, '', 'below')
+    return Carriages(q1, q2, x)
+
+
+def _check_gap(geometry: Geometry, distance1: float, distance2: float) -> None:
+    """Require the order A1, A3, A2 with the gap between neighbours (eq. 18)."""
+    gap = geometry.carriage_gap
+    if distance1 < gap or distance1 <= 0.0:
+        raise CarriageGapError('q3 - q1', distance1, gap, 'm', 'below' if gap else 'not above')
+    if distance2 < gap or distance2 <= 0.0:
+        raise CarriageGapError('q2 - q3', distance2, gap, 'm', 'below' if gap else 'not above')
+
+
+def _check_stroke(geometry: Geometry, q1: float, q2: float) -> None:
+    """Require the outer carriages on the stroke; A3 stands between them."""
+    least, greatest = geometry.stroke
+    if q1 < least:
+        raise StrokeLimitError('q1', q1, least, 'm', 'below')
+    if q2 > greatest:
+        raise StrokeLimitError('q2', q2, greatest, 'm', 'above')

@@ -1,0 +1,116 @@
+"""
+Inverse kinematics of one pose (eqs 7-9 of the paper), on `math`.
+
+References
+----------
+Park et al., "Design of a 3-DOF Parallel Manipulator to Compensate for Disturbances in Facade
+Cleaning", section II-A.
+
+"""
+
+from __future__ import annotations
+
+from math import cos, isfinite, sin, sqrt
+from typing import NamedTuple
+
+from facade_manipulator.errors import UnreachableError
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
+from facade_manipulator.kinematics.modes import WorkingMode
+
+
+class Links(NamedTuple):
+    """
+    The two links of a pose, as every formula of the velocities needs them.
+
+    With s = sin θ and c = cos θ: heights u1 = y − b s and u2 = y + b s of B1 and B2 above the
+    rail, and the links' signed projections on it, s1 = q1 − x + b c and s2 = x + b c − q2 [m].
+    In the mode PLUS_MINUS both projections are positive.
+    """
+
+    sine: float
+    cosine: float
+    height1: float
+    height2: float
+    projection1: float
+    projection2: float
+
+
+def inverse_kinematics(
+    geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
+) -> Carriages:
+    """
+    Carriage positions of a pose.
+
+    Answers for reach and the working mode alone; `certify` answers for the machine.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    pose : Pose
+        [m, m, rad].
+    working_mode : WorkingMode
+
+    Returns
+    -------
+    Carriages
+        [m].
+
+    Raises
+    ------
+    ParameterError
+        If the pose is not finite (a ValueError).
+    UnreachableError
+        If a link is too short: |y| + b |sin θ| is not below l (eq. 19).
+
+    """
+    x, y, theta = pose
+    if not isfinite(x + y + theta):
+        raise not_finite(Pose(x, y, theta))
+    half = geometry.platform_half_length
+    square = geometry.link_length ** 2
+    rise = half * sin(theta)
+    root1 = square - (y - rise) ** 2
+    root2 = square - (y + rise) ** 2
+    if root1 <= 0.0 or root2 <= 0.0:
+        raise _unreachable(geometry, y, rise)
+    span = half * cos(theta)
+    return Carriages(
+        x - span + working_mode.sign1 * sqrt(root1),
+        x + span + working_mode.sign2 * sqrt(root2),
+        x,
+    )
+
+
+def links(
+    geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
+) -> Links:
+    """
+    Heights and projections of the links at a pose.
+
+    Raises
+    ------
+    ParameterError, UnreachableError
+        As `inverse_kinematics`.
+
+    """
+    x, y, theta = pose
+    if not isfinite(x + y + theta):
+        raise not_finite(Pose(x, y, theta))
+    sine = sin(theta)
+    square = geometry.link_length ** 2
+    rise = geometry.platform_half_length * sine
+    height1 = y - rise
+    height2 = y + rise
+    root1 = square - height1 ** 2
+    root2 = square - height2 ** 2
+    if root1 <= 0.0 or root2 <= 0.0:
+        raise _unreachable(geometry, y, rise)
+    return Links(
+        sine, cos(theta), height1, height2,
+        working_mode.sign1 * sqrt(root1), -working_mode.sign2 * sqrt(root2),
+    )
+
+
+def _unreachable(geometry: Geometry, y: float, rise: float) -> UnreachableError:
+    return UnreachableError(
+        '|y| + b |sin theta|', abs(y) + abs(rise), geometry.link_length, 'm', 'not below')

@@ -1,0 +1,32 @@
+"""The group SE(2) of planar poses, on plain floats."""
+
+from __future__ import annotations
+
+import math
+
+from facade_manipulator.kinematics.geometry import Pose
+
+
+def wrap_angle(theta: float) -> float:
+    """Wrap an angle to [−π, π]."""
+    return math.remainder(theta, math.tau)
+
+
+def compose(a: Pose, b: Pose) -> Pose:
+    """
+    Compose two poses: the pose `b`, given in the frame whose pose is `a`.
+
+    The angles add without wrapping, so that a course of poses stays continuous.
+    """
+    cosine, sine = math.cos(a.theta), math.sin(a.theta)
+    return Pose(
+        a.x + cosine * b.x - sine * b.y,
+        a.y + sine * b.x + cosine * b.y,
+        a.theta + b.theta,
+    )
+
+
+def inverse(a: Pose) -> Pose:
+    """Invert a pose: ``compose(inverse(a), a)`` is the identity."""
+    cosine, sine = math.cos(a.theta), math.sin(a.theta)
+    return Pose(-cosine * a.x - sine * a.y, sine * a.x - cosine * a.y, -a.theta)
