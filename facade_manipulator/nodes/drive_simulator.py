@@ -147,7 +147,8 @@ def _parser() -> argparse.ArgumentParser:
     add('--interface', default='socketcan', help='python-can interface')
     add('--channel', default='vcan0', help='channel of the interface')
     add('--profile', default='simulated', help='drive type: a file of config/drives')
-    add('--node-ids', type=int, nargs='+', default=[1, 2, 3], help='one drive each; what follows has one value for each, or one for all')
+    add('--node-ids', type=int, nargs='+', default=[1, 2, 3],
+        help='one drive each; what follows has one value for each, or one for all')
     add('--start-positions', type=float, nargs='+', default=list(HOME),
         help='where the carriages stand [m]')
     add('--directions', type=int, nargs='+', default=[1],
