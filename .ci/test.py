@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-import subprocess
 import sys
 import tempfile
 import time
 import xml.etree.ElementTree as ElementTree
 
 TOP = Path(__file__).resolve().parents[1]
-NOTHING_SELECTED = 5  # pytest's exit status, right where arguments select tests
+INTERRUPTED, NOTHING_SELECTED = 2, 5  # exit statuses of pytest
 sys.path.insert(0, str(TOP / 'test' / 'socketcan'))
 
 import guest  # noqa: E402
@@ -24,7 +23,7 @@ import vcan  # noqa: E402
 
 def on_the_host(command: list[str]) -> tuple[str, int]:
     """Run a command as it is; return where that was and its exit status."""
-    return 'this machine', subprocess.call(command)
+    return 'this machine', vcan.call(command)
 
 
 def on_a_vcan(command: list[str]) -> tuple[str, int]:
@@ -56,7 +55,7 @@ def totals(report: Path) -> str:
 
 def main(arguments: list[str]) -> int:
     """Run every part whatever the others say; return 0 where all of them passed."""
-    good = (0, NOTHING_SELECTED) if arguments else (0,)
+    good = (0, NOTHING_SELECTED) if arguments else (0,)  # arguments may select tests
     lines, statuses = [], []
     with tempfile.TemporaryDirectory(dir=sys.prefix) as folder:
         for number, (name, where, selection) in enumerate(PARTS):
@@ -65,9 +64,14 @@ def main(arguments: list[str]) -> int:
                                    *selection, *arguments])
             statuses.append(status)
             lines.append(f'{name}: {totals(report)} in {time.monotonic() - start:.0f} s ({place})')
+            if status == INTERRUPTED:
+                break
     print('', *lines, sep='\n')
     return 0 if all(status in good for status in statuses) else 1
 
 
 if __name__ == '__main__':
-    sys.exit(main(sys.argv[1:]))
+    try:
+        sys.exit(main(sys.argv[1:]))
+    except KeyboardInterrupt:
+        sys.exit('interrupted')

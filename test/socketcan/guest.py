@@ -11,7 +11,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
-import ctypes
 import json
 import os
 from pathlib import Path
@@ -29,7 +28,9 @@ HERE = Path(__file__).resolve().parent
 CACHE = HERE.parents[1] / '.venv' / 'uml'
 MEMORY = 1 << 30
 TIMEOUT = 420.0
-PR_SET_PDEATHSIG = 1
+# The kernel and the processes that carry the guest's own are one group; when our end of its
+# standard input closes, because we ended in whatever way, the group is killed.
+LAUNCH = 'exec 3<&0; (read -r _ <&3; kill -KILL 0) & exec "$@" </dev/null 3<&-'
 BOOTED = 'Linux version'
 CONSOLE_LINES = 40
 
@@ -88,10 +89,11 @@ def _work_folder() -> Iterator[Path]:
 def _memory_place() -> str:
     """Choose where the guest's memory is a file: in RAM where possible, never mounted noexec."""
     for place in ('/dev/shm', '/tmp', str(CACHE)):
-        state = os.statvfs(place)
-        room = state.f_bavail * state.f_frsize
-        if os.access(place, os.W_OK) and not state.f_flag & os.ST_NOEXEC and room > MEMORY:
-            return place
+        if os.access(place, os.W_OK):
+            state = os.statvfs(place)
+            room = state.f_bavail * state.f_frsize
+            if not state.f_flag & os.ST_NOEXEC and room > MEMORY:
+                return place
     raise GuestUnavailableError(f"no folder takes the {MEMORY >> 20} MB of the guest's memory")
 
 
@@ -125,17 +127,12 @@ def _start(folder: Path, root: Path) -> subprocess.Popen:
                f'init="{folder}/init"', 'panic=-1',
                f'mem={MEMORY >> 20}M', f'umid={folder.name}', 'con=null',
                f'con0=null,fd:{console}', 'ssl=null', f'ssl0=null,fd:{write_end}')
-    libc = ctypes.CDLL(None)
-
-    def child() -> None:
-        libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
-
     process = subprocess.Popen(
-        [root / 'usr/bin/linux.uml', *options],
+        ['taskset', '--cpu-list', str(max(os.sched_getaffinity(0))),
+         'sh', '-c', LAUNCH, 'sh', root / 'usr/bin/linux.uml', *options],
         env={'TMPDIR': _memory_place(), 'HOME': str(folder), 'PATH': os.defpath},
-        stdin=subprocess.DEVNULL, stdout=console, stderr=console, pass_fds=(console, write_end),
-        start_new_session=True, preexec_fn=child)
+        stdin=subprocess.PIPE, stdout=console, stderr=console, pass_fds=(console, write_end),
+        start_new_session=True)
     os.close(console)
     os.close(write_end)
     threading.Thread(target=_copy_output, args=(read_end,), daemon=True).start()
@@ -151,11 +148,9 @@ def _copy_output(descriptor: int) -> None:
 
 def _kill(process: subprocess.Popen) -> None:
     """Kill what is left of the guest: its kernel and the processes that carry its own."""
-    try:
-        os.killpg(process.pid, signal.SIGKILL)
-    except ProcessLookupError:
-        pass  # it has ended in order
+    os.killpg(process.pid, signal.SIGKILL)  # the shell that waits for our end is there at least
     process.wait()
+    process.stdin.close()
 
 
 def _exit_status(folder: Path, returncode: int) -> int:

@@ -12,6 +12,7 @@ import ctypes
 import os
 from pathlib import Path
 import shutil
+import signal
 import subprocess
 import sys
 
@@ -29,15 +30,24 @@ def run(command: list[str]) -> tuple[str, int]:
     """Run a command beside a vcan0; return where that was and its exit status."""
     for namespace in NAMESPACES if shutil.which('unshare') else ():
         if _succeeds([*namespace, *INSIDE, 'true']):
-            return 'a network namespace', subprocess.call([*namespace, *INSIDE, *command])
+            return 'a network namespace', call([*namespace, *INSIDE, *command])
     if Path('/sys/class/net/vcan0').exists():
-        return 'vcan0 of this machine', subprocess.call(command)
+        return 'vcan0 of this machine', call(command)
     try:
         return 'user-mode Linux', guest.run_in_guest(command)
     except guest.GuestUnavailableError as error:
         reason = f'the kernel has no vcan and user-mode Linux cannot be had: {error}'
     print(f'\n!!! NO SOCKETCAN TESTS: {reason}\n', flush=True)
-    return 'no vcan', subprocess.call(command, env={**os.environ, MISSING: reason})
+    return 'no vcan', call(command, {**os.environ, MISSING: reason})
+
+
+def call(command: list[str], environment: dict[str, str] | None = None) -> int:
+    """Run a command and return its exit status; what Ctrl-C means is the command's affair."""
+    previous = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        return subprocess.call(command, env=environment)
+    finally:
+        signal.signal(signal.SIGINT, previous)
 
 
 def _succeeds(command: list[str]) -> bool:
