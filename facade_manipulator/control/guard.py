@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from facade_manipulator.kinematics import Carriages, certify, forward_kinematics, Geometry
+from facade_manipulator.kinematics import (
+    Carriages,
+    certify,
+    check_carriages,
+    forward_kinematics,
+    Geometry,
+)
 
 ROUNDING = 1e-6
 
@@ -40,5 +46,7 @@ class MechanismGuard:
             The limit they violate.
 
         """
-        pose = forward_kinematics(self._geometry, Carriages(*positions))
+        carriages = Carriages(*positions)
+        check_carriages(self._geometry, carriages)
+        pose = forward_kinematics(self._geometry, carriages)
         certify(self._geometry, pose, min_conditioning=0.0)

@@ -14,8 +14,8 @@ from facade_manipulator.kinematics import (
     certify,
     Geometry,
     Pose,
-    wrap_angle,
 )
+from facade_manipulator.kinematics.planar import wrap_angle
 from facade_manipulator.parameters import check_parameters, parameter
 
 

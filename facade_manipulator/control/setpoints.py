@@ -9,6 +9,7 @@ a stream that falls silent never moves anything.
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import enum
@@ -27,6 +28,7 @@ from facade_manipulator.kinematics import Carriages
 from facade_manipulator.parameters import check_parameters, parameter
 
 CARRIAGES = Carriages._fields
+KEPT_MARGINS = 1000
 
 
 class Setpoint(NamedTuple):
@@ -86,6 +88,15 @@ class SetpointFollower:
         Takes carriage positions, shape (3,) [m], and raises a ManipulatorError where the
         mechanism cannot or must not be.
 
+    Attributes
+    ----------
+    limited_cycles, brakes : int
+        Cycles in which the limits held the carriages back; how often they had to brake.
+    last_refusal : str
+        Why they last braked although the stream went on.
+    margins : deque of float
+        How early the last setpoints were when first used: their time less the commanded one [s].
+
     """
 
     def __init__(
@@ -96,12 +107,13 @@ class SetpointFollower:
         self.limited_cycles = 0
         self.brakes = 0
         self.last_refusal = ''
+        self.margins: deque[float] = deque(maxlen=KEPT_MARGINS)
         self._limiter = PathLimiter(limits, period)
         self._check = check
         self._motion: Motion | None = None
         self._stream: tuple[Setpoint, ...] = ()
         self._writing = Lock()
-        self._sampled = -math.inf
+        self._sampled = self._newest = -math.inf
         self._activity = Activity.HOLDING
 
     @property
@@ -178,11 +190,18 @@ class SetpointFollower:
         """
         if self._motion is None:
             raise InputError('no_position', 'no carriage position is known yet: reset first')
+        self._note_margin(latch_time)
         self._sampled = latch_time
         target = self._target(latch_time)
         motion = self._brake() if target is None else self._follow(*target)
         self._motion = motion
         return motion.position
+
+    def _note_margin(self, latch_time: float) -> None:
+        newest = self._stream[-1].time if self._stream else self._newest
+        if newest != self._newest:
+            self._newest = newest
+            self.margins.append(newest - latch_time)
 
     def _current_stream(self, now: float) -> tuple[Setpoint, ...]:
         """Return what is still of use: nothing of a silent stream, one point before now."""

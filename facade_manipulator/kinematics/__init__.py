@@ -7,7 +7,7 @@ carriages A1, A3, A2 stand on y = 0 in that order; q3 = x.
 
 from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.batch import forward_kinematics_batch, inverse_kinematics_batch
-from facade_manipulator.kinematics.certify import certify, MIN_CONDITIONING
+from facade_manipulator.kinematics.certify import certify, check_carriages, MIN_CONDITIONING
 from facade_manipulator.kinematics.conditioning import local_conditioning_index
 from facade_manipulator.kinematics.forward import forward_kinematics
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
@@ -27,6 +27,7 @@ __all__ = [
     'Carriages',
     'carriage_velocity',
     'certify',
+    'check_carriages',
     'end_effector_force',
     'forward_kinematics',
     'forward_kinematics_batch',

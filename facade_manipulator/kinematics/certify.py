@@ -74,6 +74,21 @@ def certify(
     return Carriages(q1, q2, x)
 
 
+def check_carriages(geometry: Geometry, carriages: Carriages) -> None:
+    """
+    Check what the rail alone asks of carriage positions [m]: gap, order and stroke.
+
+    Raises
+    ------
+    CarriageGapError, StrokeLimitError
+        As `certify`.
+
+    """
+    q1, q2, q3 = carriages
+    _check_gap(geometry, q3 - q1, q2 - q3)
+    _check_stroke(geometry, q1, q2)
+
+
 def _check_gap(geometry: Geometry, distance1: float, distance2: float) -> None:
     """Require the order A1, A3, A2 with the gap between neighbours (eq. 18)."""
     gap = geometry.carriage_gap
