@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import fcntl
 import itertools
 import os
@@ -11,14 +10,13 @@ import signal
 import subprocess
 import sys
 import tempfile
-import time
 
 from hypothesis import HealthCheck, settings
 import pytest
+from support import DEADLINE, wait_until
 
 SOURCE = Path(__file__).resolve().parents[1]
 DOMAINS = range(1, 100)
-DEADLINE = 20.0
 STOP_DEADLINE = 10.0
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -27,22 +25,6 @@ os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='facade_manipulator
 settings.register_profile(
     'project', deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
 settings.load_profile('project')
-
-
-def wait_until(
-    condition: Callable[[], object], what: str, deadline: float = DEADLINE,
-    step: Callable[[], None] | None = None,
-) -> object:
-    """Return the condition's first true value; fail, saying for what, at the deadline."""
-    end = time.monotonic() + deadline
-    while not (value := condition()):
-        if time.monotonic() > end:
-            pytest.fail(f'waited {deadline:g} s in vain for {what}')
-        if step is None:
-            time.sleep(0.005)
-        else:
-            step()
-    return value
 
 
 _next_domain = itertools.count(os.getpid())
