@@ -81,6 +81,26 @@ def test_a_stream_of_goals_becomes_setpoints_with_positions_and_velocities(bench
     assert seconds(last.header.stamp) == pytest.approx(begin + 4 * step, abs=1e-6)
 
 
+def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
+    start = Pose(-0.05, 0.25, 0.0)
+    bench.states.publish(JointState(
+        name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, start)))
+    bench.until(lambda: bench.heads, 'end_effector_pose')
+    bench.goals.publish(rail(MIDDLE))
+    there = list(inverse_kinematics(GEOMETRY, MIDDLE))
+    bench.until(lambda: bench.setpoints and list(bench.setpoints[-1].position)
+                == pytest.approx(there, abs=1e-9), 'the setpoint of the goal')
+    times = [seconds(item.header.stamp) for item in bench.setpoints]
+    assert times == sorted(times)
+    steps = [abs(b.position[2] - a.position[2])
+             for a, b in zip(bench.setpoints, bench.setpoints[1:], strict=False)]
+    assert abs(bench.setpoints[0].position[2] - start.x) < 0.001 and max(steps) < 0.02
+    count = len(bench.setpoints)
+    bench.goals.publish(rail(MIDDLE._replace(y=0.4)))
+    bench.until(lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the refusal')
+    assert len(bench.setpoints) == count
+
+
 @pytest.mark.parametrize('message, sentence', [
     (rail(MIDDLE._replace(x=math.nan)), 'x = nan is not a finite number'),
     (pose_stamped('facade', 0.0, MIDDLE), "in frame 'facade', expected 'rail'"),

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
+from facade_manipulator.control.approach import Approach
+from facade_manipulator.control.reference import ReferenceSettings
 from facade_manipulator.control.setpoint_stream import (
     certified_path,
     GoalSettings,
@@ -15,7 +19,13 @@ from facade_manipulator.control.setpoint_stream import (
 )
 from facade_manipulator.control.setpoints import Setpoint
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Carriages, forward_kinematics, Geometry, Pose
+from facade_manipulator.kinematics import (
+    Carriages,
+    certify,
+    forward_kinematics,
+    Geometry,
+    Pose,
+)
 from facade_manipulator.nodes.conversions import (
     CARRIAGES,
     carriages_from,
@@ -32,6 +42,7 @@ from facade_manipulator.nodes.runtime import LATCHED, LATEST, RELIABLE, run
 
 RAIL = 'rail'
 ACTUATOR_SPACE = 'actuator_space'
+APPROACH_PERIOD = 0.01
 
 
 class IkServiceNode(Node):
@@ -42,6 +53,8 @@ class IkServiceNode(Node):
         self.geometry = declare(self, Geometry, 'geometry')
         self.settings = declare(self, GoalSettings, '', self._change_settings)
         self._stream = SetpointStream(self.geometry, self.settings)
+        self._approach = Approach(declare(self, ReferenceSettings, 'approach'))
+        self._last_goal_time = -math.inf
         self._refusals = Refusals(self)
         self._outcome = ('ok', 'no goal yet')
         self._setpoint_count = 0
@@ -52,6 +65,7 @@ class IkServiceNode(Node):
         self.create_subscription(PoseStamped, 'corrected_pose', self._take_goal, LATEST)
         self.create_subscription(JointState, 'joint_states', self._take_joint_states, RELIABLE)
         self.create_service(GetPlan, 'ik_service/solve', self._solve)
+        self.create_timer(APPROACH_PERIOD, self._lead)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self._publish_outcome()
 
@@ -61,19 +75,39 @@ class IkServiceNode(Node):
 
     def _take_goal(self, message: PoseStamped) -> None:
         try:
-            setpoint = self._setpoint(message)
+            require_frame(message.header.frame_id, RAIL, 'corrected_pose')
+            pose = planar_pose(message.pose, 'corrected_pose')
+            self._go_to(seconds(message.header.stamp) or self._now(), pose)
         except ManipulatorError as error:
+            self._approach.end()
             self._refuse(error)
+
+    def _go_to(self, time: float, pose: Pose) -> None:
+        """Follow a goal of a stream; lead the head to one that comes alone."""
+        pause = time - self._last_goal_time
+        self._last_goal_time = time
+        if self._head is None or pause <= self.settings.stream_gap:
+            self._approach.end()
+            self._follow(time, pose)
             return
+        certify(self.geometry, pose, self.settings.min_conditioning)
+        self._approach.begin(self._now() + self.settings.lead, self._head, pose)
+
+    def _lead(self) -> None:
+        time = self._now() + self.settings.lead
+        try:
+            pose = self._approach.pose(time)
+            if pose is not None:
+                self._follow(time, pose)
+        except ManipulatorError as error:
+            self._approach.end()
+            self._refuse(error)
+
+    def _follow(self, time: float, pose: Pose) -> None:
+        setpoint = self._stream.setpoint(time, pose)
         self._setpoint_count += 1
         self._setpoints.publish(_setpoint_message(setpoint))
         self._accept('following the goals')
-
-    def _setpoint(self, message: PoseStamped) -> Setpoint:
-        require_frame(message.header.frame_id, RAIL, 'corrected_pose')
-        pose = planar_pose(message.pose, 'corrected_pose')
-        time = seconds(message.header.stamp) or self._now()
-        return self._stream.setpoint(time, pose)
 
     def _take_joint_states(self, message: JointState) -> None:
         try:
