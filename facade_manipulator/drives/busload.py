@@ -41,7 +41,7 @@ def transmission_type(pdo: Pdo, rate: int) -> int:
     return ceil(rate / _REDUCED_RATES[pdo.name])
 
 
-def bus_load(settings: ControllerSettings) -> float:
+def bus_load(settings: ControllerSettings, bitrate: int) -> float:
     """
     Return the worst-case share of the bus that the cyclic traffic takes.
 
@@ -55,10 +55,10 @@ def bus_load(settings: ControllerSettings) -> float:
     cyclic = settings.rate * (frame_bits(0) + process_data)
     heartbeats = (axes + 1) / settings.heartbeat_period * frame_bits(_HEARTBEAT_BYTES)
     sdo = min(settings.rate, _FASTEST_SDO) * 2 * frame_bits(_SDO_BYTES)
-    return (cyclic + heartbeats + sdo) / settings.bitrate
+    return (cyclic + heartbeats + sdo) / bitrate
 
 
-def check_bus_load(settings: ControllerSettings) -> float:
+def check_bus_load(settings: ControllerSettings, bitrate: int) -> float:
     """
     Return the load.
 
@@ -68,10 +68,10 @@ def check_bus_load(settings: ControllerSettings) -> float:
         It is above `ControllerSettings.max_bus_load`.
 
     """
-    load = bus_load(settings)
+    load = bus_load(settings, bitrate)
     if load > settings.max_bus_load:
         raise ParameterError(
-            f'bus load = {100 * load:.0f} % at {settings.rate} Hz and {settings.bitrate} bit/s is '
+            f'bus load = {100 * load:.0f} % at {settings.rate} Hz and {bitrate} bit/s is '
             f'above its bound {100 * settings.max_bus_load:.0f} %: lower the rate or raise the '
             'bit rate')
     return load

@@ -32,8 +32,8 @@ class CycleStatistics(NamedTuple):
     skipped : int
         Periods that passed without a SYNC.
     lateness : tuple of int
-        How many steps came later than LATENESS_BOUNDS after the answers, or their time-out,
-        were due; one bin below the first bound, one beyond each.
+        Histogram of the time from SYNC to the step: one bin below each of LATENESS_BOUNDS [s],
+        one beyond the last.
     worst : float
         Longest time from SYNC to the step [s].
 
@@ -114,9 +114,9 @@ class CycleClock:
             self._skipped += not heard
             self._next_sync = time + SYNC_OVERDUE * self.period
         else:
-            passed = max(0, int((time - self._next_sync) / self.period))
-            self._skipped += passed
-            self._next_sync += (1 + passed) * self.period
+            self._skipped += max(0, int((time - self._next_sync) / self.period))
+            self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
+                self._next_sync + self.period, time + COMMANDS_DUE * self.period)
         self.sync_time, self.sync_stamp = time, stamp
         self._open = True
 

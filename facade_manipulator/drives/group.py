@@ -23,6 +23,7 @@ from facade_manipulator.errors import DriveError, DriveFaultError, DriveStateErr
 RESET_WINDOW = 60.0
 MOST_FURTHER_CAUSES = 8
 CLEAR_REMEDY = 'remove the cause, clear the faults, then activate'
+DISOBEYED_REMEDY = 'switch the power of the drives off, find out why, configure again'
 
 
 class Phase(Enum):
@@ -144,6 +145,7 @@ class Group:
         self.further_causes: deque[Cause] = deque(maxlen=MOST_FURTHER_CAUSES)
         self.has_disobeyed = False
         self.is_settled = False
+        self._mode = int(_CSP)
         self._timeouts = {Phase.RAMPING: ramp_timeout}
         self._step_timeout = step_timeout
         self._max_resets = max_resets
@@ -273,6 +275,14 @@ class Group:
         elif self.phase not in (Phase.STOPPING, Phase.STOPPED):
             self._begin(_STOP, now)
 
+    def cut_power(self, now: float) -> None:
+        """Take the power off for good, before the drives are left alone; ends in stopped."""
+        self._begin(_CUT_POWER, now)
+
+    def give_time(self, now: float) -> None:
+        """Begin the present step anew: nothing could be commanded or heard for a while."""
+        self._begin(self._plan, now)
+
     def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[Command, ...]:
         """
         Take the drives' feedback and return what to command them.
@@ -309,12 +319,18 @@ class Group:
             self.further_causes.clear()
             self.has_disobeyed = False
 
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """What to command now; `step` may add bits to it."""
+        controlword = self._plan[0][1].controlword
+        return (Command(controlword, self._mode),) * len(self._steppers)
+
     def _commands(self, bits: list[int]) -> tuple[Command, ...]:
-        phase, step = self._plan[0]
-        mode = _CSP if step.mode is None else step.mode
-        if phase is not Phase.HOMING:
-            bits = [0] * len(self._steppers)
-        return tuple(Command(step.controlword | extra, mode) for extra in bits)
+        if self.phase is not Phase.HOMING:
+            return self.commands
+        return tuple(
+            command._replace(controlword=command.controlword | extra)
+            for command, extra in zip(self.commands, bits, strict=True))
 
     def _homing_bits(self, number: int, feedback: Feedback, now: float) -> int:
         if self._homing is None:
@@ -336,7 +352,7 @@ class Group:
             self.stop(Cause(str(error), axis=name, is_vague=True), now)
         elif not self.has_disobeyed and (self.phase is Phase.STOPPED or now > self._deadline):
             self.has_disobeyed = True
-            self.stop(Cause(str(error), axis=name), now)
+            self.stop(Cause(str(error), DISOBEYED_REMEDY, name, configure_again=True), now)
             self._begin(_CUT_POWER, now)
 
     def _explains(self, cause: Cause) -> bool:
@@ -367,6 +383,7 @@ class Group:
         self._cycles = 0
         self.is_settled = False
         phase, step = plan[0]
+        self._mode = self._mode if step.mode is None else step.mode
         self._deadline = now + self._timeouts.get(phase, self._step_timeout)
         for stepper in self._steppers:
             stepper.begin(step, self._deadline)

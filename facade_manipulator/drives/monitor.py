@@ -97,6 +97,12 @@ class AxisMonitor:
         at_rest = velocity is not None and abs(velocity) < self._settings.rest_speed
         return Feedback(status.statusword, status.mode, at_rest, self.error_code)
 
+    def forget(self) -> None:
+        """Forget what was heard, because the bus was gone; the home position is kept."""
+        self.status = self.motion = self.condition = None
+        self.nmt_state = self.heartbeat_time = None
+        self.is_fresh = False
+
     def begin_supervision(self, now: float) -> None:
         """From now on silence is a fault."""
         self._supervised_since = now

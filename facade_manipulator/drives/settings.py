@@ -108,9 +108,6 @@ class ControllerSettings:
     rate: int = parameter(
         100, 'Cycles per second; a whole number of milliseconds each', unit='Hz',
         minimum=10, maximum=500, read_only=True)
-    bitrate: int = parameter(
-        1_000_000, 'Bit rate of the bus', unit='bit/s', minimum=10_000, maximum=1_000_000,
-        read_only=True)
     max_bus_load: float = parameter(
         0.5, 'Share of the bus that a configuration may use', minimum=0.01, maximum=1.0,
         read_only=True)

@@ -1,0 +1,217 @@
+"""
+Bring the drives from power-up to NMT Operational, and check them again after a fault.
+
+Runs in a worker thread: it waits for SDO answers, boot-up messages and heartbeats, which the
+control thread receives meanwhile (`Hearing`). A drive's own heartbeat is the proof of its NMT
+state, never the command that was sent.
+
+References
+----------
+CiA 301: network management, boot-up protocol, heartbeat protocol.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import IntEnum
+import threading
+import time
+
+from facade_manipulator.drives.bus import CanBus
+from facade_manipulator.drives.configuration import (
+    check_identity,
+    object_writes,
+    Objects,
+    pdo_writes,
+    read_identity,
+    verify_objects,
+    write_objects,
+)
+from facade_manipulator.drives.monitor import AxisMonitor, NmtState
+from facade_manipulator.drives.pdo import NMT_COB_ID
+from facade_manipulator.drives.profile import DriveProfile
+from facade_manipulator.drives.settings import ControllerSettings
+from facade_manipulator.errors import DriveIdentityError, DriveStateError, DriveTimeoutError
+
+
+class NmtCommand(IntEnum):
+    """Network management commands."""
+
+    START = 0x01
+    STOP = 0x02
+    ENTER_PRE_OPERATIONAL = 0x80
+    RESET_NODE = 0x81
+
+
+def send_nmt(bus: CanBus, command: NmtCommand, node_id: int) -> None:
+    """Send a network management command to one node."""
+    bus.send(NMT_COB_ID, bytes([command, node_id]))
+
+
+class Hearing:
+    """Lets a worker wait for what the control thread hears."""
+
+    def __init__(self) -> None:
+        self._heard = threading.Condition()
+        self._cancelled = False
+
+    def notify(self) -> None:
+        """Say that something was heard."""
+        with self._heard:
+            self._heard.notify_all()
+
+    def cancel(self) -> None:
+        """Make whoever waits, now or later, give up."""
+        with self._heard:
+            self._cancelled = True
+            self._heard.notify_all()
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """
+        Wait until a condition holds; return whether it does.
+
+        Raises
+        ------
+        DriveStateError
+            The waiting was cancelled.
+
+        """
+        with self._heard:
+            held = self._heard.wait_for(lambda: self._cancelled or condition(), timeout)
+            if self._cancelled:
+                raise DriveStateError('given up: the bus is being closed')
+            return held
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive: what was heard of it, its objects, its type."""
+
+    monitor: AxisMonitor
+    objects: Objects
+    profile: DriveProfile
+
+
+class Commissioning:
+    """
+    Configure and check the drives of one bus.
+
+    Parameters
+    ----------
+    bus : CanBus
+    drives : tuple of Drive
+    settings : ControllerSettings
+    hearing : Hearing
+
+    """
+
+    def __init__(
+        self, bus: CanBus, drives: tuple[Drive, ...], settings: ControllerSettings,
+        hearing: Hearing,
+    ) -> None:
+        self._bus = bus
+        self._drives = drives
+        self._settings = settings
+        self._hearing = hearing
+
+    def configure(self) -> list[str]:
+        """
+        Reset, identify, write, prove and start all drives.
+
+        Returns
+        -------
+        list of str
+            What was skipped or not checked.
+
+        Raises
+        ------
+        DriveError
+            Which drive failed at what.
+        BusError
+            The bus is gone.
+
+        """
+        self._reset()
+        for drive in self._drives:
+            self._command(NmtCommand.ENTER_PRE_OPERATIONAL, drive)
+        self._check_identities()
+        notes = [note for drive in self._drives for note in self._write(drive)]
+        self._start()
+        return notes
+
+    def check_again(self) -> None:
+        """
+        Prove identities, objects and PDO map once more and start what is not operational.
+
+        Raises
+        ------
+        DriveError
+            A drive does not answer, or is not as it was configured: it has restarted.
+        BusError
+            The bus is gone.
+
+        """
+        self._check_identities()
+        for drive in self._drives:
+            verify_objects(drive.objects, self._writes(drive))
+        self._start()
+
+    def _reset(self) -> None:
+        if not self._settings.reset_nodes:
+            return
+        monitors = [drive.monitor for drive in self._drives]
+        for drive in self._drives:
+            drive.monitor.boot_ups = 0
+            self._command(NmtCommand.RESET_NODE, drive)
+        self._wait(lambda m: m.boot_ups > 0, self._settings.boot_timeout,
+                   'sent no boot-up message after its reset: check its power, its node id and '
+                   'the bit rate of the bus')
+        for monitor in monitors:
+            if monitor.boot_ups > 1:
+                raise DriveIdentityError(
+                    f'{monitor.title} sent {monitor.boot_ups} boot-up messages: more than one '
+                    'drive has this node id, give each its own')
+
+    def _check_identities(self) -> None:
+        serials = {
+            drive.monitor.axis.serial_number: drive.monitor.name for drive in self._drives}
+        for drive in self._drives:
+            found = read_identity(drive.objects)
+            check_identity(drive.monitor.name, found, drive.monitor.axis, serials)
+            drive.monitor.serial_number = found.serial_number
+
+    def _write(self, drive: Drive) -> list[str]:
+        notes = write_objects(drive.objects, self._writes(drive))
+        if not drive.monitor.axis.serial_number:
+            notes.append(
+                f'{drive.monitor.title} is not told from another drive: set its serial_number '
+                f'to {drive.monitor.serial_number}')
+        return notes
+
+    def _writes(self, drive: Drive) -> list:
+        axis = drive.monitor.axis
+        return (object_writes(drive.profile, axis, self._settings)
+                + pdo_writes(axis.node_id, self._settings.rate))
+
+    def _start(self) -> None:
+        for drive in self._drives:
+            self._command(NmtCommand.START, drive)
+        since = time.monotonic()
+        self._wait(lambda m: (m.nmt_state == NmtState.OPERATIONAL
+                              and (m.heartbeat_time or 0.0) >= since),
+                   self._settings.step_timeout,
+                   'did not confirm by its heartbeat that it is operational')
+
+    def _command(self, command: NmtCommand, drive: Drive) -> None:
+        send_nmt(self._bus, command, drive.monitor.axis.node_id)
+
+    def _wait(
+        self, condition: Callable[[AxisMonitor], bool], timeout: float, failure: str
+    ) -> None:
+        """Wait until a condition holds for all drives; name those for which it does not."""
+        monitors = [drive.monitor for drive in self._drives]
+        if not self._hearing.wait_for(lambda: all(map(condition, monitors)), timeout):
+            missing = ' and '.join(m.title for m in monitors if not condition(m))
+            raise DriveTimeoutError(f'{missing} {failure} (waited {timeout:g} s)')

@@ -1,0 +1,329 @@
+"""
+The drive controller: one control thread that owns the bus, and requests that never wait.
+
+A request (`configure`, `activate`, `home`, …) returns a future at once; its result is a sentence
+for the operator, its exception one as well. The control thread receives, supervises, steps the
+group and commands once per SYNC. What needs SDO runs in a worker thread.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import suppress
+import logging
+import threading
+import time
+
+import can
+
+from facade_manipulator.drives import operations
+from facade_manipulator.drives.busload import check_bus_load
+from facade_manipulator.drives.group import Cause, CLEAR_REMEDY, Phase
+from facade_manipulator.drives.operations import CLOSING_TIMEOUT, Operation
+from facade_manipulator.drives.realtime import request_realtime
+from facade_manipulator.drives.report import axis_snapshot
+from facade_manipulator.drives.session import HomingCheck, Session
+from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, Triple
+from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState, nothing_known
+from facade_manipulator.drives.targets import TargetSource
+from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
+
+IDLE_WAIT = 1.0
+_STATES = {
+    Phase.OFF: ControllerState.INACTIVE,
+    Phase.ENABLING: ControllerState.ACTIVATING,
+    Phase.HOLDING: ControllerState.ACTIVATING,
+    Phase.RUNNING: ControllerState.ACTIVE,
+    Phase.RAMPING: ControllerState.DEACTIVATING,
+    Phase.HALTED: ControllerState.HALTED,
+    Phase.DISABLING: ControllerState.DEACTIVATING,
+    Phase.HOMING: ControllerState.HOMING,
+    Phase.STOPPING: ControllerState.STOPPED,
+    Phase.STOPPED: ControllerState.STOPPED,
+    Phase.RESETTING: ControllerState.CLEARING,
+}
+_log = logging.getLogger(__name__)
+
+
+def allow_anything(*_: object) -> None:
+    """Check nothing: the default where the caller knows no mechanism."""
+
+
+class DriveController:
+    """
+    Three drives on one CAN bus.
+
+    Done callbacks of the futures run in the control thread and must be short. `close` must be
+    called at the end; without it the drives stop because the master's heartbeat is missing.
+
+    Parameters
+    ----------
+    settings : ControllerSettings
+    axes : tuple of AxisSettings
+        q1, q2, q3.
+    open_bus : callable
+        Returns an open python-can bus or raises; see `facade_manipulator.drives.link.open_bus`.
+    source : TargetSource
+        Asked for targets once a cycle while active, in the control thread.
+    bitrate : int
+        Bit rate of the bus, for the check of its load [bit/s].
+    check_targets : callable
+        Takes three positions [m], raises a ManipulatorError where the mechanism must not be.
+    check_homing : callable
+        Takes three positions [m] and which axes are homed, called in each cycle of homing;
+        raises a ManipulatorError when carriages or links come too close.
+    on_cycle : callable
+        Called in the control thread after each cycle; must not wait.
+
+    Raises
+    ------
+    ParameterError
+        Settings contradict each other, a drive profile is missing, or the bus load is too high.
+
+    """
+
+    def __init__(
+        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...],
+        open_bus: Callable[[], can.BusABC], source: TargetSource, *,
+        bitrate: int = 1_000_000,
+        check_targets: Callable[[Triple], None] = allow_anything,
+        check_homing: HomingCheck = allow_anything,
+        on_cycle: Callable[[], None] = allow_anything,
+    ) -> None:
+        self._bus_load = check_bus_load(settings, bitrate)
+        self._session = Session(
+            settings, axes, open_bus, source, check_targets, check_homing, self._finish_cycle)
+        self._notify = on_cycle
+        self._operation: Operation | None = None
+        self._future: Future[str] | None = None
+        self._requests: deque[tuple[Operation, Future[str]]] = deque()
+        self._wake = threading.Event()
+        self._refused: tuple[str, ...] = ()
+        self._closed = False
+        self._snapshot = nothing_known(tuple(axis.node_id for axis in axes))
+        self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
+        self._thread.start()
+
+    # --- from any thread
+
+    def configure(self) -> Future[str]:
+        """Open the bus, check and configure the drives, start the cycle; the power stays off."""
+        return self._request(operations.Configure)
+
+    def cleanup(self) -> Future[str]:
+        """Leave the drives without power in NMT pre-operational and close the bus."""
+        return self._request(operations.Cleanup)
+
+    def activate(self) -> Future[str]:
+        """Power on all three drives together, hold, then follow targets."""
+        return self._request(operations.Activate)
+
+    def deactivate(self) -> Future[str]:
+        """Come to rest on the path, then power off."""
+        return self._request(operations.Deactivate)
+
+    def home(self) -> Future[str]:
+        """Home all axes, rank after rank; powers on for it and off again."""
+        return self._request(operations.Home)
+
+    def halt(self) -> Future[str]:
+        """Come to rest on the path and hold there until activated or deactivated."""
+        return self._request(operations.Halt)
+
+    def clear_faults(self) -> Future[str]:
+        """Check the drives again and reset their faults; they stay without power."""
+        return self._request(operations.ClearFaults)
+
+    def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
+        """Quick stop all axes at once and stay stopped until the faults are cleared."""
+        connection, group = self._session.connection, self._session.group
+        if group is None:
+            return  # no drive has power before the drives are configured
+        self._session.stops.append(Cause(cause, remedy))
+        if connection is not None:
+            with suppress(BusError):  # the control thread meets the same error and handles it
+                connection.stream.send_stop()
+
+    def beat(self) -> None:
+        """Show that the caller's executor is alive; powered drives stop without."""
+        self._session.beaten = time.monotonic()
+
+    def snapshot(self) -> ControllerSnapshot:
+        """Return the newest state of controller and axes."""
+        return self._snapshot
+
+    def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> None:
+        """Power the drives off in order, or stop them, then fall silent; waits for it."""
+        future = self._request(operations.Close)
+        with suppress(ManipulatorError, FutureTimeoutError):
+            future.result(timeout)
+        self._thread.join(timeout)
+        self._session.worker.shutdown(wait=False)
+
+    def _request(self, kind: type[Operation]) -> Future[str]:
+        future: Future[str] = Future()
+        future.set_running_or_notify_cancel()  # from here on nobody can cancel it
+        self._requests.append((kind(self._session), future))
+        self._wake.set()
+        if self._closed:
+            self._refuse_rest()
+        return future
+
+    # --- the control thread
+
+    def _run(self) -> None:
+        self._refused = tuple(request_realtime(self._session.settings))
+        while not self._closed:
+            try:
+                self._turn()
+            except BusError as error:
+                self._lose_bus(error)
+            except Exception as error:  # this thread must live: the drives depend on it
+                self._survive(error)
+        self._refuse_rest()
+
+    def _turn(self) -> None:
+        self._take_requests()
+        session = self._session
+        if session.connection is None:
+            self._idle()
+        else:
+            session.connection.stream.pump()
+        now = time.monotonic()
+        session.watch_recovery(now)
+        self._poll(now)
+        if session.group is None or session.lost is not None:
+            self._publish(now)
+
+    def _idle(self) -> None:
+        lost = self._session.lost
+        wait = IDLE_WAIT if lost is None else lost.next_try - time.monotonic()
+        if wait > 0.0 and not self._requests:
+            self._wake.wait(wait)
+        self._wake.clear()
+        now = time.monotonic()
+        if lost is not None and now >= lost.next_try:
+            self._session.try_to_reopen(now)
+
+    def _take_requests(self) -> None:
+        while self._requests and not self._closed:
+            operation, future = self._requests.popleft()
+            try:
+                self._require_free(operation)
+                sentence = operation.begin(time.monotonic())
+            except ManipulatorError as error:
+                future.set_exception(error)
+                continue
+            except Exception as error:
+                future.set_exception(error)
+                raise
+            self._fail(DriveStateError(f'given up for {operation.name}'))
+            self._operation, self._future = operation, future
+            if sentence is not None:
+                self._succeed(sentence)
+
+    def _require_free(self, request: Operation) -> None:
+        present = self._operation
+        if present is not None and not request.interrupts:
+            raise DriveStateError(
+                f'{request.name} is not possible while {present.name} is under way')
+
+    def _poll(self, now: float) -> None:
+        if self._operation is None:
+            return
+        try:
+            sentence = self._operation.poll(now)
+        except ManipulatorError as error:
+            self._fail(error)
+            return
+        except Exception as error:
+            self._fail(error)
+            raise
+        if sentence is not None:
+            self._succeed(sentence)
+
+    def _succeed(self, sentence: str) -> None:
+        self._closed = isinstance(self._operation, operations.Close)
+        future = self._future
+        self._operation = self._future = None
+        self._publish(time.monotonic())
+        future.set_result(sentence)
+
+    def _fail(self, error: Exception) -> None:
+        operation, future = self._operation, self._future
+        self._operation = self._future = None
+        if operation is not None:
+            operation.give_up()
+            self._publish(time.monotonic())
+            future.set_exception(error)
+
+    def _refuse_rest(self) -> None:
+        while self._requests:
+            _, future = self._requests.popleft()
+            future.set_exception(DriveStateError('the drive controller is closed'))
+
+    def _lose_bus(self, error: BusError) -> None:
+        now = time.monotonic()
+        self._session.lose(error, now)
+        if self._operation is None or not self._operation.outlives_bus:
+            self._fail(error)
+        self._publish(now)
+
+    def _survive(self, error: Exception) -> None:
+        """Stop the drives for an error that nobody foresaw; the loop goes on."""
+        _log.exception('the control loop failed')
+        sentence = f'the control loop failed: {type(error).__name__}: {error}'
+        session = self._session
+        if session.group is not None:
+            session.group.stop(
+                Cause(sentence, 'report this, clear the faults, then activate'),
+                time.monotonic())
+        if session.connection is not None:
+            with suppress(BusError):
+                session.connection.stream.send_stop()
+        self._wake.clear()
+        self._wake.wait(session.settings.period)  # an error that stays must not eat the CPU
+
+    # --- the snapshot
+
+    def _finish_cycle(self, now: float) -> None:
+        self._publish(now)
+        self._notify()
+
+    def _publish(self, now: float) -> None:
+        session = self._session
+        cause = session.group.cause if session.group is not None else None
+        targets = session.targets.positions or (None, None, None)
+        clock = session.connection.stream.clock if session.connection is not None else None
+        self._snapshot = ControllerSnapshot(
+            state=self._state,
+            stamp=clock.sync_stamp if clock is not None and clock.sync_stamp else None,
+            axes=tuple(
+                axis_snapshot(monitor, target, now)
+                for monitor, target in zip(session.monitors, targets, strict=True)),
+            cause=cause.sentence if cause else '',
+            next_step=cause.remedy if cause else '',
+            further_causes=tuple(
+                one.sentence for one in session.group.further_causes) if cause else (),
+            notes=self._refused + session.notes,
+            cycle=session.cycle_statistics,
+            bus=session.bus_statistics,
+            bus_error=session.lost.sentence if session.lost is not None else '',
+            bus_load=self._bus_load,
+        )
+
+    @property
+    def _state(self) -> ControllerState:
+        session = self._session
+        if self._closed:
+            return ControllerState.CLOSED
+        if self._operation is not None and not session.is_stopped:
+            return self._operation.state
+        if session.lost is not None:
+            return ControllerState.BUS_LOST
+        if session.group is None:
+            return ControllerState.UNCONFIGURED
+        return _STATES[session.group.phase]

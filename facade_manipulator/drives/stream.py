@@ -1,0 +1,287 @@
+"""
+The control thread's work on an open bus: receive, supervise, step, command, once per SYNC.
+
+Frames go by COB-ID and length to whoever decodes them; anything else on the bus is not for us.
+Nothing in here waits but for the next frame or the next deadline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import time
+
+from facade_manipulator.drives import pdo
+from facade_manipulator.drives.bus import BusCongestedError, CanBus, Frame
+from facade_manipulator.drives.cia402 import Controlword
+from facade_manipulator.drives.commissioning import Hearing, NmtCommand, send_nmt
+from facade_manipulator.drives.cycle import CycleClock
+from facade_manipulator.drives.group import Cause, Command, Group, Phase
+from facade_manipulator.drives.monitor import AxisMonitor, NmtState
+from facade_manipulator.drives.network import PumpedNetwork, SDO_FRAME_LENGTH
+from facade_manipulator.drives.settings import ControllerSettings
+from facade_manipulator.drives.targets import Targets
+from facade_manipulator.errors import BusError, ManipulatorError
+
+LONGEST_WAIT = 0.02
+MOST_CONGESTED_CYCLES = 3
+TARGET_REMEDY = 'see to the source of the setpoints, clear the faults, then activate'
+_EMERGENCY_LENGTH = 8
+_UNSTOPPED = (Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED)
+_STOPPED = (Phase.STOPPING, Phase.STOPPED)
+
+
+class Stream:
+    """
+    The cyclic exchange with three drives.
+
+    `pump` is called in a loop by the control thread, which also calls everything else here.
+
+    Parameters
+    ----------
+    bus : CanBus
+    network : PumpedNetwork
+        Gets the answers to SDO requests.
+    monitors : tuple of AxisMonitor
+    settings : ControllerSettings
+    targets : Targets
+    supervise : callable
+        Called in each cycle with the time; yields causes to stop for.
+    on_cycle : callable
+        Called at the end of each cycle with the time.
+
+    """
+
+    def __init__(
+        self, bus: CanBus, network: PumpedNetwork, monitors: tuple[AxisMonitor, ...],
+        settings: ControllerSettings, targets: Targets,
+        supervise: Callable[[float], list[Cause]], on_cycle: Callable[[float], None],
+    ) -> None:
+        self.group: Group | None = None
+        self.hearing = Hearing()
+        self.clock = CycleClock(settings.period, bus.has_kernel_sync)
+        self.speaks = True
+        self._bus = bus
+        self._network = network
+        self._monitors = monitors
+        self._settings = settings
+        self._targets = targets
+        self._supervise = supervise
+        self._on_cycle = on_cycle
+        self._next_heartbeat = 0.0
+        self._congested_in_a_row = 0
+        self._congestion = ''
+        self._was_disobeyed = False
+        self._routes = self._make_routes()
+        bus.listen_to(tuple(self._routes))
+
+    # --- receiving
+
+    def _make_routes(self) -> dict[int, tuple[int, Callable[[Frame], None]]]:
+        routes = {pdo.SYNC_COB_ID: (0, self._on_sync)} if self._bus.has_kernel_sync else {}
+        for monitor in self._monitors:
+            routes.update(self._routes_of(monitor))
+        return routes
+
+    def _routes_of(self, monitor: AxisMonitor) -> dict:
+        node = monitor.axis.node_id
+        return {
+            pdo.TPDO1.cob_id(node): (pdo.TPDO1.codec.size, lambda frame: monitor.take_tpdo1(
+                frame.data, frame.time, self.clock.sync_time)),
+            pdo.TPDO2.cob_id(node): (
+                pdo.TPDO2.codec.size, lambda frame: monitor.take_tpdo2(frame.data)),
+            pdo.TPDO3.cob_id(node): (
+                pdo.TPDO3.codec.size, lambda frame: monitor.take_tpdo3(frame.data)),
+            pdo.emergency_cob_id(node): (
+                _EMERGENCY_LENGTH, lambda frame: self._stop_for(
+                    monitor.take_emergency(frame.data))),
+            pdo.heartbeat_cob_id(node): (
+                1, lambda frame: self._on_heartbeat(monitor, frame)),
+            pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self._network.feed),
+        }
+
+    def _dispatch(self, frame: Frame) -> None:
+        length, take = self._routes.get(frame.cob_id, (None, None))
+        if length == len(frame.data):
+            take(frame)
+
+    def _on_sync(self, frame: Frame) -> None:
+        if self.clock.is_open:
+            self._step(time.monotonic())
+        self.clock.begin(frame.time, frame.stamp, heard=True)
+
+    def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> None:
+        cause = monitor.take_heartbeat(frame.data, frame.time)
+        self.hearing.notify()
+        self._stop_for(cause)
+
+    def _stop_for(self, cause: Cause | None) -> None:
+        """Stop, and say so on the bus at once rather than at the end of the cycle."""
+        if cause is None or self.group is None:
+            return
+        before = self.group.phase
+        self.group.stop(cause, time.monotonic())
+        if before not in _STOPPED:
+            self._send_commands(self.group.commands)
+
+    # --- the cycle
+
+    def start(self, group: Group, now: float) -> None:
+        """
+        Let SYNC run and command what the group says from now on.
+
+        Raises
+        ------
+        BusError
+            The kernel takes no SYNC.
+
+        """
+        self.group = group
+        self.clock.start(now)
+        for monitor in self._monitors:
+            monitor.begin_supervision(now)
+        if self._bus.has_kernel_sync:
+            self._bus.start_sync(self._settings.period)
+
+    def stop(self) -> None:
+        """End SYNC and commands; heartbeats go on."""
+        self._bus.stop_sync()
+        self.group = None
+        for monitor in self._monitors:
+            monitor.end_supervision()
+
+    def pump(self) -> None:
+        """
+        Wait for the next frame or deadline and do what it brings.
+
+        Raises
+        ------
+        BusError
+            The bus is gone.
+
+        """
+        frame = self._bus.receive(self._next_event() - time.monotonic())
+        if frame is not None:
+            self._dispatch(frame)
+        now = time.monotonic()
+        if self.speaks and now >= self._next_heartbeat:
+            self._send_heartbeat(now)
+        if self.group is not None:
+            self._turn(now, all_read=frame is None)
+
+    def _next_event(self) -> float:
+        latest = time.monotonic() + LONGEST_WAIT
+        if self.speaks:
+            latest = min(latest, self._next_heartbeat)
+        return latest if self.group is None else min(latest, self.clock.next_event())
+
+    def _turn(self, now: float, all_read: bool) -> None:
+        if self.clock.step_due(now, self._all_fresh(), all_read):
+            self._step(now)
+        if self.clock.sync_due(now, all_read):
+            self._send_sync()
+
+    def _all_fresh(self) -> bool:
+        return all(monitor.is_fresh for monitor in self._monitors)
+
+    def _step(self, now: float) -> None:
+        in_time = self.clock.finish(now, self._all_fresh())
+        for monitor in self._monitors:
+            monitor.end_cycle()
+        group = self.group
+        for cause in self._causes(now):
+            group.stop(cause, now)
+        commands = group.step(self._feedback(), now)
+        if in_time or group.phase not in _UNSTOPPED:
+            commands = self._choose_targets(commands, now)
+            self._send_commands(commands)
+        self._force_disobedient()
+        self._on_cycle(now)
+
+    def _feedback(self) -> tuple:
+        feedback = tuple(monitor.feedback for monitor in self._monitors)
+        if self.group.phase is Phase.RAMPING and not self._targets.source.at_rest:
+            return tuple(one._replace(at_rest=False) for one in feedback)
+        return feedback
+
+    def _causes(self, now: float) -> list[Cause]:
+        causes = list(self._supervise(now))
+        if self.group.phase not in _STOPPED:
+            causes += [cause for cause in (m.silence(now) for m in self._monitors) if cause]
+            causes += self._own_failures()
+        return causes
+
+    def _own_failures(self) -> list[Cause]:
+        bound = self._settings.max_missed_cycles
+        causes = []
+        if self.clock.late_in_a_row >= bound and self.group.is_powered:
+            causes.append(Cause(
+                f'the control loop was late {self.clock.late_in_a_row} cycles in a row, bound '
+                f'{bound}', 'take load off this computer, clear the faults, then activate'))
+        if self.clock.overdue_in_a_row >= bound:
+            causes.append(Cause(
+                f'the kernel sent no SYNC for {self.clock.overdue_in_a_row} periods, bound '
+                f'{bound}', 'clean up and configure again', configure_again=True))
+        return causes
+
+    def _choose_targets(
+        self, commands: tuple[Command, ...], now: float
+    ) -> tuple[Command, ...]:
+        """Choose the targets; a source that fails stops the group instead."""
+        actual = tuple(m.status.position_counts if m.status else 0 for m in self._monitors)
+        latch_time = self.clock.sync_stamp + 2.0 * self._settings.period + self._settings.drive_lag
+        try:
+            self._targets.choose(self.group.phase, commands[0], actual, latch_time)
+        except ManipulatorError as error:
+            self.group.stop(Cause(f'a target was refused: {error}', TARGET_REMEDY), now)
+        except Exception as error:  # a source of targets may be anybody's code
+            self.group.stop(Cause(
+                f'the source of the targets failed: {type(error).__name__}: {error}',
+                TARGET_REMEDY), now)
+        else:
+            return commands
+        self._targets.choose(self.group.phase, self.group.commands[0], actual, latch_time)
+        return self.group.commands
+
+    # --- sending
+
+    def send_stop(self) -> None:
+        """Command a quick stop at once, from any thread; the next step makes it last."""
+        group = self.group
+        if group is not None:
+            self._send_commands(tuple(
+                command._replace(controlword=Controlword.QUICK_STOP)
+                for command in group.commands))
+
+    def _send_sync(self) -> None:
+        self.clock.begin(time.monotonic(), time.time(), heard=False)
+        self._send(pdo.SYNC_COB_ID)
+
+    def _send_heartbeat(self, now: float) -> None:
+        self._next_heartbeat = now + self._settings.heartbeat_period
+        self._send(pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
+
+    def _send_commands(self, commands: tuple[Command, ...]) -> None:
+        sent = True
+        for monitor, command, target in zip(
+                self._monitors, commands, self._targets.counts, strict=True):
+            data = pdo.encode_rpdo1(command.controlword, command.mode, target)
+            sent = self._send(pdo.RPDO1.cob_id(monitor.axis.node_id), data) and sent
+        self._congested_in_a_row = 0 if sent else self._congested_in_a_row + 1
+        if self._congested_in_a_row >= MOST_CONGESTED_CYCLES:
+            raise BusError(self._congestion)
+
+    def _send(self, cob_id: int, data: bytes = b'') -> bool:
+        """Send a frame; a queue that is full now may be free in the next cycle."""
+        try:
+            self._bus.send(cob_id, data)
+        except BusCongestedError as error:
+            self._congestion = str(error)
+            return False
+        return True
+
+    def _force_disobedient(self) -> None:
+        """Take drives that go on in spite of a quick stop out of operation by NMT."""
+        if self.group.has_disobeyed and not self._was_disobeyed:
+            for monitor in self._monitors:
+                send_nmt(self._bus, NmtCommand.STOP, monitor.axis.node_id)
+        self._was_disobeyed = self.group.has_disobeyed
