@@ -9,9 +9,22 @@ import subprocess
 
 PACKAGES = ('user-mode-linux', 'can-utils')
 SYSTEM_LISTS = Path('/var/lib/apt/lists')
-DEBIAN = 'deb [signed-by={keyring}] http://deb.debian.org/debian bookworm main\n'
-KEYRING = 'usr/share/keyrings/debian-archive-keyring.gpg'
 TIMEOUT = 600.0
+DEBIAN = 'deb [signed-by={key}] http://deb.debian.org/debian bookworm main\n'
+# Debian Stable Release Key (12/bookworm), 4D64 FEC1 19C2 0290 67D6 E791 F8D2 585B 8783 D481;
+# Ubuntu 22.04 has no package with it.
+DEBIAN_KEY = """\
+-----BEGIN PGP PUBLIC KEY BLOCK-----
+
+mDMEY865UxYJKwYBBAHaRw8BAQdAd7Z0srwuhlB6JKFkcf4HU4SSS/xcRfwEQWzr
+crf6AEq0SURlYmlhbiBTdGFibGUgUmVsZWFzZSBLZXkgKDEyL2Jvb2t3b3JtKSA8
+ZGViaWFuLXJlbGVhc2VAbGlzdHMuZGViaWFuLm9yZz6IlgQTFggAPhYhBE1k/sEZ
+wgKQZ9bnkfjSWFuHg9SBBQJjzrlTAhsDBQkPCZwABQsJCAcCBhUKCQgLAgQWAgMB
+Ah4BAheAAAoJEPjSWFuHg9SBSgwBAP9qpeO5z1s5m4D4z3TcqDo1wez6DNya27QW
+WoG/4oBsAQCEN8Z00DXagPHbwrvsY2t9BCsT+PgnSn9biobwX7bDDg==
+=5NZE
+-----END PGP PUBLIC KEY BLOCK-----
+"""
 
 
 class FetchError(Exception):
@@ -38,8 +51,9 @@ def fetch(folder: Path) -> Path:
     shutil.rmtree(folder, ignore_errors=True)
     partial = folder / 'partial'
     (partial / 'tmp').mkdir(parents=True)
+    options = _debian_options(partial)
     for package in PACKAGES:
-        _unpack(_download(package, partial, _debian_options(partial)), partial / 'root')
+        _unpack(_download(package, partial, options), partial / 'root')
     (partial / 'root').rename(root)
     shutil.rmtree(partial)
     return root
@@ -49,35 +63,36 @@ def _debian_options(partial: Path) -> list[str]:
     """Return apt options for Debian's packages: Ubuntu has no user-mode-linux of its own."""
     if 'ID=debian\n' in Path('/etc/os-release').read_text():
         return []
-    _unpack(_download('debian-archive-keyring', partial, []), partial)
-    sources = partial / 'debian.list'
-    sources.write_text(DEBIAN.format(keyring=partial / KEYRING))
-    return ['-o', f'Dir::Etc::SourceList={sources}', '-o', 'Dir::Etc::SourceParts=/dev/null']
+    key, sources = partial / 'debian.asc', partial / 'debian.list'
+    key.write_text(DEBIAN_KEY)
+    sources.write_text(DEBIAN.format(key=key))
+    return ['-o', f'Dir::Etc::SourceList={sources}', '-o', 'Dir::Etc::SourceParts=/dev/null',
+            *_private_state(partial)]
 
 
 def _download(package: str, partial: Path, options: list[str]) -> Path:
-    """Download with the system's package lists, or else with lists of our own."""
-    if options or not any(SYSTEM_LISTS.glob('*_Packages*')) or not _try(package, partial, options):
-        private = [*options, *_private_state(partial, 'debian' if options else 'system')]
-        _apt(partial, *private, 'update')
-        _apt(partial, *private, 'download', package)
+    """Download with the system's package lists, where they will do, or else with our own."""
+    system_lists = not options and any(SYSTEM_LISTS.glob('*_Packages*'))
+    if not (system_lists and _downloads_at_once(package, partial)):
+        options = options or _private_state(partial)
+        _apt(partial, *options, 'update')
+        _apt(partial, *options, 'download', package)
     return next(partial.glob(f'{package}_*.deb'))
 
 
-def _try(package: str, partial: Path, options: list[str]) -> bool:
+def _downloads_at_once(package: str, partial: Path) -> bool:
     try:
-        _apt(partial, *options, 'download', package)
-    except FetchError:  # out-of-date lists name files that are gone
+        _apt(partial, 'download', package)
+    except FetchError:  # lists that are out of date name files that are gone
         return False
     return True
 
 
-def _private_state(partial: Path, name: str) -> list[str]:
+def _private_state(partial: Path) -> list[str]:
     """Return apt options that keep lists and caches in `partial` instead of /var."""
-    state = partial / name
-    (state / 'lists' / 'partial').mkdir(parents=True, exist_ok=True)
-    (state / 'cache' / 'archives' / 'partial').mkdir(parents=True, exist_ok=True)
-    return ['-o', f'Dir::State::Lists={state}/lists', '-o', f'Dir::Cache={state}/cache',
+    for folder in ('lists', 'cache/archives'):
+        (partial / folder / 'partial').mkdir(parents=True, exist_ok=True)
+    return ['-o', f'Dir::State::Lists={partial}/lists', '-o', f'Dir::Cache={partial}/cache',
             '-o', 'APT::Sandbox::User=', '-o', 'Acquire::Languages=none']
 
 
