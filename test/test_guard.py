@@ -4,7 +4,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.control.guard import MechanismGuard
+from facade_manipulator.control.guard import HomingGuard, MechanismGuard
 from facade_manipulator.errors import (
     CarriageGapError,
     LimitError,
@@ -52,3 +52,23 @@ def test_a_position_that_is_no_number_is_refused(bad, axis):
     positions[axis] = bad
     with pytest.raises((ParameterError, LimitError)):
         guard(tuple(positions))
+
+
+NEAR = (-0.1, 0.1, -0.09)
+
+
+@pytest.mark.parametrize('homed', [
+    (False, False, False), (True, True, False), (False, True, True), (True, False, False)])
+def test_while_homing_only_homed_neighbours_are_held_apart(homed):
+    HomingGuard(GEOMETRY)(NEAR, homed)
+
+
+def test_homed_neighbours_too_close_are_refused():
+    with pytest.raises(CarriageGapError, match='q3 - q1 = 0.01 m is below the bound 0.02 m'):
+        HomingGuard(GEOMETRY)(NEAR, (True, False, True))
+
+
+def test_once_all_are_homed_the_whole_mechanism_is_checked():
+    HomingGuard(GEOMETRY)((-0.1, 0.1, 0.0), (True, True, True))
+    with pytest.raises(LimitError):
+        HomingGuard(GEOMETRY)((-0.4, 0.4, 0.0), (True, True, True))

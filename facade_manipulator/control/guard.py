@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from facade_manipulator.errors import CarriageGapError
 from facade_manipulator.kinematics import (
     Carriages,
     certify,
@@ -13,6 +14,7 @@ from facade_manipulator.kinematics import (
 )
 
 ROUNDING = 1e-6
+NEIGHBOURS = ((0, 2), (2, 1), (0, 1))
 
 
 class MechanismGuard:
@@ -50,3 +52,42 @@ class MechanismGuard:
         check_carriages(self._geometry, carriages)
         pose = forward_kinematics(self._geometry, carriages)
         certify(self._geometry, pose, min_conditioning=0.0)
+
+
+class HomingGuard:
+    """
+    Check that carriages keep their distance while they home.
+
+    A carriage that is not homed yet has no position to be checked; neighbours are checked as soon
+    as both are homed, the whole mechanism when all three are.
+
+    Parameters
+    ----------
+    geometry : Geometry
+
+    """
+
+    def __init__(self, geometry: Geometry) -> None:
+        self._gap = geometry.carriage_gap
+        self._whole = MechanismGuard(geometry)
+
+    def __call__(
+        self, positions: tuple[float, float, float], homed: tuple[bool, bool, bool]
+    ) -> None:
+        """
+        Check positions (q1, q2, q3) [m] of carriages of which some are homed.
+
+        Raises
+        ------
+        LimitError
+            The limit they violate.
+
+        """
+        if all(homed):
+            self._whole(positions)
+            return
+        for left, right in NEIGHBOURS:
+            distance = positions[right] - positions[left]
+            if homed[left] and homed[right] and distance < self._gap - ROUNDING:
+                raise CarriageGapError(
+                    f'q{right + 1} - q{left + 1}', distance, self._gap, 'm', 'below')

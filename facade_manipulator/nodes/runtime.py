@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import signal
 import sys
+from threading import Event
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
 
 from facade_manipulator.errors import ManipulatorError
 
@@ -18,6 +21,7 @@ LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 USAGE_ERROR = 2
+LONGEST_WAIT = 0.2  # s, after which a signal is seen on a node where nothing happens
 
 
 def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None) -> int:
@@ -25,15 +29,18 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     Spin the nodes until SIGINT, SIGTERM or a shutdown; return the process's exit status.
 
     A `ManipulatorError` while the nodes are made, such as a parameter out of range, is one
-    sentence on stderr and exit status 2. A node with a method ``close`` is closed first, so that
-    it can stop what it moves whatever ended the process.
+    sentence on stderr and exit status 2. A node with a method ``close`` is closed first, while
+    ROS still runs: rclpy's own signal handlers would end ROS before, under a waiting executor.
     """
+    stopping = Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
     nodes: Sequence[Node] = ()
     try:
-        rclpy.init(args=args)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         nodes = make_nodes()
-        _spin(nodes)
-    except (KeyboardInterrupt, ExternalShutdownException):
+        _spin(nodes, stopping)
+    except ExternalShutdownException:
         return 0
     except ManipulatorError as error:
         print(f'refused to start: {error}', file=sys.stderr)
@@ -44,11 +51,12 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     return 0
 
 
-def _spin(nodes: Sequence[Node]) -> None:
+def _spin(nodes: Sequence[Node], stopping: Event) -> None:
     executor = SingleThreadedExecutor()
     for node in nodes:
         executor.add_node(node)
-    executor.spin()
+    while rclpy.ok() and not stopping.is_set():
+        executor.spin_once(timeout_sec=LONGEST_WAIT)
 
 
 def _close(nodes: Sequence[Node]) -> None:

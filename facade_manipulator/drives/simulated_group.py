@@ -1,0 +1,33 @@
+"""The drives that an axis configuration asks for, simulated: parked at home, of that identity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+
+from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.settings import AxisSettings
+from facade_manipulator.drives.simulated_drive import Identity, SimulatedDrive
+from facade_manipulator.drives.simulated_motor import SimulationSettings
+from facade_manipulator.drives.units import AxisScale
+
+REVISION = 1
+
+
+def simulated_drives(axes: Sequence[AxisSettings]) -> list[SimulatedDrive]:
+    """
+    Make one drive for each axis, with its carriage at the axis's home position.
+
+    An identity that the axis leaves open is made up: the serial number is then the node id.
+    """
+    return [
+        SimulatedDrive(
+            axis.node_id, load_profile(axis.profile), _scale(axis),
+            Identity(axis.vendor_id, axis.product_code, REVISION,
+                     axis.serial_number or axis.node_id),
+            SimulationSettings(start_position=axis.home_position))
+        for axis in axes]
+
+
+def _scale(axis: AxisSettings) -> AxisScale:
+    return AxisScale(**{item.name: getattr(axis, item.name) for item in fields(AxisScale)})

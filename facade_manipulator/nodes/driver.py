@@ -1,0 +1,250 @@
+"""
+The driver node: three ball-screw drives on a CAN bus, and the last line of defence.
+
+A managed node: configure brings the bus up and checks the drives, activate powers them on. It
+never does so by itself, and whatever stops the drives makes it inactive again, with the reason in
+/diagnostics and the next step in the reply of the service that is asked.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import State
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from facade_manipulator.control.guard import HomingGuard, MechanismGuard
+from facade_manipulator.control.limits import MotionLimits
+from facade_manipulator.control.setpoints import Setpoint, SetpointFollower, StreamSettings
+from facade_manipulator.drives.controller import DriveController
+from facade_manipulator.drives.link import BusSettings, open_bus
+from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, DEFAULT_AXES
+from facade_manipulator.drives.simulated_bus import DriveSimulator
+from facade_manipulator.drives.simulated_group import simulated_drives
+from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
+from facade_manipulator.errors import InputError, ManipulatorError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.nodes.conversions import CARRIAGES, carriages_from, seconds, stamp
+from facade_manipulator.nodes.deferred import Deferred
+from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.nodes.driver_diagnostics import axis_status, bus_status, operation_status
+from facade_manipulator.nodes.managed import ManagedNode
+from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
+from facade_manipulator.parameters import check_parameters, parameter
+
+SUPERVISION_PERIOD = 0.02
+POWERED = frozenset({
+    ControllerState.ACTIVE, ControllerState.HALTING, ControllerState.HALTED,
+    ControllerState.DEACTIVATING,
+})
+
+
+@dataclass(frozen=True)
+class DriverSettings:
+    """What the node itself does beside the controller."""
+
+    simulate_drives: bool = parameter(
+        False, 'Whether the driver starts simulated drives on its own virtual bus',
+        read_only=True)
+    joint_states_rate: float = parameter(
+        100.0, 'How often joint_states is published', unit='Hz', minimum=1.0, maximum=500.0,
+        read_only=True)
+    software_stop_timeout: float = parameter(
+        0.5, 'Silence of software_stop, once heard, that stops the drives', unit='s',
+        minimum=0.05, maximum=10.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+class DriverNode(ManagedNode):
+    """ROS side of the drive controller: parameters, messages, requests and their answers."""
+
+    def __init__(self, **kwargs) -> None:
+        super().__init__('driver', **kwargs)
+        self._geometry = declare(self, Geometry, 'geometry')
+        self._settings = declare(self, DriverSettings, '', self._change_settings)
+        self._controller_settings = declare(self, ControllerSettings, 'controller')
+        self._axes = self._declare_axes()
+        self._bus = declare(self, BusSettings, 'bus')
+        self._follower = SetpointFollower(
+            declare(self, StreamSettings, 'stream'), declare(self, MotionLimits, 'limits'),
+            self._controller_settings.period, MechanismGuard(self._geometry))
+        self._simulator = None
+        self._controller = self._make_controller()
+        self._closer = ThreadPoolExecutor(max_workers=1)
+        self._refusals = Refusals(self)
+        self._stop_heard: float | None = None
+        self._published_stamp: float | None = None
+        self._drive_faults = 0
+        self._was_stopped = False
+        self._offer()
+
+    def transition_jobs(self):
+        """Return what starts each lifecycle transition."""
+        controller = self._controller
+        return {
+            State.TRANSITION_STATE_CONFIGURING: controller.configure,
+            State.TRANSITION_STATE_ACTIVATING: controller.activate,
+            State.TRANSITION_STATE_DEACTIVATING: controller.deactivate,
+            State.TRANSITION_STATE_CLEANINGUP: controller.cleanup,
+            State.TRANSITION_STATE_SHUTTINGDOWN: self._shut_down,
+        }
+
+    def close(self) -> None:
+        """Stop the drives, then leave the bus."""
+        self._controller.close()
+        self._closer.shutdown()
+        if self._simulator is not None:
+            self._simulator.stop()
+            self._simulator.bus.shutdown()
+
+    def _declare_axes(self) -> tuple[AxisSettings, ...]:
+        least, greatest = self._geometry.stroke
+        return tuple(
+            declare(self, AxisSettings, name, node_id=axis.node_id,
+                    home_position=axis.home_position, lower_limit=least, upper_limit=greatest)
+            for name, axis in zip(CARRIAGES, DEFAULT_AXES, strict=True))
+
+    def _make_controller(self) -> DriveController:
+        bus = self._bus
+        if self._settings.simulate_drives:
+            # python-can's virtual channels are shared by the whole process
+            bus = replace(bus, interface='virtual', channel=f'{self.get_namespace()}{bus.channel}')
+            self._simulator = DriveSimulator(open_bus(bus), simulated_drives(self._axes))
+            self._simulator.start()
+        return DriveController(
+            self._controller_settings, self._axes, lambda: open_bus(bus), self._follower,
+            bitrate=bus.bitrate, check_targets=MechanismGuard(self._geometry),
+            check_homing=HomingGuard(self._geometry))
+
+    def _offer(self) -> None:
+        self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
+        self.create_subscription(JointState, 'joint_setpoints', self._take_setpoint, LATEST)
+        self.create_subscription(Bool, 'software_stop', self._take_software_stop, LATEST)
+        for name, start in (
+            ('home', self._controller.home),
+            ('halt', self._controller.halt),
+            ('clear_faults', self._clear_faults),
+        ):
+            self._offer_request(f'driver/{name}', start)
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self.create_timer(1.0 / self._settings.joint_states_rate, self._publish_joint_states)
+        self.create_timer(SUPERVISION_PERIOD, self._supervise)
+
+    def _offer_request(self, name: str, start) -> None:
+        def answer(job: Future) -> Trigger.Response:
+            error = job.exception()
+            return Trigger.Response(success=error is None, message=str(error or job.result()))
+
+        self.replies.attach(
+            self.create_service(Trigger, name, lambda *_: Deferred(start(), answer)))
+
+    def _change_settings(self, settings: DriverSettings) -> None:
+        self._settings = settings
+
+    def _clear_faults(self) -> Future:
+        """Reset the drives' faults; where there is only a halt, end it."""
+        if self._controller.snapshot().state is ControllerState.HALTED:
+            return self._controller.activate()
+        return self._controller.clear_faults()
+
+    def _shut_down(self) -> Future:
+        def close() -> str:
+            self._controller.close()
+            return 'drives off, bus closed'
+
+        return self._closer.submit(close)
+
+    def _take_setpoint(self, message: JointState) -> None:
+        try:
+            self._require_active()
+            self._follower.add(Setpoint(
+                seconds(message.header.stamp),
+                carriages_from(message.name, message.position, 'setpoint position'),
+                carriages_from(message.name, message.velocity, 'setpoint velocity')), self._now())
+        except ManipulatorError as error:
+            self._refusals.add(error)
+
+    def _require_active(self) -> None:
+        state = self._controller.snapshot().state
+        if state is not ControllerState.ACTIVE:
+            raise InputError(
+                state.value, f'setpoint refused: the drives are {state.value}, not active')
+
+    def _take_software_stop(self, message: Bool) -> None:
+        self._stop_heard = time.monotonic()
+        if message.data:
+            self._stop_by_software('software_stop was set')
+
+    def _stop_by_software(self, cause: str) -> None:
+        if self._controller.snapshot().state in POWERED:
+            self._controller.stop(cause)
+
+    def _supervise(self) -> None:
+        self._controller.beat()
+        snapshot = self._controller.snapshot()
+        self._watch_software_stop()
+        self._note_stop(snapshot)
+        if snapshot.state not in POWERED:
+            self.fall_back()
+        self._diagnostics.publish_change()
+
+    def _watch_software_stop(self) -> None:
+        if self._stop_heard is None:
+            return
+        silence, bound = (
+            time.monotonic() - self._stop_heard, self._settings.software_stop_timeout)
+        if silence > bound:
+            self._stop_heard = None
+            self._stop_by_software(
+                f'software_stop has been silent for {silence:.2f} s, bound {bound:g} s')
+
+    def _note_stop(self, snapshot: ControllerSnapshot) -> None:
+        is_stopped = snapshot.state is ControllerState.STOPPED
+        if is_stopped and not self._was_stopped:
+            self._drive_faults += 1
+            self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
+        self._was_stopped = is_stopped
+
+    def _publish_joint_states(self) -> None:
+        snapshot = self._controller.snapshot()
+        positions = snapshot.positions
+        if positions is None or snapshot.stamp in (None, self._published_stamp):
+            return
+        if snapshot.unhomed:  # its encoder counts from anywhere: that is no carriage position
+            return
+        self._published_stamp = snapshot.stamp
+        message = JointState(
+            name=CARRIAGES, position=positions,
+            velocity=[axis.velocity or 0.0 for axis in snapshot.axes],
+            effort=[axis.force or 0.0 for axis in snapshot.axes])
+        message.header.stamp = stamp(snapshot.stamp)
+        self._joint_states.publish(message)
+
+    def _components(self) -> list[DiagnosticStatus]:
+        snapshot = self._controller.snapshot()
+        values = {'drive faults': self._drive_faults, **self._refusals.values()}
+        return [
+            operation_status(snapshot, self._follower, values),
+            bus_status(snapshot),
+            *(axis_status(axis) for axis in snapshot.axes),
+        ]
+
+    def _now(self) -> float:
+        return self.get_clock().now().nanoseconds * 1e-9
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the driver node."""
+    return run(lambda: [DriverNode()], args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

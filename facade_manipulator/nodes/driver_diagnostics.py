@@ -1,0 +1,113 @@
+"""The driver's components in /diagnostics: what the controller's snapshot says, for people."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import numpy as np
+
+from facade_manipulator.control.setpoints import SetpointFollower
+from facade_manipulator.drives.cia402 import State
+from facade_manipulator.drives.cycle import LATENESS_BOUNDS
+from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
+from facade_manipulator.nodes.conversions import diagnostic_status
+
+STATE_LEVELS = {
+    ControllerState.STOPPED: 'error',
+    ControllerState.BUS_LOST: 'error',
+    ControllerState.HALTED: 'warn',
+    ControllerState.HALTING: 'warn',
+}
+FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+
+
+def operation_status(
+    snapshot: ControllerSnapshot, follower: SetpointFollower, counters: dict[str, Any]
+) -> DiagnosticStatus:
+    """Say what the drives do as a group, why, and what the operator does next."""
+    values = {
+        'state': snapshot.state.value,
+        'activity': follower.activity.value,
+        'cause': snapshot.cause,
+        'next step': snapshot.next_step,
+        'further causes': '; '.join(snapshot.further_causes),
+        'notes': '; '.join(snapshot.notes),
+        'not homed': ', '.join(snapshot.unhomed),
+        'limited cycles': follower.limited_cycles,
+        'brakes': follower.brakes,
+        'last brake': follower.last_refusal,
+        **_margins(follower),
+        **counters,
+    }
+    return diagnostic_status(
+        'operation', STATE_LEVELS.get(snapshot.state, 'ok'), _sentence(snapshot), values)
+
+
+def bus_status(snapshot: ControllerSnapshot) -> DiagnosticStatus:
+    """Say how the bus and the cycle do."""
+    cycle, bus = snapshot.cycle, snapshot.bus
+    values = {
+        'cycles': cycle.cycles,
+        'missed cycles': cycle.incomplete,
+        'late commands': cycle.late,
+        'skipped SYNCs': cycle.skipped,
+        'worst lateness [ms]': 1e3 * cycle.worst,
+        **_histogram(cycle.lateness),
+        'worst-case load [%]': 100.0 * snapshot.bus_load,
+        **{name.replace('_', ' '): value for name, value in bus._asdict().items()},
+    }
+    if snapshot.bus_error:
+        return diagnostic_status('bus', 'error', snapshot.bus_error, values)
+    is_open = snapshot.state is not ControllerState.UNCONFIGURED
+    return diagnostic_status('bus', 'ok', 'open' if is_open else 'closed', values)
+
+
+def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
+    """Say how one drive does; its serial number is the hardware id (REP 107)."""
+    values = {
+        'node id': axis.node_id,
+        'statusword': _hex(axis.statusword),
+        'homed': axis.homed,
+        'position [m]': axis.position,
+        'velocity [m/s]': axis.velocity,
+        'force [N]': axis.force,
+        'following error [m]': axis.following_error,
+        'target [m]': axis.target,
+        'digital inputs': _hex(axis.digital_inputs),
+        'error code': _hex(axis.error_code),
+        'heartbeat age [s]': axis.heartbeat_age,
+        'missed': axis.missed,
+    }
+    serial = '' if axis.serial_number is None else str(axis.serial_number)
+    if axis.state in FAULTS:
+        sentence = axis.error or 'in fault, no code told'
+        return diagnostic_status(axis.name, 'error', sentence, values, serial)
+    if axis.state is None:
+        return diagnostic_status(axis.name, 'stale', 'not heard yet', values, serial)
+    sentence = axis.state.name.lower().replace('_', ' ') + ('' if axis.homed else ', not homed')
+    return diagnostic_status(axis.name, 'ok', sentence, values, serial)
+
+
+def _sentence(snapshot: ControllerSnapshot) -> str:
+    if snapshot.cause:
+        return f'{snapshot.state.value}: {snapshot.cause}; next: {snapshot.next_step}'
+    return snapshot.state.value
+
+
+def _margins(follower: SetpointFollower) -> dict[str, float]:
+    """How early setpoints come: 0 would be the instant at which the carriages should be there."""
+    margins = tuple(follower.margins)
+    if not margins:
+        return {}
+    low, middle = np.percentile(margins, (1, 50))
+    return {'setpoint margin p1 [ms]': 1e3 * low, 'setpoint margin p50 [ms]': 1e3 * middle}
+
+
+def _histogram(counts: tuple[int, ...]) -> dict[str, int]:
+    names = [f'lateness below {1e3 * bound:g} ms' for bound in LATENESS_BOUNDS]
+    return dict(zip((*names, 'lateness beyond'), counts, strict=True))
+
+
+def _hex(value: int | None) -> str:
+    return '-' if value is None else f'{value:04X}h'
