@@ -10,7 +10,7 @@ import subprocess
 PACKAGES = ('user-mode-linux', 'can-utils')
 SYSTEM_LISTS = Path('/var/lib/apt/lists')
 TIMEOUT = 600.0
-DEBIAN = 'deb [signed-by={key}] http://deb.debian.org/debian bookworm main\n'
+DEBIAN = 'deb http://deb.debian.org/debian bookworm main\n'
 # Debian Stable Release Key (12/bookworm), 4D64 FEC1 19C2 0290 67D6 E791 F8D2 585B 8783 D481;
 # Ubuntu 22.04 has no package with it.
 DEBIAN_KEY = """\
@@ -51,41 +51,40 @@ def fetch(folder: Path) -> Path:
     shutil.rmtree(folder, ignore_errors=True)
     partial = folder / 'partial'
     (partial / 'tmp').mkdir(parents=True)
-    options = _debian_options(partial)
-    for package in PACKAGES:
-        _unpack(_download(package, partial, options), partial / 'root')
+    _download(partial)
+    for archive in partial.glob('*.deb'):
+        _run(['dpkg', '-x', str(archive), str(partial / 'root')], partial, dict(os.environ))
     (partial / 'root').rename(root)
     shutil.rmtree(partial)
     return root
 
 
-def _debian_options(partial: Path) -> list[str]:
-    """Return apt options for Debian's packages: Ubuntu has no user-mode-linux of its own."""
-    if 'ID=debian\n' in Path('/etc/os-release').read_text():
-        return []
-    key, sources = partial / 'debian.asc', partial / 'debian.list'
-    key.write_text(DEBIAN_KEY)
-    sources.write_text(DEBIAN.format(key=key))
-    return ['-o', f'Dir::Etc::SourceList={sources}', '-o', 'Dir::Etc::SourceParts=/dev/null',
-            *_private_state(partial)]
-
-
-def _download(package: str, partial: Path, options: list[str]) -> Path:
+def _download(partial: Path) -> None:
     """Download with the system's package lists, where they will do, or else with our own."""
-    system_lists = not options and any(SYSTEM_LISTS.glob('*_Packages*'))
-    if not (system_lists and _downloads_at_once(package, partial)):
-        options = options or _private_state(partial)
-        _apt(partial, *options, 'update')
-        _apt(partial, *options, 'download', package)
-    return next(partial.glob(f'{package}_*.deb'))
+    debian = 'ID=debian\n' in Path('/etc/os-release').read_text()
+    if debian and any(SYSTEM_LISTS.glob('*_Packages*')) and _downloads_at_once(partial):
+        return
+    options = _private_state(partial) + ([] if debian else _debian_sources(partial))
+    _apt(partial, *options, 'update')
+    _apt(partial, *options, 'download', *PACKAGES)
 
 
-def _downloads_at_once(package: str, partial: Path) -> bool:
+def _downloads_at_once(partial: Path) -> bool:
     try:
-        _apt(partial, 'download', package)
+        _apt(partial, 'download', *PACKAGES)
     except FetchError:  # lists that are out of date name files that are gone
         return False
     return True
+
+
+def _debian_sources(partial: Path) -> list[str]:
+    """Return apt options for Debian's packages: Ubuntu has no user-mode-linux of its own."""
+    sources, keys = partial / 'debian.list', partial / 'keys'
+    sources.write_text(DEBIAN)
+    keys.mkdir()
+    (keys / 'debian.asc').write_text(DEBIAN_KEY)
+    return ['-o', f'Dir::Etc::SourceList={sources}', '-o', 'Dir::Etc::SourceParts=/dev/null',
+            '-o', 'Dir::Etc::Trusted=/dev/null', '-o', f'Dir::Etc::TrustedParts={keys}/']
 
 
 def _private_state(partial: Path) -> list[str]:
@@ -99,11 +98,6 @@ def _private_state(partial: Path) -> list[str]:
 def _apt(partial: Path, *arguments: str) -> None:
     environment = {**os.environ, 'LC_ALL': 'C', 'TMPDIR': str(partial / 'tmp')}
     _run(['apt-get', '-q', '-o', 'APT::Update::Error-Mode=any', *arguments], partial, environment)
-
-
-def _unpack(archive: Path, into: Path) -> None:
-    _run(['dpkg', '-x', str(archive), str(into)], archive.parent, dict(os.environ))
-    archive.unlink()
 
 
 def _run(command: list[str], folder: Path, environment: dict[str, str]) -> None:

@@ -79,7 +79,10 @@ def _fetch_kernel() -> Path:
 @contextmanager
 def _work_folder() -> Iterator[Path]:
     """Give a folder that the guest sees as well: its /dev, /proc and /sys are its own."""
-    folder = Path(tempfile.mkdtemp(prefix='guest_', dir=CACHE))
+    try:
+        folder = Path(tempfile.mkdtemp(prefix='guest_', dir=CACHE))
+    except OSError as error:
+        raise GuestUnavailableError(f'no folder for the guest: {error}') from error
     try:
         yield folder
     finally:
