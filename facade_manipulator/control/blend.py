@@ -1,0 +1,102 @@
+"""Lead one course smoothly into another: their difference dies out, critically damped."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from facade_manipulator.kinematics import Pose
+
+QUICKEST = 1e-3
+NOWHERE = Pose(0.0, 0.0, 0.0)
+
+
+class Course(NamedTuple):
+    """Place [m, m, rad] and velocity [m/s, m/s, rad/s] at one instant."""
+
+    place: Pose
+    velocity: Pose
+
+    def plus(self, other: Course) -> Course:
+        """Return the sum, component by component."""
+        return Course(
+            Pose(*(a + b for a, b in zip(self.place, other.place, strict=True))),
+            Pose(*(a + b for a, b in zip(self.velocity, other.velocity, strict=True))))
+
+    def minus(self, other: Course) -> Course:
+        """Return the difference, component by component."""
+        return Course(
+            Pose(*(a - b for a, b in zip(self.place, other.place, strict=True))),
+            Pose(*(a - b for a, b in zip(self.velocity, other.velocity, strict=True))))
+
+
+AT_REST = Course(NOWHERE, NOWHERE)
+
+
+class Blend:
+    """
+    The remainder of an old course, to be added to the new one.
+
+    At its start the sum continues place and velocity of the old course; later it is the new one.
+
+    Parameters
+    ----------
+    acceleration : tuple of float, shape (3,)
+        Acceleration that the remainder adds at most, about: a long way takes longer
+        [m/s², m/s², rad/s²].
+
+    """
+
+    def __init__(self, acceleration: tuple[float, ...]) -> None:
+        self._acceleration = acceleration
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the remainder."""
+        self._start = 0.0
+        self._axes: list[tuple[float, float, float]] = []
+
+    def begin(self, time: float, difference: Course, constant: float) -> None:
+        """
+        Take a new remainder in place of the present one.
+
+        Parameters
+        ----------
+        time : float
+            Now [s].
+        difference : Course
+            Old course less new course.
+        constant : float
+            Time constant of the decay [s], lengthened where the acceleration would be too high.
+
+        """
+        self._start = time
+        self._axes = [
+            _remainder(*axis, max(constant, QUICKEST))
+            for axis in zip(*difference, self._acceleration, strict=True)]
+
+    def at(self, time: float) -> Course:
+        """Return the remainder at a time [s]."""
+        if not self._axes:
+            return AT_REST
+        elapsed = max(time - self._start, 0.0)
+        values = [_decayed(*axis, elapsed) for axis in self._axes]
+        return Course(Pose(*(p for p, _ in values)), Pose(*(v for _, v in values)))
+
+
+def _remainder(
+    place: float, velocity: float, acceleration: float, constant: float
+) -> tuple[float, float, float]:
+    """Return p, s and T of (p + s t) exp(−t/T)."""
+    far = math.sqrt(abs(place) / acceleration)
+    fast = 2.0 * abs(velocity) / acceleration
+    constant = max(constant, far, fast)
+    return place, velocity + place / constant, constant
+
+
+def _decayed(
+    place: float, slope: float, constant: float, elapsed: float
+) -> tuple[float, float]:
+    decay = math.exp(-elapsed / constant)
+    place += slope * elapsed
+    return place * decay, (slope - place / constant) * decay

@@ -1,0 +1,118 @@
+"""The border of the workspace: poses beyond it are led along it, axis by axis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.parameters import check_parameters, parameter
+
+
+@dataclass(frozen=True)
+class BorderSettings:
+    """How close to the limits of the mechanism the compensation goes."""
+
+    margin: float = parameter(
+        0.004, 'Distance kept from reach, stroke and carriage gap', unit='m', minimum=1e-4,
+        maximum=0.1)
+    knee: float = parameter(
+        0.01, 'Depth over which x and y are led into the border', unit='m', minimum=1e-4,
+        maximum=0.1)
+    yaw_knee: float = parameter(
+        0.02, 'Depth over which theta is led into the border', unit='rad', minimum=1e-4,
+        maximum=0.2)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+class Saturated(NamedTuple):
+    """A pose inside the border and by how much each axis was held back [m, m, rad]."""
+
+    pose: Pose
+    excess: Pose
+
+
+class Border:
+    """
+    Keep poses inside the workspace: y first, then θ at this y, then x at both.
+
+    At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval;
+    at fixed y the yaw has one, symmetric about 0.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    settings : BorderSettings
+
+    Raises
+    ------
+    ParameterError
+        If the margin leaves no workspace.
+
+    """
+
+    def __init__(self, geometry: Geometry, settings: BorderSettings) -> None:
+        self._settings = settings
+        self._half = geometry.platform_half_length
+        self._link = geometry.link_length
+        self._reach = geometry.link_length - settings.margin
+        self._gap = geometry.carriage_gap + settings.margin
+        least, greatest = geometry.stroke
+        self._stroke = least + settings.margin, greatest - settings.margin
+        self._height = self._heights()
+        if self._height[0] >= self._height[1]:
+            raise ParameterError(
+                f'margin = {settings.margin:g} m leaves no workspace in y: from '
+                f'{self._height[0]:.4g} m to {self._height[1]:.4g} m')
+
+    def lead_in(self, pose: Pose) -> Saturated:
+        """Return the pose of the workspace for a wanted one, which may lie outside."""
+        y = soft_clamp(pose.y, *self._height, self._settings.knee)
+        yaw = self._greatest_yaw(y)
+        theta = soft_clamp(pose.theta, -yaw, yaw, self._settings.yaw_knee)
+        x = soft_clamp(pose.x, *self._widths(y, theta), self._settings.knee)
+        return Saturated(
+            Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta))
+
+    def _heights(self) -> tuple[float, float]:
+        """Return the y-interval at θ = 0, by carriage gap and reach."""
+        span = self._half - self._gap
+        return math.sqrt(max(self._link ** 2 - span ** 2, 0.0)), self._reach
+
+    def _greatest_yaw(self, y: float) -> float:
+        """Return the yaw limit by order (on the safe side: cos θ = 1 at the gap) and reach."""
+        b, gap = self._half, self._gap
+        order = (y * y - self._link ** 2 + b * b - 2.0 * b * gap + gap * gap) / (2.0 * y * b)
+        return math.asin(min(max(min(order, (self._reach - y) / b), 0.0), 1.0))
+
+    def _widths(self, y: float, theta: float) -> tuple[float, float]:
+        """Return the x-interval at (y, θ), by the stroke of the outer carriages."""
+        rise = self._half * math.sin(theta)
+        span = self._half * math.cos(theta)
+        first = math.sqrt(max(self._link ** 2 - (y - rise) ** 2, 0.0))
+        second = math.sqrt(max(self._link ** 2 - (y + rise) ** 2, 0.0))
+        return self._stroke[0] + span - first, self._stroke[1] - span + second
+
+
+def soft_clamp(value: float, low: float, high: float, knee: float) -> float:
+    """
+    Clamp a value to an interval, with a parabola in place of each corner.
+
+    Within `knee` of an end the value is held back progressively and reaches the end one knee
+    beyond it. An empty interval gives its middle.
+    """
+    middle = 0.5 * (low + high)
+    half = max(high - middle, 0.0)
+    knee = min(knee, 0.5 * half)
+    distance = abs(value - middle)
+    inside = half - knee
+    if distance <= inside:
+        return value
+    if distance >= half + knee or knee == 0.0:
+        return middle + math.copysign(half, value - middle)
+    bent = distance - (distance - inside) ** 2 / (4.0 * knee)
+    return middle + math.copysign(bent, value - middle)

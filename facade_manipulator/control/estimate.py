@@ -1,0 +1,151 @@
+"""Whether an estimate of the disturbance can be believed: everything else is refused here."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from facade_manipulator.errors import InputError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.parameters import check_parameters, parameter
+
+UNITS = Pose('m', 'm', 'rad')
+
+
+@dataclass(frozen=True)
+class EstimateSettings:
+    """What an estimate of the disturbance may look like."""
+
+    longest_age: float = parameter(
+        0.3, 'Age beyond which an estimate is stale', unit='s', minimum=0.01, maximum=10.0)
+    future_tolerance: float = parameter(
+        0.01, "Lead of the estimator's clock that is tolerated", unit='s', minimum=0.0,
+        maximum=1.0)
+    largest_displacement: float = parameter(
+        2.0, 'Displacement in x or y that is still believed', unit='m', minimum=0.01,
+        maximum=100.0)
+    largest_yaw: float = parameter(
+        0.6, 'Yaw that is still believed', unit='rad', minimum=0.01, maximum=math.pi)
+    displacement_jump: float = parameter(
+        0.03, 'Change in x or y from one estimate to the next, beyond what speed explains, '
+        'that makes it a jump', unit='m', minimum=1e-4, maximum=10.0)
+    yaw_jump: float = parameter(
+        0.03, 'Change of yaw from one estimate to the next, beyond what speed explains, '
+        'that makes it a jump', unit='rad', minimum=1e-4, maximum=math.pi)
+    fastest: float = parameter(
+        1.0, 'Speed of the gondola that is still believed', unit='m/s or rad/s', minimum=0.01,
+        maximum=20.0)
+    position_noise: float = parameter(
+        1e-3, 'Standard deviation in x and y where the message tells none', unit='m',
+        minimum=1e-5, maximum=1.0)
+    yaw_noise: float = parameter(
+        1.75e-3, 'Standard deviation in yaw where the message tells none', unit='rad',
+        minimum=1e-5, maximum=1.0)
+    least_noise: float = parameter(
+        1e-4, 'Standard deviation below which none is believed', unit='m or rad', minimum=1e-6,
+        maximum=0.1)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+class Estimate(NamedTuple):
+    """Disturbance [m, m, rad] at a stamp [s] with the variances of its noise."""
+
+    stamp: float
+    pose: Pose
+    variances: Pose
+
+
+class EstimateGate:
+    """
+    Let the believable estimates through.
+
+    Parameters
+    ----------
+    settings : EstimateSettings
+
+    """
+
+    def __init__(self, settings: EstimateSettings) -> None:
+        self.settings = settings
+        self._last: Estimate | None = None
+        self._jump = Pose(
+            settings.displacement_jump, settings.displacement_jump, settings.yaw_jump)
+        self._largest = Pose(
+            settings.largest_displacement, settings.largest_displacement, settings.largest_yaw)
+        self._noise = Pose(
+            settings.position_noise, settings.position_noise, settings.yaw_noise)
+
+    def check(
+        self, now: float, stamp: float, pose: Pose, variances: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> Estimate:
+        """
+        Return the estimate if it can be believed.
+
+        Parameters
+        ----------
+        now, stamp : float
+            Present time and when the disturbance was there [s].
+        pose : Pose
+            [m, m, rad].
+        variances : sequence of float
+            Of x, y and θ; 0, negative or not finite means unknown.
+
+        Raises
+        ------
+        InputError
+            With reason ``'not_finite'``, ``'range'``, ``'stale'``, ``'future'``,
+            ``'out_of_order'`` or ``'jump'``. A jump that lasts is believed as soon as the
+            fastest gondola could have got there.
+
+        """
+        self._check_values(pose)
+        self._check_age(now - stamp)
+        if self._last is not None:
+            self._check_order(stamp - self._last.stamp)
+            self._check_jump(stamp - self._last.stamp, pose)
+        self._last = Estimate(stamp, pose, Pose(*map(self._variance, variances, self._noise)))
+        return self._last
+
+    def _check_values(self, pose: Pose) -> None:
+        for name, value, bound, unit in zip(
+                Pose._fields, pose, self._largest, UNITS, strict=True):
+            if not math.isfinite(value):
+                raise InputError(
+                    'not_finite', f'disturbance {name} = {value} is not a finite number')
+            if abs(value) > bound:
+                raise InputError(
+                    'range', f'disturbance {name} = {value:.4g} {unit} is beyond '
+                    f'±{bound:g} {unit}')
+
+    def _check_age(self, age: float) -> None:
+        if age > self.settings.longest_age:
+            raise InputError(
+                'stale', f'disturbance is {age:.3f} s old, bound {self.settings.longest_age:g} s')
+        if age < -self.settings.future_tolerance:
+            raise InputError(
+                'future', f'disturbance is {-age:.3f} s from the future, bound '
+                f'{self.settings.future_tolerance:g} s: are the clocks synchronised?')
+
+    def _check_order(self, elapsed: float) -> None:
+        if elapsed <= 0.0:
+            raise InputError(
+                'out_of_order', f'disturbance is {-elapsed:.3f} s older than the one before, '
+                'expected a newer one')
+
+    def _check_jump(self, elapsed: float, pose: Pose) -> None:
+        for name, value, last, bound, unit in zip(
+                Pose._fields, pose, self._last.pose, self._jump, UNITS, strict=True):
+            change, allowed = abs(value - last), bound + self.settings.fastest * elapsed
+            if change > allowed:
+                raise InputError(
+                    'jump', f'disturbance {name} jumps by {change:.4g} {unit} in '
+                    f'{elapsed:.3f} s, bound {allowed:.4g} {unit}')
+
+    def _variance(self, variance: float, unknown: float) -> float:
+        if not 0.0 < variance < math.inf:
+            return unknown * unknown
+        return max(variance, self.settings.least_noise ** 2)

@@ -1,0 +1,104 @@
+"""
+Extended Kalman filters that hold different opinions on how hard the gusts push, side by side.
+
+All axes and all opinions are one batch of arrays: numpy's cost is per call, not per filter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from facade_manipulator.control import oscillators
+from facade_manipulator.control.oscillators import ProcessNoise
+from facade_manipulator.control.spectrum import Oscillations
+
+OFFSET_DEVIATION = 0.3
+AMPLITUDE_DEVIATION = (0.1, 0.05)
+FREQUENCY_DEVIATION = 0.3
+SEEDED_FREQUENCY_DEVIATION = (0.03, 0.1)
+SEEDED_SHARE = 0.1
+
+
+class FilterBank:
+    """
+    A filter for every axis and every opinion on the gusts.
+
+    Parameters
+    ----------
+    values : numpy.ndarray, shape (axes,)
+        First measurement, taken as the offsets [m or rad].
+    frequencies : numpy.ndarray, shape (2,)
+        Angular frequencies to start from [rad/s].
+    noise : ProcessNoise
+        ``noise.acceleration`` of shape (opinions,).
+
+    """
+
+    def __init__(
+        self, values: np.ndarray, frequencies: np.ndarray, noise: ProcessNoise
+    ) -> None:
+        self._noise = noise
+        self._frequencies = frequencies
+        shape = (len(values), len(noise.acceleration))
+        state = oscillators.initial_state(0.0, frequencies)
+        covariance = oscillators.initial_covariance(
+            OFFSET_DEVIATION, AMPLITUDE_DEVIATION, frequencies, (FREQUENCY_DEVIATION,) * 2)
+        self.states = np.tile(state, (*shape, 1))
+        self.states[..., oscillators.OFFSET] = values[:, None]
+        self._covariances = np.tile(covariance, (*shape, 1, 1))
+
+    def update(self, interval: float, values: np.ndarray, variances: np.ndarray) -> None:
+        """
+        Propagate all filters over an interval [s] and correct them by a measurement.
+
+        Parameters
+        ----------
+        interval : float
+        values, variances : numpy.ndarray, shape (axes,)
+            Measured place on each axis and the variance of its noise.
+
+        """
+        predicted = oscillators.propagate(self.states, interval)
+        step = oscillators.transition(self.states, interval)
+        covariance = step @ self._covariances @ step.swapaxes(-1, -2)
+        covariance += oscillators.process_covariance(self.states, interval, self._noise)
+        projected = covariance @ oscillators.OBSERVATION
+        spread = projected @ oscillators.OBSERVATION + variances[:, None]
+        gain = projected / spread[..., None]
+        innovation = values[:, None] - oscillators.observe(predicted)
+        self.states = predicted + gain * innovation[..., None]
+        covariance -= gain[..., :, None] * projected[..., None, :]
+        self._covariances = 0.5 * (covariance + covariance.swapaxes(-1, -2))
+        self._bound_frequencies()
+
+    def seed(self, axis: int, opinion: int, fit: Oscillations, variance: float) -> None:
+        """
+        Start one filter anew from oscillations found in its axis.
+
+        Parameters
+        ----------
+        axis, opinion : int
+        fit : Oscillations
+            With t = 0 at the last update.
+        variance : float
+            Of the axis's measurement noise.
+
+        """
+        frequencies = self._frequencies.copy()
+        frequencies[:len(fit.frequencies)] = fit.frequencies
+        state = oscillators.initial_state(fit.offset, frequencies)
+        state[oscillators.PLACES][:len(fit.places)] = fit.places
+        state[oscillators.VELOCITIES][:len(fit.velocities)] = fit.velocities
+        uncertain = max(variance, fit.unexplained)
+        power = oscillators.amplitudes(state) ** 2
+        amplitude = np.sqrt(uncertain + SEEDED_SHARE * power)
+        offset = np.sqrt(uncertain + SEEDED_SHARE * power.sum())
+        self.states[axis, opinion] = state
+        self._covariances[axis, opinion] = oscillators.initial_covariance(
+            offset, amplitude, frequencies, SEEDED_FREQUENCY_DEVIATION)
+
+    def _bound_frequencies(self) -> None:
+        frequencies = self.states[..., oscillators.FREQUENCIES]
+        np.clip(
+            frequencies, oscillators.LOWEST_FREQUENCY, oscillators.HIGHEST_FREQUENCY,
+            out=frequencies)

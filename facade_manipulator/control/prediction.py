@@ -1,0 +1,238 @@
+"""
+Predict the disturbance: a Kalman filter per axis, an offset and two oscillations that adapt.
+
+How hard the gusts push is not known and changes, so several opinions on it run side by side. Each
+is judged by what matters: how well it foretold, one horizon ahead, the measurements that came.
+The prediction is the mean of the opinions, weighted by that record; one more opinion, that the
+axis just stands at its offset, wins where nothing can be foretold; there the correction fades. An
+opinion that has lost the oscillations is started anew from the spectrum of what was measured.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from facade_manipulator.control import oscillators
+from facade_manipulator.control.blend import Course
+from facade_manipulator.control.filter_bank import FilterBank
+from facade_manipulator.control.spectrum import fit_oscillations
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.parameters import check_parameters, parameter
+
+GRAVITY = 9.81
+AXES = len(Pose._fields)
+HISTORY_LENGTH = 1024
+SEARCH_PERIOD = 1.0
+SEED_INTERVAL = 8.0
+SEED_EXPLAINED = 0.8
+LOST_SHARE = 0.04
+LOST_NOISE = 1.5
+NOISE_IN_SCORE = 0.8
+SCORE_FLOOR = 0.02
+FIRST_SCORE = 1e-4
+
+
+@dataclass(frozen=True)
+class PredictionSettings:
+    """Settings of the disturbance's prediction."""
+
+    cable_length: float = parameter(
+        0.0, "Length of the gondola's cables, to start from their pendulum; 0 if not known",
+        unit='m', minimum=0.0, maximum=1000.0)
+    frequencies: tuple[float, ...] = parameter(
+        (0.12, 0.35), 'Frequencies of the two oscillations to start from', unit='Hz',
+        minimum=0.04, maximum=5.0)
+    gusts: tuple[float, ...] = parameter(
+        (0.001, 0.01, 0.1), 'Opinions on the gusts: root of the acceleration spectral density',
+        unit='m/s^1.5', minimum=1e-6, maximum=100.0)
+    offset_drift: float = parameter(
+        5e-4, 'Random walk of the offset in 1 s', unit='m', minimum=0.0, maximum=1.0)
+    frequency_drift: float = parameter(
+        0.01, 'Random walk of each frequency in 1 s, relative to it', minimum=0.0, maximum=1.0)
+    judged_horizon: float = parameter(
+        0.12, 'Time ahead for which the opinions are judged', unit='s', minimum=0.02, maximum=1.0)
+    memory: float = parameter(
+        3.0, 'Time constant with which an old prediction error is forgotten', unit='s',
+        minimum=0.1, maximum=100.0)
+    decisiveness: float = parameter(
+        8.0, 'Power of the inverse error in the weights of the opinions', minimum=1.0,
+        maximum=30.0)
+    window: float = parameter(
+        20.0, 'Time over which the spectrum is searched for oscillations', unit='s', minimum=2.0,
+        maximum=120.0)
+    bandwidth: float = parameter(
+        3.0, 'Frequency above which a compensated oscillation fades, to none at twice it',
+        unit='Hz', minimum=0.1, maximum=5.0)
+    longest_gap: float = parameter(
+        3.0, 'Longest gap between measurements that the oscillations survive', unit='s',
+        minimum=0.1, maximum=60.0)
+    speed: tuple[float, ...] = parameter(
+        (0.4, 0.4, 1.0), 'Speed beyond which an oscillation is compensated in part: x, y, theta',
+        unit='m/s, rad/s', minimum=1e-3, maximum=10.0)
+    acceleration: tuple[float, ...] = parameter(
+        (2.0, 2.0, 5.0),
+        'Acceleration beyond which an oscillation is compensated in part: x, y, theta',
+        unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        for name, length in (('frequencies', 2), ('speed', AXES), ('acceleration', AXES)):
+            if len(getattr(self, name)) != length:
+                raise ParameterError(
+                    f'{name} has {len(getattr(self, name))} elements, expected {length}')
+        if not self.gusts:
+            raise ParameterError('gusts has no element, expected at least 1')
+
+    def initial_frequencies(self) -> np.ndarray:
+        """Return the angular frequencies to start from [rad/s]."""
+        start = 2.0 * math.pi * np.array(self.frequencies)
+        if self.cable_length > 0.0:
+            start[0] = math.sqrt(GRAVITY / self.cable_length)
+        return start
+
+    def noise(self) -> oscillators.ProcessNoise:
+        """Return the process noise, one acceleration density per opinion."""
+        return oscillators.ProcessNoise(
+            np.square(self.gusts), self.offset_drift ** 2, self.frequency_drift ** 2)
+
+
+class DisturbancePredictor:
+    """
+    Foretell the disturbance from its estimates.
+
+    Parameters
+    ----------
+    settings : PredictionSettings
+
+    """
+
+    def __init__(self, settings: PredictionSettings) -> None:
+        self.settings = settings
+        self.stamp: float | None = None
+        self.since: float | None = None
+        self._searched_axis = 0
+        self._forget()
+
+    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+        """
+        Learn from an estimate.
+
+        Parameters
+        ----------
+        stamp : float
+            When the disturbance was there [s]; later than that of the estimate before.
+        values : Pose
+            Estimated disturbance.
+        variances : Pose
+            Variances of the estimate's noise, above 0.
+
+        """
+        measured, noise = np.array(values), np.array(variances)
+        if self.stamp is None or stamp - self.stamp > self.settings.longest_gap:
+            self._start(stamp, measured)
+        else:
+            self._bank.update(stamp - self.stamp, measured, noise)
+        interval, self.stamp = stamp - (self.stamp or stamp), stamp
+        self._history.append((stamp, measured))
+        self._judge(interval, measured, noise)
+        self._search(noise)
+        self._shares = self._compensated_shares()
+
+    def predict(self, time: float) -> Course:
+        """
+        Return the disturbance to compensate at a time, of the past or the future [s].
+
+        Oscillations beyond the bandwidth or the limits of motion are contained in part.
+        """
+        states = oscillators.propagate(self._bank.states, time - self.stamp)
+        place = states[..., oscillators.OFFSET] + (
+            self._shares * states[..., oscillators.PLACES]).sum(axis=-1)
+        velocity = (self._shares * states[..., oscillators.VELOCITIES]).sum(axis=-1)
+        weights = self._weights[:, :-1]
+        still = self._weights[:, -1] * states[:, 0, oscillators.OFFSET]
+        return Course(
+            Pose(*((weights * place).sum(axis=-1) + still).tolist()),
+            Pose(*(weights * velocity).sum(axis=-1).tolist()))
+
+    @property
+    def frequencies(self) -> np.ndarray:
+        """Frequencies of the opinion that weighs most on each axis [Hz], shape (3, 2)."""
+        leading = self._weights[:, :-1].argmax(axis=-1)
+        states = self._bank.states[np.arange(AXES), leading]
+        return states[:, oscillators.FREQUENCIES] / (2.0 * math.pi)
+
+    def _forget(self) -> None:
+        opinions = len(self.settings.gusts) + 1
+        self._history: deque[tuple[float, np.ndarray]] = deque(maxlen=HISTORY_LENGTH)
+        self._past: deque[tuple[float, np.ndarray]] = deque()
+        self._scores = np.full((AXES, opinions), FIRST_SCORE)
+        self._weights = np.full((AXES, opinions), 1.0 / opinions)
+        self._seeded = np.full((AXES, opinions - 1), -math.inf)
+
+    def _start(self, stamp: float, values: np.ndarray) -> None:
+        self._forget()
+        self.since = self._next_search = stamp
+        self._bank = FilterBank(
+            values, self.settings.initial_frequencies(), self.settings.noise())
+
+    def _judge(self, interval: float, values: np.ndarray, noise: np.ndarray) -> None:
+        """Compare what the opinions said one horizon ago with what is now."""
+        past, horizon = self._past, self.settings.judged_horizon
+        past.append((self.stamp, self._bank.states))
+        if self.stamp - past[0][0] < horizon:
+            return
+        while self.stamp - past[1][0] >= horizon:
+            past.popleft()
+        stamp, states = past[0]
+        foretold = oscillators.observe(oscillators.propagate(states, self.stamp - stamp))
+        still = states[:, :1, oscillators.OFFSET]
+        errors = values[:, None] - np.hstack([foretold, still])
+        memory = min(self.settings.memory, self.stamp - self.since - horizon + interval)
+        share = interval / max(memory, interval)
+        self._scores += share * (errors * errors - self._scores)
+        noise = noise[:, None]
+        excess = np.maximum(self._scores - NOISE_IN_SCORE * noise, SCORE_FLOOR * noise)
+        weights = (excess.min(axis=-1, keepdims=True) / excess) ** (
+            0.5 * self.settings.decisiveness)
+        self._weights = weights / weights.sum(axis=-1, keepdims=True)
+
+    def _search(self, noise: np.ndarray) -> None:
+        """Start opinions that have lost an axis's oscillations anew, one axis at a time."""
+        if self.stamp < self._next_search:
+            return
+        self._next_search = self.stamp + SEARCH_PERIOD / AXES
+        axis = self._searched_axis = (self._searched_axis + 1) % AXES
+        window = [item for item in self._history if item[0] >= self.stamp - self.settings.window]
+        times = np.array([time for time, _ in window])
+        values = np.array([value[axis] for _, value in window])
+        lost = self._lost_opinions(axis, values.var(), noise[axis])
+        fit = fit_oscillations(times, values) if lost else None
+        if fit is None or fit.explained < SEED_EXPLAINED:
+            return
+        for opinion in lost:
+            self._bank.seed(axis, opinion, fit, noise[axis])
+            self._seeded[axis, opinion] = self.stamp
+            self._scores[axis, opinion] = self._scores[axis].min()
+
+    def _lost_opinions(self, axis: int, power: float, noise: float) -> list[int]:
+        """Return the opinions, but for the last, with errors far above the noise."""
+        bound = noise + max(LOST_SHARE * power, (LOST_NOISE - 1.0) * noise)
+        ripe = self.stamp - self._seeded[axis] > SEED_INTERVAL
+        lost = ripe & (self._scores[axis, :-1] > bound)
+        return np.flatnonzero(lost[:-1]).tolist()
+
+    def _compensated_shares(self) -> np.ndarray:
+        """Return which share of each oscillation to compensate, shape (3, opinions, 2)."""
+        states, settings = self._bank.states, self.settings
+        frequencies = states[..., oscillators.FREQUENCIES]
+        speed = oscillators.amplitudes(states) * frequencies + 1e-12
+        limits = np.minimum(
+            np.array(settings.speed)[:, None, None] / speed,
+            np.array(settings.acceleration)[:, None, None] / (speed * frequencies))
+        band = 2.0 - frequencies / (2.0 * math.pi * settings.bandwidth)
+        return np.clip(np.minimum(limits, band), 0.0, 1.0)

@@ -1,0 +1,115 @@
+"""The reference: goals on the wall become one jerk-limited, synchronised path in (x, y, θ)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from ruckig import InputParameter, Result, Ruckig, Synchronization, Trajectory
+
+from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.planar import wrap_angle
+from facade_manipulator.parameters import check_parameters, parameter
+
+UNITS = 'm, rad'
+STILL = Pose(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ReferenceSettings:
+    """How fast the head moves on the wall: x, y and θ."""
+
+    speed: tuple[float, ...] = parameter(
+        (0.2, 0.1, 0.4), 'Highest speed: x, y, theta', unit='m/s, rad/s', minimum=1e-3,
+        maximum=5.0)
+    acceleration: tuple[float, ...] = parameter(
+        (0.6, 0.4, 1.5), 'Highest acceleration: x, y, theta', unit='m/s^2, rad/s^2',
+        minimum=1e-2, maximum=50.0)
+    jerk: tuple[float, ...] = parameter(
+        (6.0, 4.0, 15.0), 'Highest jerk: x, y, theta', unit='m/s^3, rad/s^3', minimum=0.1,
+        maximum=1e4)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        for name in ('speed', 'acceleration', 'jerk'):
+            if len(getattr(self, name)) != len(Pose._fields):
+                raise ParameterError(
+                    f'{name} has {len(getattr(self, name))} elements, expected 3: x, y, theta')
+
+
+class Motion(NamedTuple):
+    """Place, velocity and acceleration of the head on the wall [m, m, rad per s, s²]."""
+
+    place: Pose
+    velocity: Pose = STILL
+    acceleration: Pose = STILL
+
+
+class Reference:
+    """
+    The head's path on the wall towards the goal of the moment.
+
+    A new goal is planned for from the motion of the moment; from rest the path is straight.
+
+    Parameters
+    ----------
+    settings : ReferenceSettings
+
+    """
+
+    def __init__(self, settings: ReferenceSettings) -> None:
+        self._planner = Ruckig(len(Pose._fields))
+        self._plan = InputParameter(len(Pose._fields))
+        self._plan.synchronization = Synchronization.Phase
+        self._plan.max_velocity = list(settings.speed)
+        self._plan.max_acceleration = list(settings.acceleration)
+        self._plan.max_jerk = list(settings.jerk)
+        self._trajectory = Trajectory(len(Pose._fields))
+        self._start: float | None = None
+        self.goal: Pose | None = None
+
+    def anchor(self, time: float, motion: Motion, goal: Pose) -> None:
+        """
+        Begin the path anew at a motion and plan it to a goal.
+
+        Parameters
+        ----------
+        time : float
+            When the head has this motion [s].
+        motion : Motion
+        goal : Pose
+            Where to rest; the shorter way round is taken.
+
+        Raises
+        ------
+        ManipulatorError
+            If there is no such path.
+
+        """
+        way = wrap_angle(goal.theta - motion.place.theta)
+        goal = goal._replace(theta=motion.place.theta + way)
+        plan = self._plan
+        plan.current_position, plan.current_velocity, plan.current_acceleration = (
+            map(list, motion))
+        plan.target_position = list(goal)
+        result = self._planner.calculate(plan, self._trajectory)
+        if result not in (Result.Working, Result.Finished):
+            raise ManipulatorError(
+                f'no jerk-limited path from {tuple(motion.place)} to {tuple(goal)} {UNITS}: '
+                f'{result}')
+        self._start, self.goal = time, goal
+
+    def retarget(self, time: float, goal: Pose) -> None:
+        """Plan to another goal from the motion at a time [s]; it must have been anchored."""
+        self.anchor(time, self.at(time), goal)
+
+    def at(self, time: float) -> Motion:
+        """Return the motion at a time [s]; before the path begins its start, later its end."""
+        elapsed = min(max(time - self._start, 0.0), self._trajectory.duration)
+        return Motion(*(Pose(*row) for row in self._trajectory.at_time(elapsed)))
+
+    def arrival(self) -> float:
+        """Return when the path ends [s], −inf before the first."""
+        return -math.inf if self._start is None else self._start + self._trajectory.duration

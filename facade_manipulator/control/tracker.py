@@ -1,0 +1,70 @@
+"""Follow a moving pose within speed and acceleration limits: exactly, as long as they allow."""
+
+from __future__ import annotations
+
+import math
+
+from facade_manipulator.kinematics import Pose
+
+BRAKING_SHARE = 0.5
+
+
+class Tracker:
+    """
+    Step towards a pose, each axis within its limits.
+
+    Parameters
+    ----------
+    speed, acceleration : tuple of float, shape (3,)
+        Limits [m/s, rad/s] and [m/s², rad/s²] of x, y and θ.
+
+    """
+
+    def __init__(self, speed: tuple[float, ...], acceleration: tuple[float, ...]) -> None:
+        self._limits = tuple(zip(speed, acceleration, strict=True))
+        self._time: float | None = None
+        self._place = self._velocity = self._target = Pose(0.0, 0.0, 0.0)
+
+    @property
+    def behind(self) -> Pose:
+        """How far the target is ahead [m, m, rad]; 0 while the limits allow to follow."""
+        return Pose(*(t - p for t, p in zip(self._target, self._place, strict=True)))
+
+    def reset(self) -> None:
+        """Begin anew at the next target."""
+        self._time = None
+
+    def step(self, time: float, target: Pose) -> Pose:
+        """Return the pose at a time [s], later than the last one, for a target then."""
+        if self._time is None or time <= self._time:
+            self._place, self._velocity = target, Pose(0.0, 0.0, 0.0)
+        else:
+            self._advance(time - self._time, target)
+        self._time, self._target = time, target
+        return self._place
+
+    def _advance(self, interval: float, target: Pose) -> None:
+        axes = zip(
+            self._place, self._velocity, target, self._target, self._limits, strict=True)
+        velocity = [
+            _velocity(interval, place, now, goal, (goal - last) / interval, *limits)
+            for place, now, goal, last, limits in axes]
+        self._place = Pose(*(
+            p + v * interval for p, v in zip(self._place, velocity, strict=True)))
+        self._velocity = Pose(*velocity)
+
+
+def _velocity(
+    interval: float, place: float, velocity: float, target: float, target_velocity: float,
+    speed: float, acceleration: float,
+) -> float:
+    """Return the velocity that reaches the target, or approaches it so that it can brake."""
+    change = acceleration * interval
+    direct = (target - place) / interval
+    if abs(direct) <= speed and abs(direct - velocity) <= change:
+        return direct
+    behind = target - place - target_velocity * interval
+    braking = math.sqrt(2.0 * BRAKING_SHARE * acceleration * abs(behind))
+    approach = math.copysign(min(abs(behind) / interval, braking), behind)
+    wanted = min(max(target_velocity + approach, -speed), speed)
+    return min(max(wanted, velocity - change), velocity + change)

@@ -1,0 +1,131 @@
+"""The gondola simulator: it sways, estimates how, and measures the head on the wall."""
+
+from __future__ import annotations
+
+import json
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import Carriages, certify, Geometry, Pose
+from facade_manipulator.nodes.conversions import (
+    carriages_from,
+    diagnostic_status,
+    planar_pose,
+    pose_message,
+    pose_stamped,
+    require_frame,
+    seconds,
+    stamp,
+)
+from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
+from facade_manipulator.simulation.estimator import (
+    Delivery,
+    EstimatorSettings,
+    SimulatedEstimator,
+)
+from facade_manipulator.simulation.sway import Sway, SwaySettings
+from facade_manipulator.simulation.wall import WallMeasurement, WallSettings
+
+FACADE = 'facade'
+DELIVERY_PERIOD = 0.005
+VARIANCES = (0, 7, 35)
+
+
+class GondolaSimulatorNode(Node):
+    """Simulate what moves the rail, and judge what the manipulator makes of it."""
+
+    def __init__(self, **kwargs) -> None:
+        super().__init__('gondola_simulator', **kwargs)
+        self._geometry = declare(self, Geometry, 'geometry')
+        sway = Sway(declare(self, SwaySettings, 'sway'))
+        estimator = declare(self, EstimatorSettings, 'estimator')
+        wall = declare(self, WallSettings, 'wall')
+        start = self._now()
+
+        def motion(time: float) -> Pose:
+            return sway.at(time - start)
+
+        self._estimator = SimulatedEstimator(estimator, motion, start)
+        self._wall = WallMeasurement(self._geometry, wall, motion)
+        self._refusals = Refusals(self)
+        self._connect()
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self.create_timer(DELIVERY_PERIOD, self._deliver)
+
+    def _connect(self) -> None:
+        self._disturbance = self.create_publisher(
+            PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
+        self._head, self._error, self._uncompensated = (
+            self.create_publisher(PoseStamped, f'gondola_simulator/{name}', RELIABLE)
+            for name in ('head_pose', 'wall_error', 'uncompensated_error'))
+        self.create_subscription(PoseStamped, 'goal_pose', self._take_goal, LATEST)
+        self.create_subscription(JointState, 'joint_states', self._take_joint_states, RELIABLE)
+        self.create_service(Trigger, 'gondola_simulator/report', self._report)
+
+    def _deliver(self) -> None:
+        for delivery in self._estimator.advance(self._now()):
+            self._disturbance.publish(_estimate_message(delivery))
+
+    def _take_goal(self, message: PoseStamped) -> None:
+        try:
+            require_frame(message.header.frame_id, FACADE, 'goal_pose')
+            goal = planar_pose(message.pose, 'goal_pose')
+            certify(self._geometry, goal)
+        except ManipulatorError as error:
+            self._refusals.add(error)
+            return
+        self._wall.take_goal(self._now(), goal)
+
+    def _take_joint_states(self, message: JointState) -> None:
+        time = seconds(message.header.stamp)
+        try:
+            carriages = carriages_from(message.name, message.position, 'joint_states position')
+            sample = self._wall.take_carriages(time, Carriages(*carriages))
+        except (ManipulatorError, ValueError) as error:
+            self._refusals.add(error)
+            return
+        self._head.publish(pose_stamped(FACADE, time, sample.head))
+        if sample.error is not None:
+            self._error.publish(pose_stamped(FACADE, time, sample.error))
+            self._uncompensated.publish(pose_stamped(FACADE, time, sample.uncompensated))
+
+    def _report(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = True
+        response.message = json.dumps(self._wall.report())
+        return response
+
+    def _components(self) -> list[DiagnosticStatus]:
+        return [diagnostic_status(
+            'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._refusals.values()})]
+
+    def _now(self) -> float:
+        return self.get_clock().now().nanoseconds * 1e-9
+
+
+def _estimate_message(delivery: Delivery) -> PoseWithCovarianceStamped:
+    message = PoseWithCovarianceStamped()
+    message.header.frame_id = FACADE
+    message.header.stamp = stamp(delivery.stamp)
+    message.pose.pose = pose_message(delivery.pose)
+    covariance = [0.0] * 36
+    for index, variance in zip(VARIANCES, delivery.variances, strict=True):
+        covariance[index] = variance
+    message.pose.covariance = covariance
+    return message
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(lambda: [GondolaSimulatorNode()], args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,143 @@
+"""
+The whole loop in one thread and without a clock: estimator, compensation, setpoints, drives, wall.
+
+Everything but the bus is the real thing; the drives are a first-order lag behind the command that
+they latch one cycle later and reach one cycle after that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from typing import NamedTuple
+
+from facade_manipulator.control.compensation import (
+    Compensator,
+    CompensatorSettings,
+    CorrectedPose,
+    DEFAULTS,
+)
+from facade_manipulator.control.guard import MechanismGuard
+from facade_manipulator.control.limits import MotionLimits
+from facade_manipulator.control.setpoint_stream import GoalSettings, SetpointStream
+from facade_manipulator.control.setpoints import SetpointFollower, StreamSettings
+from facade_manipulator.errors import InputError, ManipulatorError
+from facade_manipulator.kinematics import (
+    Carriages,
+    forward_kinematics,
+    Geometry,
+    inverse_kinematics,
+    Pose,
+)
+from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
+from facade_manipulator.simulation.wall import WallMeasurement, WallSample, WallSettings
+
+START = 1000.0
+CYCLES_AHEAD = 2
+
+
+class LoopSettings(NamedTuple):
+    """Settings of the loop's parts; times in s."""
+
+    compensator: CompensatorSettings = DEFAULTS
+    estimator: EstimatorSettings = EstimatorSettings()
+    wall: WallSettings = WallSettings()
+    limits: MotionLimits = MotionLimits()
+    period: float = 0.01
+    drive_lag: float = 0.015
+    assumed_lag: float = 0.015
+
+
+class Step(NamedTuple):
+    """One cycle: what was asked for, and the head on the wall when the drives got there."""
+
+    corrected: CorrectedPose | None
+    command: Carriages
+    sample: WallSample
+
+
+class ClosedLoop:
+    """
+    Run the loop cycle by cycle.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    settings : LoopSettings
+    motion : callable
+        Takes a time [s] counted from the start, returns the true disturbance as a Pose.
+    head : Pose
+        Where the head stands at the start, in the rail's frame.
+
+    Attributes
+    ----------
+    now : float
+        Time of the next cycle [s].
+    refusals : list of str
+        Sentences of everything that was refused.
+
+    """
+
+    def __init__(
+        self, geometry: Geometry, settings: LoopSettings, motion: Callable[[float], Pose],
+        head: Pose,
+    ) -> None:
+        def disturbance(time: float) -> Pose:
+            return motion(time - START)
+
+        self.settings = settings
+        self.now = START
+        self.compensator = Compensator(geometry, settings.compensator)
+        self.estimator = SimulatedEstimator(settings.estimator, disturbance, START)
+        self.wall = WallMeasurement(geometry, settings.wall, disturbance)
+        self.refusals: list[str] = []
+        self.follower = SetpointFollower(
+            StreamSettings(), settings.limits, settings.period, MechanismGuard(geometry))
+        self._geometry = geometry
+        self._stream = SetpointStream(geometry, GoalSettings())
+        self._actual = inverse_kinematics(geometry, head)
+        self._command = self._actual
+        self.follower.reset(self._actual)
+
+    def send_goal(self, goal: Pose) -> None:
+        """Give a goal on the wall, as the supervisor does."""
+        self.compensator.take_goal(goal)
+        self.wall.take_goal(self.now, goal)
+
+    def run(self, duration: float) -> list[Step]:
+        """Run for a time [s]; return every cycle."""
+        return [self.step() for _ in range(round(duration / self.settings.period))]
+
+    def step(self) -> Step:
+        """Run one cycle."""
+        now, period = self.now, self.settings.period
+        for estimate in self.estimator.advance(now):
+            self._heed(self.compensator.take_estimate, now, *estimate)
+        corrected = self.compensator.update(now)
+        if corrected is not None:
+            self._heed(self._add, now, corrected)
+        reached = now + CYCLES_AHEAD * period
+        command = Carriages(*self.follower.sample(reached + self.settings.assumed_lag))
+        self._move(command)
+        self.compensator.take_head(reached, forward_kinematics(self._geometry, self._actual))
+        self.now = now + period
+        return Step(corrected, command, self.wall.take_carriages(reached, self._actual))
+
+    def _add(self, now: float, corrected: CorrectedPose) -> None:
+        self.follower.add(self._stream.setpoint(corrected.time, corrected.pose), now)
+
+    def _move(self, command: Carriages) -> None:
+        """Let the carriages follow the ramp from the last command to this one."""
+        period, lag = self.settings.period, self.settings.drive_lag
+        decay = math.exp(-period / lag) if lag > 0.0 else 0.0
+        moved = []
+        for actual, last, new in zip(self._actual, self._command, command, strict=True):
+            steady = (new - last) / period * lag
+            moved.append(new - steady - (last - actual - steady) * decay)
+        self._actual, self._command = Carriages(*moved), command
+
+    def _heed(self, take: Callable, *arguments) -> None:
+        try:
+            take(*arguments)
+        except (InputError, ManipulatorError) as error:
+            self.refusals.append(str(error))

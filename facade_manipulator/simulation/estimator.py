@@ -1,0 +1,101 @@
+"""An estimator of the disturbance as there are: late, jittery, noisy, at times silent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import heapq
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.parameters import check_parameters, parameter
+
+
+@dataclass(frozen=True)
+class EstimatorSettings:
+    """How often, how late and how well the disturbance is estimated."""
+
+    rate: float = parameter(50.0, 'Rate of estimates', unit='Hz', minimum=0.1, maximum=1000.0)
+    latency: float = parameter(
+        0.05, 'Mean age of an estimate when it comes', unit='s', minimum=0.0, maximum=5.0)
+    jitter: float = parameter(
+        0.01, 'The age varies by plus or minus this', unit='s', minimum=0.0, maximum=5.0)
+    position_noise: float = parameter(
+        1e-3, 'Standard deviation of x and y', unit='m', minimum=0.0, maximum=1.0)
+    yaw_noise: float = parameter(
+        1.7453e-3, 'Standard deviation of the yaw', unit='rad', minimum=0.0, maximum=1.0)
+    loss: float = parameter(
+        0.0, 'Share of estimates that never come', minimum=0.0, maximum=1.0)
+    silent_from: float = parameter(
+        0.0, 'When a silence begins, counted from the start', unit='s', minimum=0.0)
+    silent_for: float = parameter(0.0, 'How long it lasts', unit='s', minimum=0.0)
+    seed: int = parameter(1, 'Seed of noise, jitter and losses', minimum=0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.jitter > self.latency:
+            raise ParameterError(
+                f'jitter = {self.jitter:g} s is above latency = {self.latency:g} s: estimates '
+                'would come from the future')
+
+    def variances(self) -> Pose:
+        """Return the variances of x, y and yaw."""
+        return Pose(self.position_noise ** 2, self.position_noise ** 2, self.yaw_noise ** 2)
+
+
+class Delivery(NamedTuple):
+    """An estimate as it comes: when it was taken [s] and what it says."""
+
+    stamp: float
+    pose: Pose
+    variances: Pose
+
+
+class SimulatedEstimator:
+    """
+    Estimate a motion.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+    motion : callable
+        Takes a time [s], returns the disturbance as a Pose.
+    start : float
+        Time of the first estimate [s].
+
+    """
+
+    def __init__(
+        self, settings: EstimatorSettings, motion: Callable[[float], Pose], start: float
+    ) -> None:
+        self._settings = settings
+        self._motion = motion
+        self._start = start
+        self._taken = 0
+        self._random = np.random.default_rng(settings.seed)
+        self._deviation = np.sqrt(np.array(settings.variances()))
+        self._under_way: list[tuple[float, Delivery]] = []
+
+    def advance(self, now: float) -> list[Delivery]:
+        """Return the estimates that have come by now [s], in the order of their arrival."""
+        while (stamp := self._start + self._taken / self._settings.rate) <= now:
+            self._taken += 1
+            self._take(stamp)
+        arrived = []
+        while self._under_way and self._under_way[0][0] <= now:
+            arrived.append(heapq.heappop(self._under_way)[1])
+        return arrived
+
+    def _take(self, stamp: float) -> None:
+        settings = self._settings
+        noise = self._deviation * self._random.standard_normal(len(Pose._fields))
+        delay = settings.latency + settings.jitter * self._random.uniform(-1.0, 1.0)
+        lost = self._random.random() < settings.loss
+        silent = 0.0 <= stamp - self._start - settings.silent_from < settings.silent_for
+        if not lost and not silent:
+            pose = Pose(*(np.array(self._motion(stamp)) + noise).tolist())
+            heapq.heappush(
+                self._under_way, (stamp + delay, Delivery(stamp, pose, settings.variances())))

@@ -1,0 +1,129 @@
+"""What the head does on the wall: its true error, and what it would be without compensation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from facade_manipulator.kinematics import Carriages, forward_kinematics, Geometry, Pose
+from facade_manipulator.kinematics.planar import compose, wrap_angle
+from facade_manipulator.parameters import check_parameters, parameter
+
+AXES = Pose._fields
+
+
+@dataclass(frozen=True)
+class WallSettings:
+    """When a sample of the head's error counts."""
+
+    settling_time: float = parameter(
+        2.5, 'Time for which a goal must have stood', unit='s', minimum=0.0, maximum=60.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+class WallSample(NamedTuple):
+    """
+    The head at the stamp of one set of carriage positions.
+
+    Parameters
+    ----------
+    time : float
+        [s].
+    head : Pose
+        True pose of the head in the façade's frame.
+    error : Pose or None
+        Head less goal; None before the first goal.
+    uncompensated : Pose or None
+        What a mechanism standing still at the goal would have.
+    settled : bool
+        Whether the goal has stood for long enough to count.
+
+    """
+
+    time: float
+    head: Pose
+    error: Pose | None
+    uncompensated: Pose | None
+    settled: bool
+
+
+class WallMeasurement:
+    """
+    Measure the head's error from the actual carriage positions and the true disturbance.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    settings : WallSettings
+    motion : callable
+        Takes a time [s], returns the true disturbance as a Pose.
+
+    """
+
+    def __init__(
+        self, geometry: Geometry, settings: WallSettings, motion: Callable[[float], Pose]
+    ) -> None:
+        self._geometry = geometry
+        self._settings = settings
+        self._motion = motion
+        self._goal: Pose | None = None
+        self._goal_since = math.inf
+        self._squares = {'disturbance': [0.0] * 3, 'residual': [0.0] * 3}
+        self.count = 0
+
+    def take_goal(self, now: float, goal: Pose) -> None:
+        """Take the goal on the wall from now [s] on; the same goal again changes nothing."""
+        if goal != self._goal:
+            self._goal, self._goal_since = goal, now
+
+    def take_carriages(self, stamp: float, carriages: Carriages) -> WallSample:
+        """
+        Measure at the stamp [s] of actual carriage positions.
+
+        Raises
+        ------
+        LimitError
+            If the carriages do not close the mechanism.
+
+        """
+        disturbance = self._motion(stamp)
+        head = compose(disturbance, forward_kinematics(self._geometry, carriages))
+        if self._goal is None:
+            return WallSample(stamp, head, None, None, False)
+        error = _difference(head, self._goal)
+        uncompensated = _difference(compose(disturbance, self._goal), self._goal)
+        settled = stamp - self._goal_since >= self._settings.settling_time
+        if settled:
+            self._count_in(error, uncompensated)
+        return WallSample(stamp, head, error, uncompensated, settled)
+
+    def report(self) -> dict:
+        """Return RMS of disturbance and residual and the attenuation of each axis."""
+        return {'axes': {
+            axis: self._axis(i) for i, axis in enumerate(AXES)}, 'samples': self.count}
+
+    def _count_in(self, error: Pose, uncompensated: Pose) -> None:
+        self.count += 1
+        for i in range(len(AXES)):
+            self._squares['residual'][i] += error[i] * error[i]
+            self._squares['disturbance'][i] += uncompensated[i] * uncompensated[i]
+
+    def _axis(self, i: int) -> dict[str, float | int | None]:
+        if not self.count:
+            return {'disturbance_rms': None, 'residual_rms': None, 'attenuation_db': None,
+                    'samples': 0}
+        disturbance, residual = (
+            math.sqrt(self._squares[name][i] / self.count)
+            for name in ('disturbance', 'residual'))
+        attenuation = (
+            20.0 * math.log10(disturbance / residual) if disturbance and residual else None)
+        return {'disturbance_rms': disturbance, 'residual_rms': residual,
+                'attenuation_db': attenuation, 'samples': self.count}
+
+
+def _difference(a: Pose, b: Pose) -> Pose:
+    return Pose(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
