@@ -33,10 +33,9 @@ EXTRAS = {
 
 
 def tree(folder):
-    """Yield (destination, files) of every folder below `folder`, as data_files wants it."""
-    for directory in sorted({path.parent for path in Path(folder).rglob('*') if path.is_file()}):
-        files = sorted(str(path) for path in directory.iterdir() if path.is_file())
-        yield f'share/{NAME}/{directory}', files
+    """Return every file below `folder` with its destination, as data_files wants it."""
+    return [(f'share/{NAME}/{path.parent}', [str(path)]) for path in sorted(Path(folder).rglob('*'))
+            if path.is_file() and path.suffix != '.pyc']
 
 
 setup(

@@ -45,7 +45,7 @@ def resource_path(relative: str | os.PathLike[str]) -> Path:
     for place in places:
         if (place / relative).exists():
             return place / relative
-    searched = ', '.join(str(place) for place in places)
+    searched = ', '.join(str(place) for place in places) or 'no share directory'
     raise FileNotFoundError(f'{relative} is not among the data files of {PACKAGE.name} '
                             f'(searched: {searched})')
 

@@ -1,0 +1,175 @@
+"""The package as it is laid out, declared and installed."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+from importlib.metadata import distribution, PackageNotFoundError
+from pathlib import Path
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+
+import facade_manipulator
+from facade_manipulator import config_path, resources
+
+TOP = Path(__file__).resolve().parents[1]
+AGREED = {
+    'package.xml', 'setup.py', 'setup.cfg', 'README.md', 'CHANGELOG.rst', 'LICENSE', 'Makefile',
+    'pyproject.toml', '.gitignore', '.ci', 'facade_manipulator', 'config', 'launch', 'test',
+    'resource',
+}
+EXECUTABLES = {
+    'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
+    'demo', 'monitor', 'workspace_study',
+}
+DISTRIBUTION_OF = {'can': 'python-can', 'yaml': 'pyyaml'}
+MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
+
+
+def setup_keywords() -> dict[str, object]:
+    """Run setup.py without building anything and return what it tells setuptools."""
+    import setuptools
+
+    told: dict[str, object] = {}
+    original = setuptools.setup
+    setuptools.setup = lambda **keywords: told.update(keywords)
+    try:
+        exec(compile((TOP / 'setup.py').read_text(), 'setup.py', 'exec'), {})
+    finally:
+        setuptools.setup = original
+    return told
+
+
+@pytest.fixture(scope='module')
+def keywords():
+    pytest.importorskip('setuptools')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(TOP)
+        return setup_keywords()
+
+
+@pytest.fixture
+def scripts(keywords) -> dict[str, str]:
+    lines = keywords['entry_points']['console_scripts']
+    return dict(re.split(r'\s*=\s*', line) for line in lines)
+
+
+def test_the_top_level_is_what_was_agreed():
+    listing = subprocess.run(['git', 'ls-files'], cwd=TOP, capture_output=True, text=True)
+    if listing.returncode:
+        pytest.skip('not a git checkout')
+    assert {line.split('/')[0] for line in listing.stdout.splitlines()} <= AGREED
+
+
+def test_the_manifest_and_setup_agree(keywords):
+    for key in ('name', 'version'):
+        assert MANIFEST.findtext(key) == keywords[key]
+    assert MANIFEST.findtext('maintainer') == keywords['maintainer']
+    assert MANIFEST.find('maintainer').get('email') == keywords['maintainer_email']
+    assert MANIFEST.findtext('license') == keywords['license']
+
+
+def test_the_installed_version_is_the_declared_one(keywords):
+    try:
+        installed = distribution('facade_manipulator')
+    except PackageNotFoundError:
+        pytest.skip('runs from the source tree without being installed')
+    assert installed.version == keywords['version']
+
+
+def test_the_executables_are_those_of_the_interface(scripts):
+    assert set(scripts) == EXECUTABLES
+
+
+@pytest.mark.parametrize('name', sorted(EXECUTABLES))
+def test_an_executable_can_be_started(scripts, name):
+    module, function = scripts[name].split(':')
+    assert callable(getattr(importlib.import_module(module), function))
+
+
+@pytest.mark.parametrize('folder', ['config', 'launch'])
+def test_every_file_of_a_data_folder_is_installed(keywords, folder):
+    installed = {name for _, names in keywords['data_files'] for name in names}
+    assert installed >= {str(path.relative_to(TOP)) for path in (TOP / folder).rglob('*')
+                         if path.is_file() and '__pycache__' not in path.parts}
+
+
+def test_a_data_file_keeps_its_place_below_share(keywords):
+    for destination, names in keywords['data_files']:
+        for name in names:
+            if name.startswith(('config', 'launch')):
+                assert Path(destination) == Path('share/facade_manipulator', name).parent
+
+
+def test_the_ament_index_finds_the_package(keywords):
+    assert ('share/ament_index/resource_index/packages',
+            ['resource/facade_manipulator']) in keywords['data_files']
+    assert (TOP / 'resource' / 'facade_manipulator').is_file()
+
+
+def test_what_is_imported_is_declared(keywords):
+    declared = [*keywords['install_requires'], *keywords['extras_require']['study']]
+    names = {re.split(r'[<>=\[]', line)[0].lower() for line in declared}
+    packages = {element.text for element in MANIFEST.iter('exec_depend')}
+    known = {*sys.stdlib_module_names, 'facade_manipulator', *packages}
+    missing = {name for name in third_party_imports() - known
+               if DISTRIBUTION_OF.get(name, name) not in names}
+    assert not missing
+
+
+def third_party_imports() -> set[str]:
+    found = set()
+    for path in Path(facade_manipulator.__file__).parent.rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                found.add(node.module.split('.')[0])
+    return found
+
+
+def test_a_configuration_file_is_found_beside_the_code():
+    assert config_path() == TOP / 'config' or 'share' in config_path().parts
+    assert config_path('drives').is_dir()
+
+
+def test_a_missing_configuration_file_is_an_error_that_names_the_places():
+    with pytest.raises(FileNotFoundError, match='config/no_such_file.yaml.*searched: .+'):
+        config_path('no_such_file.yaml')
+
+
+@pytest.fixture
+def installed_package(monkeypatch, tmp_path):
+    """Pretend that the code lies in site-packages, with no data beside it."""
+    monkeypatch.setattr(resources, 'PACKAGE', tmp_path / 'site-packages' / 'facade_manipulator')
+    return tmp_path
+
+
+def put(prefix: Path) -> Path:
+    file = prefix / 'share' / 'facade_manipulator' / 'config' / 'manipulator.yaml'
+    file.parent.mkdir(parents=True)
+    file.touch()
+    return file
+
+
+def test_an_installed_package_finds_its_ament_prefix(monkeypatch, installed_package):
+    file = put(installed_package / 'install')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'/nowhere:{installed_package}/install')
+    assert config_path('manipulator.yaml') == file
+
+
+def test_a_package_installed_by_pip_alone_finds_its_prefix(monkeypatch, installed_package):
+    monkeypatch.delenv('AMENT_PREFIX_PATH', raising=False)
+    monkeypatch.setattr(sys, 'prefix', str(installed_package / 'venv'))
+    file = put(installed_package / 'venv')
+    assert config_path('manipulator.yaml') == file
+
+
+def test_an_overlay_hides_what_it_overlays(monkeypatch, installed_package):
+    over, under = put(installed_package / 'over'), put(installed_package / 'under')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', f'{installed_package}/over:{installed_package}/under')
+    assert config_path('manipulator.yaml') == over != under
