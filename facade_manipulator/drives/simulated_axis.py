@@ -33,6 +33,7 @@ from facade_manipulator.drives.simulated_motor import (
     NEGATIVE_LIMIT,
     POSITIVE_LIMIT,
     SimulatedMotor,
+    STANDSTILL,
 )
 from facade_manipulator.drives.simulated_objects import INVALID_VALUE, ObjectStore
 from facade_manipulator.drives.units import AxisScale, INT32_MAX, INT32_MIN
@@ -44,7 +45,6 @@ LIMIT_SWITCH_ERRORS = {NEGATIVE_LIMIT: 0x8A80, POSITIVE_LIMIT: 0x8A81}
 
 _LONGEST_STEP = 0.001  # s
 _LONGEST_GAP = 1.0  # s: a drive that nobody called for longer has stood still meanwhile
-_STANDSTILL = 1.0  # counts/s
 
 # option codes
 _KEEPS_STANDING = range(5, 9)  # 605A: stay in quick stop active
@@ -312,7 +312,7 @@ class SimulatedAxis:
         self._check_following_error(step)
         self._check_switches()
         stop = self._stop
-        if stop is not None and stop.speed == 0.0 and abs(self._motor.velocity) < _STANDSTILL:
+        if stop is not None and stop.speed == 0.0 and abs(self._motor.velocity) < STANDSTILL:
             self._end_stop()
 
     def _check_following_error(self, step: float) -> None:

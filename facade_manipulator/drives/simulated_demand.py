@@ -32,12 +32,12 @@ class Interpolator:
             self.position, self.speed = target, 0.0
 
     def step(self, step: float) -> tuple[float, float]:
-        """Return demand position and speed after `step` seconds."""
+        """Return demand position after `step` seconds, and the speed meanwhile."""
         if self._remaining > step:
             self._remaining -= step
             self.position += self.speed * step
             return self.position, self.speed
-        speed = self.speed if self._remaining > 0.0 else 0.0
+        speed = (self._target - self.position) / step if self._remaining > 0.0 else 0.0
         self.position, self.speed, self._remaining = self._target, 0.0, 0.0
         return self.position, speed
 

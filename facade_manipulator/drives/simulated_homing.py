@@ -1,7 +1,8 @@
 """
 Homing methods of a simulated drive, each as a coroutine over time steps.
 
-A method yields the speed it wants, steps with the machine, and returns the home position.
+A method yields the speed it wants, steps with the machine, and returns the home position. It
+yields None to give up pushing: then the demand begins anew where the carriage is.
 
 References
 ----------
@@ -22,9 +23,10 @@ from facade_manipulator.drives.simulated_motor import (
     NEGATIVE_LIMIT,
     POSITIVE_LIMIT,
     SimulatedMotor,
+    STANDSTILL,
 )
 
-Search = Generator[float, None, float]
+Search = Generator[float | None, None, float]
 
 _LIMIT_SWITCHES = {-1: NEGATIVE_LIMIT, 1: POSITIVE_LIMIT}
 
@@ -61,9 +63,16 @@ def _here(motor: SimulatedMotor, settings: HomingSettings) -> Search:
 
 
 def _index(direction: int, motor: SimulatedMotor, settings: HomingSettings) -> Search:
-    """Go to the next index pulse, one per revolution of the motor."""
+    """Methods 33 and 34: the index pulse next to here."""
+    return (yield from _pulse_after(motor.position, direction, motor, settings))
+
+
+def _pulse_after(
+    start: float, direction: int, motor: SimulatedMotor, settings: HomingSettings
+) -> Search:
+    """Go to the first index pulse beyond `start`; there is one per revolution of the motor."""
     revolution = motor.counts_per_revolution
-    turns = motor.position / revolution
+    turns = start / revolution
     pulse = revolution * (math.floor(turns) + 1 if direction > 0 else math.ceil(turns) - 1)
     while (pulse - motor.position) * direction > 0.0:
         _refuse(motor, _LIMIT_SWITCHES[direction])
@@ -87,7 +96,6 @@ def _limit(direction: int, motor: SimulatedMotor, settings: HomingSettings) -> S
     """Methods 17 and 18: the inner edge of a limit switch."""
     switch = _LIMIT_SWITCHES[direction]
     while not motor.inputs & switch:
-        _refuse(motor, _LIMIT_SWITCHES[-direction])
         yield direction * settings.fast
     return (yield from _leave(switch, -direction, motor, settings))
 
@@ -96,6 +104,8 @@ def _home_edge(direction: int, motor: SimulatedMotor, settings: HomingSettings) 
     """Methods 23 and 27: the edge of the home switch that faces away from `direction`."""
     while not motor.inputs & (HOME_SWITCH | _LIMIT_SWITCHES[direction]):
         yield direction * settings.fast
+    while motor.velocity * direction > STANDSTILL:  # which may lead beyond the switch
+        yield 0.0
     while not motor.inputs & HOME_SWITCH:
         _refuse(motor, _LIMIT_SWITCHES[-direction])
         yield -direction * settings.fast
@@ -106,6 +116,7 @@ def _stop(direction: int, motor: SimulatedMotor, settings: HomingSettings) -> Se
     """Methods -3 and -4: push against a hard stop until the current says so."""
     while motor.torque * direction < settings.threshold or motor.velocity != 0.0:
         yield direction * settings.fast
+    yield None
     return motor.position
 
 
@@ -113,8 +124,8 @@ def _with_index(
     search: Callable[..., Search], direction: int, motor: SimulatedMotor, settings: HomingSettings
 ) -> Search:
     """Search first, then take the next index pulse in `direction`."""
-    yield from search(motor, settings)
-    return (yield from _index(direction, motor, settings))
+    start = yield from search(motor, settings)
+    return (yield from _pulse_after(start, direction, motor, settings))
 
 
 def _pair(search: Callable[..., Search], direction: int) -> tuple[Callable[..., Search], ...]:

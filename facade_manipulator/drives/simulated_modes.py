@@ -20,7 +20,7 @@ from facade_manipulator.drives.simulated_homing import (
     METHODS,
     Search,
 )
-from facade_manipulator.drives.simulated_motor import SimulatedMotor
+from facade_manipulator.drives.simulated_motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.drives.simulated_objects import ObjectStore
 
 _MAX_PERIOD = 1.0  # s: an interpolation period beyond it is none that a servo uses
@@ -212,7 +212,10 @@ class Homing:
 
     def _continue(self, search: Search) -> None:
         try:
-            self._demand.goal = next(search)
+            goal = next(search)
+            if goal is None:
+                self._give_up_pushing()
+            self._demand.goal = goal or 0.0
         except StopIteration as end:
             self._finish(end.value)
         except HomingFailed:
@@ -222,13 +225,15 @@ class Homing:
         self._search = None
         self.attained = True
         self._reference.offset = self._values[self._home] - round(home)
-        # no more push against a hard stop
+
+    def _give_up_pushing(self) -> None:
         self._demand.position = self._motor.position
-        self._demand.speed = self._motor.velocity
+        self._demand.speed = 0.0
 
     def status(self) -> int:
         """Return the mode's bits of the statusword."""
-        rests = (self._search is None or self._halted) and self._demand.speed == 0.0
+        rests = ((self._search is None or self._halted)
+                 and abs(self._motor.velocity) < STANDSTILL)
         return (Status.TARGET_REACHED * rests | Status.HOMING_ATTAINED * self.attained
                 | Status.HOMING_ERROR * self._failed)
 

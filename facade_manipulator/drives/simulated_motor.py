@@ -16,7 +16,8 @@ from facade_manipulator.parameters import check_parameters, parameter
 
 NEGATIVE_LIMIT, POSITIVE_LIMIT, HOME_SWITCH = 0x1, 0x2, 0x4  # bits of the digital inputs 60FD
 
-_STANDSTILL_SPEED = 1e-3  # m/s: below it friction fades, so that the torque does not flicker
+STANDSTILL = 1.0  # counts/s: slower than that is at rest
+_FRICTION_SPEED = 1e-3  # m/s: below it friction fades, so that the torque does not flicker
 _TORQUE_FILTER = 0.005  # s
 
 
@@ -163,22 +164,33 @@ class SimulatedMotor:
         Parameters
         ----------
         demand, speed : float
-            Position and velocity that the carriage should have, counts and counts/s.
+            Position at the end of the step and velocity during it that the carriage should have,
+            in counts and counts/s.
         step : float
             Length of the step in s.
         speed_limit, acceleration_limit : float
             In counts/s and counts/s².
 
         """
-        error = demand - self.position - speed * self.lag
-        decay = 1.0 - math.exp(-step / self.lag) if self.lag > 0.0 else 1.0
-        brake = math.sqrt(2.0 * acceleration_limit * abs(error))
-        wanted = speed + min(max(error * decay / step, -brake), brake)
+        error = demand - self.position - speed * (self.lag + step)
+        wanted = speed + self._approach(error, step, acceleration_limit)
         reachable = min(max(wanted, -speed_limit), speed_limit)
         most = acceleration_limit * step
         change = min(max(reachable - self.velocity, -most), most)
         self.is_limited = self.velocity + change != wanted
         self._move(self.velocity + change, step, demand)
+
+    def _approach(self, error: float, step: float, acceleration: float) -> float:
+        """Return the speed that takes an error away: by the lag, or braking at the limit."""
+        knee = acceleration * self.lag * self.lag  # beyond it the lag alone would brake harder
+        if abs(error) <= knee and self.lag > 0.0:
+            decay = 1.0 - math.exp(-step / self.lag)
+            return error * decay / step
+        # after this step at speed v, braking at the limit ends where the lag takes over:
+        # v² = a (2 (|error| - v step) - knee)
+        slack = acceleration * step
+        root = math.sqrt(slack * slack + 4.0 * acceleration * (2.0 * abs(error) - knee))
+        return math.copysign(min(0.5 * (root - slack), abs(error) / step), error)
 
     def coast(self, step: float) -> None:
         """Move without power over one time step."""
@@ -201,7 +213,7 @@ class SimulatedMotor:
 
     def _load(self, acceleration: float, push: float, step: float) -> None:
         speed = self.velocity / self._per_metre
-        friction = self._settings.coulomb_friction * speed / (abs(speed) + _STANDSTILL_SPEED)
+        friction = self._settings.coulomb_friction * speed / (abs(speed) + _FRICTION_SPEED)
         force = (self._settings.moving_mass * acceleration + friction
                  + self._settings.viscous_friction * speed
                  + self._settings.contact_stiffness * push
