@@ -34,8 +34,8 @@ EXTRAS = {
 
 def tree(folder):
     """Return every file below `folder` with its destination, as data_files wants it."""
-    return [(f'share/{NAME}/{path.parent}', [str(path)]) for path in sorted(Path(folder).rglob('*'))
-            if path.is_file() and path.suffix != '.pyc']
+    files = (path for path in sorted(Path(folder).rglob('*')) if path.is_file())
+    return [(f'share/{NAME}/{file.parent}', [str(file)]) for file in files if file.suffix != '.pyc']
 
 
 setup(
