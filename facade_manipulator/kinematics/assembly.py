@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from math import atan2, cos, isfinite, sin, sqrt
+from math import atan2, cos, hypot, isfinite, sin, sqrt
 
 import numpy as np
 
 from facade_manipulator.errors import SingularityError
-from facade_manipulator.kinematics.closure import (
-    closure_constant,
-    closure_residuals,
-    cubic,
-    newton_step,
-)
+from facade_manipulator.kinematics.closure import cubic, newton_step
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 
 _ROOT_TOLERANCE = 1e-6  # on the imaginary part and on cos θ: double roots split by √eps
-_CLOSURE_TOLERANCE = 1e-12  # of l², decides what is a real mode
+_CLOSURE_TOLERANCE = 1e-10  # of the lengths: decides which candidate is real
 _SAME_TOLERANCE = 1e-7  # of y/l and θ: two candidates that are one mode
 _POLISH_STEPS = 4
 
@@ -47,18 +42,16 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> list[Pose]:
         raise not_finite(Carriages(q1, q2, q3))
     left, right = q1 - q3, q2 - q3
     modes: list[Pose] = []
-    for y, theta in _candidates(geometry, right - left, left + right):
+    for y, theta in _candidates(geometry, left, right):
         y, theta = _polish(geometry, left, right, y, theta)
         if _closes(geometry, left, right, y, theta) and not _contains(geometry, modes, y, theta):
             modes.append(Pose(q3, y, theta))
     return sorted(modes, key=lambda mode: (-mode.y, abs(mode.theta)))
 
 
-def _candidates(
-    geometry: Geometry, distance: float, double_offset: float
-) -> list[tuple[float, float]]:
+def _candidates(geometry: Geometry, left: float, right: float) -> list[tuple[float, float]]:
     """Return approximate (y, θ) of every root of the cubic, mirrors included."""
-    f0, f1, f2, f3 = cubic(geometry, distance, double_offset)
+    f0, f1, f2, f3, square = cubic(geometry, left, right)
     half = geometry.platform_half_length
     found = []
     for root in np.roots([-f3, f2, -f1, f0]):
@@ -66,11 +59,10 @@ def _candidates(
         if abs(root.imag) > _ROOT_TOLERANCE or abs(cosine) > 1.0 + _ROOT_TOLERANCE:
             continue
         cosine = max(-1.0, min(1.0, cosine))
-        y = sqrt(max(0.0, closure_constant(geometry, distance)
-                     - 0.25 * double_offset ** 2 + half * distance * cosine))
-        # y s is known, so where y vanishes the sine has its size from the cosine alone.
-        sine = sqrt(max(0.0, 1.0 - cosine * cosine))
-        if double_offset * (2.0 * half * cosine - distance) < 0.0:
+        y = sqrt(max(0.0, square - f3 * (1.0 - cosine)))
+        # y s has a known sign; its size would be lost where y vanishes, the cosine's is not.
+        sine = sqrt(1.0 - cosine * cosine)
+        if (left + right) * (2.0 * half * cosine - right + left) < 0.0:
             sine = -sine
         found += [(y, atan2(sine, cosine)), (-y, atan2(-sine, cosine))]
     return found
@@ -92,10 +84,12 @@ def _polish(
 
 
 def _closes(geometry: Geometry, left: float, right: float, y: float, theta: float) -> bool:
-    residuals = closure_residuals(geometry, left, right, y, sin(theta), cos(theta))
-    bound = _CLOSURE_TOLERANCE * (
-        geometry.link_length + geometry.platform_half_length + abs(left) + abs(right)) ** 2
-    return max(abs(residual) for residual in residuals) <= bound
+    """Whether both links have their length."""
+    length = geometry.link_length
+    span = geometry.platform_half_length * cos(theta)
+    rise = geometry.platform_half_length * sin(theta)
+    errors = (hypot(left + span, y - rise) - length, hypot(span - right, y + rise) - length)
+    return max(map(abs, errors)) <= _CLOSURE_TOLERANCE * (length + abs(left) + abs(right))
 
 
 def _contains(geometry: Geometry, modes: list[Pose], y: float, theta: float) -> bool:

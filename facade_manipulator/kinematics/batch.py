@@ -8,12 +8,17 @@ processor's cache, in place, with one trigonometric call per pose.
 from __future__ import annotations
 
 from collections.abc import Iterator
+import math
 
 import numpy as np
 
 from facade_manipulator.errors import LimitError, ParameterError
-from facade_manipulator.kinematics.closure import closure_constant
-from facade_manipulator.kinematics.forward import forward_kinematics, ITERATIONS, STEP_TOLERANCE
+from facade_manipulator.kinematics.forward import (
+    forward_kinematics,
+    ITERATIONS,
+    POLISHED,
+    STEP_TOLERANCE,
+)
 from facade_manipulator.kinematics.geometry import Carriages, Geometry
 
 BLOCK = 4096  # rows; ten or so buffers of 32 KiB stay in the second-level cache
@@ -86,8 +91,6 @@ def forward_kinematics_batch(
     with np.errstate(all='ignore'):
         for rows in _blocks(len(carriages)):
             _forward_block(geometry, carriages[rows], poses[rows], valid[rows], buffers)
-    for row in np.flatnonzero(carriages[:, 1] <= carriages[:, 0]):
-        _replace_crossed(geometry, carriages, poses, valid, row)
     return poses, valid
 
 
@@ -147,13 +150,21 @@ def _forward_block(
     np.subtract(carriages[:, 1], carriages[:, 2], out=right)
     _solve(geometry, left, right, (sine, cosine, y), work)
     _polish(geometry, left, right, (sine, cosine, y), work, valid)
+    dy, dtheta, size = work[:3]
     out[:, 0] = carriages[:, 2]
-    out[:, 1] = y
+    np.add(y, dy, out=out[:, 1])
     np.arctan2(sine, cosine, out=y)
-    np.add(y, work[0], out=out[:, 2])
-    valid &= np.isfinite(out[:, 2])
+    np.add(y, dtheta, out=out[:, 2])
+    np.abs(dy, out=dy)
+    np.abs(dtheta, out=size)
+    size += dy
+    valid &= size <= POLISHED
     if not valid.all():
         out[~valid] = np.nan
+        hard = (size > POLISHED) | (carriages[:, 1] <= carriages[:, 0])
+        for row in np.flatnonzero(hard):
+            out[row] = _answer(geometry, carriages[row])
+        np.isfinite(out[:, 1], out=valid)
 
 
 def _solve(
@@ -173,7 +184,7 @@ def _solve(
     np.multiply(distance, half, out=f3)
     np.multiply(distance, distance, out=f2)
     f2 *= -0.25
-    f2 += closure_constant(geometry, 0.0)
+    f2 += (geometry.link_length - half) * (geometry.link_length + half)
     np.add(f2, f3, out=cosine)
     np.multiply(f0, distance, out=f1)
     f1 *= -1.0 / half
@@ -235,15 +246,17 @@ def _polish(
     geometry: Geometry, left: np.ndarray, right: np.ndarray,
     result: tuple[np.ndarray, np.ndarray, np.ndarray], work: np.ndarray, valid: np.ndarray,
 ) -> None:
-    """One Newton step: adds Δy to y and leaves Δθ in ``work[0]``; valid in the working mode."""
+    """Leave one Newton step (Δy, Δθ) in ``work[:2]``; valid in the right order and mode."""
     half, square = geometry.platform_half_length, geometry.link_length ** 2
     sine, cosine, y = result
     residual1, residual2, u1, u2, e1, e2, scratch = work[:7]
+    uncrossed = right > left
     np.multiply(cosine, half, out=scratch)
     left += scratch
     np.subtract(scratch, right, out=right)  # from here on left and right are s1 and s2
     np.minimum(left, right, out=u1)
     np.greater(u1, 0.0, out=valid)
+    valid &= uncrossed
     np.multiply(sine, half, out=scratch)
     np.subtract(y, scratch, out=u1)
     np.add(y, scratch, out=u2)
@@ -264,11 +277,10 @@ def _polish(
     e2 *= residual1
     e1 *= residual2
     e1 += e2
-    e1 *= left
-    y += e1
-    np.subtract(u1, u2, out=residual1)
-    residual1 *= left
-    residual1 *= 1.0 / half
+    np.subtract(u1, u2, out=residual2)
+    np.multiply(e1, left, out=residual1)
+    residual2 *= left
+    residual2 *= 1.0 / half
 
 
 def _residual(
@@ -282,13 +294,9 @@ def _residual(
     out -= square
 
 
-def _replace_crossed(
-    geometry: Geometry, carriages: np.ndarray, poses: np.ndarray, valid: np.ndarray, row: int
-) -> None:
-    """Let the scalar path answer for carriages that passed each other."""
+def _answer(geometry: Geometry, carriages: np.ndarray) -> tuple[float, float, float]:
+    """Answer one row by the scalar path: carriages that passed each other, or poses near N = 0."""
     try:
-        poses[row] = forward_kinematics(geometry, Carriages(*carriages[row].tolist()))
-        valid[row] = True
+        return forward_kinematics(geometry, Carriages(*carriages.tolist()))
     except (LimitError, ParameterError):
-        poses[row] = np.nan
-        valid[row] = False
+        return math.nan, math.nan, math.nan

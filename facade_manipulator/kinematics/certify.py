@@ -53,14 +53,14 @@ def certify(
         If a carriage leaves the stroke.
 
     """
-    at = links(geometry, pose)
+    at = _, cosine, _, _, projection1, projection2 = links(geometry, pose)
     x, y, _ = pose
     if y <= 0.0:
         raise SingularityError(
             'y', y, 0.0, 'm', 'behind the rail, on the mirrored assembly branch: not above')
-    span = geometry.platform_half_length * at.cosine
-    _check_gap(geometry, span - at.projection1, span - at.projection2)
-    q1, q2 = x - span + at.projection1, x + span - at.projection2
+    span = geometry.platform_half_length * cosine
+    _check_gap(geometry, span - projection1, span - projection2)
+    q1, q2 = x - span + projection1, x + span - projection2
     _check_stroke(geometry, q1, q2)
     number = branch_number(at)
     if number <= 0.0:

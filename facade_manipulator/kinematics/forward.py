@@ -9,16 +9,19 @@ never from acos, so nothing is lost near θ = 0; one Newton step on the links po
 
 from __future__ import annotations
 
-from math import atan2, cos, isfinite, sqrt
+from math import atan2, cos, isfinite, sin, sqrt
 
 from facade_manipulator.errors import UnreachableError
 from facade_manipulator.kinematics.assembly import assembly_modes
-from facade_manipulator.kinematics.closure import closure_constant, cubic, newton_step, unit
+from facade_manipulator.kinematics.closure import cubic, newton_step
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 from facade_manipulator.kinematics.jacobian import parallel_singularity
 
-STEP_TOLERANCE = 1e-9  # what such a step leaves is its square: the polish removes it
+STEP_TOLERANCE = 1e-5  # such a step leaves its square, and the polish the square of that
+POLISHED = 1e-8  # a Newton step on the links from which nothing is left
 ITERATIONS = 100
+
+_new_tuple = tuple.__new__  # a named tuple in half the time of its constructor
 
 
 def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
@@ -54,51 +57,66 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
         y, theta = _crossed(geometry, Carriages(q1, q2, q3))
     else:
         y, theta = _solve(geometry, left, right)
-    return Pose(q3, y, theta)
+    return _new_tuple(Pose, (q3, y, theta))
 
 
 def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:
     """Return (y, θ) for left = q1 − q3 below right = q2 − q3."""
     half = geometry.platform_half_length
-    distance, double_offset = right - left, left + right
-    u = _versine(geometry, distance, double_offset)
-    y2 = (closure_constant(geometry, distance) - 0.25 * double_offset * double_offset
-          + half * distance * (1.0 - u))
-    if y2 <= 0.0:
-        raise UnreachableError('y squared', y2, 0.0, 'm2', 'not above')
-    y = sqrt(y2)
+    f0, f1, f2, f3, square = cubic(geometry, left, right)
+    u = _greatest_root(f0, f1, f2, f3)
+    square -= f3 * u
+    if square <= 0.0:
+        raise UnreachableError('y squared', square, 0.0, 'm2', 'not above')
+    y = sqrt(square)
     cosine = 1.0 - u
-    sine = double_offset * (2.0 * half * cosine - distance) / (4.0 * half * y)
-    sine, cosine = unit(sine, cosine)
-    _check_working_mode(left + half * cosine, half * cosine - right)
+    sine = (left + right) * (2.0 * half * cosine - right + left) / (4.0 * half * y)
+    norm = sqrt(sine * sine + cosine * cosine)
+    sine /= norm
+    cosine /= norm
+    if left + half * cosine <= 0.0 or half * cosine - right <= 0.0:
+        raise _other_working_mode(left + half * cosine, half * cosine - right)
     dy, dtheta = newton_step(geometry, left, right, y, sine, cosine)
-    return y + dy, atan2(sine, cosine) + dtheta
+    theta = atan2(sine, cosine)
+    if abs(dtheta) + abs(dy) > POLISHED:
+        return _polish(geometry, left, right, y, theta)
+    return y + dy, theta + dtheta
 
 
-def _versine(geometry: Geometry, distance: float, double_offset: float) -> float:
+def _polish(
+    geometry: Geometry, left: float, right: float, y: float, theta: float
+) -> tuple[float, float]:
+    """Take Newton steps while they shrink: near N = 0 the cubic has lost half its digits."""
+    last = 1.0
+    while True:
+        dy, dtheta = newton_step(geometry, left, right, y, sin(theta), cos(theta))
+        size = abs(dtheta) + abs(dy)
+        if size >= last:
+            return y, theta
+        last, y, theta = size, y + dy, theta + dtheta
+
+
+def _greatest_root(f0: float, f1: float, f2: float, f3: float) -> float:
     """Return u = 1 − cos θ of the branch with N > 0, by Newton's method from u = 0."""
-    f0, f1, f2, f3 = cubic(geometry, distance, double_offset)
-    u = 0.0
+    slope, u = f1, 0.0
     for _ in range(ITERATIONS):
-        slope = f1 - u * (2.0 * f2 - 3.0 * u * f3)
         if slope <= 0.0 or u > 2.0:
             break
         step = (f0 - u * (f1 - u * (f2 - u * f3))) / slope
         u += step
         if step < STEP_TOLERANCE:
             return u
+        slope = f1 - u * (2.0 * f2 - 3.0 * u * f3)
     raise UnreachableError(
         'closure residual of the links', f0 - u * (f1 - u * (f2 - u * f3)), 0.0, 'm2', 'above')
 
 
-def _check_working_mode(projection1: float, projection2: float) -> None:
-    """Both carriages must stand inside their platform joints."""
-    if projection1 <= 0.0:
-        raise UnreachableError(
-            'q1 - q3 + b cos(theta)', projection1, 0.0, 'm', 'of another working mode, not above')
-    if projection2 <= 0.0:
-        raise UnreachableError(
-            'q3 - q2 + b cos(theta)', projection2, 0.0, 'm', 'of another working mode, not above')
+def _other_working_mode(projection1: float, projection2: float) -> UnreachableError:
+    """Say which carriage stands outside its platform joint."""
+    name = 'q1 - q3' if projection1 <= 0.0 else 'q3 - q2'
+    return UnreachableError(
+        f'{name} + b cos(theta)', min(projection1, projection2), 0.0, 'm',
+        'of another working mode, not above')
 
 
 def _crossed(geometry: Geometry, carriages: Carriages) -> tuple[float, float]:

@@ -11,28 +11,15 @@ Cleaning", section II-A.
 from __future__ import annotations
 
 from math import cos, isfinite, sin, sqrt
-from typing import NamedTuple
 
 from facade_manipulator.errors import UnreachableError
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 from facade_manipulator.kinematics.modes import WorkingMode
 
-
-class Links(NamedTuple):
-    """
-    The two links of a pose, as every formula of the velocities needs them.
-
-    With s = sin θ and c = cos θ: heights u1 = y − b s and u2 = y + b s of B1 and B2 above the
-    rail, and the links' signed projections on it, s1 = q1 − x + b c and s2 = x + b c − q2 [m].
-    In the mode PLUS_MINUS both projections are positive.
-    """
-
-    sine: float
-    cosine: float
-    height1: float
-    height2: float
-    projection1: float
-    projection2: float
+# s, c, u1, u2, s1, s2 of `links`: plain tuples, because naming the fields would cost as much as
+# computing them.
+Links = tuple[float, float, float, float, float, float]
+_new_tuple = tuple.__new__
 
 
 def inverse_kinematics(
@@ -66,26 +53,37 @@ def inverse_kinematics(
     x, y, theta = pose
     if not isfinite(x + y + theta):
         raise not_finite(Pose(x, y, theta))
-    half = geometry.platform_half_length
-    square = geometry.link_length ** 2
+    length, half = geometry.link_length, geometry.platform_half_length
     rise = half * sin(theta)
-    root1 = square - (y - rise) ** 2
-    root2 = square - (y + rise) ** 2
+    height1 = y - rise
+    height2 = y + rise
+    square = length * length
+    root1 = square - height1 * height1
+    root2 = square - height2 * height2
     if root1 <= 0.0 or root2 <= 0.0:
         raise _unreachable(geometry, y, rise)
     span = half * cos(theta)
-    return Carriages(
+    # Carriages(...) in half the time: the machine asks for this at every setpoint.
+    return _new_tuple(Carriages, (
         x - span + working_mode.sign1 * sqrt(root1),
         x + span + working_mode.sign2 * sqrt(root2),
         x,
-    )
+    ))
 
 
 def links(
     geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
 ) -> Links:
     """
-    Heights and projections of the links at a pose.
+    Return the two links of a pose, as every formula of the velocities needs them.
+
+    With s = sin θ and c = cos θ: heights u1 = y − b s and u2 = y + b s of B1 and B2 above the
+    rail, and the links' signed projections on it, s1 = q1 − x + b c and s2 = x + b c − q2 [m].
+    In the mode PLUS_MINUS both projections are positive.
+
+    Returns
+    -------
+    s, c, u1, u2, s1, s2
 
     Raises
     ------
@@ -97,15 +95,16 @@ def links(
     if not isfinite(x + y + theta):
         raise not_finite(Pose(x, y, theta))
     sine = sin(theta)
-    square = geometry.link_length ** 2
+    length = geometry.link_length
     rise = geometry.platform_half_length * sine
     height1 = y - rise
     height2 = y + rise
-    root1 = square - height1 ** 2
-    root2 = square - height2 ** 2
+    square = length * length
+    root1 = square - height1 * height1
+    root2 = square - height2 * height2
     if root1 <= 0.0 or root2 <= 0.0:
         raise _unreachable(geometry, y, rise)
-    return Links(
+    return (
         sine, cos(theta), height1, height2,
         working_mode.sign1 * sqrt(root1), -working_mode.sign2 * sqrt(root2),
     )

@@ -1,7 +1,7 @@
 """
 Velocities, forces and singularities of one pose (section II-B of the paper), on `math`.
 
-With the heights u1, u2 and projections s1, s2 of `Links`, and e1 = u1 c + s1 s, e2 = u2 c − s2 s::
+With the heights u1, u2 and projections s1, s2 of `links`, and e1 = u1 c + s1 s, e2 = u2 c − s2 s::
 
     q1' = x' − u1/s1 y' + b e1/s1 θ'
     q2' = x' + u2/s2 y' + b e2/s2 θ'        det J = −b N/(s1 s2),  N = u1 e2 + u2 e1
@@ -23,7 +23,7 @@ from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
 from facade_manipulator.kinematics.inverse import Links, links
 from facade_manipulator.kinematics.modes import WorkingMode
 
-_pack_matrix = struct.Struct('9d').pack
+_pack_matrix = struct.Struct('9d').pack_into
 
 
 class Wrench(NamedTuple):
@@ -62,10 +62,11 @@ def jacobian(
     Eqs 10-17 of the paper.
 
     """
-    y1, t1, y2, t2 = _entries(geometry, links(geometry, pose, working_mode))
-    # Packing nine floats costs half of np.array() on nested tuples.
-    data = bytearray(_pack_matrix(1.0, y1, t1, 1.0, y2, t2, 1.0, 0.0, 0.0))
-    return np.ndarray((3, 3), float, data)
+    y1, t1, y2, t2 = _entries(geometry, pose, working_mode)
+    matrix = np.empty((3, 3))
+    # A third of the time of np.array() on nested tuples.
+    _pack_matrix(matrix, 0, 1.0, y1, t1, 1.0, y2, t2, 1.0, 0.0, 0.0)
+    return matrix
 
 
 def carriage_velocity(
@@ -81,7 +82,7 @@ def carriage_velocity(
         As `inverse_kinematics`.
 
     """
-    y1, t1, y2, t2 = _entries(geometry, links(geometry, pose, working_mode))
+    y1, t1, y2, t2 = _entries(geometry, pose, working_mode)
     vx, vy, omega = velocity
     return Carriages(vx + y1 * vy + t1 * omega, vx + y2 * vy + t2 * omega, vx)
 
@@ -101,7 +102,7 @@ def platform_velocity(
         If the pose is exactly singular, N = 0.
 
     """
-    y1, t1, y2, t2 = _entries(geometry, links(geometry, pose, working_mode))
+    y1, t1, y2, t2 = _entries(geometry, pose, working_mode)
     v1, v2, v3 = velocity
     determinant = y1 * t2 - y2 * t1
     if determinant == 0.0:
@@ -129,7 +130,7 @@ def end_effector_force(
         As `inverse_kinematics`.
 
     """
-    y1, t1, y2, t2 = _entries(geometry, links(geometry, pose, working_mode))
+    y1, t1, y2, t2 = _entries(geometry, pose, working_mode)
     f1, f2, f3 = carriage_forces
     return Wrench(f1 + f2 + f3, y1 * f1 + y2 * f2, t1 * f1 + t2 * f2)
 
@@ -158,9 +159,11 @@ def branch_number(at: Links) -> float:
     return u1 * (u2 * cosine - s2 * sine) + u2 * (u1 * cosine + s1 * sine)
 
 
-def _entries(geometry: Geometry, at: Links) -> tuple[float, float, float, float]:
+def _entries(
+    geometry: Geometry, pose: Pose, working_mode: WorkingMode
+) -> tuple[float, float, float, float]:
     """Return the y and θ entries of the Jacobian's first two rows."""
-    sine, cosine, u1, u2, s1, s2 = at
+    sine, cosine, u1, u2, s1, s2 = links(geometry, pose, working_mode)
     half = geometry.platform_half_length
     return (
         -u1 / s1, half * (u1 * cosine + s1 * sine) / s1,

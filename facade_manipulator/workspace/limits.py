@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from facade_manipulator.errors import CarriageGapError, StrokeLimitError, UnreachableError
 from facade_manipulator.kinematics.geometry import Geometry, Pose
-from facade_manipulator.kinematics.inverse import Links, links
+from facade_manipulator.kinematics.inverse import links
 from facade_manipulator.kinematics.jacobian import branch_number
 
 _BISECTIONS = 60
@@ -39,10 +39,10 @@ def x_interval(geometry: Geometry, y: float, theta: float = 0.0) -> Interval:
         If the stroke is too short for (y, θ) at any x.
 
     """
-    at = links(geometry, Pose(0.0, y, theta))
-    span = geometry.platform_half_length * at.cosine
+    _, cosine, _, _, projection1, projection2 = links(geometry, Pose(0.0, y, theta))
+    span = geometry.platform_half_length * cosine
     least, greatest = geometry.stroke
-    lower, upper = least + span - at.projection1, greatest - span + at.projection2
+    lower, upper = least + span - projection1, greatest - span + projection2
     if lower > upper:
         raise StrokeLimitError(
             'q2 - q1', greatest - least + lower - upper, greatest - least, 'm', 'above')
@@ -132,7 +132,7 @@ def _number(geometry: Geometry, y: float, theta: float) -> float:
     u1 = y - geometry.platform_half_length * sine
     u2 = y + geometry.platform_half_length * sine
     s1, s2 = (sqrt(max(0.0, square - height * height)) for height in (u1, u2))
-    return branch_number(Links(sine, cosine, u1, u2, s1, s2))
+    return branch_number((sine, cosine, u1, u2, s1, s2))
 
 
 def _bisect(function: Callable[[float], float], negative: float, positive: float) -> float:
