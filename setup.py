@@ -35,7 +35,8 @@ EXTRAS = {
 def tree(folder):
     """Return every file below `folder` with its destination, as data_files wants it."""
     files = (path for path in sorted(Path(folder).rglob('*')) if path.is_file())
-    return [(f'share/{NAME}/{file.parent}', [str(file)]) for file in files if file.suffix != '.pyc']
+    return [(f'share/{NAME}/{file.parent}', [str(file)])
+            for file in files if file.suffix != '.pyc']
 
 
 setup(
