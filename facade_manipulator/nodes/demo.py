@@ -164,15 +164,23 @@ class Demo:
         }
 
     def _latency(self) -> dict[str, float | None]:
-        """From the compensator's decision to the target on the bus: its horizon less the lead."""
+        """
+        From the compensator's decision to the SYNC at which the drives take the target.
+
+        The compensator stamps its poses a horizon ahead of the decision, and the driver tells how
+        much of it was left (margin) when it chose the target of a cycle.
+        """
+        operation = 'driver: operation'
         horizon = self.observer.value('compensator: correction', 'horizon [ms]')
-        leads = {
-            'p50': self.observer.value('driver: operation', 'setpoint lead p50 [ms]'),
-            'p99': self.observer.value('driver: operation', 'setpoint lead p1 [ms]'),
+        ahead = self.observer.value(operation, 'targets ahead of their SYNC [ms]')
+        margins = {
+            'p50': self.observer.value(operation, 'setpoint margin p50 [ms]'),
+            'p99': self.observer.value(operation, 'setpoint margin p1 [ms]'),
         }
         return {
-            name: round(float(horizon) - float(lead), 3) if horizon and lead else None
-            for name, lead in leads.items()}
+            name: round(float(horizon) - float(ahead) - float(margin), 3)
+            if horizon and ahead and margin else None
+            for name, margin in margins.items()}
 
     def _stop(self) -> None:
         try:
@@ -289,7 +297,7 @@ def _duration(text: str) -> float:
 def main(args: list[str] | None = None) -> int:
     """Run the demo; return its exit status."""
     options = _options(args)
-    console = Console(highlight=False)
+    console = Console(highlight=False, soft_wrap=True)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     try:
         Path(options.output).mkdir(parents=True, exist_ok=True)

@@ -230,7 +230,12 @@ class DriverNode(ManagedNode):
 
     def _components(self) -> list[DiagnosticStatus]:
         snapshot = self._controller.snapshot()
-        values = {'drive faults': self._drive_faults, **self._refusals.values()}
+        settings = self._controller_settings
+        values = {
+            'drive faults': self._drive_faults,
+            'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
+            **self._refusals.values(),
+        }
         return [
             operation_status(snapshot, self._follower, values),
             bus_status(snapshot),
