@@ -35,7 +35,7 @@ class GoalSettings:
         0.2, 'Pause after which poses begin a new stream', unit='s', minimum=0.005, maximum=2.0)
 
     lead: float = parameter(
-        0.06, 'How far ahead of their time the setpoints of an approach are sent', unit='s',
+        0.05, 'How far ahead of their time the setpoints of an approach are sent', unit='s',
         minimum=0.0, maximum=0.5)
 
     def __post_init__(self) -> None:
