@@ -29,22 +29,15 @@ from facade_manipulator.drives.cia402 import (
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.simulated_demand import SpeedRamp
 from facade_manipulator.drives.simulated_modes import make_modes, Reference
-from facade_manipulator.drives.simulated_motor import (
-    NEGATIVE_LIMIT,
-    POSITIVE_LIMIT,
-    SimulatedMotor,
-    STANDSTILL,
-)
+from facade_manipulator.drives.simulated_motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.drives.simulated_objects import INVALID_VALUE, ObjectStore
+from facade_manipulator.drives.simulated_supervision import Supervision
 from facade_manipulator.drives.units import AxisScale, INT32_MAX, INT32_MIN
-
-FOLLOWING_ERROR = 0x8611
-SOFTWARE_LIMIT = 0x8A82
-SAFE_TORQUE_OFF = 0x8A88
-LIMIT_SWITCH_ERRORS = {NEGATIVE_LIMIT: 0x8A80, POSITIVE_LIMIT: 0x8A81}
 
 _LONGEST_STEP = 0.001  # s
 _LONGEST_GAP = 1.0  # s: a drive that nobody called for longer has stood still meanwhile
+
+SAFE_TORQUE_OFF = 0x8A88
 
 # option codes
 _KEEPS_STANDING = range(5, 9)  # 605A: stay in quick stop active
@@ -89,6 +82,7 @@ class SimulatedAxis:
         self._quirks = profile.quirks
         self._units = scale.velocity_units_per_count
         self._report = report
+        self._supervision = Supervision(store, motor, report)
         self.reference = Reference(motor)
         self.modes = make_modes(store, motor, self.reference, profile, self._units)
         self.torque_off = False
@@ -118,8 +112,7 @@ class SimulatedAxis:
         self._command: Command | None = None
         self._mode = int(Mode.NONE)
         self._stop: SpeedRamp | None = None
-        self._late = 0.0
-        self._switches = self._motor.inputs
+        self._supervision.reset()
         self.reference.forget()
         self.forget_home()
         self._demand = self._motor.position
@@ -133,6 +126,8 @@ class SimulatedAxis:
         waits = self._quirks.zero_statusword_until_controlword
         if self.state is State.NOT_READY_TO_SWITCH_ON and not waits:
             self.state = AUTOMATIC_TRANSITIONS[self.state]
+        if self.torque_off:
+            self._report(SAFE_TORQUE_OFF)
 
     # --- what the drive tells
 
@@ -146,7 +141,7 @@ class SimulatedAxis:
         word |= Status.INTERNAL_LIMIT * self._motor.is_limited
         if self.state is State.OPERATION_ENABLED and self._mode in self.modes:
             word |= self.modes[self._mode].status()
-        if self._late > 0.0 and self._mode != Mode.HOMING:
+        if self._supervision.is_late and self._mode != Mode.HOMING:
             word |= Status.FOLLOWING_ERROR
         return word
 
@@ -209,7 +204,7 @@ class SimulatedAxis:
         if self.state is State.OPERATION_ENABLED and self._mode in self.modes:
             self.modes[self._mode].latch()
             if self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION:
-                self._check_software_limits()
+                self._supervision.check_target(self._values[0x607A, 0])
 
     # --- transitions
 
@@ -220,7 +215,7 @@ class SimulatedAxis:
             return
         self.state = state
         self._stop = None
-        self._late = 0.0
+        self._supervision.forgive()
         if state is State.OPERATION_ENABLED:
             self._enter_mode()
         elif state is State.QUICK_STOP_ACTIVE:
@@ -256,18 +251,14 @@ class SimulatedAxis:
         else:
             self._enter(State.FAULT)
 
-    def lose_connection(self) -> bool:
-        """Do what 6007 says; tell whether that is a fault, which the node then reports."""
+    def lose_connection(self) -> None:
+        """Do what 6007 says about a lost master, NMT stop or a communication reset."""
         option = self._values[0x6007, 0]
         command = _CONNECTION_COMMANDS.get(option)
         if command is not None:
             self._enter(TRANSITIONS.get((self.state, command), self.state))
-        return option == _CONNECTION_FAULT
-
-    def cut_power(self) -> None:
-        """Leave every powered state for switch on disabled, as NMT stop and reset do."""
-        if self.state not in (State.FAULT, State.NOT_READY_TO_SWITCH_ON):
-            self._enter(State.SWITCH_ON_DISABLED)
+        elif option == _CONNECTION_FAULT:
+            self.fail(keeps_power=True)
 
     # --- motion
 
@@ -309,31 +300,11 @@ class SimulatedAxis:
         return self._demand, 0.0
 
     def _supervise(self, step: float) -> None:
-        self._check_following_error(step)
-        self._check_switches()
+        self._supervision.check_following(self._demand - self._motor.position, step)
+        self._supervision.check_switches(is_expected=self._mode == Mode.HOMING)
         stop = self._stop
         if stop is not None and stop.speed == 0.0 and abs(self._motor.velocity) < STANDSTILL:
             self._end_stop()
-
-    def _check_following_error(self, step: float) -> None:
-        window = self._values[0x6065, 0]
-        is_beyond = window != 0xFFFFFFFF and abs(self._demand - self._motor.position) > window
-        self._late = self._late + step if is_beyond else 0.0
-        if is_beyond and self._late * 1e3 > self._values[0x6066, 0]:
-            self._report(FOLLOWING_ERROR)
-
-    def _check_switches(self) -> None:
-        inputs = self._motor.inputs
-        entered, self._switches = inputs & ~self._switches, inputs
-        if entered and self._mode != Mode.HOMING:
-            for switch, code in LIMIT_SWITCH_ERRORS.items():
-                if entered & switch:
-                    self._report(code)
-
-    def _check_software_limits(self) -> None:
-        low, high = self._values[0x607D, 1], self._values[0x607D, 2]
-        if low < high and not low <= self._values[0x607A, 0] <= high:
-            self._report(SOFTWARE_LIMIT)
 
 
 def _int32(value: float) -> int:

@@ -62,6 +62,9 @@ class ObjectStore:
 
     Attributes
     ----------
+    defaults : dict
+        Value of each object after a reset, by (index, subindex); a drive changes those in which
+        it differs from others of its type.
     values : dict
         Stored value by (index, subindex).
     readers : dict
@@ -78,6 +81,7 @@ class ObjectStore:
             for item in _variables(self.object_dictionary) if item.index not in missing
         }
         self._indices = {index for index, _ in self.variables}
+        self.defaults = {key: variable.default for key, variable in self.variables.items()}
         self.values: dict[Key, Any] = {}
         self.readers: dict[Key, Reader] = {}
         self.writers: dict[Key, Writer] = {}
@@ -85,9 +89,9 @@ class ObjectStore:
 
     def reset(self, only: range = range(0x10000)) -> None:
         """Give the objects with an index in `only` their defaults."""
-        for key, variable in self.variables.items():
+        for key, value in self.defaults.items():
             if key[0] in only:
-                self.values[key] = variable.default
+                self.values[key] = value
 
     def __contains__(self, key: Key) -> bool:
         return key in self.variables
