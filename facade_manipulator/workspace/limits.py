@@ -9,11 +9,11 @@ x alone. The bounds belong to a limit themselves: stay inside by a margin.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import acos, asin, atan2, cos, hypot, sin, sqrt
+from math import acos, asin, atan2, cos, hypot, isfinite, sin, sqrt
 from typing import NamedTuple
 
 from facade_manipulator.errors import CarriageGapError, StrokeLimitError, UnreachableError
-from facade_manipulator.kinematics.geometry import Geometry, Pose
+from facade_manipulator.kinematics.geometry import Geometry, not_finite, Pose
 from facade_manipulator.kinematics.inverse import links
 from facade_manipulator.kinematics.jacobian import branch_number
 
@@ -57,10 +57,14 @@ def y_range(geometry: Geometry, theta: float = 0.0) -> Interval:
 
     Raises
     ------
+    ParameterError
+        If the argument is not finite (a ValueError).
     CarriageGapError, UnreachableError
         If no y is reachable at θ.
 
     """
+    if not isfinite(theta):
+        raise not_finite(Pose(0.0, 0.0, theta))
     length, half = geometry.link_length, geometry.platform_half_length
     rise = half * abs(sin(theta))
     room = half * cos(theta) - geometry.carriage_gap
@@ -83,10 +87,14 @@ def theta_max(geometry: Geometry, y: float) -> float:
 
     Raises
     ------
+    ParameterError
+        If the argument is not finite (a ValueError).
     CarriageGapError, UnreachableError
         If y is not reachable at θ = 0.
 
     """
+    if not isfinite(y):
+        raise not_finite(Pose(0.0, y, 0.0))
     lower, upper = y_range(geometry)
     if y < lower:
         raise CarriageGapError('y', y, lower, 'm', 'below')

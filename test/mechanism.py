@@ -1,0 +1,69 @@
+"""Geometries and poses that the tests of kinematics and workspace draw from."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import assume
+from hypothesis import strategies as st
+
+from facade_manipulator.errors import LimitError
+from facade_manipulator.kinematics import (
+    Carriages,
+    Geometry,
+    local_conditioning_index,
+    parallel_singularity,
+    Pose,
+)
+from facade_manipulator.workspace import theta_max, x_interval, y_range
+
+DESIGN = Geometry()
+NO_GAP = Geometry(carriage_gap=0.0)
+HOME = Carriages(-0.1, 0.1, 0.0)
+VARIANTS = (
+    Geometry(0.35, 0.35, carriage_gap=0.0),
+    Geometry(0.25, 0.45, carriage_gap=0.0),
+    Geometry(0.15, 0.55, stroke=(-0.9, 0.7), carriage_gap=0.01),
+    Geometry(0.45, 0.25, carriage_gap=0.0),
+    Geometry(0.34, 0.36, carriage_gap=0.03),
+)
+
+_fractions = st.floats(0.001, 0.999)
+_signed_fractions = st.floats(-0.999, 0.999)
+
+
+@st.composite
+def workspace_poses(draw, geometry: Geometry = DESIGN) -> Pose:
+    """Draw a pose of the machine's workspace, up to a thousandth of its borders."""
+    lower, upper = y_range(geometry)
+    y = lower + draw(_fractions) * (upper - lower)
+    theta = draw(_signed_fractions) * theta_max(geometry, y)
+    try:
+        least, greatest = x_interval(geometry, y, theta)
+    except LimitError:
+        assume(False)
+    return Pose(least + draw(_fractions) * (greatest - least), y, theta)
+
+
+@st.composite
+def regular_poses(draw) -> tuple[Geometry, Pose]:
+    """Draw a geometry of `VARIANTS` and a pose on its branch that is not near a singularity."""
+    geometry = draw(st.sampled_from(VARIANTS))
+    lower, upper = y_range(geometry)
+    y = lower + draw(_fractions) * (upper - lower)
+    pose = Pose(draw(st.floats(-0.5, 0.5)), y, draw(_signed_fractions) * theta_max(geometry, y))
+    assume(local_conditioning_index(geometry, pose) > 0.01)
+    return geometry, pose
+
+
+@st.composite
+def reachable_poses(draw) -> Pose:
+    """Draw a pose that only the design's links limit: before or behind the rail, any order."""
+    theta = draw(st.floats(-math.pi, math.pi))
+    reach = DESIGN.link_length - DESIGN.platform_half_length * abs(math.sin(theta))
+    return Pose(draw(st.floats(-1.0, 1.0)), draw(_signed_fractions) * reach, theta)
+
+
+def on_branch(geometry: Geometry, pose: Pose, least: float) -> bool:
+    """Whether N exceeds `least` [m²]."""
+    return parallel_singularity(geometry, pose) > least

@@ -1,0 +1,171 @@
+import math
+
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from mechanism import DESIGN, reachable_poses, regular_poses, workspace_poses
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import SingularityError, UnreachableError
+from facade_manipulator.kinematics import (
+    carriage_velocity,
+    Carriages,
+    end_effector_force,
+    Geometry,
+    inverse_kinematics,
+    jacobian,
+    local_conditioning_index,
+    parallel_singularity,
+    platform_velocity,
+    Pose,
+    WorkingMode,
+)
+
+rates = st.floats(-1.0, 1.0)
+
+
+def differences(geometry, pose, mode, step=1e-6):
+    """Central differences of the inverse kinematics."""
+    columns = []
+    for place in range(3):
+        ahead, behind = list(pose), list(pose)
+        ahead[place] += step
+        behind[place] -= step
+        columns.append((np.array(inverse_kinematics(geometry, Pose(*ahead), mode))
+                        - inverse_kinematics(geometry, Pose(*behind), mode)) / (2.0 * step))
+    return np.stack(columns, axis=1)
+
+
+def roots(geometry, pose):
+    """The two square roots s1 and s2 of eqs 7-8."""
+    rise = geometry.platform_half_length * math.sin(pose.theta)
+    square = geometry.link_length ** 2
+    return math.sqrt(square - (pose.y - rise) ** 2), math.sqrt(square - (pose.y + rise) ** 2)
+
+
+def paper_matrices(geometry, pose):
+    """A and B of eqs 15-16, as printed."""
+    b = geometry.platform_half_length
+    s, c = math.sin(pose.theta), math.cos(pose.theta)
+    q1, q2, q3 = inverse_kinematics(geometry, pose)
+    y = pose.y
+    p, r = q1 - q3, q2 - q3
+    a = np.array([[2 * b * c + 2 * p, 0.0, -2 * b * c - 2 * p],
+                  [0.0, 2 * b * c - 2 * r, -2 * b * c + 2 * r],
+                  [0.0, 0.0, 1.0]])
+    return a, np.array([[0.0, 2 * b * s - 2 * y, 2 * b * s * p + 2 * b * y * c],
+                        [0.0, 2 * b * s + 2 * y, 2 * b * s * r + 2 * b * y * c],
+                        [1.0, 0.0, 0.0]])
+
+
+@given(workspace_poses(), st.sampled_from(WorkingMode))
+def test_the_jacobian_is_the_derivative_of_every_working_mode(pose, mode):
+    assume(min(roots(DESIGN, pose)) > 0.03)
+    assert np.allclose(
+        jacobian(DESIGN, pose, mode), differences(DESIGN, pose, mode), rtol=1e-5, atol=1e-6)
+
+
+@given(regular_poses())
+def test_the_jacobian_is_a_inverse_b_of_the_paper_with_the_determinants_of_the_design_page(drawn):
+    geometry, pose = drawn
+    a, b = paper_matrices(geometry, pose)
+    matrix = jacobian(geometry, pose)
+    number = parallel_singularity(geometry, pose)
+    s1, s2 = roots(geometry, pose)
+    half = geometry.platform_half_length
+    assert np.allclose(matrix, np.linalg.solve(a, b), rtol=1e-9, atol=1e-9)
+    assert np.linalg.det(a) == pytest.approx(4.0 * s1 * s2, rel=1e-9)
+    assert np.linalg.det(b) == pytest.approx(-4.0 * half * number, rel=1e-9, abs=1e-12)
+    assert np.linalg.det(matrix) == pytest.approx(-half * number / (s1 * s2), rel=1e-7)
+
+
+@given(reachable_poses())
+def test_n_is_the_expression_of_the_design_page(pose):
+    q1, q2, q3 = inverse_kinematics(DESIGN, pose)
+    s, c = math.sin(pose.theta), math.cos(pose.theta)
+    expected = (DESIGN.platform_half_length * s * s * (q1 - q2)
+                + (q1 + q2 - 2.0 * q3) * pose.y * s + 2.0 * pose.y ** 2 * c)
+    assert parallel_singularity(DESIGN, pose) == pytest.approx(expected, abs=1e-14)
+
+
+@given(workspace_poses(Geometry(carriage_gap=0.0)))
+def test_n_stays_above_5600_square_millimetres_in_the_design_s_workspace(pose):
+    assert parallel_singularity(DESIGN, pose) > 5600e-6 - 1e-9
+
+
+def test_links_shorter_than_the_platform_meet_the_parallel_singularity():
+    geometry = Geometry(0.15, 0.55, carriage_gap=0.0)
+    assert parallel_singularity(geometry, Pose(0.0, 0.02, 0.1)) < 0.0
+    assert parallel_singularity(geometry, Pose(0.0, 0.10, 0.05)) > 0.0
+
+
+@given(regular_poses(), rates, rates, rates)
+def test_velocities_are_the_jacobian_both_ways(drawn, vx, vy, omega):
+    geometry, pose = drawn
+    velocity = Pose(vx, vy, omega)
+    carriages = carriage_velocity(geometry, pose, velocity)
+    assert np.allclose(carriages, jacobian(geometry, pose) @ velocity, atol=1e-12)
+    assert np.allclose(platform_velocity(geometry, pose, carriages), velocity, atol=1e-8)
+
+
+@given(regular_poses(), st.tuples(*[st.floats(-100.0, 100.0)] * 3), rates, rates, rates)
+def test_forces_do_the_work_of_the_carriages(drawn, forces, vx, vy, omega):
+    geometry, pose = drawn
+    velocity = Pose(vx, vy, omega)
+    force = end_effector_force(geometry, pose, Carriages(*forces))
+    work = np.dot(forces, carriage_velocity(geometry, pose, velocity))
+    scale = 1.0 + np.abs(jacobian(geometry, pose)).max() * 100.0
+    assert np.dot(force, velocity) == pytest.approx(work, abs=1e-11 * scale)
+
+
+def test_at_the_parallel_platform_equal_outer_forces_push_straight_out():
+    force = end_effector_force(DESIGN, Pose(0.0, 0.25, 0.0), Carriages(-10.0, 10.0, 0.0))
+    assert force.fx == 0.0 and force.fy > 0.0 and abs(force.mz) < 1e-12
+
+
+def test_a_singular_pose_has_no_platform_velocity():
+    with pytest.raises(SingularityError, match='N'):
+        platform_velocity(DESIGN, Pose(0.0, 0.0, 0.0), Carriages(0.1, 0.0, 0.0))
+
+
+def test_beyond_reach_there_is_no_jacobian_and_nan_is_a_value_error():
+    for function in (jacobian, parallel_singularity, local_conditioning_index):
+        with pytest.raises(UnreachableError):
+            function(DESIGN, Pose(0.0, 0.4, 0.0))
+        with pytest.raises(ValueError, match='theta = nan'):
+            function(DESIGN, Pose(0.0, 0.2, math.nan))
+
+
+@pytest.mark.parametrize(('y', 'millimetres', 'metres'), [
+    (53.0, 0.00843, 0.073), (150.0, 0.00718, 0.209), (249.8, 0.00495, 0.353),
+    (300.0, 0.00343, 0.414), (345.0, 0.00123, 0.320), (350.0, 0.00066, 0.201),
+])
+def test_the_conditioning_index_has_the_values_of_the_design_page(y, millimetres, metres):
+    pose = Pose(0.1, y / 1e3, 0.0)
+    # Towards the far edge the page's figures are up to 1.5 % high: 0.1987 stands there as 0.201.
+    assert local_conditioning_index(DESIGN, pose, 0.001) == pytest.approx(millimetres, rel=0.015)
+    assert local_conditioning_index(DESIGN, pose) == pytest.approx(metres, rel=0.015)
+
+
+@given(regular_poses(), st.floats(1e-3, 2.0))
+def test_the_conditioning_index_is_that_of_the_matrix_and_lies_between_0_and_1(drawn, length):
+    geometry, pose = drawn
+    matrix = jacobian(geometry, pose) / [1.0, 1.0, length]
+    norms = [math.sqrt(np.trace(m.T @ m) / 3.0) for m in (matrix, np.linalg.inv(matrix))]
+    index = local_conditioning_index(geometry, pose, length)
+    assert index == pytest.approx(1.0 / math.prod(norms), rel=1e-7)
+    assert 0.0 <= index <= 1.0
+
+
+@given(workspace_poses(), st.floats(-0.3, 0.3))
+def test_the_conditioning_index_does_not_depend_on_x_nor_on_the_sign_of_theta(pose, shift):
+    index = local_conditioning_index(DESIGN, pose)
+    assert local_conditioning_index(DESIGN, pose._replace(x=pose.x + shift)) == index
+    mirrored = local_conditioning_index(DESIGN, pose._replace(theta=-pose.theta))
+    assert mirrored == pytest.approx(index, rel=1e-12)
+
+
+@pytest.mark.parametrize('length', [0.0, -1.0, math.nan, math.inf])
+def test_a_characteristic_length_must_be_a_length(length):
+    with pytest.raises(ValueError, match='characteristic_length'):
+        local_conditioning_index(DESIGN, Pose(0.0, 0.25, 0.0), length)

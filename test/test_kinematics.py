@@ -1,0 +1,172 @@
+import math
+
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from mechanism import (
+    DESIGN,
+    HOME,
+    NO_GAP,
+    on_branch,
+    reachable_poses,
+    regular_poses,
+    workspace_poses,
+)
+import pytest
+
+from facade_manipulator.errors import LimitError, UnreachableError
+from facade_manipulator.kinematics import (
+    assembly_modes,
+    Carriages,
+    forward_kinematics,
+    Geometry,
+    inverse_kinematics,
+    Pose,
+    WorkingMode,
+)
+
+NANOMETRE_OF_A_MILLIMETRE = 1e-12  # 1e-9 mm in m
+BAD_NUMBERS = (math.nan, math.inf, -math.inf)
+
+
+def link_errors(geometry, pose, carriages):
+    """How far both links are from their length, and q3 from x."""
+    rise, span = (geometry.platform_half_length * f(pose.theta) for f in (math.sin, math.cos))
+    return max(
+        abs(math.hypot(carriages.q1 - pose.x + span, pose.y - rise) - geometry.link_length),
+        abs(math.hypot(carriages.q2 - pose.x - span, pose.y + rise) - geometry.link_length),
+        abs(carriages.q3 - pose.x),
+    )
+
+
+def assert_same_pose(found, pose):
+    assert abs(found.x - pose.x) <= NANOMETRE_OF_A_MILLIMETRE
+    assert abs(found.y - pose.y) <= NANOMETRE_OF_A_MILLIMETRE
+    assert abs(found.theta - pose.theta) <= 1e-12
+
+
+@given(workspace_poses(NO_GAP))
+def test_forward_undoes_inverse_kinematics_over_the_workspace(pose):
+    assert_same_pose(forward_kinematics(NO_GAP, inverse_kinematics(NO_GAP, pose)), pose)
+
+
+@given(regular_poses())
+def test_forward_undoes_inverse_kinematics_of_other_geometries(drawn):
+    geometry, pose = drawn
+    assert_same_pose(forward_kinematics(geometry, inverse_kinematics(geometry, pose)), pose)
+
+
+@pytest.mark.parametrize('theta', [0.0, -0.0, 1e-300, 1e-16, 1e-12, -1e-9, 1e-9, 1e-7, -1e-5])
+@pytest.mark.parametrize('y', [0.053, 0.13, 0.25, 0.3519])
+def test_no_digit_is_lost_near_the_parallel_platform(y, theta):
+    pose = Pose(0.1, y, theta)
+    assert_same_pose(forward_kinematics(NO_GAP, inverse_kinematics(NO_GAP, pose)), pose)
+
+
+@pytest.mark.parametrize('y', [1e-3, 0.01, 0.03, 0.05])
+def test_carriages_that_passed_each_other_have_their_pose_too(y):
+    carriages = inverse_kinematics(NO_GAP, Pose(0.0, y, 0.0))
+    assert carriages.q1 > carriages.q2
+    assert forward_kinematics(NO_GAP, carriages) == pytest.approx((0.0, y, 0.0), abs=1e-10)
+
+
+@given(st.floats(0.06, 0.35))
+def test_a_platform_parallel_to_the_rail_comes_back_parallel_exactly(y):
+    assert forward_kinematics(NO_GAP, inverse_kinematics(NO_GAP, Pose(0.0, y, 0.0))).theta == 0.0
+
+
+def test_the_home_position_of_table_4_is_where_the_design_says():
+    pose = forward_kinematics(DESIGN, HOME)
+    assert pose.y == pytest.approx(0.24979992, abs=1e-8)
+    assert (pose.x, pose.theta) == (0.0, 0.0)
+
+
+@given(reachable_poses(), st.sampled_from(WorkingMode))
+def test_every_working_mode_keeps_both_link_lengths(pose, mode):
+    assert link_errors(DESIGN, pose, inverse_kinematics(DESIGN, pose, mode)) < 1e-12
+
+
+def test_the_four_working_modes_are_the_four_sides_of_the_platform_joints():
+    pose = Pose(0.05, 0.25, 0.1)
+    span = DESIGN.platform_half_length * math.cos(pose.theta)
+    sides = {
+        mode: (q.q1 > pose.x - span, q.q2 > pose.x + span)
+        for mode in WorkingMode for q in [inverse_kinematics(DESIGN, pose, mode)]
+    }
+    assert sides == {
+        WorkingMode.PLUS_PLUS: (True, True), WorkingMode.PLUS_MINUS: (True, False),
+        WorkingMode.MINUS_PLUS: (False, True), WorkingMode.MINUS_MINUS: (False, False),
+    }
+
+
+@given(reachable_poses(), st.sampled_from(WorkingMode))
+def test_every_assembly_mode_closes_and_the_pose_is_among_them(pose, mode):
+    assume(abs(pose.y) > 1e-3 and abs(pose.theta) > 1e-3)
+    carriages = inverse_kinematics(DESIGN, pose, mode)
+    modes = assembly_modes(DESIGN, carriages)
+    assert 1 <= len(modes) <= 4
+    assert max(link_errors(DESIGN, found, carriages) for found in modes) < 1e-9
+    assert min(math.dist(found[:2], pose[:2]) + abs(math.sin((found.theta - pose.theta) / 2))
+               for found in modes) < 1e-5  # double roots are known to √eps
+
+
+@given(workspace_poses())
+def test_assembly_modes_come_with_their_mirrors_and_are_all_different(pose):
+    modes = assembly_modes(DESIGN, inverse_kinematics(DESIGN, pose))
+    for mode in modes:
+        assert min(math.dist((mode.y, mode.theta), (-other.y, -other.theta))
+                   for other in modes) < 1e-9
+    assert len({(round(mode.y, 7), round(mode.theta, 7)) for mode in modes}) == len(modes)
+
+
+@given(workspace_poses())
+def test_of_the_assembly_modes_only_the_machine_s_has_positive_y_and_n(pose):
+    modes = [mode for mode in assembly_modes(DESIGN, inverse_kinematics(DESIGN, pose))
+             if mode.y > 0.0 and on_branch(DESIGN, mode, 0.0)]
+    assert_same_pose(modes[0], pose)
+
+
+def test_carriages_too_far_apart_have_no_assembly_mode():
+    assert assembly_modes(DESIGN, Carriages(-1.0, 1.0, 0.0)) == []
+    with pytest.raises(UnreachableError, match='closure residual'):
+        forward_kinematics(DESIGN, Carriages(-1.0, 1.0, 0.0))
+
+
+def test_carriages_of_another_working_mode_are_refused_with_the_reason():
+    outside = inverse_kinematics(DESIGN, Pose(0.0, 0.3, 0.0), WorkingMode.MINUS_PLUS)
+    with pytest.raises(UnreachableError, match='another working mode'):
+        forward_kinematics(DESIGN, outside)
+
+
+def test_at_a_double_root_forward_kinematics_answers_with_a_limit_or_a_pose_that_closes():
+    geometry = Geometry(0.25, 0.45, carriage_gap=0.0)
+    for q2 in [0.1 + k * 1e-3 for k in range(800)]:
+        carriages = Carriages(-0.3, q2, 0.0)
+        try:
+            pose = forward_kinematics(geometry, carriages)
+        except LimitError:
+            continue
+        assert link_errors(geometry, pose, carriages) < 1e-12
+
+
+@pytest.mark.parametrize(('pose', 'reach'), [
+    (Pose(0.0, 0.352, 0.0), 0.352),
+    (Pose(0.0, -0.36, 0.0), 0.36),
+    (Pose(0.0, 0.3, 0.2), 0.3 + 0.348 * math.sin(0.2)),
+])
+def test_a_pose_beyond_the_links_is_unreachable_with_its_reach(pose, reach):
+    with pytest.raises(UnreachableError) as error:
+        inverse_kinematics(DESIGN, pose)
+    assert error.value.value == pytest.approx(reach)
+    assert (error.value.bound, error.value.unit) == (0.352, 'm')
+
+
+@pytest.mark.parametrize('bad', BAD_NUMBERS)
+@pytest.mark.parametrize('place', range(3))
+def test_numbers_that_are_not_finite_are_value_errors_naming_the_coordinate(bad, place):
+    values = [0.0, 0.25, 0.0]
+    values[place] = bad
+    with pytest.raises(ValueError, match=f'{Pose._fields[place]} = {bad} is not a finite'):
+        inverse_kinematics(DESIGN, Pose(*values))
+    for solve in (forward_kinematics, assembly_modes):
+        with pytest.raises(ValueError, match=f'{Carriages._fields[place]} = {bad}'):
+            solve(DESIGN, Carriages(*values))
