@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import Field, fields, replace
+import logging
 import signal
 import sys
 import threading
@@ -34,6 +35,8 @@ _FROM_PROFILE = {'velocity_unit'}
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGINT or SIGTERM; return the exit status."""
     options = _parser().parse_args(_without_ros(sys.argv[1:] if arguments is None else arguments))
+    # what python-can logs about an interface is said once, in a sentence of ours
+    logging.getLogger('can').setLevel(logging.CRITICAL)
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopping.set())

@@ -1,0 +1,98 @@
+"""The drive simulator as a process on vcan0: raw frames in and out, the interface down and up."""
+
+from __future__ import annotations
+
+import fcntl
+import signal
+import socket
+import struct
+
+from link import SIOCGIFFLAGS, SIOCSIFFLAGS
+import pytest
+from support import wait_until
+
+MODULE = 'facade_manipulator.nodes.drive_simulator'
+FRAME = struct.Struct('<IB3x8s')
+REQUEST = struct.pack('<BHB4x', 0x40, 0x1000, 0)  # SDO upload of the device type
+ANSWER = bytes.fromhex('4300100092010200')
+IFF_UP = 0x1
+
+
+class Master:
+    """A raw socket that may find its interface down."""
+
+    def __init__(self, interface):
+        self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        self.socket.bind((interface,))
+        self.socket.setblocking(False)
+        self.frames = []
+
+    def ask(self, node):
+        """Send an SDO request; tell whether an answer to one has come."""
+        try:
+            self.socket.send(FRAME.pack(0x600 + node, 8, REQUEST))
+            while True:
+                cob_id, length, data = FRAME.unpack(self.socket.recv(FRAME.size))
+                self.frames.append((cob_id, data[:length]))
+        except OSError:
+            return (0x580 + node, ANSWER) in self.frames
+
+
+@pytest.fixture
+def master(vcan0):
+    made = Master(vcan0)
+    yield made
+    made.socket.close()
+
+
+@pytest.fixture
+def simulator(vcan0, start_process):
+    process = start_process(MODULE, '--channel', vcan0)
+    wait_until(lambda: 'nodes 1, 2, 3' in process.log.read_text(), 'the drive simulator')
+    return process
+
+
+def switch(interface, up):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
+        request = struct.pack('16sH14x', interface.encode(), 0)
+        flags, = struct.unpack_from('H', fcntl.ioctl(control, SIOCGIFFLAGS, request), 16)
+        flags = flags | IFF_UP if up else flags & ~IFF_UP
+        try:
+            fcntl.ioctl(control, SIOCSIFFLAGS,
+                        struct.pack('16sH14x', interface.encode(), flags))
+        except PermissionError:
+            pytest.skip(f'no permission to switch {interface} down')
+
+
+def test_every_drive_answers_on_the_real_bus(simulator, master):
+    for node in (1, 2, 3):
+        wait_until(lambda node=node: master.ask(node), f'drive {node}')
+
+
+def test_the_drives_come_back_when_the_interface_does(simulator, master, vcan0):
+    wait_until(lambda: master.ask(1), 'drive 1')
+    switch(vcan0, up=False)
+    try:
+        wait_until(lambda: not master.frames.clear() and not master.ask(1), 'silence')
+    finally:
+        switch(vcan0, up=True)
+    master.frames.clear()
+    for node in (1, 2, 3):
+        wait_until(lambda node=node: master.ask(node), f'drive {node} again')
+    assert simulator.poll() is None
+
+
+def test_sigterm_ends_it_while_the_interface_is_down(simulator, vcan0):
+    switch(vcan0, up=False)
+    try:
+        simulator.send_signal(signal.SIGTERM)
+        assert simulator.wait(10) == 0
+    finally:
+        switch(vcan0, up=True)
+
+
+def test_an_interface_that_does_not_exist_is_one_sentence(vcan0, start_process):
+    process = start_process(MODULE, '--channel', 'vcan77')
+    assert process.wait(20) == 3
+    said = process.log.read_text()
+    assert 'vcan77' in said and said.count('\n') == 1
