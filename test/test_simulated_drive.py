@@ -202,6 +202,7 @@ def test_sdo_transfers_have_the_bytes_of_cia_301():
         ('4018100900000000', '8018100911000906'),  # no such subindex
         ('2317100000000000', '8017100012000706'),  # too long
         ('2f17100000000000', '8017100013000706'),  # too short
+        ('c217100020000000', '8017100001000405'),  # block download: not offered
     ):
         assert bench.sdo(bytes.fromhex(request)) == bytes.fromhex(answer)
 

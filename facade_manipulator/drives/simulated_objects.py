@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+import struct
 from typing import Any
 
 from canopen import import_od, ObjectDictionary, SdoAbortedError
@@ -36,10 +37,12 @@ INVALID_VALUE = 0x06090030
 TOO_HIGH = 0x06090031
 TOO_LOW = 0x06090032
 WRONG_STATE = 0x08000022
+INVALID_COMMAND = 0x05040001
 OUT_OF_MEMORY = 0x05040005
 
 COMMUNICATION_OBJECTS = range(0x1000, 0x2000)
 _LONGEST_DOWNLOAD = 64
+_MULTIPLEXER = struct.Struct('<BHB')
 
 
 @lru_cache(maxsize=16)
@@ -173,6 +176,11 @@ class ObjectServer(SdoServer):
         """Serve a frame; one that does not have eight bytes is none of a client's."""
         if len(data) == 8:
             self.on_request(self.rx_cobid, bytearray(data), 0.0)
+
+    def block_download(self, data: bytes) -> None:
+        """Refuse a block transfer, which the library does not offer, without a word in the log."""
+        _, self._index, self._subindex = _MULTIPLEXER.unpack_from(data)
+        raise SdoAbortedError(INVALID_COMMAND)
 
     def segmented_download(self, command: int, request: bytes) -> None:
         """Take a segment, as long as the transfer stays within what the objects can hold."""
