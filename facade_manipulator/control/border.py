@@ -79,9 +79,10 @@ class Border:
             Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta))
 
     def _heights(self) -> tuple[float, float]:
-        """Return the y-interval at θ = 0, by carriage gap and reach."""
+        """Return the y-interval at θ = 0, by carriage gap and reach; never behind the rail."""
         span = self._half - self._gap
-        return math.sqrt(max(self._link ** 2 - span ** 2, 0.0)), self._reach
+        nearest = math.sqrt(max(self._link ** 2 - span ** 2, 0.0))
+        return max(nearest, self._settings.margin), self._reach
 
     def _greatest_yaw(self, y: float) -> float:
         """Return the yaw limit by order (on the safe side: cos θ = 1 at the gap) and reach."""

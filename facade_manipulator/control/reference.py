@@ -14,6 +14,7 @@ from facade_manipulator.kinematics.planar import wrap_angle
 from facade_manipulator.parameters import check_parameters, parameter
 
 UNITS = 'm, rad'
+SHORTEST_WAY = 1e-9
 STILL = Pose(0.0, 0.0, 0.0)
 
 
@@ -63,9 +64,7 @@ class Reference:
         self._planner = Ruckig(len(Pose._fields))
         self._plan = InputParameter(len(Pose._fields))
         self._plan.synchronization = Synchronization.Phase
-        self._plan.max_velocity = list(settings.speed)
-        self._plan.max_acceleration = list(settings.acceleration)
-        self._plan.max_jerk = list(settings.jerk)
+        self._settings = settings
         self._trajectory = Trajectory(len(Pose._fields))
         self._start: float | None = None
         self.goal: Pose | None = None
@@ -94,6 +93,8 @@ class Reference:
         plan.current_position, plan.current_velocity, plan.current_acceleration = (
             map(list, motion))
         plan.target_position = list(goal)
+        straight = not any(motion.velocity) and not any(motion.acceleration)
+        self._limit([goal[i] - motion.place[i] if straight else 0.0 for i in range(len(goal))])
         result = self._planner.calculate(plan, self._trajectory)
         if result not in (Result.Working, Result.Finished):
             raise ManipulatorError(
@@ -110,6 +111,23 @@ class Reference:
         elapsed = min(max(time - self._start, 0.0), self._trajectory.duration)
         return Motion(*(Pose(*row) for row in self._trajectory.at_time(elapsed)))
 
+    def _limit(self, way: list[float]) -> None:
+        """Give all axes that move limits in proportion to their way, so that it is straight."""
+        plan, settings = self._plan, self._settings
+        plan.max_velocity, plan.max_acceleration, plan.max_jerk = (
+            _proportional(limits, way)
+            for limits in (settings.speed, settings.acceleration, settings.jerk))
+
     def arrival(self) -> float:
         """Return when the path ends [s], −inf before the first."""
         return -math.inf if self._start is None else self._start + self._trajectory.duration
+
+
+def _proportional(limits: tuple[float, ...], way: list[float]) -> list[float]:
+    """Return the greatest limits in proportion to the way; its own where an axis stands."""
+    pace = min(
+        (limit / abs(step) for limit, step in zip(limits, way, strict=True)
+         if abs(step) > SHORTEST_WAY), default=0.0)
+    return [
+        pace * abs(step) if abs(step) > SHORTEST_WAY else limit
+        for limit, step in zip(limits, way, strict=True)]

@@ -102,7 +102,7 @@ def _oscillations(
 ) -> Oscillations:
     coefficients, rest = solution
     count = len(frequencies_hz)
-    frequencies = tuple(2.0 * np.pi * f for f in frequencies_hz)
+    frequencies = tuple(float(2.0 * np.pi * f) for f in frequencies_hz)
     sines = coefficients[1 + count:]
     return Oscillations(
         float(coefficients[0]), frequencies, tuple(map(float, coefficients[1:1 + count])),

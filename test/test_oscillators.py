@@ -1,0 +1,75 @@
+"""The model of one axis: its motion in time, its derivative, its noise."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from facade_manipulator.control import oscillators
+from facade_manipulator.control.oscillators import ProcessNoise
+
+displacements = st.floats(-0.2, 0.2)
+rates = st.floats(0.3, 30.0)
+states = st.tuples(
+    displacements, displacements, displacements, rates, displacements, displacements, rates,
+).map(np.array)
+intervals = st.floats(-0.5, 1.0)
+
+
+@given(states, intervals, intervals)
+def test_two_short_ways_are_one_long_way(state, first, second):
+    once = oscillators.propagate(state, first + second)
+    twice = oscillators.propagate(oscillators.propagate(state, first), second)
+    assert twice == pytest.approx(once, abs=1e-12)
+
+
+@given(states, intervals)
+def test_the_transition_is_the_derivative_of_the_motion(state, interval):
+    matrix = oscillators.transition(state, interval)
+    step = 1e-6
+    for k in range(oscillators.STATE_SIZE):
+        change = np.zeros(oscillators.STATE_SIZE)
+        change[k] = step
+        difference = (
+            oscillators.propagate(state + change, interval)
+            - oscillators.propagate(state - change, interval)) / (2.0 * step)
+        assert matrix[:, k] == pytest.approx(difference, abs=1e-5)
+
+
+@given(states)
+def test_no_time_changes_nothing(state):
+    assert np.array_equal(oscillators.propagate(state, 0.0), state)
+    assert np.allclose(oscillators.transition(state, 0.0), np.eye(oscillators.STATE_SIZE))
+
+
+@given(states)
+def test_the_rate_is_the_derivative_of_the_place(state):
+    step = 1e-5
+    ahead, behind = (oscillators.propagate(state, sign * step) for sign in (1.0, -1.0))
+    difference = (oscillators.observe(ahead) - oscillators.observe(behind)) / (2.0 * step)
+    damping = 2.0 * oscillators.DAMPING_RATIO * oscillators.amplitudes(state) @ state[[3, 6]]
+    assert oscillators.observe_rate(state) == pytest.approx(difference, abs=damping + 1e-6)
+
+
+@given(states, st.floats(1e-3, 1.0))
+def test_process_noise_is_a_covariance(state, interval):
+    noise = ProcessNoise(np.array(0.01), 1e-6, 1e-4)
+    matrix = oscillators.process_covariance(state, interval, noise)
+    assert np.array_equal(matrix, matrix.T)
+    assert np.linalg.eigvalsh(matrix).min() >= -1e-15
+
+
+def test_each_opinion_has_its_own_noise_on_every_axis():
+    noise = ProcessNoise(np.array([1.0, 2.0, 3.0]), 0.0, 0.0)
+    batch = np.tile(oscillators.initial_state(0.0, (1.0, 2.0)), (3, 3, 1))
+    velocities = oscillators.process_covariance(batch, 0.1, noise)[..., 2, 2]
+    assert velocities == pytest.approx(np.tile([0.1, 0.2, 0.3], (3, 1)))
+
+
+def test_a_batch_is_propagated_as_its_members_are():
+    batch = np.random.default_rng(0).uniform(0.5, 1.0, (3, 2, oscillators.STATE_SIZE))
+    moved = oscillators.propagate(batch, 0.3)
+    steps = oscillators.transition(batch, 0.3)
+    for index in np.ndindex(3, 2):
+        assert moved[index] == pytest.approx(oscillators.propagate(batch[index], 0.3))
+        assert steps[index] == pytest.approx(oscillators.transition(batch[index], 0.3))

@@ -1,0 +1,146 @@
+"""How well the disturbance is foretold, and what happens where it cannot be."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.control.prediction import DisturbancePredictor, PredictionSettings
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+
+HORIZON = 0.13
+NOISE = 1e-3
+VARIANCES = Pose(NOISE ** 2, NOISE ** 2, NOISE ** 2)
+SETTINGS = PredictionSettings()
+
+
+def sines(*parts):
+    return lambda time: sum(
+        amplitude * math.sin(math.tau * frequency * time + phase)
+        for amplitude, frequency, phase in parts)
+
+
+def still(_):
+    return 0.0
+
+
+BREEZE = (
+    sines((0.1, 0.11, 0.3), (0.02, 0.3, 1.0)), sines((0.015, 0.2, 0.5)),
+    sines((math.radians(2.0), 0.15, 0.0)))
+
+
+def learn(motions, duration, settings=SETTINGS, noise=NOISE, variances=VARIANCES, seed=0):
+    """Return the predictor and, for each estimate, how far it errs one horizon ahead."""
+    random = np.random.default_rng(seed)
+    predictor, errors = DisturbancePredictor(settings), []
+    for stamp in np.arange(1000.0, 1000.0 + duration, 0.02):
+        measured = [motion(stamp) + noise * random.standard_normal() for motion in motions]
+        predictor.update(stamp, Pose(*measured), variances)
+        place = predictor.predict(stamp + HORIZON).place
+        errors.append([p - motion(stamp + HORIZON)
+                       for p, motion in zip(place, motions, strict=True)])
+    return predictor, np.array(errors)
+
+
+def rms(errors, begin, end):
+    return np.sqrt((errors[int(begin * 50):int(end * 50)] ** 2).mean(axis=0))
+
+
+def test_a_breeze_is_foretold_to_a_few_percent():
+    _, errors = learn(BREEZE, 30.0)
+    disturbance = np.array([0.072, 0.0106, 0.0247])
+    assert (rms(errors, 2.0, 10.0) < [0.02, 0.12, 0.08] * disturbance).all()
+    assert (rms(errors, 10.0, 30.0) < [0.01, 0.06, 0.04] * disturbance).all()
+
+
+def test_prediction_beats_the_estimate_as_it_comes():
+    _, errors = learn(BREEZE, 20.0)
+    late = np.array([[m(t + HORIZON) - m(t) for m in BREEZE] for t in np.arange(0, 20, 0.02)])
+    assert (rms(errors, 5.0, 20.0) < 0.4 * rms(late, 5.0, 20.0)).all()
+
+
+def test_the_frequencies_follow_the_data():
+    predictor, _ = learn(BREEZE, 25.0)
+    x, y, theta = predictor.frequencies
+    assert sorted(x) == pytest.approx([0.11, 0.3], abs=0.01)
+    assert min(abs(y - 0.2)) < 0.01
+    assert min(abs(theta - 0.15)) < 0.01
+
+
+@pytest.mark.parametrize('frequency', [0.05, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0])
+def test_no_frequency_is_amplified(frequency):
+    motion = sines((0.01, frequency, 0.0))
+    _, errors = learn((motion, still, still), 15.0)
+    assert rms(errors, 7.0, 15.0)[0] < 0.01 / math.sqrt(2.0)
+
+
+def test_fast_oscillations_are_compensated_in_part_and_in_phase():
+    motion = sines((0.02, 2.0, 0.0))
+    predictor, errors = learn((motion, still, still), 15.0)
+    share = 2.0 / (0.02 * (math.tau * 2.0) ** 2)
+    assert rms(errors, 8.0, 15.0)[0] == pytest.approx(
+        (1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15)
+
+
+@pytest.mark.parametrize(('noise', 'share'), [(0.0, 0.005), (5e-4, 0.01), (3e-3, 0.06)])
+def test_a_wrong_variance_does_no_great_harm(noise, share):
+    _, errors = learn(BREEZE, 20.0, noise=noise)
+    assert rms(errors, 10.0, 20.0)[0] < share * 0.072
+
+
+def test_a_standing_gondola_gives_its_place_and_little_noise():
+    motions = (lambda _: 0.05, still, still)
+    predictor, errors = learn(motions, 10.0)
+    assert rms(errors, 5.0, 10.0) == pytest.approx(0.0, abs=0.6 * NOISE)
+
+
+def test_the_velocity_is_the_derivative_of_the_place():
+    predictor, _ = learn(BREEZE, 10.0)
+    time = predictor.stamp + HORIZON
+    before, after = (predictor.predict(time + step).place for step in (-1e-4, 1e-4))
+    expected = [(b - a) / 2e-4 for a, b in zip(before, after, strict=True)]
+    assert predictor.predict(time).velocity == pytest.approx(expected, abs=2e-3)
+
+
+def test_the_first_estimate_is_believed_as_it_is():
+    predictor = DisturbancePredictor(SETTINGS)
+    predictor.update(1000.0, Pose(0.1, -0.05, 0.02), VARIANCES)
+    course = predictor.predict(1000.1)
+    assert course.place == pytest.approx((0.1, -0.05, 0.02), abs=1e-3)
+
+
+def test_a_prediction_without_estimates_stays_bounded():
+    predictor, _ = learn(BREEZE, 10.0)
+    places = [predictor.predict(predictor.stamp + ahead).place.x for ahead in np.arange(0, 30, 1)]
+    assert max(map(abs, places)) < 0.3
+
+
+def test_after_a_long_gap_it_learns_anew():
+    predictor, _ = learn(BREEZE, 10.0)
+    later = predictor.stamp + SETTINGS.longest_gap + 0.1
+    predictor.update(later, Pose(0.3, 0.0, 0.0), VARIANCES)
+    assert predictor.since == later
+    assert predictor.predict(later).place.x == pytest.approx(0.3, abs=1e-6)
+
+
+def test_a_short_gap_is_bridged():
+    predictor, _ = learn(BREEZE, 10.0)
+    later = predictor.stamp + 1.0
+    predictor.update(later, Pose(*(motion(later) for motion in BREEZE)), VARIANCES)
+    ahead = predictor.predict(later + HORIZON).place
+    assert ahead.x == pytest.approx(BREEZE[0](later + HORIZON), abs=0.008)
+
+
+def test_the_cable_length_sets_the_first_frequency():
+    start = PredictionSettings(cable_length=30.0).initial_frequencies()
+    assert start[0] == pytest.approx(math.sqrt(9.81 / 30.0))
+
+
+@pytest.mark.parametrize('change', [
+    {'frequencies': (0.1,)}, {'speed': (1.0, 1.0)}, {'gusts': ()}, {'gusts': (math.nan,)},
+    {'bandwidth': 0.0}, {'cable_length': -1.0}])
+def test_settings_that_make_no_sense_are_refused(change):
+    with pytest.raises(ParameterError, match=next(iter(change))):
+        replace(SETTINGS, **change)
