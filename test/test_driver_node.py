@@ -119,6 +119,7 @@ def test_nothing_moves_before_the_operator_activates(bench):
 def test_activation_is_refused_before_homing_and_says_so(bench):
     assert bench.change(Transition.TRANSITION_CONFIGURE)
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert 'home' in bench.sentence()
     assert bench.state() == 'inactive'
 
 
@@ -195,6 +196,7 @@ def test_a_drive_of_another_identity_is_refused_by_name(ros):
     with bench.node._simulator.access() as drives:
         drives[1].set_identity(Identity(serial_number=78))
     assert not bench.change(Transition.TRANSITION_CONFIGURE)
+    assert 'q2' in bench.sentence() and '78' in bench.sentence() and '77' in bench.sentence()
     assert bench.state() == 'unconfigured'
 
 

@@ -84,6 +84,7 @@ class DriverNode(ManagedNode):
         self._published_stamp: float | None = None
         self._drive_faults = 0
         self._was_stopped = False
+        self._last_failure = ''
         self._offer()
 
     def transition_jobs(self):
@@ -96,6 +97,12 @@ class DriverNode(ManagedNode):
             State.TRANSITION_STATE_CLEANINGUP: controller.cleanup,
             State.TRANSITION_STATE_SHUTTINGDOWN: self._shut_down,
         }
+
+    def tell(self, success: bool, sentence: str) -> None:
+        """Say how a request ended, in the log and in /diagnostics."""
+        super().tell(success, sentence)
+        self._last_failure = '' if success else sentence
+        self._diagnostics.publish()
 
     def close(self) -> None:
         """Stop the drives, then leave the bus."""
@@ -141,7 +148,9 @@ class DriverNode(ManagedNode):
     def _offer_request(self, name: str, start) -> None:
         def answer(job: Future) -> Trigger.Response:
             error = job.exception()
-            return Trigger.Response(success=error is None, message=str(error or job.result()))
+            sentence = str(error or job.result())
+            self.tell(error is None, sentence)
+            return Trigger.Response(success=error is None, message=sentence)
 
         self.replies.attach(
             self.create_service(Trigger, name, lambda *_: Deferred(start(), answer)))
@@ -237,7 +246,7 @@ class DriverNode(ManagedNode):
             **self._refusals.values(),
         }
         return [
-            operation_status(snapshot, self._follower, values),
+            operation_status(snapshot, self._follower, self._last_failure, values),
             bus_status(snapshot),
             *(axis_status(axis) for axis in snapshot.axes),
         ]

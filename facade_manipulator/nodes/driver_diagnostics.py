@@ -23,9 +23,10 @@ FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 def operation_status(
-    snapshot: ControllerSnapshot, follower: SetpointFollower, counters: dict[str, Any]
+    snapshot: ControllerSnapshot, follower: SetpointFollower, last_failure: str,
+    counters: dict[str, Any],
 ) -> DiagnosticStatus:
-    """Say what the drives do as a group, why, and what the operator does next."""
+    """Say what the drives do as a group, why, what was refused last and what comes next."""
     values = {
         'state': snapshot.state.value,
         'activity': follower.activity.value,
@@ -40,8 +41,8 @@ def operation_status(
         **_margins(follower),
         **counters,
     }
-    return diagnostic_status(
-        'operation', STATE_LEVELS.get(snapshot.state, 'ok'), _sentence(snapshot), values)
+    level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
+    return diagnostic_status('operation', level, _sentence(snapshot, last_failure), values)
 
 
 def bus_status(snapshot: ControllerSnapshot) -> DiagnosticStatus:
@@ -89,10 +90,10 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
     return diagnostic_status(axis.name, 'ok', sentence, values, serial)
 
 
-def _sentence(snapshot: ControllerSnapshot) -> str:
+def _sentence(snapshot: ControllerSnapshot, last_failure: str) -> str:
     if snapshot.cause:
         return f'{snapshot.state.value}: {snapshot.cause}; next: {snapshot.next_step}'
-    return snapshot.state.value
+    return f'{snapshot.state.value}; {last_failure}' if last_failure else snapshot.state.value
 
 
 def _margins(follower: SetpointFollower) -> dict[str, float]:

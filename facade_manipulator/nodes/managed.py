@@ -50,6 +50,13 @@ class ManagedNode(LifecycleNode):
         """Label of the present lifecycle state."""
         return self._state_machine.current_state[1]
 
+    def tell(self, success: bool, sentence: str) -> None:
+        """Say how a request ended, before it is answered: a transition's answer has no text."""
+        if success:  # one line each: rclpy forbids two severities on one
+            self.get_logger().info(sentence)
+        else:
+            self.get_logger().error(sentence)
+
     def fall_back(self) -> None:
         """Go from active to inactive: the drives have already stopped by themselves."""
         if self._state_machine.current_state[0] == State.PRIMARY_STATE_ACTIVE:
@@ -60,7 +67,8 @@ class ManagedNode(LifecycleNode):
     def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response):
         transition = self._requested(request)
         if transition is None:
-            self.get_logger().error(
+            self.tell(
+                False,
                 f"transition '{request.transition.label or request.transition.id}' refused: "
                 f"not possible from state '{self.state_label}'")
             response.success = False
@@ -79,11 +87,12 @@ class ManagedNode(LifecycleNode):
 
     def _complete(self, job: Future) -> ChangeState.Response:
         error = job.exception()
-        if error is not None:
-            self.get_logger().error(f'{self.state_label} failed: {error}')
-        else:
-            self.get_logger().info(str(job.result()))
+        what = self.state_label
         self._finish(SUCCESS if error is None else FAILURE)
+        if error is not None:
+            self.tell(False, f'{what} failed: {error}')
+        else:
+            self.tell(True, str(job.result()))
         return ChangeState.Response(success=error is None)
 
     def _finish(self, outcome: TransitionCallbackReturn) -> None:
