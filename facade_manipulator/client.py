@@ -67,6 +67,8 @@ class ManipulatorClient:
     namespace : str
         Namespace of the manipulator's nodes.
     node_name : str
+    check : callable, optional
+        Called every few milliseconds while a call waits; what it raises ends the waiting.
 
     Notes
     -----
@@ -74,7 +76,11 @@ class ManipulatorClient:
 
     """
 
-    def __init__(self, namespace: str = '', node_name: str = 'supervisor') -> None:
+    def __init__(
+        self, namespace: str = '', node_name: str = 'supervisor',
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._check = check
         self.node = Node(node_name, namespace=namespace)
         self.components: dict[str, Component] = {}
         self._prefix = self.node.get_namespace().strip('/')
@@ -111,6 +117,7 @@ class ManipulatorClient:
         """Take what arrives for a while [s]."""
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0.0:
+            self._check()
             self._executor.spin_once(min(left, SPIN_STEP))
 
     def wait_until(
@@ -129,6 +136,7 @@ class ManipulatorClient:
         while not (value := condition()):
             if time.monotonic() > end:
                 raise NoAnswerError(f'{what}: not within {timeout:g} s')
+            self._check()
             self._executor.spin_once(SPIN_STEP)
         return value
 

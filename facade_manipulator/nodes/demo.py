@@ -17,6 +17,7 @@ import os
 from pathlib import Path
 import signal
 import sys
+from threading import Event
 import time
 
 from geometry_msgs.msg import PoseStamped
@@ -84,12 +85,17 @@ class Recorder:
 class Demo:
     """One run: nodes up, strokes for a while, drives off, report."""
 
-    def __init__(self, options: argparse.Namespace, console: Console) -> None:
+    def __init__(
+        self, options: argparse.Namespace, console: Console, interrupted: Event
+    ) -> None:
         self.options = options
         self.console = console
+        self._interrupted = interrupted
+        self._is_stopping = False
         self.output = Path(options.output)
         self.processes = NodeProcesses(self.output)
-        self.client = ManipulatorClient(options.namespace, 'demo_supervisor')
+        self.client = ManipulatorClient(
+            options.namespace, 'demo_supervisor', self._check_interrupt)
         self.observer = Observer(self.client)
         self.recorder = Recorder(self.client)
 
@@ -102,8 +108,12 @@ class Demo:
             self._strokes()
             self._report(time.monotonic() - begin)
         finally:
-            with _undisturbed():
-                self._stop()
+            self._is_stopping = True  # nothing interrupts the stopping of the drives
+            self._stop()
+
+    def _check_interrupt(self) -> None:
+        if self._interrupted.is_set() and not self._is_stopping:
+            raise KeyboardInterrupt
 
     def _start_nodes(self) -> None:
         self.console.print(
@@ -259,22 +269,6 @@ def _cell(value: float | None, factor: float, unit: str) -> str:
     return '-' if value is None else f'{factor * value:.3g} {unit}'
 
 
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Let nothing interrupt the stopping of the drives."""
-    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(number, signal.SIG_IGN) for number in signals]
-    try:
-        yield
-    finally:
-        for number, handler in zip(signals, before, strict=True):
-            signal.signal(number, handler)
-
-
-def _interrupt(*_: object) -> None:
-    raise KeyboardInterrupt
-
-
 def _options(args: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog='demo', description='Run the whole stack with simulated drives on a swaying gondola.')
@@ -304,12 +298,13 @@ def main(args: list[str] | None = None) -> int:
     except OSError as error:
         print(f'{options.output} cannot be written: {error.strerror}', file=sys.stderr)
         return USAGE_ERROR
+    interrupted = Event()
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+        signal.signal(number, lambda *_: interrupted.set())
     # rclpy's own handlers would end ROS before the drives are stopped through it
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        Demo(options, console).run()
+        Demo(options, console, interrupted).run()
     except KeyboardInterrupt:
         console.print('interrupted: drives stopped, nodes ended')
         return INTERRUPTED
