@@ -31,6 +31,8 @@ class Feedback(NamedTuple):
         Whether the carriage stands still.
     error_code : int
         Last error code of an emergency message or of 603F; 0 for none.
+    at_home : bool
+        Whether the actual position is that of the home position.
 
     """
 
@@ -38,6 +40,7 @@ class Feedback(NamedTuple):
     mode: int = Mode.CYCLIC_SYNCHRONOUS_POSITION
     at_rest: bool = True
     error_code: int = 0
+    at_home: bool = False
 
 
 class Step(NamedTuple):

@@ -33,7 +33,12 @@ from facade_manipulator.drives.monitor import AxisMonitor, NmtState
 from facade_manipulator.drives.pdo import NMT_COB_ID
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.settings import ControllerSettings
-from facade_manipulator.errors import DriveIdentityError, DriveStateError, DriveTimeoutError
+from facade_manipulator.errors import (
+    DriveIdentityError,
+    DriveObjectError,
+    DriveStateError,
+    DriveTimeoutError,
+)
 
 
 class NmtCommand(IntEnum):
@@ -155,8 +160,16 @@ class Commissioning:
         """
         self._check_identities()
         for drive in self._drives:
-            verify_objects(drive.objects, self._writes(drive))
+            self._verify(drive)
         self._start()
+
+    def _verify(self, drive: Drive) -> None:
+        """A drive that has lost its objects has restarted, and lost its position as well."""
+        try:
+            verify_objects(drive.objects, self._writes(drive))
+        except DriveObjectError:
+            drive.monitor.homed = False
+            raise
 
     def _reset(self) -> None:
         if not self._settings.reset_nodes:

@@ -187,6 +187,8 @@ class DriveController:
 
     def _turn(self) -> None:
         self._take_requests()
+        if self._closed:
+            return
         session = self._session
         if session.connection is None:
             self._idle()

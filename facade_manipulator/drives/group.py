@@ -231,25 +231,26 @@ class Group:
         Raises
         ------
         DriveStateError
-            As `require_resettable` says.
+            The carriages have not stopped yet, or as `require_resettable` says.
 
         """
+        self._require('clear_faults', Phase.STOPPED)
         self.require_resettable(now)
         self._resets.append(now)
         self._begin(_RESET, now)
 
     def require_resettable(self, now: float) -> None:
         """
-        Check whether the faults may be cleared now.
+        Check whether the faults may be cleared once the carriages have stopped.
 
         Raises
         ------
         DriveStateError
-            The carriages have not stopped yet, the drives must be configured again, or there
-            were too many resets within a minute.
+            There is no stop to clear, the drives must be configured again, or there were too
+            many resets within a minute.
 
         """
-        self._require('clear_faults', Phase.STOPPED)
+        self._require('clear_faults', Phase.STOPPING, Phase.STOPPED)
         if self.needs_configuration:
             raise DriveStateError(
                 f'clear_faults is not enough: {self.cause.sentence}; clean up and configure again')
@@ -336,9 +337,9 @@ class Group:
         if self._homing is None:
             return 0
         if self.phase is not Phase.HOMING:
-            self._homing.axes[number].watch(feedback.statusword)
+            self._homing.axes[number].watch(feedback)
             return 0
-        return self._homing.advance(number, feedback.statusword, now)
+        return self._homing.advance(number, feedback, now)
 
     def _require_following(self, number: int, feedback: Feedback) -> None:
         if self.phase in _FOLLOWING and feedback.statusword & Status.FOLLOWING_ERROR:

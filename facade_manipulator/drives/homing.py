@@ -3,18 +3,22 @@ Homing of the three axes in mode 6: when bit 4 rises, what counts as success, wh
 
 A drive that was homed before still shows "homing attained". Success therefore counts only if
 the bit was seen clear first, and a homing error only once the drive has had time to take it back.
+Methods 35 and 37 take the present place as home within one cycle, so that nobody may see the bit
+clear: with them it counts as well that the position has become that of the home position.
 """
 
 from __future__ import annotations
 
 from enum import Enum
 
+from facade_manipulator.drives.axis import Feedback
 from facade_manipulator.drives.cia402 import Controlword, Status
 from facade_manipulator.errors import DriveFaultError, DriveTimeoutError
 
 _SUCCESS = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 _OUTCOME = _SUCCESS | Status.HOMING_ERROR
 SETTLING_CYCLES = 5
+METHODS_AT_PRESENT_PLACE = frozenset({35, 37})
 
 
 class HomingState(Enum):
@@ -37,23 +41,26 @@ class AxisHoming:
         Longest time from the rising bit 4 to success [s].
     rank : int
         Axes of one rank home together, lower ranks first.
+    method : int
+        Homing method.
 
     """
 
-    def __init__(self, name: str, timeout: float, rank: int = 1) -> None:
+    def __init__(self, name: str, timeout: float, rank: int = 1, method: int = 17) -> None:
         self.name = name
         self.rank = rank
+        self._needs_no_motion = method in METHODS_AT_PRESENT_PLACE
         self.state = HomingState.WAITING
         self._timeout = timeout
         self._started: float | None = None
         self._cycles = 0
         self._seen_clear = False
 
-    def watch(self, statusword: int) -> None:
+    def watch(self, feedback: Feedback) -> None:
         """Before the start, note whether the success of an earlier homing is still shown."""
-        self._seen_clear = not statusword & Status.HOMING_ATTAINED
+        self._seen_clear = not feedback.statusword & Status.HOMING_ATTAINED
 
-    def advance(self, statusword: int, now: float) -> int:
+    def advance(self, feedback: Feedback, now: float) -> int:
         """
         Return the bits to add to the controlword; starts the homing when called first.
 
@@ -69,12 +76,19 @@ class AxisHoming:
             return 0
         self._begin(now)
         self._cycles += 1
-        self._seen_clear = self._seen_clear or not statusword & Status.HOMING_ATTAINED
-        if self._seen_clear and statusword & _OUTCOME == _SUCCESS:
+        if self._has_succeeded(feedback):
             self.state = HomingState.HOMED
             return 0
-        self._require_progress(statusword, now)
+        self._require_progress(feedback.statusword, now)
         return Controlword.HOMING_START
+
+    def _has_succeeded(self, feedback: Feedback) -> bool:
+        shown = feedback.statusword & _OUTCOME == _SUCCESS
+        self._seen_clear = (
+            self._seen_clear or not feedback.statusword & Status.HOMING_ATTAINED)
+        is_there = (self._needs_no_motion and feedback.at_home
+                    and self._cycles > SETTLING_CYCLES)
+        return shown and (self._seen_clear or is_there)
 
     def _begin(self, now: float) -> None:
         if self._started is None:
@@ -116,7 +130,7 @@ class HomingSequence:
         return min(
             (axis.rank for axis in self.axes if axis.state is not HomingState.HOMED), default=None)
 
-    def advance(self, number: int, statusword: int, now: float) -> int:
+    def advance(self, number: int, feedback: Feedback, now: float) -> int:
         """
         Return the bits to add to one axis's controlword; nothing before its rank is due.
 
@@ -128,6 +142,6 @@ class HomingSequence:
         """
         axis = self.axes[number]
         if axis.rank != self.due:
-            axis.watch(statusword)
+            axis.watch(feedback)
             return 0
-        return axis.advance(statusword, now)
+        return axis.advance(feedback, now)

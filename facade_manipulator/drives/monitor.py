@@ -31,6 +31,7 @@ from facade_manipulator.drives.settings import AxisSettings, ControllerSettings
 
 CONFIGURE_AGAIN = 'check its power and cable, then clean up and configure again'
 SYNC_TOLERANCE = 0.001
+HOME_TOLERANCE = 2  # counts
 
 
 class NmtState(IntEnum):
@@ -72,6 +73,7 @@ class AxisMonitor:
         self.missed = 0
         self.missed_in_a_row = 0
         self._settings = settings
+        self._home_counts = axis.to_counts(axis.home_position)
         self._supervised_since: float | None = None
 
     @property
@@ -95,7 +97,9 @@ class AxisMonitor:
         status = self.status or StatusFrame(0, 0, 0)
         velocity = self.velocity
         at_rest = velocity is not None and abs(velocity) < self._settings.rest_speed
-        return Feedback(status.statusword, status.mode, at_rest, self.error_code)
+        return Feedback(
+            status.statusword, status.mode, at_rest, self.error_code,
+            abs(status.position_counts - self._home_counts) <= HOME_TOLERANCE)
 
     def forget(self) -> None:
         """Forget what was heard, because the bus was gone; the home position is kept."""

@@ -225,7 +225,7 @@ class Home(Operation):
         group = self.group
         session.positions()
         sequence = HomingSequence(tuple(
-            AxisHoming(name, axis.homing_timeout, axis.homing_rank)
+            AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
             for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
         group.home(sequence, now)
         session.homing = sequence
@@ -271,9 +271,10 @@ class ClearFaults(Operation):
     def poll(self, now: float) -> str | None:
         """Reset when the check has passed; wait until the drives have taken it."""
         session = self.session
-        if self._job is not None and self._job.done():
-            self._reset(now)
-        elif self._job is None and session.is_stopped:
+        if self._job is not None:
+            if self._job.done() and self.group.phase is Phase.STOPPED:
+                self._reset(now)
+        elif session.is_stopped:
             raise DriveFaultError(f'The faults remain: {self._latest()}')
         if not session.is_off:
             return None
@@ -285,8 +286,9 @@ class ClearFaults(Operation):
         try:
             _result(job)
         except DriveError as error:
-            self.group.stop(Cause(str(error), CONFIGURE_AGAIN, configure_again=True), now)
-            raise
+            cause = Cause(str(error), CONFIGURE_AGAIN, configure_again=True)
+            self.group.stop(cause, now)
+            raise DriveFaultError(f'The faults remain: {cause}') from error
         self.group.reset(now)
 
     def _latest(self) -> Cause:
@@ -321,7 +323,7 @@ class Close(Operation):
         late = now > self._deadline
         if session.group is None or session.lost is not None:
             return self._finish()
-        if not self._cutting and (session.is_off or session.has_done(Phase.STOPPED) or late):
+        if not self._cutting and (session.group.phase in (Phase.OFF, Phase.STOPPED) or late):
             self._cutting = True
             self._deadline = now + session.settings.step_timeout
             session.group.cut_power(now)

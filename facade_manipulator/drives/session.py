@@ -31,12 +31,12 @@ from facade_manipulator.drives.settings import (
     ControllerSettings,
     Triple,
 )
+from facade_manipulator.drives.stream import BUS_REMEDY
 from facade_manipulator.drives.targets import Targets, TargetSource
 from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
 HomingCheck = Callable[[Triple, tuple[bool, bool, bool]], None]
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
-BUS_REMEDY = 'see to the CAN bus, wait until it is back, clear the faults, then activate'
 STOPPED_PHASES = frozenset({Phase.STOPPING, Phase.STOPPED})
 
 

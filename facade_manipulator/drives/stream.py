@@ -20,10 +20,11 @@ from facade_manipulator.drives.monitor import AxisMonitor, NmtState
 from facade_manipulator.drives.network import PumpedNetwork, SDO_FRAME_LENGTH
 from facade_manipulator.drives.settings import ControllerSettings
 from facade_manipulator.drives.targets import Targets
-from facade_manipulator.errors import BusError, ManipulatorError
+from facade_manipulator.errors import ManipulatorError
 
 LONGEST_WAIT = 0.02
-MOST_CONGESTED_CYCLES = 3
+MOST_UNSENT = 8  # frames in a row: two cycles
+BUS_REMEDY = 'see to the CAN bus, wait until it is back, clear the faults, then activate'
 TARGET_REMEDY = 'see to the source of the setpoints, clear the faults, then activate'
 _EMERGENCY_LENGTH = 8
 _UNSTOPPED = (Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED)
@@ -68,8 +69,7 @@ class Stream:
         self._supervise = supervise
         self._on_cycle = on_cycle
         self._next_heartbeat = 0.0
-        self._congested_in_a_row = 0
-        self._congestion = ''
+        self._unsent = 0
         self._was_disobeyed = False
         self._routes = self._make_routes()
         bus.listen_to(tuple(self._routes))
@@ -206,8 +206,14 @@ class Stream:
     def _causes(self, now: float) -> list[Cause]:
         causes = list(self._supervise(now))
         if self.group.phase not in _STOPPED:
-            causes += [cause for cause in (m.silence(now) for m in self._monitors) if cause]
-            causes += self._own_failures()
+            causes += self._silences(now) + self._own_failures()
+        return causes
+
+    def _silences(self, now: float) -> list[Cause]:
+        """Blame the bus rather than each drive when all have fallen silent together."""
+        causes = [cause for cause in (m.silence(now) for m in self._monitors) if cause]
+        if len(causes) == len(self._monitors):
+            return [Cause(f'no drive answers any more: {causes[0].sentence}', BUS_REMEDY)]
         return causes
 
     def _own_failures(self) -> list[Cause]:
@@ -261,23 +267,21 @@ class Stream:
         self._send(pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
 
     def _send_commands(self, commands: tuple[Command, ...]) -> None:
-        sent = True
         for monitor, command, target in zip(
                 self._monitors, commands, self._targets.counts, strict=True):
             data = pdo.encode_rpdo1(command.controlword, command.mode, target)
-            sent = self._send(pdo.RPDO1.cob_id(monitor.axis.node_id), data) and sent
-        self._congested_in_a_row = 0 if sent else self._congested_in_a_row + 1
-        if self._congested_in_a_row >= MOST_CONGESTED_CYCLES:
-            raise BusError(self._congestion)
+            self._send(pdo.RPDO1.cob_id(monitor.axis.node_id), data)
 
-    def _send(self, cob_id: int, data: bytes = b'') -> bool:
+    def _send(self, cob_id: int, data: bytes = b'') -> None:
         """Send a frame; a queue that is full now may be free in the next cycle."""
         try:
             self._bus.send(cob_id, data)
-        except BusCongestedError as error:
-            self._congestion = str(error)
-            return False
-        return True
+        except BusCongestedError:
+            self._unsent += 1
+            if self._unsent >= MOST_UNSENT:
+                raise
+        else:
+            self._unsent = 0
 
     def _force_disobedient(self) -> None:
         """Take drives that go on in spite of a quick stop out of operation by NMT."""
