@@ -18,7 +18,7 @@ REQUIRES = [
     'matplotlib>=3.6,<4',  # the demo's time courses, the study's figures
 ]
 EXTRAS = {
-    'build': ['setuptools>=68,<81'],  # installs this package into .venv; 81 drops what colcon uses
+    'build': ['setuptools>=68,<80'],  # installs this package into .venv; colcon wants it below 80
     'ros': [  # ROS 2 Jazzy as wheels, where no ROS is sourced; unpinned names are a later distro
         'ros-jazzy-rclpy[fastrtps]==7.1.6',
         'ros-jazzy-common-interfaces==5.3.6',
