@@ -180,6 +180,8 @@ class Session:
             Why it cannot be opened.
 
         """
+        if self.settings.own_garbage_collection:
+            self._collector.start()  # its first, full collection takes longer than a heartbeat
         self.connection = connect(
             open_frames(self._open_bus), self.monitors, self._profiles, self.settings,
             self.targets, self._causes, self._finish_cycle)
@@ -190,8 +192,6 @@ class Session:
         self.group = Group(
             AXIS_NAMES, settings.step_timeout, settings.ramp_timeout, settings.hold_cycles,
             settings.max_resets_per_minute, now)
-        if settings.own_garbage_collection:
-            self._collector.start()
         self.connection.stream.start(self.group, time.monotonic())
 
     def close(self) -> None:
