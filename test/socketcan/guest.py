@@ -56,9 +56,9 @@ def run_in_guest(command: list[str], timeout: float = TIMEOUT) -> int:
 
     """
     root = _fetch_kernel()
-    with _work_folder() as folder:
+    with _work_folder() as folder, _serial_line() as line:
         _write_order(folder, root, command)
-        started = _start(folder, root)
+        started = _start(folder, root, line)
         try:
             started.wait(timeout)
         except subprocess.TimeoutExpired:
@@ -122,27 +122,37 @@ def _environment(root: Path) -> dict[str, str]:
             'COLUMNS': str(size.columns), 'LINES': str(size.lines)}
 
 
-def _start(folder: Path, root: Path) -> subprocess.Popen:
-    """Start the guest's kernel, its serial line copied to our standard output."""
-    read_end, write_end = os.pipe()
+def _start(folder: Path, root: Path, line: int) -> subprocess.Popen:
+    """Start the guest's kernel."""
     console = os.open(folder / 'console', os.O_WRONLY | os.O_CREAT)
     options = ('rootfstype=hostfs', 'rootflags=/', 'rw', 'devtmpfs.mount=0',
                f'init="{folder}/init"', 'panic=-1',
                f'mem={MEMORY >> 20}M', f'umid={folder.name}', 'con=null',
-               f'con0=null,fd:{console}', 'ssl=null', f'ssl0=null,fd:{write_end}')
+               f'con0=null,fd:{console}', 'ssl=null', f'ssl0=null,fd:{line}')
     process = subprocess.Popen(
         ['taskset', '--cpu-list', str(max(os.sched_getaffinity(0))),
          'sh', '-c', LAUNCH, 'sh', root / 'usr/bin/linux.uml', *options],
         env={'TMPDIR': _memory_place(), 'HOME': str(folder), 'PATH': os.defpath},
-        stdin=subprocess.PIPE, stdout=console, stderr=console, pass_fds=(console, write_end),
+        stdin=subprocess.PIPE, stdout=console, stderr=console, pass_fds=(console, line),
         start_new_session=True)
     os.close(console)
-    os.close(write_end)
-    threading.Thread(target=_copy_output, args=(read_end,), daemon=True).start()
     return process
 
 
-def _copy_output(descriptor: int) -> None:
+@contextmanager
+def _serial_line() -> Iterator[int]:
+    """Give a descriptor whose output goes to our standard output, to its end."""
+    read_end, write_end = os.pipe()
+    copier = threading.Thread(target=_copy, args=(read_end,))
+    copier.start()
+    try:
+        yield write_end
+    finally:
+        os.close(write_end)
+        copier.join()
+
+
+def _copy(descriptor: int) -> None:
     with open(descriptor, 'rb', buffering=0) as serial_line:
         while data := serial_line.read(4096):
             sys.stdout.buffer.write(data)

@@ -22,6 +22,7 @@ import link
 NAMESPACE = ('unshare', '--net', '--mount')
 NAMESPACES = ((*NAMESPACE,), (*NAMESPACE, '--user', '--map-root-user'))
 INSIDE = (sys.executable, str(Path(__file__).resolve()), '--inside')
+INTERFACE = Path('/sys/class/net/vcan0')
 PROBE_TIMEOUT = 20.0
 MISSING = 'FACADE_MANIPULATOR_NO_VCAN'
 
@@ -31,7 +32,7 @@ def run(command: list[str]) -> tuple[str, int]:
     for namespace in NAMESPACES if shutil.which('unshare') else ():
         if _succeeds([*namespace, *INSIDE, 'true']):
             return 'a network namespace', call([*namespace, *INSIDE, *command])
-    if Path('/sys/class/net/vcan0').exists():
+    if INTERFACE.exists():
         return 'vcan0 of this machine', call(command)
     try:
         return 'user-mode Linux', guest.run_in_guest(command)
