@@ -4,6 +4,20 @@ import random
 import threading
 
 import can
+from drive_rig import (
+    assert_commanded_to_stop_within,
+    at_rest,
+    HOME,
+    inactive,
+    MOVING,
+    moving,
+    PATIENCE,
+    Rig,
+    SETTINGS,
+    SITUATIONS,
+    Source,
+    STRICT,
+)
 import pytest
 from support import wait_until
 
@@ -11,8 +25,7 @@ from facade_manipulator.drives import pdo
 from facade_manipulator.drives.cia402 import Controlword, State, Status
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.profile import load_profile
-from facade_manipulator.drives.settings import AXIS_NAMES, ControllerSettings, DEFAULT_AXES
-from facade_manipulator.drives.simulated_bus import DriveSimulator
+from facade_manipulator.drives.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.simulated_drive import Identity, SimulatedDrive
 from facade_manipulator.drives.simulated_faults import FrameLoss
 from facade_manipulator.drives.simulated_group import simulated_drives
@@ -21,7 +34,6 @@ from facade_manipulator.drives.simulated_network import NmtState
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import (
     BusError,
-    DriveError,
     DriveFaultError,
     DriveIdentityError,
     DriveObjectError,
@@ -31,121 +43,6 @@ from facade_manipulator.errors import (
     ManipulatorError,
     ParameterError,
 )
-
-PATIENCE = 20.0
-HOME = (-0.1, 0.1, 0.0)
-# what a busy computer does to the cycle must fail no test that is not about it
-SETTINGS = ControllerSettings(
-    own_garbage_collection=False, boot_timeout=0.5, hold_cycles=3, watchdog_timeout=1.0,
-    max_missed_cycles=10, heartbeat_timeout=0.5)
-STRICT = replace(SETTINGS, watchdog_timeout=0.1, max_missed_cycles=3, heartbeat_timeout=0.15)
-MOVING = 0.1  # m/s
-
-
-class Source:
-    """Targets that run from where they were reset, at a constant speed."""
-
-    def __init__(self) -> None:
-        self.speed = 0.0
-        self.period = SETTINGS.period
-        self.distort = None
-        self.start = self.positions = None
-        self.held = False
-
-    @property
-    def at_rest(self) -> bool:
-        return self.held or self.speed == 0.0
-
-    def reset(self, positions) -> None:
-        self.start = self.positions = positions
-        self.held = False
-
-    def hold(self) -> None:
-        self.held = True
-
-    def sample(self, latch_time: float):
-        if not self.held:
-            step = self.speed * self.period
-            self.positions = tuple(position + step for position in self.positions)
-        return self.distort(self.positions) if self.distort else self.positions
-
-
-class Rig:
-    """A controller and three simulated drives on one virtual bus, with somebody listening."""
-
-    def __init__(self, channel: str, settings=SETTINGS, axes=DEFAULT_AXES, drives=None, **details):
-        self.channel = channel
-        self.source = Source()
-        self.source.period = settings.period
-        self.beats = threading.Event()
-        self.beats.set()
-        self.buses = []
-        self.bus_is_missing = False
-        self._bus = can.Bus(interface='virtual', channel=channel)
-        self.drives = drives or simulated_drives(axes)
-        self.simulator = DriveSimulator(self._bus, self.drives)
-        self.listener = can.Bus(interface='virtual', channel=channel)
-        self.simulator.start()
-        self.controller = DriveController(
-            settings, axes, self.open_bus, self.source, **details)
-        self._ended = threading.Event()
-        self._beater = threading.Thread(target=self._beat)
-        self._beater.start()
-
-    def open_bus(self):
-        if self.bus_is_missing:
-            raise OSError(19, 'No such device')
-        self.buses.append(can.Bus(interface='virtual', channel=self.channel))
-        return self.buses[-1]
-
-    def _beat(self) -> None:
-        while not self._ended.wait(0.02):
-            if self.beats.is_set():
-                self.controller.beat()
-
-    def close(self) -> None:
-        self.controller.close()
-        self._ended.set()
-        self._beater.join()
-        self.simulator.stop()
-        for bus in (self._bus, self.listener):
-            bus.shutdown()
-
-    def do(self, *names: str) -> str:
-        for name in names:
-            answer = getattr(self.controller, name)().result(PATIENCE)
-        return answer
-
-    @property
-    def state(self) -> ControllerState:
-        return self.controller.snapshot().state
-
-    @property
-    def drive_states(self) -> list[State]:
-        with self.simulator.access() as drives:
-            return [drive.state for drive in drives]
-
-    @property
-    def carriages(self) -> list[float]:
-        with self.simulator.access() as drives:
-            return [drive.motor.carriage_position for drive in drives]
-
-    def until(self, *states: ControllerState) -> None:
-        wait_until(lambda: self.state in states, f'{states}')
-
-    def until_stopped(self) -> None:
-        self.until(ControllerState.STOPPED)
-        wait_until(lambda: State.OPERATION_ENABLED not in self.drive_states, 'the drives to stop')
-
-    def frames(self) -> list[can.Message]:
-        """Return what the listener has heard since it was last asked."""
-        heard = []
-        while (message := self.listener.recv(0.0)) is not None:
-            heard.append(message)
-        return heard
-
-    def forge(self, cob_id: int, data: bytes) -> None:
-        self.listener.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
 
 
 @pytest.fixture
@@ -169,22 +66,6 @@ def rig(make_rig) -> Rig:
     return make_rig()
 
 
-def inactive(rig: Rig) -> None:
-    rig.do('configure', 'home')
-
-
-def at_rest(rig: Rig) -> None:
-    rig.do('configure', 'home', 'activate')
-
-
-def moving(rig: Rig) -> None:
-    rig.source.speed = MOVING
-    at_rest(rig)
-    start = rig.controller.snapshot().positions
-    wait_until(lambda: rig.controller.snapshot().positions[0] > start[0] + 0.003, 'motion')
-
-
-SITUATIONS = {'inactive': inactive, 'at rest': at_rest, 'moving': moving}
 situations = pytest.mark.parametrize('situation', SITUATIONS)
 
 
@@ -208,8 +89,8 @@ def test_an_ordinary_day_from_configure_to_cleanup(rig):
     assert snapshot.cause == ''
     rig.do('cleanup')
     assert rig.state is ControllerState.UNCONFIGURED
-    with rig.simulator.access() as drives:
-        assert [drive.nmt_state for drive in drives] == [NmtState.PRE_OPERATIONAL] * 3
+    wait_until(lambda: {drive.nmt_state for drive in rig.drives} == {NmtState.PRE_OPERATIONAL},
+               'the drives to become pre-operational')
     rig.do('configure')
 
 
@@ -226,8 +107,7 @@ def test_the_carriages_go_exactly_where_the_targets_say(rig):
 def test_every_sync_is_answered_by_commands_before_the_next(rig):
     at_rest(rig)
     rig.frames()
-    cycles = rig.controller.snapshot().cycle.cycles
-    wait_until(lambda: rig.controller.snapshot().cycle.cycles > cycles + 20, 'cycles')
+    rig.cycles(20)
     ids = [message.arbitration_id for message in rig.frames()]
     first, last = (ids.index(0x080), len(ids) - ids[::-1].index(0x080) - 1)
     per_cycle = ids[first:last].count(0x080)
@@ -247,11 +127,10 @@ def test_halt_holds_the_carriages_and_activate_goes_on(rig):
     assert 'activate to go on' in rig.do('halt')
     assert rig.state is ControllerState.HALTED
     held = rig.controller.snapshot().axes[0].target
-    cycles = rig.controller.snapshot().cycle.cycles
-    wait_until(lambda: rig.controller.snapshot().cycle.cycles > cycles + 5, 'cycles')
+    rig.cycles(5)
     assert rig.controller.snapshot().axes[0].target == held
     rig.do('activate')
-    wait_until(lambda: rig.carriages[0] > held + 0.005, 'motion after the halt')
+    wait_until(lambda: abs(rig.carriages[0] - held) > 0.005, 'motion after the halt')
 
 
 def test_close_powers_off_in_order(rig):
@@ -365,9 +244,8 @@ def test_a_drive_that_lacks_a_required_object_is_refused_by_its_name(make_rig):
 
 
 def test_two_drives_on_one_node_id_are_found(make_rig):
-    drives = simulated_drives((*DEFAULT_AXES, DEFAULT_AXES[1]))
-    rig = make_rig(drives=drives)
-    with pytest.raises(DriveError):
+    rig = make_rig(drives=simulated_drives((*DEFAULT_AXES, DEFAULT_AXES[1])))
+    with pytest.raises(DriveIdentityError, match=r'q2 \(node 2\) sent \d boot-up messages'):
         rig.do('configure')
 
 
@@ -435,18 +313,6 @@ def test_a_fault_of_one_axis_stops_all_is_told_and_can_be_cleared(rig, situation
     rig.do('activate')
 
 
-def assert_commanded_to_stop_within(frames, cycles: int) -> None:
-    """Count SYNCs from the emergency message to the last command that still enables."""
-    ids = [message.arbitration_id for message in frames]
-    after = frames[ids.index(0x082):]
-    syncs = 0
-    for message in after:
-        syncs += message.arbitration_id == pdo.SYNC_COB_ID
-        if message.arbitration_id & 0x780 == 0x200:
-            word = pdo.decode_rpdo1(bytes(message.data)).controlword
-            assert word & 0x0F != Controlword.ENABLE_OPERATION or syncs <= cycles
-
-
 @situations
 def test_a_lost_position_takes_the_power_from_all_and_asks_for_home(rig, situation):
     SITUATIONS[situation](rig)
@@ -471,17 +337,9 @@ def test_a_silent_drive_stops_the_others_and_asks_to_configure_again(make_rig, s
     assert 'q3 (node 3) did not answer 3 cycles in a row, bound 3' in snapshot.cause
     assert 'configure again' in snapshot.next_step
     wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'all to stop')
-    assert 'configure again' in _refusal(rig, 'clear_faults')
+    assert 'configure again' in rig.refusal('clear_faults')
     rig.drives[2].is_silent = False
     rig.do('cleanup', 'configure')
-
-
-def _refusal(rig: Rig, name: str) -> str | None:
-    try:
-        rig.do(name)
-    except ManipulatorError as error:
-        return str(error)
-    return None
 
 
 @situations
@@ -490,16 +348,11 @@ def test_a_drive_that_restarts_by_itself_is_no_longer_homed(rig, situation):
     with rig.simulator.access() as drives:
         drives[1].reboot()
     rig.until(ControllerState.STOPPED)
-    wait_until(lambda: 'restarted' in _all_causes(rig), 'the boot-up message')
+    wait_until(lambda: 'restarted' in rig.all_causes, 'the boot-up message')
     assert 'q2' in rig.controller.snapshot().unhomed
     wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'all to stop')
-    assert 'configure again' in _refusal(rig, 'clear_faults')
+    assert 'configure again' in rig.refusal('clear_faults')
     rig.do('cleanup', 'configure', 'home')
-
-
-def _all_causes(rig: Rig) -> str:
-    snapshot = rig.controller.snapshot()
-    return ' '.join((snapshot.cause, *snapshot.further_causes))
 
 
 def test_drives_that_all_fall_silent_are_blamed_on_the_bus(rig):
@@ -540,7 +393,7 @@ def test_an_undefined_statusword_stops_all(rig):
         drives[0].objects.readers[0x6041, 0] = lambda: 0x0025
         drives[0]._pdo.forget()
     rig.until(ControllerState.STOPPED)
-    assert 'q1: statusword 0x0025 names no state' in _all_causes(rig)
+    assert 'q1: statusword 0x0025 names no state' in rig.all_causes
 
 
 # --- whoever commands us
@@ -628,8 +481,7 @@ def test_an_executor_that_hangs_stops_the_drives(make_rig):
 def test_an_executor_that_hangs_while_nothing_has_power_stops_nothing(rig):
     inactive(rig)
     rig.beats.clear()
-    cycles = rig.controller.snapshot().cycle.cycles
-    wait_until(lambda: rig.controller.snapshot().cycle.cycles > cycles + 20, 'cycles')
+    rig.cycles(20)
     assert rig.state is ControllerState.INACTIVE
 
 
@@ -656,7 +508,7 @@ def test_a_fourth_clearing_within_a_minute_is_refused(rig):
         rig.do('clear_faults')
     rig.controller.stop('again')
     rig.until_stopped()
-    assert 'possible in' in _refusal(rig, 'clear_faults')
+    assert 'possible in' in rig.refusal('clear_faults')
 
 
 # --- homing
@@ -714,7 +566,7 @@ def test_a_halt_gives_homing_up(make_rig):
     rig.do('configure')
     homing = rig.controller.home()
     wait_until(lambda: State.OPERATION_ENABLED in rig.drive_states, 'power')
-    wait_until(lambda: _refusal(rig, 'halt') is None, 'the halt')
+    wait_until(lambda: rig.refusal('halt') is None, 'the halt')
     with pytest.raises(DriveStateError, match='given up for halt'):
         homing.result(PATIENCE)
     assert rig.state is ControllerState.INACTIVE
@@ -769,7 +621,7 @@ def test_bus_off_is_a_lost_bus(make_rig):
         arbitration_id=0x040, data=bytes(8), is_error_frame=True, is_extended_id=False))
     rig.until(ControllerState.BUS_LOST, ControllerState.STOPPED)
     assert 'bus-off' in rig.controller.snapshot().cause
-    wait_until(lambda: _refusal(rig, 'clear_faults') is None, 'clearing')
+    wait_until(lambda: rig.refusal('clear_faults') is None, 'clearing')
 
 
 def test_a_queue_that_stays_full_is_a_lost_bus(make_rig):
@@ -815,7 +667,7 @@ def test_a_drive_that_was_restarted_behind_a_lost_bus_must_be_configured_again(m
         drives[1].reboot()
     rig.bus_is_missing = False
     rig.until(ControllerState.STOPPED)
-    assert 'configure again' in _refusal(rig, 'clear_faults')
+    assert 'configure again' in rig.refusal('clear_faults')
 
 
 # --- a bad wire
@@ -829,8 +681,7 @@ def test_frames_that_get_lost_late_or_doubled_never_command_out_of_limits(rig, k
         for drive in drives:
             loss = FrameLoss(**{kind: share}, seed=drive.node_id)
             drive.set_frame_loss(sending=loss, receiving=loss)
-    cycles = rig.controller.snapshot().cycle.cycles
-    wait_until(lambda: rig.controller.snapshot().cycle.cycles > cycles + 50, 'cycles')
+    rig.cycles(50)
     last = {}
     for message in rig.frames():
         if message.arbitration_id & 0x780 != 0x200:
@@ -862,8 +713,7 @@ def test_random_frames_raise_nothing_and_move_nothing_out_of_limits(rig, situati
     rng = random.Random(situation)
     for _ in range(5000):
         rig.listener.send(random_frame(rng))
-    cycles = rig.controller.snapshot().cycle.cycles
-    wait_until(lambda: rig.controller.snapshot().cycle.cycles > cycles + 5, 'cycles')
+    rig.cycles(5)
     assert 'control loop failed' not in caplog.text
     assert max(abs(position) for position in rig.carriages) < 0.2
     assert rig.controller._thread.is_alive()

@@ -34,6 +34,7 @@ from facade_manipulator.drives.pdo import NMT_COB_ID
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.settings import ControllerSettings
 from facade_manipulator.errors import (
+    DriveError,
     DriveIdentityError,
     DriveObjectError,
     DriveStateError,
@@ -138,6 +139,20 @@ class Commissioning:
             The bus is gone.
 
         """
+        try:
+            notes = self._configure_once()
+        except DriveError:
+            if not self._unexpected_boot_ups():
+                raise
+        if self._unexpected_boot_ups():  # one was switched on just now: its first boot-up misled
+            notes = self._configure_once()
+        for monitor in self._unexpected_boot_ups():
+            raise DriveIdentityError(
+                f'{monitor.title} sent {monitor.boot_ups} boot-up messages after one reset: '
+                'more than one drive has this node id, or its power fails')
+        return notes
+
+    def _configure_once(self) -> list[str]:
         self._reset()
         for drive in self._drives:
             self._command(NmtCommand.ENTER_PRE_OPERATIONAL, drive)
@@ -145,6 +160,11 @@ class Commissioning:
         notes = [note for drive in self._drives for note in self._write(drive)]
         self._start()
         return notes
+
+    def _unexpected_boot_ups(self) -> list[AxisMonitor]:
+        allowed = 1 if self._settings.reset_nodes else 0
+        monitors = (drive.monitor for drive in self._drives)
+        return [monitor for monitor in monitors if monitor.boot_ups > allowed]
 
     def check_again(self) -> None:
         """
@@ -164,7 +184,7 @@ class Commissioning:
         self._start()
 
     def _verify(self, drive: Drive) -> None:
-        """A drive that has lost its objects has restarted, and lost its position as well."""
+        """Prove the objects: a drive that has lost them has restarted, and lost its position."""
         try:
             verify_objects(drive.objects, self._writes(drive))
         except DriveObjectError:
@@ -172,20 +192,15 @@ class Commissioning:
             raise
 
     def _reset(self) -> None:
-        if not self._settings.reset_nodes:
-            return
-        monitors = [drive.monitor for drive in self._drives]
         for drive in self._drives:
             drive.monitor.boot_ups = 0
+        if not self._settings.reset_nodes:
+            return
+        for drive in self._drives:
             self._command(NmtCommand.RESET_NODE, drive)
         self._wait(lambda m: m.boot_ups > 0, self._settings.boot_timeout,
                    'sent no boot-up message after its reset: check its power, its node id and '
                    'the bit rate of the bus')
-        for monitor in monitors:
-            if monitor.boot_ups > 1:
-                raise DriveIdentityError(
-                    f'{monitor.title} sent {monitor.boot_ups} boot-up messages: more than one '
-                    'drive has this node id, give each its own')
 
     def _check_identities(self) -> None:
         serials = {
@@ -199,8 +214,8 @@ class Commissioning:
         notes = write_objects(drive.objects, self._writes(drive))
         if not drive.monitor.axis.serial_number:
             notes.append(
-                f'{drive.monitor.title} is not told from another drive: set its serial_number '
-                f'to {drive.monitor.serial_number}')
+                f'{drive.monitor.title} is not told from another drive: set its serial_number, '
+                f'now {drive.monitor.serial_number}')
         return notes
 
     def _writes(self, drive: Drive) -> list:
