@@ -37,8 +37,10 @@ from facade_manipulator.nodes.conversions import (
     stamp,
 )
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.nodes.linkage import LinkageView
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATCHED, LATEST, RELIABLE, run
+from facade_manipulator.nodes.workspace_map import WorkspaceMap
 
 RAIL = 'rail'
 ACTUATOR_SPACE = 'actuator_space'
@@ -65,7 +67,9 @@ class IkServiceNode(Node):
         self.create_subscription(PoseStamped, 'corrected_pose', self._take_goal, LATEST)
         self.create_subscription(JointState, 'joint_states', self._take_joint_states, RELIABLE)
         self.create_service(GetPlan, 'ik_service/solve', self._solve)
-        self.create_timer(APPROACH_PERIOD, self._lead)
+        self._leading = self.create_timer(APPROACH_PERIOD, self._lead, autostart=False)
+        self._linkage = LinkageView(self, self.geometry)
+        self._workspace = WorkspaceMap(self, self.geometry, lambda: self._head)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self._publish_outcome()
 
@@ -92,12 +96,15 @@ class IkServiceNode(Node):
             return
         certify(self.geometry, pose, self.settings.min_conditioning)
         self._approach.begin(self._now() + self.settings.lead, self._head, pose)
+        self._leading.reset()
 
     def _lead(self) -> None:
         time = self._now() + self.settings.lead
         try:
             pose = self._approach.pose(time)
-            if pose is not None:
+            if pose is None:
+                self._leading.cancel()
+            else:
                 self._follow(time, pose)
         except ManipulatorError as error:
             self._approach.end()

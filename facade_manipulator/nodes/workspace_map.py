@@ -1,0 +1,83 @@
+"""ik_service/workspace: where the head can go at its present angle, and how well."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from nav_msgs.msg import OccupancyGrid
+from rclpy.node import Node
+
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.nodes.conversions import pose_message
+from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.runtime import LATCHED
+from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.workspace.occupancy import lci_grid
+
+RAIL = 'rail'
+PERIOD = 0.25
+
+
+@dataclass(frozen=True)
+class WorkspaceSettings:
+    """How fine the map of the workspace is and how often it is drawn anew."""
+
+    resolution: float = parameter(
+        0.005, 'Side of a cell of ik_service/workspace', unit='m', minimum=0.001, maximum=0.1)
+    theta_step: float = parameter(
+        0.01, 'Change of theta after which ik_service/workspace is published anew', unit='rad',
+        minimum=0.001, maximum=1.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+class WorkspaceMap:
+    """
+    Publish the conditioning over x and y at the head's angle, latched, whenever it has turned.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    geometry : Geometry
+    head : callable
+        Returns the head's pose in frame `rail`, None before it is known; then the map is that
+        of θ = 0.
+
+    """
+
+    def __init__(
+        self, node: Node, geometry: Geometry, head: Callable[[], Pose | None]
+    ) -> None:
+        self._node = node
+        self._geometry = geometry
+        self._head = head
+        self._theta = 0.0
+        self._publisher = node.create_publisher(OccupancyGrid, 'ik_service/workspace', LATCHED)
+        self._settings = declare(node, WorkspaceSettings, 'workspace', self._change_settings)
+        node.create_timer(PERIOD, self._watch)
+        self._publish()
+
+    def _change_settings(self, settings: WorkspaceSettings) -> None:
+        self._settings = settings
+        self._publish()
+
+    def _watch(self) -> None:
+        head = self._head()
+        if head is not None and abs(head.theta - self._theta) > self._settings.theta_step:
+            self._theta = head.theta
+            self._publish()
+
+    def _publish(self) -> None:
+        resolution = self._settings.resolution
+        cells, (x, y) = lci_grid(self._geometry, self._theta, resolution)
+        grid = OccupancyGrid(data=array('b', cells.tobytes()))
+        grid.header.frame_id = RAIL
+        grid.header.stamp = self._node.get_clock().now().to_msg()
+        grid.info.map_load_time = grid.header.stamp
+        grid.info.resolution = resolution
+        grid.info.height, grid.info.width = cells.shape
+        grid.info.origin = pose_message(Pose(x, y, 0.0))
+        self._publisher.publish(grid)
