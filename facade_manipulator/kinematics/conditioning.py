@@ -81,6 +81,6 @@ def conditioning_terms(at: Links, ratio: Any) -> tuple[Any, Any, Any, Any]:
     product = s1 * s2
     determinant = ratio * (u1 * (u2 * cosine - s2 * sine) + u2 * (u1 * cosine + s1 * sine))
     product2 = product * product
-    sum2 = y1 * y1 + y2 * y2 + t1 * t1 + t2 * t2
+    sum2 = (y1 * y1 + y2 * y2) + (t1 * t1 + t2 * t2)  # the same to the last bit for −θ
     cofactor2 = sum2 + (y1 + y2) * (y1 + y2) + (t1 - t2) * (t1 - t2)
     return sum2 + 3.0 * product2, determinant * determinant, cofactor2, product2

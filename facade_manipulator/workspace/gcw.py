@@ -1,0 +1,162 @@
+"""
+Good-condition workspace (section IV of the paper): counts over a grid of poses, and shares.
+
+The paper counts grid points (x, y, θ). At fixed (y, θ) those within the x-interval are counted
+in closed form, so no grid of x exists; the counts are those of brute force to the last pose,
+because the two ends are checked by the very comparison that brute force makes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics.geometry import Geometry
+from facade_manipulator.kinematics.jacobian import branch_number
+from facade_manipulator.workspace.maps import (
+    check_characteristic_length,
+    index_of,
+    intervals_of,
+    link_arrays,
+)
+
+BLOCK = 1 << 14  # (y, θ) cells worked at once: a dozen arrays of 128 KiB
+
+
+class Grid(NamedTuple):
+    """Spacing of the poses that are counted: x and y [m], θ [rad]; x = 0 and θ = 0 are on it."""
+
+    x: float = 0.001
+    y: float = 0.001
+    theta: float = float(np.radians(1.0))
+
+
+PAPER_GRID = Grid()
+PAPER_THRESHOLD = 0.001
+PAPER_CHARACTERISTIC_LENGTH = 0.001  # the paper's lengths are in mm
+
+
+class PoseCount(NamedTuple):
+    """How many grid poses are reachable, how many of them good, how many beyond N = 0."""
+
+    total: int
+    good: int
+    beyond: int
+
+    @property
+    def ratio(self) -> float:
+        """Share of the good poses; NaN if none is reachable."""
+        return self.good / self.total if self.total else float('nan')
+
+
+def count_poses(
+    geometry: Geometry, grid: Grid = PAPER_GRID, threshold: float = PAPER_THRESHOLD,
+    characteristic_length: float = PAPER_CHARACTERISTIC_LENGTH,
+) -> PoseCount:
+    """
+    Count the grid poses that reach, order, gap and stroke allow, with y > 0.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    grid : Grid
+        Spacing of the poses.
+    threshold : float
+        Least conditioning index of a good pose.
+    characteristic_length : float
+        Unit of length of the index [m].
+
+    Returns
+    -------
+    PoseCount
+        As brute force over the grid would count. Poses beyond N = 0 are part of the total.
+
+    Raises
+    ------
+    ParameterError
+        If a spacing, the threshold or the characteristic length is not positive.
+
+    """
+    _check(grid, threshold)
+    check_characteristic_length(characteristic_length)
+    symmetric = geometry.stroke[0] == -geometry.stroke[1]
+    y = grid_y(geometry, grid)[:, None]
+    total = np.zeros(3, np.int64)
+    for theta in _theta_blocks(geometry, grid, len(y)):
+        at = link_arrays(geometry, y, theta)
+        count = _count_x(geometry, grid.x, at)
+        # A negative angle exchanges the links; on a symmetric stroke it mirrors x, no more.
+        mirrored = count if symmetric else _count_x(geometry, grid.x, mirror(at))
+        count += np.where(theta > 0.0, mirrored, 0)
+        total += _sums(geometry, at, count, threshold, characteristic_length)
+    return PoseCount(*total.tolist())
+
+
+def grid_y(geometry: Geometry, grid: Grid) -> np.ndarray:
+    """Distances y of the grid, from the first spacing to the links' length [m]."""
+    count = int(geometry.link_length / grid.y + 1e-9)
+    # Rounded, so that 352 times 0.001 is the link's 0.352 and not a bit beside it.
+    return np.round(np.arange(1, count + 1) * grid.y, 12)
+
+
+def grid_theta(geometry: Geometry, grid: Grid) -> np.ndarray:
+    """Angles θ ≥ 0 of the grid at which any y is reachable in the carriages' order [rad]."""
+    theta = np.arange(int(0.5 * np.pi / grid.theta) + 1) * grid.theta
+    length, half = geometry.link_length, geometry.platform_half_length
+    rise = half * np.sin(theta)
+    room = half * np.cos(theta) - geometry.carriage_gap
+    lower = rise + np.sqrt(np.maximum(0.0, length ** 2 - room ** 2))
+    # Links shorter than b have a second, lower piece of y at some angles.
+    reachable = (rise < length) & ((lower < length - rise) | (length < half))
+    return theta[reachable & (room >= 0.0)]
+
+
+def mirror(at: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    """Links at −θ from those at θ."""
+    sine, cosine, height1, height2, projection1, projection2 = at
+    return -sine, cosine, height2, height1, projection2, projection1
+
+
+def _theta_blocks(geometry: Geometry, grid: Grid, rows: int) -> Iterator[np.ndarray]:
+    theta = grid_theta(geometry, grid)
+    columns = max(1, BLOCK // max(1, rows))
+    for start in range(0, len(theta), columns):
+        yield theta[start:start + columns]
+
+
+def _count_x(geometry: Geometry, step: float, at: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Count the multiples of `step` in the x-interval of every (y, θ)."""
+    lower, upper = intervals_of(geometry, at)
+    reachable = ~np.isnan(lower)
+    span = (geometry.platform_half_length * at[1] + np.zeros_like(lower))[reachable]
+    projection1, projection2 = at[4][reachable], at[5][reachable]
+    least, greatest = geometry.stroke
+    first = np.ceil(lower[reachable] / step)
+    last = np.floor(upper[reachable] / step)
+    # Rounding may put an end one point off: eqs 7-8 against the stroke decide.
+    first -= (first - 1.0) * step - span + projection1 >= least
+    first += first * step - span + projection1 < least
+    last += (last + 1.0) * step + span - projection2 <= greatest
+    last -= last * step + span - projection2 > greatest
+    count = np.zeros(lower.shape, np.int64)
+    count[reachable] = np.maximum(0.0, last - first + 1.0)
+    return count
+
+
+def _sums(
+    geometry: Geometry, at: tuple[np.ndarray, ...], count: np.ndarray, threshold: float,
+    characteristic_length: float,
+) -> tuple[int, int, int]:
+    good = index_of(geometry, at, characteristic_length) >= threshold
+    return count.sum(), count[good].sum(), count[branch_number(at) <= 0.0].sum()
+
+
+def _check(grid: Grid, threshold: float) -> None:
+    for name, value in zip(grid._fields, grid, strict=True):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ParameterError(f'grid spacing of {name} = {value} is not positive')
+    if not (np.isfinite(threshold) and threshold >= 0.0):
+        raise ParameterError(f'threshold = {threshold} is not a conditioning index')

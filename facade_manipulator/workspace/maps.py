@@ -1,0 +1,136 @@
+"""
+Maps over (y, θ): where the head can be and how well conditioned it is there.
+
+At fixed (y, θ) the reachable x are exactly one interval and the conditioning index does not
+depend on x, so a map of (y, θ) with the interval's ends is the whole three-dimensional workspace.
+Every function takes arrays that broadcast against each other, such as a column of y and a row
+of θ.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics.conditioning import conditioning_terms
+from facade_manipulator.kinematics.geometry import Geometry
+from facade_manipulator.kinematics.jacobian import branch_number
+
+
+class PoseMap(NamedTuple):
+    """
+    The workspace over (y, θ), each field of the broadcast shape.
+
+    ``lower`` and ``upper`` are the ends of the reachable x [m], NaN where reach, order, gap or
+    stroke leave none; ``index`` is the local conditioning index and ``number`` the N of the
+    parallel singularity [m²], NaN only beyond reach.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    index: np.ndarray
+    number: np.ndarray
+
+    @property
+    def width(self) -> np.ndarray:
+        """Length of the reachable x [m], 0 where there are none."""
+        return np.nan_to_num(self.upper - self.lower)
+
+
+def link_arrays(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Heights and projections as `kinematics.inverse.links` gives them; NaN beyond reach."""
+    square = geometry.link_length * geometry.link_length
+    sine = np.sin(theta)
+    rise = geometry.platform_half_length * sine
+    height1, height2 = y - rise, y + rise
+    root1, root2 = square - height1 * height1, square - height2 * height2
+    outside = np.minimum(root1, root2) <= 0.0
+    root1[outside] = np.nan
+    root2[outside] = np.nan
+    return sine, np.cos(theta), height1, height2, np.sqrt(root1), np.sqrt(root2)
+
+
+def x_intervals(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """
+    Return the ends (lower, upper) of the reachable x [m] by reach, order, gap and stroke.
+
+    NaN where there is none. Poses beyond N = 0 are among them: ask `branch_map`.
+    """
+    return intervals_of(geometry, link_arrays(geometry, *_arrays(y, theta)))
+
+
+def conditioning_map(
+    geometry: Geometry, y: np.ndarray, theta: np.ndarray, characteristic_length: float = 1.0
+) -> np.ndarray:
+    """Local conditioning index of every (y, θ) within reach, NaN elsewhere."""
+    check_characteristic_length(characteristic_length)
+    return index_of(geometry, link_arrays(geometry, *_arrays(y, theta)), characteristic_length)
+
+
+def branch_map(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> np.ndarray:
+    """N of `kinematics.parallel_singularity` [m²] of every (y, θ) within reach, NaN elsewhere."""
+    return branch_number(link_arrays(geometry, *_arrays(y, theta)))
+
+
+def pose_map(
+    geometry: Geometry, y: np.ndarray, theta: np.ndarray, characteristic_length: float = 1.0
+) -> PoseMap:
+    """
+    All maps of every (y, θ) at once.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    y, theta : array_like
+        Distances from the rail [m] and angles [rad] that broadcast against each other.
+    characteristic_length : float
+        Unit of length of the conditioning index [m]; 0.001 gives the paper's.
+
+    Raises
+    ------
+    ParameterError
+        If the characteristic length is not positive.
+
+    """
+    check_characteristic_length(characteristic_length)
+    at = link_arrays(geometry, *_arrays(y, theta))
+    return PoseMap(
+        *intervals_of(geometry, at), index_of(geometry, at, characteristic_length),
+        branch_number(at))
+
+
+def check_characteristic_length(length: float) -> None:
+    """Refuse a characteristic length that is none."""
+    if not (np.isfinite(length) and length > 0.0):
+        raise ParameterError(f'characteristic_length = {length} m is not a positive length')
+
+
+def _arrays(y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    # At least one axis, so that what follows may write into arrays.
+    return np.atleast_1d(np.asarray(y, float)), np.atleast_1d(np.asarray(theta, float))
+
+
+def intervals_of(geometry: Geometry, at: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends of the reachable x [m] from the links of every pose, as `x_intervals`."""
+    _, cosine, _, _, projection1, projection2 = at
+    span = geometry.platform_half_length * cosine
+    least, greatest = geometry.stroke
+    lower = least + span - projection1
+    upper = greatest - span + projection2
+    distance = span - np.maximum(projection1, projection2)
+    with np.errstate(invalid='ignore'):
+        outside = (distance < geometry.carriage_gap) | (distance <= 0.0) | (lower > upper)
+    lower[outside] = np.nan
+    upper[outside] = np.nan
+    return lower, upper
+
+
+def index_of(
+    geometry: Geometry, at: tuple[np.ndarray, ...], characteristic_length: float
+) -> np.ndarray:
+    """Local conditioning index from the links of every pose, as `conditioning_map`."""
+    ratio = geometry.platform_half_length / characteristic_length
+    gain2, determinant2, cofactor2, product2 = conditioning_terms(at, ratio)
+    return 3.0 * np.sqrt(determinant2 * product2 / (gain2 * (determinant2 + cofactor2)))

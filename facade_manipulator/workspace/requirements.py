@@ -1,0 +1,164 @@
+"""
+Margins of the requirements over arrays of designs, and the sentence where they conflict.
+
+A margin is what a design has beyond what is asked for; below zero it fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics.jacobian import branch_number
+from facade_manipulator.workspace.objectives import Requirements
+from facade_manipulator.workspace.section import good_section_bounds
+
+_SAMPLES = 48  # of y in each of two passes; the second lies about the first's best
+_BISECTIONS = 30
+_BLOCK = 512  # designs at once
+
+
+class Requirement(NamedTuple):
+    """One requirement: what is asked for and what a design reaches, in the same unit."""
+
+    name: str
+    unit: str
+    asked: Callable[[Requirements], float]
+    reached: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray]
+    tolerance: float  # a margin below it is active
+
+
+def y_travel(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.ndarray:
+    """Return the range of y at θ = 0 whose index is at least `min_conditioning` [m]."""
+    lower, upper = good_section_bounds(
+        length, half, need.stroke_length, need.carriage_gap, need.min_conditioning,
+        need.characteristic_length)
+    return upper - lower
+
+
+def theta_peak(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.ndarray:
+    """Return the greatest |θ| that is reachable at some y before N = 0 [rad]."""
+    flat_length, flat_half = np.ravel(length), np.ravel(half)
+    peaks = [
+        _theta_peak(flat_length[start:start + _BLOCK, None], flat_half[start:start + _BLOCK, None],
+                    need.carriage_gap)
+        for start in range(0, flat_length.size, _BLOCK)]
+    return np.concatenate(peaks).reshape(np.shape(length))
+
+
+REQUIREMENTS = (
+    Requirement('min_y_travel', 'm', lambda need: need.min_y_travel, y_travel, 1e-4),
+    Requirement('min_theta', 'rad', lambda need: need.min_theta, theta_peak, 1e-3),
+)
+
+
+def margins(
+    length: np.ndarray, half: np.ndarray, need: Requirements
+) -> dict[str, np.ndarray]:
+    """Return the margin of every requirement that asks for anything, by name."""
+    return {
+        requirement.name: requirement.reached(length, half, need) - requirement.asked(need)
+        for requirement in REQUIREMENTS if asks(requirement, need)}
+
+
+def asks(requirement: Requirement, need: Requirements) -> bool:
+    """Whether a requirement is stated; conditioning alone asks for a y at which it holds."""
+    return requirement.asked(need) > 0.0 or (
+        requirement.reached is y_travel and need.min_conditioning > 0.0)
+
+
+def feasible(of: dict[str, np.ndarray], length: np.ndarray) -> np.ndarray:
+    """Whether every margin is there; an index asked for must hold at some y at least."""
+    allowed = np.ones(np.shape(length), bool)
+    for name, margin in of.items():
+        allowed &= margin > 0.0 if name == 'min_y_travel' else margin >= 0.0
+    return allowed
+
+
+def conflict(
+    of: dict[str, np.ndarray], length: np.ndarray, half: np.ndarray, need: Requirements
+) -> ParameterError:
+    """Say which requirements cannot be met: one alone, two together, or all of them."""
+    stated = [requirement for requirement in REQUIREMENTS if requirement.name in of]
+    for requirement in stated:
+        best = np.argmax(of[requirement.name])
+        margin = of[requirement.name].flat[best]
+        if margin < 0.0 or (margin == 0.0 and requirement.asked(need) == 0.0):
+            return ParameterError(_alone(
+                requirement, margin, length.flat[best], half.flat[best], need))
+    for one, other in itertools.combinations(stated, 2):
+        if not feasible({one.name: of[one.name], other.name: of[other.name]}, length).any():
+            return ParameterError(
+                f'{_asked(one, need)} and {_asked(other, need)} exclude each other: no design '
+                'of the box satisfies both')
+    return ParameterError('the requirements exclude each other')
+
+
+def _alone(
+    requirement: Requirement, margin: float, length: float, half: float, need: Requirements
+) -> str:
+    asked = requirement.asked(need)
+    if asked == 0.0:
+        return (f'{_asked(requirement, need)} conflicts with the box and the sum of the lengths: '
+                f'no design reaches it at theta = 0 in units of {need.characteristic_length:g} m')
+    return (f'{_asked(requirement, need)} conflicts with the box and the sum of the lengths: the '
+            f'most is {asked + margin:.4g} {requirement.unit}, at l = {length:.3f} m, '
+            f'b = {half:.3f} m')
+
+
+def _asked(requirement: Requirement, need: Requirements) -> str:
+    if requirement.asked(need) == 0.0:
+        return f'min_conditioning = {need.min_conditioning:.4g}'
+    text = f'{requirement.name} = {requirement.asked(need):.4g} {requirement.unit}'
+    if requirement.reached is y_travel and need.min_conditioning > 0.0:
+        text += f' with min_conditioning = {need.min_conditioning:.4g}'
+    return text
+
+
+def _theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:
+    """Return the peak of θ_max(y) of a column of designs, in two passes over y."""
+    share = np.linspace(0.0, 1.0, _SAMPLES)[1:-1]
+    for _ in range(2):
+        theta = _theta_max(length, half, gap, share * length)
+        best = np.argmax(theta, axis=1)[:, None]
+        step = share[..., 1:2] - share[..., 0:1]
+        centre = np.take_along_axis(share + np.zeros_like(theta), best, axis=1)
+        share = np.clip(centre + step * np.linspace(-1.0, 1.0, _SAMPLES), 1e-6, 1.0 - 1e-6)
+    return theta.max(axis=1)
+
+
+def _theta_max(
+    length: np.ndarray, half: np.ndarray, gap: float, y: np.ndarray
+) -> np.ndarray:
+    """Return `limits.theta_max` over arrays; 0 where θ = 0 is not reachable."""
+    radius, phase = np.hypot(y, gap), np.arctan2(gap, y)
+    height = (y * y + half * half + gap * gap - length * length) / (2.0 * half)
+    with np.errstate(invalid='ignore'):
+        order = np.where(height < radius, np.arcsin(height / radius) - phase, np.pi)
+    reach = np.arcsin(np.minimum(1.0, (length - y) / half))
+    bound = np.minimum(np.minimum(order, reach), np.arccos(gap / half))
+    bound = np.where(bound > 0.0, bound, 0.0)
+    inside = np.minimum(bound, np.arcsin(np.minimum(1.0, y / half)))  # N > 0 up to here
+    outside = bound
+    if (_number(length, half, y, bound) <= 0.0).any():
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (inside + outside)
+            positive = _number(length, half, y, middle) > 0.0
+            inside = np.where(positive, middle, inside)
+            outside = np.where(positive, outside, middle)
+        bound = np.where(_number(length, half, y, bound) > 0.0, bound, inside)
+    return bound
+
+
+def _number(
+    length: np.ndarray, half: np.ndarray, y: np.ndarray, theta: np.ndarray
+) -> np.ndarray:
+    """Return N [m²], the far edge included."""
+    rise = half * np.sin(theta)
+    roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
+             for height in (y - rise, y + rise)]
+    return branch_number((np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))

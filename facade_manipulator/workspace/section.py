@@ -1,0 +1,103 @@
+"""
+The section θ = 0 of the workspace in closed form, for one design or for arrays of them.
+
+There both links have the projection s = √(l² − y²), the x-interval the width Q − 2 b + 2 s, and
+the conditioning index is a function of τ = y²/s² alone::
+
+    LCI² = 36 β² τ/((3 + 2 k τ)(4 β² τ + 2 k + 4)),  β = b over the characteristic length,
+    k = 1 + β²,
+
+so LCI ≥ t is a quadratic inequality in τ.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+Bounds = tuple[Any, Any]
+
+
+def section_bounds(length: Any, half: Any, stroke_length: Any, gap: Any) -> Bounds:
+    """
+    Return the y at which any x is reachable at θ = 0; lower = upper where there is none [m].
+
+    Parameters
+    ----------
+    length, half : float or ndarray
+        l and b [m].
+    stroke_length, gap : float or ndarray
+        Q and the carriage gap [m].
+
+    """
+    room = half - gap
+    lower = np.sqrt(np.maximum(0.0, length * length - room * room))
+    # The stroke holds the outer carriages' distance 2 b − 2 s.
+    least = np.maximum(0.0, half - 0.5 * stroke_length)
+    upper = np.sqrt(np.maximum(0.0, length * length - least * least))
+    return lower, np.maximum(lower, upper)
+
+
+def good_bounds(
+    length: Any, half: Any, threshold: float, characteristic_length: float
+) -> Bounds:
+    """
+    Return the y at which the conditioning index reaches `threshold` at θ = 0 [m].
+
+    Both ends are NaN where it does at no y.
+    """
+    beta2 = (half / characteristic_length) ** 2
+    k = 1.0 + beta2
+    square = threshold * threshold
+    a = 8.0 * k * beta2 * square
+    b = square * (12.0 * beta2 + 4.0 * k * k + 8.0 * k) - 36.0 * beta2
+    c = 6.0 * square * (k + 2.0)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        discriminant = b * b - 4.0 * a * c
+        double = np.where(b < 0.0, np.sqrt(discriminant) - b, np.nan)
+        lower, upper = 2.0 * c / double, double / (2.0 * a)  # Vieta: no digits are lost
+        # 1/(1 + 1/τ) for the upper end, which is infinite where every y is good enough
+        return length * np.sqrt(lower / (1.0 + lower)), length / np.sqrt(1.0 + 1.0 / upper)
+
+
+def area_between(length: Any, half: Any, stroke_length: Any, lower: Any, upper: Any) -> Any:
+    """Area of the section between two y [m²]: ∫ (Q − 2 b + 2 √(l² − y²)) dy."""
+    return ((stroke_length - 2.0 * half) * (upper - lower)
+            + _segment(length, upper) - _segment(length, lower))
+
+
+def section_area(length: Any, half: Any, stroke_length: Any, gap: Any) -> Any:
+    """Area that the head reaches at θ = 0 [m²]."""
+    return area_between(
+        length, half, stroke_length, *section_bounds(length, half, stroke_length, gap))
+
+
+def good_section_area(
+    length: Any, half: Any, stroke_length: Any, gap: Any, threshold: float,
+    characteristic_length: float,
+) -> Any:
+    """Area that the head reaches at θ = 0 with an index of `threshold` or more [m²]."""
+    bounds = good_section_bounds(
+        length, half, stroke_length, gap, threshold, characteristic_length)
+    return area_between(length, half, stroke_length, *bounds)
+
+
+def good_section_bounds(
+    length: Any, half: Any, stroke_length: Any, gap: Any, threshold: float,
+    characteristic_length: float,
+) -> Bounds:
+    """Return the reachable y whose index is good at θ = 0; lower = upper where none is [m]."""
+    lower, upper = section_bounds(length, half, stroke_length, gap)
+    if threshold <= 0.0:
+        return lower, upper
+    good_lower, good_upper = good_bounds(length, half, threshold, characteristic_length)
+    lower = np.fmax(lower, good_lower)
+    upper = np.where(np.isnan(good_upper), lower, np.minimum(upper, good_upper))
+    return lower, np.maximum(lower, upper)
+
+
+def _segment(length: Any, y: Any) -> Any:
+    """∫ 2 √(l² − y²) dy [m²]."""
+    ratio = np.minimum(1.0, y / length)
+    return length * length * (ratio * np.sqrt(1.0 - ratio * ratio) + np.arcsin(ratio))

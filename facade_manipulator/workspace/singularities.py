@@ -1,0 +1,94 @@
+"""
+Where the determinants vanish: the far edge det A = 0 and the locus det B = 0 the paper misses.
+
+det A = 4 s1 s2 vanishes where a link stands upright, y = l − b |sin θ| (case c of Figure 7).
+det B = −4 b N vanishes where the lines of both links and the rail's parallel through P meet in
+one point. Of Figure 7, case a is a point of it for l < b; cases b and d are regular, one entry
+of J is zero there and neither determinant.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.kinematics.geometry import Geometry, Pose
+from facade_manipulator.workspace.maps import branch_map
+from facade_manipulator.workspace.volume import measure
+
+STUDIED_SUM = 0.7  # l + b of the paper's cases [m]
+STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)
+_BISECTIONS = 50
+
+
+class Share(NamedTuple):
+    """Share of a design's workspace that lies beyond the parallel singularity."""
+
+    link_length: float
+    platform_half_length: float
+    share: float
+
+
+class Configuration(NamedTuple):
+    """A configuration worth drawing: name, what it shows, geometry, pose."""
+
+    name: str
+    note: str
+    geometry: Geometry
+    pose: Pose
+
+
+def serial_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
+    """Return the y of det A = 0 at every θ [m]; NaN where the links do not reach the platform."""
+    y = geometry.link_length - geometry.platform_half_length * np.abs(np.sin(theta))
+    return np.where(y > 0.0, y, np.nan)
+
+
+def parallel_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
+    """Return the y > 0 of det B = 0 at every θ [m], by bisection; NaN where there is none."""
+    theta = np.abs(np.atleast_1d(np.asarray(theta, float)))
+    rise = geometry.platform_half_length * np.sin(theta)
+    edge = geometry.link_length - rise
+    lower = np.zeros_like(theta)
+    upper = np.minimum(rise, edge * (1.0 - 1e-12))
+    with np.errstate(invalid='ignore'):
+        crossed = (edge > 0.0) & (np.cos(theta) > 0.0) & (branch_map(geometry, upper, theta) > 0.0)
+        crossed &= branch_map(geometry, lower, theta) < 0.0
+        for _ in range(_BISECTIONS):
+            middle = 0.5 * (lower + upper)
+            positive = branch_map(geometry, middle, theta) > 0.0
+            upper = np.where(positive, middle, upper)
+            lower = np.where(positive, lower, middle)
+    return np.where(crossed, upper, np.nan)
+
+
+def beyond_share(geometry: Geometry) -> Share:
+    """Measure the share of the workspace by reach, order, gap and stroke that has N ≤ 0."""
+    share = measure(geometry, 0.0, theta_nodes=512, y_cells=256).beyond_share
+    return Share(geometry.link_length, geometry.platform_half_length, share)
+
+
+def studied_shares(stroke: tuple[float, float], gap: float) -> list[Share]:
+    """Measure that share for designs along l + b = 0.7 m."""
+    return [beyond_share(Geometry(length, STUDIED_SUM - length, stroke, gap))
+            for length in STUDIED_LENGTHS]
+
+
+def configurations() -> tuple[Configuration, ...]:
+    """Return the cases of Figure 7 of the paper and the singularity it misses."""
+    short = Geometry(0.25, 0.45, carriage_gap=0.0)
+    in_line = np.radians(15.0)
+    y_in_line = (short.platform_half_length - short.link_length) * float(np.sin(in_line))
+    turned = np.radians(16.0)
+    return (
+        Configuration('a) folded', 'det B = 0, only for l < b', short, Pose(0.0, 0.0, 0.0)),
+        Configuration('b) left link in line', 'regular: one entry of J is 0', short,
+                      Pose(0.0, y_in_line, in_line)),
+        Configuration('c) stretched', 'det A = 0, the far edge', short,
+                      Pose(0.0, short.link_length, 0.0)),
+        Configuration('d) right link in line', 'regular: one entry of J is 0', short,
+                      Pose(0.0, y_in_line, -in_line)),
+        Configuration('e) lines of force meet', 'det B = 0, not in the paper', short,
+                      Pose(0.0, float(parallel_curve(short, turned)[0]), float(turned))),
+    )
