@@ -46,8 +46,7 @@ class DeferredReplies:
     """
 
     def __init__(self, node: Node) -> None:
-        self._waiting: list[tuple[Deferred, Callable[[Any], None]]] = []
-        self._wake = node.create_guard_condition(self._send_completed)
+        self._node = node
 
     def attach(self, service: Service) -> None:
         """Let the service's callback return a `Deferred` in place of a response."""
@@ -55,15 +54,15 @@ class DeferredReplies:
 
         def send(response, header):
             if isinstance(response, Deferred):
-                self._waiting.append((response, lambda answer: send_response(answer, header)))
-                response.job.add_done_callback(lambda _: self._wake.trigger())
+                response.job.add_done_callback(lambda job: self._in_executor(
+                    lambda: send_response(response.respond(job), header)))
             else:
                 send_response(response, header)
 
         service.send_response = send
 
-    def _send_completed(self) -> None:
-        completed = [item for item in self._waiting if item[0].job.done()]
-        self._waiting = [item for item in self._waiting if item not in completed]
-        for deferred, send in completed:
-            send(deferred.respond(deferred.job))
+    def _in_executor(self, answer: Callable[[], None]) -> None:
+        """Run in the node's executor, from any thread: a task wakes any kind of executor."""
+        executor = self._node.executor
+        if executor is not None:  # else the node has ended, and its clients know
+            executor.create_task(answer)

@@ -8,12 +8,13 @@ import sys
 from threading import Event
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.nodes.executors import choose_executor
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -52,7 +53,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
 
 
 def _spin(nodes: Sequence[Node], stopping: Event) -> None:
-    executor = SingleThreadedExecutor()
+    executor = choose_executor()
     for node in nodes:
         executor.add_node(node)
     while rclpy.ok() and not stopping.is_set():

@@ -1,0 +1,56 @@
+"""
+The executor that every node's process runs in.
+
+rclpy's EventsExecutor hands a message on in a third of the processor time of the
+SingleThreadedExecutor, which builds a wait set for every event. It is experimental: in rclpy 7.1.6
+`spin()` without a time-out delivers nothing, and guard conditions are not supported. So it is
+spun by `spin_once` with a time-out, and only after it has shown that messages arrive.
+"""
+
+from __future__ import annotations
+
+import time
+
+import rclpy
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.logging import get_logger
+from std_msgs.msg import Empty
+
+PATIENCE = 1.0  # s, for a message that takes some 20 ms
+REPEAT = 0.02
+
+
+def choose_executor() -> Executor:
+    """Return an EventsExecutor if messages arrive in it, else a SingleThreadedExecutor."""
+    try:
+        from rclpy.experimental import EventsExecutor
+
+        executor = EventsExecutor()
+        _require_messages(executor)
+    except Exception as error:  # experimental code may fail in ways nobody has seen yet
+        get_logger('facade_manipulator').warning(
+            f'the EventsExecutor does not work here ({error}): using the slower '
+            'SingleThreadedExecutor')
+        return SingleThreadedExecutor()
+    return executor
+
+
+def _require_messages(executor: Executor) -> None:
+    """Raise unless a node of its own hears its own message, sent by its own timer."""
+    node = rclpy.create_node(
+        'executor_check', use_global_arguments=False, enable_rosout=False,
+        start_parameter_services=False)
+    heard = []
+    node.create_subscription(Empty, '~/message', heard.append, 1)
+    publisher = node.create_publisher(Empty, '~/message', 1)
+    node.create_timer(REPEAT, lambda: publisher.publish(Empty()))
+    executor.add_node(node)
+    try:
+        deadline = time.monotonic() + PATIENCE
+        while not heard:
+            if time.monotonic() > deadline:
+                raise TimeoutError(f'no message within {PATIENCE:g} s')
+            executor.spin_once(timeout_sec=REPEAT)
+    finally:
+        executor.remove_node(node)
+        node.destroy_node()
