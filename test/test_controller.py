@@ -200,6 +200,31 @@ def test_settings_that_contradict_the_drive_type_are_refused_at_once():
             Source())
 
 
+def test_the_self_test_names_identity_objects_bus_and_cycle(rig):
+    inactive(rig)
+    findings = rig.do('self_test')
+    assert [finding.name for finding in findings] == [
+        *(f'{name} {what}' for name in AXIS_NAMES for what in ('identity', 'objects')),
+        'bus', 'cycle', 'faults']
+    assert all(finding.passed for finding in findings if finding.name != 'cycle')
+    assert 'serial number 2' in findings[2].sentence
+
+
+def test_the_self_test_finds_an_object_that_somebody_has_changed(rig):
+    inactive(rig)
+    with rig.simulator.access() as drives:
+        drives[1].objects.values[0x6065, 0] = 5
+    failed = [finding for finding in rig.do('self_test') if not finding.passed]
+    assert 'q2 objects' in [finding.name for finding in failed]
+    assert '6065h:00 reads back as 5' in failed[0].sentence
+
+
+def test_the_self_test_is_refused_while_powered(rig):
+    at_rest(rig)
+    with pytest.raises(DriveStateError, match='deactivate first'):
+        rig.do('self_test')
+
+
 # --- configure refuses
 
 def test_a_drive_that_does_not_answer_is_named_and_configure_can_be_tried_again(rig):

@@ -13,6 +13,7 @@ Linux kernel, include/uapi/linux/can/error.h: classes and data bytes of error fr
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import IntEnum
 import errno
 from threading import Lock
@@ -107,12 +108,17 @@ class CanBus:
     ----------
     bus : can.BusABC
         Owned from now on: `close` shuts it down.
+    tap : callable, optional
+        Takes time stamp [s], COB-ID and data of each frame that comes in or goes out.
 
     """
 
-    def __init__(self, bus: can.BusABC) -> None:
+    def __init__(
+        self, bus: can.BusABC, tap: Callable[[float, int, bytes], None] | None = None
+    ) -> None:
         self.has_kernel_sync = isinstance(bus, SocketcanBus)
         self._bus = bus
+        self._tap = tap
         self._sending = Lock()
         self._sync_task: can.CyclicSendTaskABC | None = None
         self._received = self._sent = self._ignored = 0
@@ -168,7 +174,10 @@ class CanBus:
             self._ignored += 1
             return None
         self._received += 1
-        return _frame(message)
+        frame = _frame(message)
+        if self._tap is not None:
+            self._tap(frame.stamp, frame.cob_id, frame.data)
+        return frame
 
     def send(self, cob_id: int, data: bytes = b'') -> None:
         """
@@ -189,6 +198,8 @@ class CanBus:
         except (can.CanError, OSError, ValueError) as error:
             raise self._send_error(error) from error
         self._sent += 1
+        if self._tap is not None:
+            self._tap(time.time(), cob_id, data)
 
     def start_sync(self, period: float) -> None:
         """

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 import threading
 import time
+from typing import NamedTuple
 
 from facade_manipulator.drives.bus import CanBus
 from facade_manipulator.drives.configuration import (
@@ -89,6 +90,14 @@ class Hearing:
             if self._cancelled:
                 raise DriveStateError('given up: the bus is being closed')
             return held
+
+
+class Finding(NamedTuple):
+    """One result of a self-test."""
+
+    name: str
+    passed: bool
+    sentence: str
 
 
 @dataclass(frozen=True)
@@ -183,6 +192,39 @@ class Commissioning:
             self._verify(drive)
         self._start()
 
+    def inspect(self) -> list[Finding]:
+        """Look at identity, objects and answer time of each drive, and change nothing."""
+        return [finding for drive in self._drives for finding in (
+            self._find(drive, 'identity', self._inspect_identity),
+            self._find(drive, 'objects', self._inspect_objects))]
+
+    def _find(self, drive: Drive, what: str, look: Callable[[Drive], str]) -> Finding:
+        name = f'{drive.monitor.name} {what}'
+        try:
+            return Finding(name, True, look(drive))
+        except DriveError as error:
+            return Finding(name, False, str(error))
+
+    def _inspect_identity(self, drive: Drive) -> str:
+        begun = time.monotonic()
+        found = read_identity(drive.objects)
+        elapsed = (time.monotonic() - begun) / len(found)
+        check_identity(drive.monitor.name, found, drive.monitor.axis, self._serials)
+        return (f'{drive.monitor.title} is vendor {found.vendor_id}, product '
+                f'{found.product_code}, serial number {found.serial_number}; it answers an SDO '
+                f'within {1e3 * elapsed:.1f} ms')
+
+    def _inspect_objects(self, drive: Drive) -> str:
+        writes = self._writes(drive)
+        verify_objects(drive.objects, writes)
+        checked = sum(1 for write in writes if write.compared)
+        return f'{drive.monitor.title} has {checked} objects as configured'
+
+    @property
+    def _serials(self) -> dict[int, str]:
+        """Axes by configured serial number."""
+        return {drive.monitor.axis.serial_number: drive.monitor.name for drive in self._drives}
+
     def _verify(self, drive: Drive) -> None:
         """Prove the objects: a drive that has lost them has restarted, and lost its position."""
         try:
@@ -203,11 +245,9 @@ class Commissioning:
                    'the bit rate of the bus')
 
     def _check_identities(self) -> None:
-        serials = {
-            drive.monitor.axis.serial_number: drive.monitor.name for drive in self._drives}
         for drive in self._drives:
             found = read_identity(drive.objects)
-            check_identity(drive.monitor.name, found, drive.monitor.axis, serials)
+            check_identity(drive.monitor.name, found, drive.monitor.axis, self._serials)
             drive.monitor.serial_number = found.serial_number
 
     def _write(self, drive: Drive) -> list[str]:

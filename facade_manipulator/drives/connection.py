@@ -45,9 +45,11 @@ class Connection:
         self.close()
 
 
-def open_frames(open_bus: Callable[[], can.BusABC]) -> CanBus:
+def open_frames(
+    open_bus: Callable[[], can.BusABC], tap: Callable[[float, int, bytes], None] | None
+) -> CanBus:
     """
-    Open the bus.
+    Open the bus; `tap` as for `CanBus`.
 
     Raises
     ------
@@ -56,7 +58,7 @@ def open_frames(open_bus: Callable[[], can.BusABC]) -> CanBus:
 
     """
     try:
-        return CanBus(open_bus())
+        return CanBus(open_bus(), tap)
     except (can.CanError, OSError, ValueError) as error:
         raise BusError(f'the CAN bus cannot be opened: {error}') from error
 

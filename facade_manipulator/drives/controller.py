@@ -20,10 +20,11 @@ import time
 import can
 
 from facade_manipulator.drives import operations
-from facade_manipulator.drives.busload import check_bus_load
+from facade_manipulator.drives.commissioning import Finding
 from facade_manipulator.drives.group import Cause, CLEAR_REMEDY, Phase
 from facade_manipulator.drives.operations import CLOSING_TIMEOUT, Operation
 from facade_manipulator.drives.realtime import request_realtime
+from facade_manipulator.drives.recorder import FaultRecorder
 from facade_manipulator.drives.report import axis_snapshot
 from facade_manipulator.drives.session import HomingCheck, Session
 from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, Triple
@@ -77,6 +78,8 @@ class DriveController:
         raises a ManipulatorError when carriages or links come too close.
     on_cycle : callable
         Called in the control thread after each cycle; must not wait.
+    recorder : FaultRecorder, optional
+        Gets every frame, and writes the last minute down when the drives stop.
 
     Raises
     ------
@@ -92,10 +95,11 @@ class DriveController:
         check_targets: Callable[[Triple], None] = allow_anything,
         check_homing: HomingCheck = allow_anything,
         on_cycle: Callable[[], None] = allow_anything,
+        recorder: FaultRecorder | None = None,
     ) -> None:
-        self._bus_load = check_bus_load(settings, bitrate)
         self._session = Session(
-            settings, axes, open_bus, source, check_targets, check_homing, self._finish_cycle)
+            settings, axes, open_bus, source, check_targets, check_homing, self._finish_cycle,
+            bitrate, recorder)
         self._notify = on_cycle
         self._operation: Operation | None = None
         self._future: Future[str] | None = None
@@ -136,6 +140,10 @@ class DriveController:
     def clear_faults(self) -> Future[str]:
         """Check the drives again and reset their faults; they stay without power."""
         return self._request(operations.ClearFaults)
+
+    def self_test(self) -> Future[list[Finding]]:
+        """Look at identities, objects, bus and cycle without changing anything."""
+        return self._request(operations.SelfTest)
 
     def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
         """Quick stop all axes at once and stay stopped until the faults are cleared."""
@@ -196,6 +204,8 @@ class DriveController:
             session.connection.stream.pump()
         now = time.monotonic()
         session.watch_recovery(now)
+        if session.recorder is not None:
+            session.recorder.watch(tuple(map(str, session.causes)), now)
         self._poll(now)
         if session.group is None or session.lost is not None:
             self._publish(now)
@@ -297,7 +307,7 @@ class DriveController:
 
     def _publish(self, now: float) -> None:
         session = self._session
-        cause = session.group.cause if session.group is not None else None
+        causes = session.causes
         targets = session.targets.positions or (None, None, None)
         clock = session.connection.stream.clock if session.connection is not None else None
         self._snapshot = ControllerSnapshot(
@@ -306,16 +316,20 @@ class DriveController:
             axes=tuple(
                 axis_snapshot(monitor, target, now)
                 for monitor, target in zip(session.monitors, targets, strict=True)),
-            cause=cause.sentence if cause else '',
-            next_step=cause.remedy if cause else '',
-            further_causes=tuple(
-                one.sentence for one in session.group.further_causes) if cause else (),
-            notes=self._refused + session.notes,
+            cause=causes[0].sentence if causes else '',
+            next_step=causes[0].remedy if causes else '',
+            further_causes=tuple(cause.sentence for cause in causes[1:]),
+            notes=self._refused + session.notes + self._record_note,
             cycle=session.cycle_statistics,
             bus=session.bus_statistics,
             bus_error=session.lost.sentence if session.lost is not None else '',
-            bus_load=self._bus_load,
+            bus_load=session.bus_load,
         )
+
+    @property
+    def _record_note(self) -> tuple[str, ...]:
+        recorder = self._session.recorder
+        return (recorder.last_outcome,) if recorder and recorder.last_outcome else ()
 
     @property
     def _state(self) -> ControllerState:

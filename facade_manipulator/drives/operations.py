@@ -10,6 +10,8 @@ from __future__ import annotations
 from concurrent.futures import Future
 from typing import ClassVar
 
+from facade_manipulator.drives.bus import Condition
+from facade_manipulator.drives.commissioning import Finding
 from facade_manipulator.drives.group import Cause, Group, Phase
 from facade_manipulator.drives.homing import AxisHoming, HomingSequence, HomingState
 from facade_manipulator.drives.monitor import CONFIGURE_AGAIN
@@ -27,6 +29,7 @@ from facade_manipulator.errors import (
 )
 
 CLOSING_TIMEOUT = 3.0
+MOST_BAD_CYCLES = 0.001  # of all
 
 
 class Operation:
@@ -294,6 +297,49 @@ class ClearFaults(Operation):
     def _latest(self) -> Cause:
         group = self.group
         return group.further_causes[-1] if group.further_causes else group.cause
+
+
+class SelfTest(Operation):
+    """Look at the drives, the bus and the cycle; the answer is a list of findings."""
+
+    state = ControllerState.TESTING
+    name = 'self_test'
+    _job: Future | None = None
+
+    def begin(self, now: float) -> None:
+        """Let the worker ask the drives."""
+        session = self.session
+        if self.group.is_powered:
+            raise DriveStateError('self_test is not possible while powered: deactivate first')
+        if session.lost is not None:
+            raise BusError(f'self_test is not possible, the bus is lost: {session.lost.sentence}')
+        self._job = session.worker.submit(session.connection.commissioning.inspect)
+
+    def poll(self, now: float) -> list[Finding] | None:
+        """Add what this side knows to what the drives said."""
+        if not self._job.done():
+            return None
+        return [*_result(self._job), self._bus(), self._cycle(), self._stop()]
+
+    def _bus(self) -> Finding:
+        bus = self.session.bus_statistics
+        return Finding(
+            'bus', bus.condition is Condition.ACTIVE and not bus.overflows,
+            f'the controller is {bus.condition.name.lower()}, {bus.error_frames} error frames, '
+            f'{bus.overflows} overflows, worst-case load {100.0 * self.session.bus_load:.0f} %')
+
+    def _cycle(self) -> Finding:
+        cycle = self.session.cycle_statistics
+        bad = cycle.incomplete + cycle.late + cycle.skipped
+        return Finding(
+            'cycle', bad <= MOST_BAD_CYCLES * cycle.cycles,
+            f'{cycle.cycles} cycles, {cycle.incomplete} incomplete, {cycle.late} late, '
+            f'{cycle.skipped} skipped; commands at most {1e3 * cycle.worst:.1f} ms after SYNC')
+
+    def _stop(self) -> Finding:
+        causes = self.session.causes
+        return Finding(
+            'faults', not causes, '; '.join(map(str, causes)) or 'nothing has stopped the drives')
 
 
 class Close(Operation):

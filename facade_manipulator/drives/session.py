@@ -16,6 +16,7 @@ import time
 import can
 
 from facade_manipulator.drives.bus import BusStatistics, Condition
+from facade_manipulator.drives.busload import check_bus_load
 from facade_manipulator.drives.configuration import object_writes
 from facade_manipulator.drives.connection import connect, Connection, open_frames
 from facade_manipulator.drives.cycle import CycleStatistics
@@ -24,6 +25,7 @@ from facade_manipulator.drives.homing import HomingSequence, HomingState
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.realtime import Collector
+from facade_manipulator.drives.recorder import FaultRecorder
 from facade_manipulator.drives.settings import (
     AXIS_NAMES,
     AxisSettings,
@@ -66,6 +68,9 @@ class Session:
         See `facade_manipulator.drives.controller.DriveController`.
     on_cycle : callable
         Called with the time after each cycle.
+    bitrate : int
+        Of the bus [bit/s].
+    recorder : FaultRecorder, optional
 
     Attributes
     ----------
@@ -86,10 +91,12 @@ class Session:
         self, settings: ControllerSettings, axes: tuple[AxisSettings, ...],
         open_bus: Callable[[], can.BusABC], source: TargetSource,
         check_targets: Callable[[Triple], None], check_homing: HomingCheck,
-        on_cycle: Callable[[float], None],
+        on_cycle: Callable[[float], None], bitrate: int = 1_000_000,
+        recorder: FaultRecorder | None = None,
     ) -> None:
         check_axes(axes)
         self.settings = settings
+        self.bus_load = check_bus_load(settings, bitrate)
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
         self.axes = tuple(
             replace(axis, velocity_unit=profile.velocity_unit)
@@ -101,6 +108,7 @@ class Session:
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
         self.stops: deque[Cause] = deque(maxlen=16)
         self.beaten = 0.0
+        self.recorder = recorder
         self._check_homing = check_homing
         self._open_bus = open_bus
         self._on_cycle = on_cycle
@@ -133,6 +141,13 @@ class Session:
     def is_off(self) -> bool:
         """Tell whether all drives have confirmed that they have no power."""
         return self.has_done(Phase.OFF)
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        """Why the drives are stopped, the first cause first; empty while they are not."""
+        group = self.group
+        return () if group is None or group.cause is None else (
+            group.cause, *group.further_causes)
 
     @property
     def unhomed(self) -> list[str]:
@@ -180,11 +195,13 @@ class Session:
             Why it cannot be opened.
 
         """
+        tap = self.recorder.add if self.recorder is not None else None
+        frames = open_frames(self._open_bus, tap)
         if self.settings.own_garbage_collection:
             self._collector.start()  # its first, full collection takes longer than a heartbeat
         self.connection = connect(
-            open_frames(self._open_bus), self.monitors, self._profiles, self.settings,
-            self.targets, self._causes, self._finish_cycle)
+            frames, self.monitors, self._profiles, self.settings, self.targets, self._causes,
+            self._finish_cycle)
 
     def start_cycle(self, now: float) -> None:
         """Let the cycle run, with all drives switched off."""

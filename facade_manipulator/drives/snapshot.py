@@ -25,6 +25,7 @@ class ControllerState(Enum):
     DEACTIVATING = 'deactivating'
     STOPPED = 'stopped'
     CLEARING = 'clearing faults'
+    TESTING = 'testing itself'
     BUS_LOST = 'bus lost'
     CLEANING_UP = 'cleaning up'
     CLOSED = 'closed'
