@@ -4,7 +4,12 @@ import math
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    PointStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    WrenchStamped,
+)
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
@@ -30,10 +35,11 @@ DISTURBANCE = Pose(0.05, 0.01, 0.02)
 class Neighbours:
     """Supervisor, estimator and ik_service in one test node."""
 
-    def __init__(self, ros):
+    def __init__(self, ros, **parameters):
         self.ros = ros
-        ros.add(CompensatorNode(
-            parameter_overrides=[Parameter('correction.fade_time', value=1.0)]))
+        parameters = {'correction.fade_time': 1.0, **parameters}
+        ros.add(CompensatorNode(parameter_overrides=[
+            Parameter(name, value=value) for name, value in parameters.items()]))
         self.node = ros.node()
         self.disturbance = Pose(*DISTURBANCE)
         self.goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
@@ -194,6 +200,60 @@ def test_the_course_begins_at_the_head(neighbours):
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
     first = planar_pose(neighbours.corrected[0].pose, 'pose')
     assert near(first, head, 0.01)
+
+
+def wrench(now, frame='end_effector', force=-10.0):
+    message = WrenchStamped()
+    message.header.frame_id, message.header.stamp = frame, stamp(now)
+    message.wrench.force.y = force
+    return message
+
+
+def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros):
+    neighbours = Neighbours(ros, **{'impedance.enabled': True, 'impedance.force': 10.0})
+    sensor = neighbours.node.create_publisher(
+        WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+
+    def feel():
+        pose = planar_pose(neighbours.corrected[-1].pose, 'pose') if neighbours.corrected else GOAL
+        sensor.publish(wrench(neighbours.now(), force=-600.0 * max(pose.y - 0.24, 0.0)))
+
+    neighbours.node.create_timer(0.02, feel)
+    neighbours.send_goal()
+    pressed = 0.24 + 10.0 / 600.0
+    neighbours.until_corrected(lambda pose: abs(pose.y - pressed) < 1e-3, 'the desired force')
+    ros.until(lambda: any(
+        status.name.endswith('compensator: contact') for message in neighbours.diagnostics
+        for status in message.status), 'the contact in the diagnostics')
+
+
+def test_the_slip_on_the_wall_is_brought_back(ros):
+    neighbours = Neighbours(ros, **{'lateral.enabled': True})
+    sensor = neighbours.node.create_publisher(
+        PointStamped, 'lateral_offset', qos_profile_sensor_data)
+
+    def see():
+        pose = planar_pose(neighbours.corrected[-1].pose, 'pose') if neighbours.corrected else GOAL
+        message = PointStamped()
+        message.header.frame_id = 'end_effector'
+        message.header.stamp = stamp(neighbours.now())
+        message.point.x = GOAL.x + 0.02 - pose.x
+        sensor.publish(message)
+
+    neighbours.node.create_timer(0.02, see)
+    neighbours.send_goal()
+    neighbours.until_corrected(lambda pose: abs(pose.x - GOAL.x - 0.02) < 1e-3, 'the slip')
+
+
+@pytest.mark.parametrize(('arguments', 'reason'), [
+    ({'frame': 'rail'}, 'frame'), ({'force': math.nan}, 'not_finite'), ({'age': 2.0}, 'stale')])
+def test_a_bad_wrench_is_refused_and_counted(neighbours, arguments, reason):
+    sensor = neighbours.node.create_publisher(
+        WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+    neighbours.ros.until(lambda: sensor.get_subscription_count() == 1, 'the compensator')
+    sensor.publish(wrench(neighbours.now() - arguments.pop('age', 0.0), **arguments))
+    neighbours.ros.until(
+        lambda: neighbours.value(f'refused: {reason}') == '1', 'the count of the refusal')
 
 
 def test_the_process_ends_cleanly_on_a_signal(start_process, ros):

@@ -7,25 +7,27 @@ the workspace and held within the limits of motion.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-import math
 from typing import NamedTuple
 
-from facade_manipulator.control.blend import Course
+from facade_manipulator.control.blend import NOWHERE
 from facade_manipulator.control.border import Border, BorderSettings
+from facade_manipulator.control.contact import Contact, WallWrench
 from facade_manipulator.control.correction import Correction, CorrectionSettings
 from facade_manipulator.control.estimate import EstimateGate, EstimateSettings
+from facade_manipulator.control.following import Following, FollowingSettings
+from facade_manipulator.control.impedance import ImpedanceSettings, YawImpedanceSettings
+from facade_manipulator.control.lateral import LateralSettings
 from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.control.reference import Motion, Reference, ReferenceSettings
 from facade_manipulator.control.tracker import Tracker
-from facade_manipulator.errors import InputError, ParameterError
+from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import certify, Geometry, Pose
-from facade_manipulator.kinematics.planar import compose, inverse, wrap_angle
+from facade_manipulator.kinematics.planar import compose, inverse
 from facade_manipulator.parameters import check_parameters, parameter
 
-KEPT_TIME = 2.0
+LONGEST_INTERVAL = 0.1  # s, a pause counts as no longer
 
 
 @dataclass(frozen=True)
@@ -43,15 +45,6 @@ class CompensationSettings:
     acceleration: tuple[float, ...] = parameter(
         (2.8, 2.5, 7.0), 'Highest acceleration of the head along the rail: x, y, theta',
         unit='m/s^2, rad/s^2', minimum=1e-2, maximum=100.0)
-    lost_distance: float = parameter(
-        0.02, 'Distance of the head from the published course from which it is not following',
-        unit='m', minimum=1e-3, maximum=1.0)
-    lost_yaw: float = parameter(
-        0.035, 'Yaw of the head from the published course from which it is not following',
-        unit='rad', minimum=1e-3, maximum=1.0)
-    lost_time: float = parameter(
-        0.5, 'Time of not following after which the course begins anew at the head', unit='s',
-        minimum=0.05, maximum=10.0)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -72,7 +65,9 @@ class CorrectedPose(NamedTuple):
     pose : Pose
         In frame rail.
     reference : Pose
-        Where on the wall the head should be then, in frame facade.
+        Where on the wall the head should be then, in frame facade: on its way to the goal.
+    shifted : Pose
+        The same with what the contact with the wall shifts it by.
     disturbance : Pose
         Disturbance that is corrected.
     excess : Pose
@@ -85,6 +80,7 @@ class CorrectedPose(NamedTuple):
     time: float
     pose: Pose
     reference: Pose
+    shifted: Pose
     disturbance: Pose
     excess: Pose
     behind: Pose
@@ -99,6 +95,10 @@ class CompensatorSettings(NamedTuple):
     correction: CorrectionSettings = CorrectionSettings()
     reference: ReferenceSettings = ReferenceSettings()
     border: BorderSettings = BorderSettings()
+    following: FollowingSettings = FollowingSettings()
+    lateral: LateralSettings = LateralSettings()
+    impedance: ImpedanceSettings = ImpedanceSettings()
+    yaw_impedance: YawImpedanceSettings = YawImpedanceSettings()
 
 
 DEFAULTS = CompensatorSettings()
@@ -106,7 +106,7 @@ DEFAULTS = CompensatorSettings()
 
 class Compensator:
     """
-    Turn goals, estimates of the disturbance and the head's place into corrected poses.
+    Turn goals, estimates of the disturbance and what the head meets into corrected poses.
 
     Parameters
     ----------
@@ -117,6 +117,10 @@ class Compensator:
     ----------
     correction : Correction
         What is corrected at present, and whether.
+    contact : Contact
+        What the wall shifts the goal by.
+    following : Following
+        How the head follows.
     goal : Pose or None
         Where on the wall the head is to rest.
     anchors : int
@@ -128,16 +132,17 @@ class Compensator:
         self.geometry = geometry
         self.settings = settings.compensation
         self.correction = Correction(settings.correction, settings.prediction)
+        self.contact = Contact(
+            settings.lateral, settings.impedance, settings.yaw_impedance)
+        self.following = Following(settings.following)
         self.goal: Pose | None = None
         self.anchors = 0
         self._gate = EstimateGate(settings.estimate)
         self._reference = Reference(settings.reference)
         self._border = Border(geometry, settings.border)
         self._tracker = Tracker(self.settings.speed, self.settings.acceleration)
-        self._published: deque[tuple[float, Pose]] = deque()
-        self._head: tuple[float, Pose] | None = None
-        self._following_at = -math.inf
         self._planned_goal: Pose | None = None
+        self._last: CorrectedPose | None = None
 
     def take_goal(self, goal: Pose) -> None:
         """
@@ -176,14 +181,31 @@ class Compensator:
             If it is older than the one before.
 
         """
-        if self._head is not None and stamp <= self._head[0]:
-            raise InputError(
-                'out_of_order', f'end_effector_pose is {self._head[0] - stamp:.3f} s older than '
-                'the one before, expected a newer one')
-        self._head = stamp, pose
-        planned = self._planned_at(stamp)
-        if planned is None or self._is_near(pose, planned):
-            self._following_at = stamp
+        self.following.take(stamp, pose)
+
+    def take_wrench(self, now: float, stamp: float, wrench: WallWrench) -> None:
+        """
+        Learn from a wrench of the wall on the head, in the head's frame, at a stamp [s].
+
+        Raises
+        ------
+        InputError
+            If it cannot be believed.
+
+        """
+        self.contact.take_wrench(now, stamp, wrench)
+
+    def take_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
+        """
+        Learn where the head should be, seen from it along the wall [m], at a stamp [s].
+
+        Raises
+        ------
+        InputError
+            If it cannot be believed.
+
+        """
+        self.contact.take_lateral_offset(now, stamp, offset)
 
     def update(self, now: float) -> CorrectedPose | None:
         """
@@ -196,55 +218,40 @@ class Compensator:
 
         """
         time = now + self.settings.horizon
-        disturbance = self.correction.at(now, time)
+        aim = time + self.following.lag
+        disturbance = self.correction.at(now, aim).place
         if self.goal is None:
             return None
-        if self._planned_goal is None or self._is_lost(now):
-            self._anchor(now, time, disturbance)
+        if self._last is None or self.following.lost(now):
+            self._anchor(now, aim, disturbance)
         elif self.goal != self._planned_goal:
-            self._reference.retarget(time, self.goal)
+            self._reference.retarget(aim, self.goal)
         self._planned_goal = self.goal
-        return self._corrected(time, disturbance.place)
+        self._last = self._corrected(now, time, self._reference.at(aim).place, disturbance)
+        return self._last
 
-    def _corrected(self, time: float, disturbance: Pose) -> CorrectedPose:
-        reference = self._reference.at(time).place
-        wanted = compose(inverse(disturbance), reference)
-        inside = self._border.lead_in(wanted)
+    def _corrected(
+        self, now: float, time: float, reference: Pose, disturbance: Pose
+    ) -> CorrectedPose:
+        interval, excess = 0.0, NOWHERE
+        if self._last is not None:
+            interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
+            excess = self._last.excess
+        shifted = self.contact.shift(now, time, interval, reference, excess)
+        inside = self._border.lead_in(compose(inverse(disturbance), shifted))
         pose = self._tracker.step(time, inside.pose)
-        self._keep(time, pose)
+        self.following.publish(time, pose)
         return CorrectedPose(
-            time, pose, reference, disturbance, inside.excess, self._tracker.behind)
+            time, pose, reference, shifted, disturbance, inside.excess, self._tracker.behind)
 
-    def _anchor(self, now: float, time: float, disturbance: Course) -> None:
-        """Begin the course where the head stands, or at the goal if it was never seen."""
+    def _anchor(self, now: float, aim: float, disturbance: Pose) -> None:
+        """Begin the course where the head stands, or at the goal if it is not seen."""
         self._tracker.reset()
-        self._published.clear()
-        self._following_at = now
+        self.following.begin(now)
         self.anchors += 1
-        place = self.goal
-        if self._head is not None and now - self._head[0] < self.settings.lost_time:
-            place = compose(disturbance.place, self._head[1])
-        self._reference.anchor(time, Motion(place), self.goal)
-
-    def _keep(self, time: float, pose: Pose) -> None:
-        self._published.append((time, pose))
-        while self._published[0][0] < time - KEPT_TIME:
-            self._published.popleft()
-
-    def _planned_at(self, stamp: float) -> Pose | None:
-        """Return what was published for about a stamp, None if nothing was."""
-        for time, pose in reversed(self._published):
-            if time <= stamp:
-                return pose
-        return None
-
-    def _is_near(self, pose: Pose, planned: Pose) -> bool:
-        distance = math.hypot(pose.x - planned.x, pose.y - planned.y)
-        yaw = abs(wrap_angle(pose.theta - planned.theta))
-        return distance < self.settings.lost_distance and yaw < self.settings.lost_yaw
-
-    def _is_lost(self, now: float) -> bool:
-        return (
-            self._head is not None
-            and self._head[0] - self._following_at > self.settings.lost_time
-            and now - self._head[0] < self.settings.lost_time)
+        head = self.following.head(now)
+        start = self.goal
+        if head is not None:
+            place, shift = compose(disturbance, head), self.contact.present
+            start = Pose(*(a - b for a, b in zip(place, shift, strict=True)))
+        self._reference.anchor(aim, Motion(start), self.goal)

@@ -48,7 +48,8 @@ class PredictionSettings:
         (0.12, 0.35), 'Frequencies of the two oscillations to start from', unit='Hz',
         minimum=0.04, maximum=5.0)
     gusts: tuple[float, ...] = parameter(
-        (0.001, 0.01, 0.1), 'Opinions on the gusts: root of the acceleration spectral density',
+        (0.0005, 0.003, 0.02, 0.15),
+        'Opinions on the gusts: root of the acceleration spectral density',
         unit='m/s^1.5', minimum=1e-6, maximum=100.0)
     offset_drift: float = parameter(
         5e-4, 'Random walk of the offset in 1 s', unit='m', minimum=0.0, maximum=1.0)

@@ -1,0 +1,116 @@
+"""What the compensator tells in its diagnostics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from facade_manipulator.control.compensation import Compensator, CorrectedPose
+from facade_manipulator.control.correction import Mode
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.nodes.conversions import diagnostic_status
+
+LEAST_TOLD = 1e-4
+TOLD_FOR = 1.0
+LEVELS = {
+    Mode.ACTIVE: 'ok', Mode.SETTLING: 'ok', Mode.DISABLED: 'warn', Mode.UNHEARD: 'warn',
+    Mode.SILENT: 'error',
+}
+HOLDS = {'excess': 'at the border of the workspace', 'behind': 'by the limits of motion'}
+
+
+class CompensatorReport:
+    """
+    Keep what there is to tell.
+
+    Parameters
+    ----------
+    compensator : Compensator
+
+    """
+
+    def __init__(self, compensator: Compensator) -> None:
+        self._compensator = compensator
+        self._last: CorrectedPose | None = None
+        self._published = 0
+        self._held_until: dict[tuple[str, str], float] = {}
+        self._told = ('', '')
+
+    def note(self, now: float, corrected: CorrectedPose) -> None:
+        """Note a corrected pose and what held it back."""
+        self._last = corrected
+        self._published += 1
+        for what in HOLDS:
+            for axis, amount in zip(Pose._fields, getattr(corrected, what), strict=True):
+                if abs(amount) > LEAST_TOLD:
+                    self._held_until[what, axis] = now + TOLD_FOR
+
+    def changed(self, now: float) -> bool:
+        """Tell whether level or sentence are others than last told."""
+        return self._outcome(now) != self._told
+
+    def components(self, now: float, refusals: Mapping) -> list[DiagnosticStatus]:
+        """Return the diagnostics of this moment."""
+        self._told = self._outcome(now)
+        components = [diagnostic_status(
+            'correction', *self._told, {**self._values(now), **refusals})]
+        contact = self._compensator.contact
+        if any(axis.settings.enabled for axis in (contact.lateral, contact.press, contact.turn)):
+            components.append(diagnostic_status(
+                'contact', 'ok', 'giving way to the wall', self._contact_values()))
+        return components
+
+    def _outcome(self, now: float) -> tuple[str, str]:
+        """Return level and sentence; no number that changes, so that a change means something."""
+        mode = self._compensator.correction.mode
+        held_back = self._held_back(now)
+        if held_back:
+            level = 'error' if LEVELS[mode] == 'error' else 'warn'
+            return level, f'{mode.value}; {held_back}'
+        return LEVELS[mode], mode.value
+
+    def _held_back(self, now: float) -> str:
+        """Return what holds back which axes, empty if nothing does."""
+        parts = []
+        for what, text in HOLDS.items():
+            axes = [axis for axis in Pose._fields
+                    if self._held_until.get((what, axis), 0.0) > now]
+            if axes:
+                parts.append(f'held back in {", ".join(axes)} {text}')
+        return '; '.join(parts)
+
+    def _values(self, now: float) -> dict:
+        correction = self._compensator.correction
+        values = {
+            'horizon [ms]': 1e3 * self._compensator.settings.horizon,
+            'corrected poses': self._published,
+            'age of the estimate [ms]': 1e3 * correction.age(now),
+            'lag of the head [ms]': 1e3 * self._compensator.following.lag,
+            'courses begun': self._compensator.anchors,
+        }
+        if self._last is not None:
+            values['corrected disturbance'] = millimetres(self._last.disturbance)
+            values['held back at the border'] = millimetres(self._last.excess)
+            values['held back by the limits of motion'] = millimetres(self._last.behind)
+        if correction.predictor.stamp is not None:
+            values['frequencies [Hz]'] = '  '.join(
+                f'{name} {first:.3g} {second:.3g}' for name, (first, second) in zip(
+                    Pose._fields, correction.predictor.frequencies, strict=True))
+        return values
+
+    def _contact_values(self) -> dict:
+        contact = self._compensator.contact
+        return {
+            'force on the wall [N]': contact.press.force,
+            'desired force [N]': contact.press.settings.force,
+            'moment on the wall [N m]': contact.turn.force,
+            'shift of the goal': millimetres(contact.present),
+        }
+
+
+def millimetres(pose: Pose) -> str:
+    """Return a pose as an operator reads it."""
+    return (f'x {1e3 * pose.x:+.1f} mm, y {1e3 * pose.y:+.1f} mm, '
+            f'theta {math.degrees(pose.theta):+.2f} deg')
