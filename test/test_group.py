@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.axis import Feedback
+from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.cia402 import (
     Command as DriveCommand,
 )
@@ -17,8 +18,9 @@ from facade_manipulator.drives.cia402 import (
     STATUSWORDS,
     TRANSITIONS,
 )
-from facade_manipulator.drives.group import Cause, Group, Phase, POWERED_PHASES
+from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.homing import AxisHoming, HomingSequence
+from facade_manipulator.drives.plans import Phase, POWERED_PHASES
 from facade_manipulator.errors import DriveStateError
 
 NAMES = ('q1', 'q2', 'q3')

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import can
 
 from facade_manipulator.drives.bus import CanBus
+from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.commissioning import Commissioning, Drive, NmtCommand, send_nmt
-from facade_manipulator.drives.group import Cause
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.network import PumpedNetwork, SdoChannel
 from facade_manipulator.drives.profile import DriveProfile

@@ -19,13 +19,15 @@ import time
 
 import can
 
-from facade_manipulator.drives import operations
+from facade_manipulator.drives import motion_operations, service_operations
+from facade_manipulator.drives.cause import Cause, CLEAR_REMEDY
 from facade_manipulator.drives.commissioning import Finding
-from facade_manipulator.drives.group import Cause, CLEAR_REMEDY, Phase
-from facade_manipulator.drives.operations import CLOSING_TIMEOUT, Operation
+from facade_manipulator.drives.operation import Operation
+from facade_manipulator.drives.plans import Phase
 from facade_manipulator.drives.realtime import request_realtime
 from facade_manipulator.drives.recorder import FaultRecorder
 from facade_manipulator.drives.report import axis_snapshot
+from facade_manipulator.drives.service_operations import CLOSING_TIMEOUT
 from facade_manipulator.drives.session import HomingCheck, Session
 from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, Triple
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState, nothing_known
@@ -115,35 +117,35 @@ class DriveController:
 
     def configure(self) -> Future[str]:
         """Open the bus, check and configure the drives, start the cycle; the power stays off."""
-        return self._request(operations.Configure)
+        return self._request(service_operations.Configure)
 
     def cleanup(self) -> Future[str]:
         """Leave the drives without power in NMT pre-operational and close the bus."""
-        return self._request(operations.Cleanup)
+        return self._request(service_operations.Cleanup)
 
     def activate(self) -> Future[str]:
         """Power on all three drives together, hold, then follow targets."""
-        return self._request(operations.Activate)
+        return self._request(motion_operations.Activate)
 
     def deactivate(self) -> Future[str]:
         """Come to rest on the path, then power off."""
-        return self._request(operations.Deactivate)
+        return self._request(motion_operations.Deactivate)
 
     def home(self) -> Future[str]:
         """Home all axes, rank after rank; powers on for it and off again."""
-        return self._request(operations.Home)
+        return self._request(motion_operations.Home)
 
     def halt(self) -> Future[str]:
         """Come to rest on the path and hold there until activated or deactivated."""
-        return self._request(operations.Halt)
+        return self._request(motion_operations.Halt)
 
     def clear_faults(self) -> Future[str]:
         """Check the drives again and reset their faults; they stay without power."""
-        return self._request(operations.ClearFaults)
+        return self._request(service_operations.ClearFaults)
 
     def self_test(self) -> Future[list[Finding]]:
         """Look at identities, objects, bus and cycle without changing anything."""
-        return self._request(operations.SelfTest)
+        return self._request(service_operations.SelfTest)
 
     def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
         """Quick stop all axes at once and stay stopped until the faults are cleared."""
@@ -165,7 +167,7 @@ class DriveController:
 
     def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> None:
         """Power the drives off in order, or stop them, then fall silent; waits for it."""
-        future = self._request(operations.Close)
+        future = self._request(service_operations.Close)
         with suppress(ManipulatorError, FutureTimeoutError):
             future.result(timeout)
         self._thread.join(timeout)
@@ -258,7 +260,7 @@ class DriveController:
             self._succeed(sentence)
 
     def _succeed(self, sentence: str) -> None:
-        self._closed = isinstance(self._operation, operations.Close)
+        self._closed = isinstance(self._operation, service_operations.Close)
         future = self._future
         self._operation = self._future = None
         self._publish(time.monotonic())

@@ -1,7 +1,7 @@
 """
 The three axes as one: they power on together, and any doubt about one of them stops all.
 
-The group walks through lists of steps (`facade_manipulator.drives.axis`); all three drives must
+The group walks through lists of steps (`facade_manipulator.drives.plans`); all three drives must
 have done a step before any takes the next. It enables operation only inside `Group.enable` and
 `Group.home`, which an operator asks for, and after a stop it stays stopped until `Group.reset`.
 No clock and no bus in here: time and feedback are arguments, controlwords are the result.
@@ -10,78 +10,24 @@ No clock and no bus in here: time and feedback are arguments, controlwords are t
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
-from enum import Enum
 from typing import NamedTuple
 
-from facade_manipulator.drives import axis as steps
-from facade_manipulator.drives.axis import AxisStepper, Feedback, Step
+from facade_manipulator.drives import plans
+from facade_manipulator.drives.axis import AxisStepper, Feedback
+from facade_manipulator.drives.cause import Cause, DISOBEYED_REMEDY
 from facade_manipulator.drives.cia402 import Mode, Status
 from facade_manipulator.drives.homing import HomingSequence
+from facade_manipulator.drives.plans import (
+    FOLLOWING_PHASES,
+    Phase,
+    Plan,
+    POWERED_PHASES,
+    STOPPED_PHASES,
+)
 from facade_manipulator.errors import DriveError, DriveFaultError, DriveStateError
 
 RESET_WINDOW = 60.0
 MOST_FURTHER_CAUSES = 8
-CLEAR_REMEDY = 'remove the cause, clear the faults, then activate'
-DISOBEYED_REMEDY = 'switch the power of the drives off, find out why, configure again'
-
-
-class Phase(Enum):
-    """What the group is doing."""
-
-    OFF = 'power off'
-    ENABLING = 'powering on'
-    HOLDING = 'holding'
-    RUNNING = 'following targets'
-    RAMPING = 'coming to rest'
-    HALTED = 'halted'
-    DISABLING = 'powering off'
-    HOMING = 'homing'
-    STOPPING = 'stopping'
-    STOPPED = 'stopped'
-    RESETTING = 'clearing faults'
-
-    __hash__ = object.__hash__
-
-
-POWERED_PHASES = frozenset({
-    Phase.ENABLING, Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED, Phase.DISABLING,
-    Phase.HOMING,
-})
-_FOLLOWING = frozenset({Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED})
-
-
-@dataclass(frozen=True)
-class Cause:
-    """
-    Why the group stopped.
-
-    Attributes
-    ----------
-    sentence : str
-        What happened.
-    remedy : str
-        The operator's next step.
-    axis : str
-        Which axis it comes from; ``''`` for none of them.
-    cut_power : bool
-        Whether the drives lose power once they stand still.
-    configure_again : bool
-        Whether clearing is not enough: the drives must be configured again.
-    is_vague : bool
-        Whether a further cause of the same axis says more.
-
-    """
-
-    sentence: str
-    remedy: str = CLEAR_REMEDY
-    axis: str = ''
-    cut_power: bool = False
-    configure_again: bool = False
-    is_vague: bool = False
-
-    def __str__(self) -> str:
-        return f'{self.sentence}; next: {self.remedy}'
 
 
 class Command(NamedTuple):
@@ -89,28 +35,6 @@ class Command(NamedTuple):
 
     controlword: int
     mode: int
-
-
-Plan = tuple[tuple[Phase, Step], ...]
-
-
-def _plan(*parts: tuple[Phase, tuple[Step, ...]]) -> Plan:
-    return tuple((phase, step) for phase, steps_ in parts for step in steps_)
-
-
-_CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
-_OFF = _plan((Phase.OFF, (steps.POWER_OFF,)))
-_POWER_DOWN = _plan((Phase.DISABLING, steps.POWER_DOWN)) + _OFF
-_HALT = _plan((Phase.RAMPING, (steps.COME_TO_REST,)), (Phase.HALTED, (steps.FOLLOW,)))
-_DISABLE = _plan((Phase.RAMPING, (steps.COME_TO_REST,))) + _POWER_DOWN
-_FOLLOW = _plan((Phase.RUNNING, (steps.FOLLOW,)))
-_END_HOMING = _plan((Phase.DISABLING, (steps.END_HOMING, steps.FOLLOW))) + _POWER_DOWN
-_HOME = _plan(
-    (Phase.ENABLING, steps.power_on(Mode.HOMING)), (Phase.HOMING, (steps.HOME,))) + _END_HOMING
-_STOP = _plan((Phase.STOPPING, (steps.QUICK_STOP,)), (Phase.STOPPED, (steps.STAY_STOPPED,)))
-_CUT_POWER = _plan((Phase.STOPPED, (steps.CUT_POWER,)))
-_STOP_AND_CUT_POWER = _plan((Phase.STOPPING, (steps.QUICK_STOP, steps.CUT_POWER))) + _CUT_POWER
-_RESET = _plan((Phase.RESETTING, steps.RESET_FAULT)) + _OFF
 
 
 class Group:
@@ -145,17 +69,15 @@ class Group:
         self.further_causes: deque[Cause] = deque(maxlen=MOST_FURTHER_CAUSES)
         self.has_disobeyed = False
         self.is_settled = False
-        self._mode = int(_CSP)
+        self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self._timeouts = {Phase.RAMPING: ramp_timeout}
         self._step_timeout = step_timeout
         self._max_resets = max_resets
         self._resets: deque[float] = deque(maxlen=max_resets)
         self._homing: HomingSequence | None = None
         self._steppers = tuple(AxisStepper(name) for name in names)
-        hold = steps.FOLLOW._replace(purpose='hold', min_cycles=hold_cycles)
-        self._enable = _plan(
-            (Phase.ENABLING, steps.power_on(_CSP)), (Phase.HOLDING, (hold,))) + _FOLLOW
-        self._begin(_OFF, now)
+        self._enable = plans.enable_plan(hold_cycles)
+        self._begin(plans.OFF, now)
 
     @property
     def phase(self) -> Phase:
@@ -180,7 +102,7 @@ class Group:
         self._require('activate', Phase.OFF, Phase.HALTED)
         self._require_settled('activate')
         self._homing = None
-        self._begin(_FOLLOW if self.phase is Phase.HALTED else self._enable, now)
+        self._begin(plans.FOLLOW if self.phase is Phase.HALTED else self._enable, now)
 
     def home(self, sequence: HomingSequence, now: float) -> None:
         """
@@ -195,7 +117,7 @@ class Group:
         self._require('home', Phase.OFF)
         self._require_settled('home')
         self._homing = sequence
-        self._begin(_HOME, now)
+        self._begin(plans.HOME, now)
 
     def disable(self, now: float) -> None:
         """
@@ -208,7 +130,7 @@ class Group:
 
         """
         self._require('deactivate', Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED)
-        self._begin(_DISABLE, now)
+        self._begin(plans.DISABLE, now)
 
     def halt(self, now: float) -> None:
         """
@@ -222,7 +144,7 @@ class Group:
         """
         self._require('halt', Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED,
                       Phase.HOMING)
-        self._begin(_END_HOMING if self.phase is Phase.HOMING else _HALT, now)
+        self._begin(plans.END_HOMING if self.phase is Phase.HOMING else plans.HALT, now)
 
     def reset(self, now: float) -> None:
         """
@@ -237,7 +159,7 @@ class Group:
         self._require('clear_faults', Phase.STOPPED)
         self.require_resettable(now)
         self._resets.append(now)
-        self._begin(_RESET, now)
+        self._begin(plans.RESET, now)
 
     def require_resettable(self, now: float) -> None:
         """
@@ -271,14 +193,14 @@ class Group:
             self.cause = cause
         elif cause not in self._causes():
             self.further_causes.append(cause)
-        if cause.cut_power and self._plan[-1] != _CUT_POWER[-1]:
-            self._begin(_STOP_AND_CUT_POWER, now)
-        elif self.phase not in (Phase.STOPPING, Phase.STOPPED):
-            self._begin(_STOP, now)
+        if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
+            self._begin(plans.STOP_AND_CUT_POWER, now)
+        elif self.phase not in STOPPED_PHASES:
+            self._begin(plans.STOP, now)
 
     def cut_power(self, now: float) -> None:
         """Take the power off for good, before the drives are left alone; ends in stopped."""
-        self._begin(_CUT_POWER, now)
+        self._begin(plans.CUT_POWER, now)
 
     def give_time(self, now: float) -> None:
         """Begin the present step anew: nothing could be commanded or heard for a while."""
@@ -342,19 +264,19 @@ class Group:
         return self._homing.advance(number, feedback, now)
 
     def _require_following(self, number: int, feedback: Feedback) -> None:
-        if self.phase in _FOLLOWING and feedback.statusword & Status.FOLLOWING_ERROR:
+        if self.phase in FOLLOWING_PHASES and feedback.statusword & Status.FOLLOWING_ERROR:
             raise DriveFaultError(
                 f'{self._steppers[number].name} is farther behind its target than the '
                 f'following-error window (statusword {feedback.statusword:04X}h)')
 
     def _fail(self, number: int, error: DriveError, now: float) -> None:
         name = self._steppers[number].name
-        if self.phase not in (Phase.STOPPING, Phase.STOPPED):
+        if self.phase not in STOPPED_PHASES:
             self.stop(Cause(str(error), axis=name, is_vague=True), now)
         elif not self.has_disobeyed and (self.phase is Phase.STOPPED or now > self._deadline):
             self.has_disobeyed = True
             self.stop(Cause(str(error), DISOBEYED_REMEDY, name, configure_again=True), now)
-            self._begin(_CUT_POWER, now)
+            self._begin(plans.CUT_POWER, now)
 
     def _explains(self, cause: Cause) -> bool:
         return self.cause.is_vague and not cause.is_vague and cause.axis == self.cause.axis

@@ -10,6 +10,7 @@ from __future__ import annotations
 from enum import IntEnum
 
 from facade_manipulator.drives.axis import Feedback
+from facade_manipulator.drives.cause import Cause, CONFIGURE_REMEDY
 from facade_manipulator.drives.cia402 import Status
 from facade_manipulator.drives.emergency import (
     decode_emergency,
@@ -18,7 +19,6 @@ from facade_manipulator.drives.emergency import (
     is_error_reset,
     Reaction,
 )
-from facade_manipulator.drives.group import Cause
 from facade_manipulator.drives.pdo import (
     ConditionFrame,
     decode_tpdo1,
@@ -29,7 +29,6 @@ from facade_manipulator.drives.pdo import (
 )
 from facade_manipulator.drives.settings import AxisSettings, ControllerSettings
 
-CONFIGURE_AGAIN = 'check its power and cable, then clean up and configure again'
 SYNC_TOLERANCE = 0.001
 HOME_TOLERANCE = 2  # counts
 
@@ -178,13 +177,13 @@ class AxisMonitor:
         if self.missed_in_a_row >= bound:
             return self._supervised(
                 f'{self.title} did not answer {self.missed_in_a_row} cycles in a row, '
-                f'bound {bound}', remedy=CONFIGURE_AGAIN, configure_again=True)
+                f'bound {bound}', remedy=CONFIGURE_REMEDY, configure_again=True)
         age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
         if age > self._settings.heartbeat_timeout:
             return self._supervised(
                 f'{self.title} sent no heartbeat for {1e3 * age:.0f} ms, '
                 f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
-                remedy=CONFIGURE_AGAIN, configure_again=True)
+                remedy=CONFIGURE_REMEDY, configure_again=True)
         return None
 
     def _boot(self) -> Cause | None:
@@ -192,7 +191,7 @@ class AxisMonitor:
         self.homed = False
         return self._supervised(
             f'{self.title} has restarted by itself and has lost its position',
-            remedy=CONFIGURE_AGAIN + ', home, then activate', configure_again=True)
+            remedy=CONFIGURE_REMEDY + ', home, then activate', configure_again=True)
 
     def _supervised(self, sentence: str, **details) -> Cause | None:
         if self._supervised_since is None:

@@ -17,12 +17,14 @@ import can
 
 from facade_manipulator.drives.bus import BusStatistics, Condition
 from facade_manipulator.drives.busload import check_bus_load
+from facade_manipulator.drives.cause import BUS_REMEDY, Cause
 from facade_manipulator.drives.configuration import object_writes
 from facade_manipulator.drives.connection import connect, Connection, open_frames
 from facade_manipulator.drives.cycle import CycleStatistics
-from facade_manipulator.drives.group import Cause, Group, Phase
+from facade_manipulator.drives.group import Group
 from facade_manipulator.drives.homing import HomingSequence, HomingState
 from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.plans import Phase, STOPPED_PHASES
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.realtime import Collector
 from facade_manipulator.drives.recorder import FaultRecorder
@@ -33,13 +35,11 @@ from facade_manipulator.drives.settings import (
     ControllerSettings,
     Triple,
 )
-from facade_manipulator.drives.stream import BUS_REMEDY
 from facade_manipulator.drives.targets import Targets, TargetSource
 from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
 HomingCheck = Callable[[Triple, tuple[bool, bool, bool]], None]
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
-STOPPED_PHASES = frozenset({Phase.STOPPING, Phase.STOPPED})
 
 
 @dataclass

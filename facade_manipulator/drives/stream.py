@@ -12,23 +12,21 @@ import time
 
 from facade_manipulator.drives import pdo
 from facade_manipulator.drives.bus import BusCongestedError, CanBus, Frame
+from facade_manipulator.drives.cause import BUS_REMEDY, Cause, TARGET_REMEDY
 from facade_manipulator.drives.cia402 import Controlword
 from facade_manipulator.drives.commissioning import Hearing, NmtCommand, send_nmt
 from facade_manipulator.drives.cycle import CycleClock
-from facade_manipulator.drives.group import Cause, Command, Group, Phase
+from facade_manipulator.drives.group import Command, Group
 from facade_manipulator.drives.monitor import AxisMonitor, NmtState
 from facade_manipulator.drives.network import PumpedNetwork, SDO_FRAME_LENGTH
+from facade_manipulator.drives.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
 from facade_manipulator.drives.settings import ControllerSettings
 from facade_manipulator.drives.targets import Targets
 from facade_manipulator.errors import ManipulatorError
 
 LONGEST_WAIT = 0.02
 MOST_UNSENT = 8  # frames in a row: two cycles
-BUS_REMEDY = 'see to the CAN bus, wait until it is back, clear the faults, then activate'
-TARGET_REMEDY = 'see to the source of the setpoints, clear the faults, then activate'
 _EMERGENCY_LENGTH = 8
-_UNSTOPPED = (Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED)
-_STOPPED = (Phase.STOPPING, Phase.STOPPED)
 
 
 class Stream:
@@ -120,7 +118,7 @@ class Stream:
             return
         before = self.group.phase
         self.group.stop(cause, time.monotonic())
-        if before not in _STOPPED:
+        if before not in STOPPED_PHASES:
             self._send_commands(self.group.commands)
 
     # --- the cycle
@@ -191,7 +189,7 @@ class Stream:
         for cause in self._causes(now):
             group.stop(cause, now)
         commands = group.step(self._feedback(), now)
-        if in_time or group.phase not in _UNSTOPPED:
+        if in_time or group.phase not in FOLLOWING_PHASES:
             commands = self._choose_targets(commands, now)
             self._send_commands(commands)
         self._force_disobedient()
@@ -205,7 +203,7 @@ class Stream:
 
     def _causes(self, now: float) -> list[Cause]:
         causes = list(self._supervise(now))
-        if self.group.phase not in _STOPPED:
+        if self.group.phase not in STOPPED_PHASES:
             causes += self._silences(now) + self._own_failures()
         return causes
 

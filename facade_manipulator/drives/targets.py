@@ -12,11 +12,11 @@ import math
 from typing import Protocol
 
 from facade_manipulator.drives.cia402 import Controlword, Mode
-from facade_manipulator.drives.group import Command, Phase
+from facade_manipulator.drives.group import Command
+from facade_manipulator.drives.plans import FOLLOWING_PHASES, Phase
 from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, Triple
 from facade_manipulator.errors import InputError, LimitError, SetpointLimitError, StrokeLimitError
 
-_FOLLOWING = frozenset({Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED})
 _AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
 ROUNDING = 1e-9
 
@@ -109,10 +109,10 @@ class Targets:
 
         """
         before, self._phase = self._phase, phase
-        if phase not in _FOLLOWING:
+        if phase not in FOLLOWING_PHASES:
             self.track(command, actual)
             return
-        if before not in _FOLLOWING or (before, phase) == (Phase.HALTED, Phase.RUNNING):
+        if before not in FOLLOWING_PHASES or (before, phase) == (Phase.HALTED, Phase.RUNNING):
             self._anchor()
         if phase is Phase.HOLDING:
             return

@@ -1,86 +1,25 @@
-"""
-What an operator can ask for: each operation begins, is polled until it is done, and ends.
-
-Operations run in the control thread. They raise a ManipulatorError with the sentence for the
-operator; the sentence of a success is what `begin` or `poll` returns.
-"""
+"""Requests around the motion: configure, clean up, clear faults, self-test, close."""
 
 from __future__ import annotations
 
 from concurrent.futures import Future
-from typing import ClassVar
 
 from facade_manipulator.drives.bus import Condition
+from facade_manipulator.drives.cause import Cause, CONFIGURE_REMEDY
 from facade_manipulator.drives.commissioning import Finding
-from facade_manipulator.drives.group import Cause, Group, Phase
-from facade_manipulator.drives.homing import AxisHoming, HomingSequence, HomingState
-from facade_manipulator.drives.monitor import CONFIGURE_AGAIN
-from facade_manipulator.drives.session import Session
-from facade_manipulator.drives.settings import AXIS_NAMES
+from facade_manipulator.drives.operation import Operation, result_of
+from facade_manipulator.drives.plans import Phase
 from facade_manipulator.drives.snapshot import ControllerState
-from facade_manipulator.drives.targets import require_inside
 from facade_manipulator.errors import (
     BusError,
     DriveError,
     DriveFaultError,
     DriveStateError,
     DriveTimeoutError,
-    ManipulatorError,
 )
 
 CLOSING_TIMEOUT = 3.0
 MOST_BAD_CYCLES = 0.001  # of all
-
-
-class Operation:
-    """
-    A request under way.
-
-    Parameters
-    ----------
-    session : Session
-
-    """
-
-    state: ClassVar[ControllerState]
-    interrupts: ClassVar[bool] = False
-    outlives_bus: ClassVar[bool] = False
-
-    def __init__(self, session: Session) -> None:
-        self.session = session
-
-    @property
-    def name(self) -> str:
-        """What the operator calls it."""
-        return type(self).__name__.lower()
-
-    @property
-    def group(self) -> Group:
-        """
-        The state machine of the drives.
-
-        Raises
-        ------
-        DriveStateError
-            The drives are not configured.
-
-        """
-        if self.session.group is None:
-            raise DriveStateError(f'{self.name} is not possible: configure the drives first')
-        return self.session.group
-
-    def begin(self, now: float) -> str | None:
-        """Begin; return the sentence if there is nothing to do."""
-
-    def poll(self, now: float) -> str | None:
-        """Return the sentence once it is done, None until then."""
-
-    def give_up(self) -> None:
-        """Tidy up after a failure."""
-
-    def _require_not_stopped(self) -> None:
-        if self.session.is_stopped:
-            raise DriveFaultError(str(self.group.cause))
 
 
 class Configure(Operation):
@@ -104,7 +43,7 @@ class Configure(Operation):
         if not self._job.done():
             return None
         if session.group is None:
-            session.notes = tuple(_result(self._job))
+            session.notes = tuple(result_of(self._job))
             session.start_cycle(now)
         if session.is_stopped:
             if session.group.needs_configuration:
@@ -140,114 +79,6 @@ class Cleanup(Operation):
             return None
         self.session.close()
         return 'The drives have no power and the bus is closed.'
-
-
-class Activate(Operation):
-    """Power on and follow targets."""
-
-    state = ControllerState.ACTIVATING
-
-    def begin(self, now: float) -> str | None:
-        """Check that the carriages may be powered where they are."""
-        group = self.group
-        if group.phase is Phase.OFF:
-            self._require_homed()
-            self._require_allowed()
-        group.enable(now)
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Wait until targets are followed."""
-        self._require_not_stopped()
-        done = self.session.has_done(Phase.RUNNING)
-        return 'The drives are powered and follow setpoints.' if done else None
-
-    def _require_homed(self) -> None:
-        unhomed = self.session.unhomed
-        if unhomed:
-            raise DriveStateError(
-                f'activate is not possible, {" and ".join(unhomed)} must be homed: call home')
-
-    def _require_allowed(self) -> None:
-        positions = self.session.positions()
-        try:
-            require_inside(AXIS_NAMES, self.session.axes, positions)
-            self.session.check_targets(positions)
-        except ManipulatorError as error:
-            raise DriveStateError(
-                f'activate is not possible from here: {error}; move the carriages by hand'
-            ) from error
-
-
-class Deactivate(Operation):
-    """Come to rest on the path, then power off."""
-
-    state = ControllerState.DEACTIVATING
-
-    def begin(self, now: float) -> str | None:
-        """Begin to ramp down."""
-        self.group.disable(now)
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Wait until the power is off."""
-        self._require_not_stopped()
-        return 'The carriages stand still; the power is off.' if self.session.is_off else None
-
-
-class Halt(Operation):
-    """Come to rest on the path and hold; a homing is given up."""
-
-    state = ControllerState.HALTING
-    interrupts = True
-    _was_homing = False
-
-    def begin(self, now: float) -> str | None:
-        """Begin to ramp down."""
-        self._was_homing = self.group.phase is Phase.HOMING
-        self.group.halt(now)
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Wait until nothing moves."""
-        self._require_not_stopped()
-        if self._was_homing:
-            return 'Homing is given up; the power is off.' if self.session.is_off else None
-        done = self.session.has_done(Phase.HALTED)
-        return 'The carriages stand still and hold: activate to go on.' if done else None
-
-
-class Home(Operation):
-    """Home all axes, rank after rank."""
-
-    state = ControllerState.HOMING
-
-    def begin(self, now: float) -> str | None:
-        """Power on in homing mode."""
-        session = self.session
-        group = self.group
-        session.positions()
-        sequence = HomingSequence(tuple(
-            AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
-            for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
-        group.home(sequence, now)
-        session.homing = sequence
-        for monitor in session.monitors:
-            monitor.homed = False
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Note which axes are homed; done when the power is off again."""
-        for axis, monitor in zip(self.session.homing.axes, self.session.monitors, strict=True):
-            monitor.homed = axis.state is HomingState.HOMED
-        if self.session.is_stopped:
-            raise DriveFaultError(f'{self.group.cause}. {self._report()}')
-        return self._report() if self.session.is_off else None
-
-    def _report(self) -> str:
-        return 'Homing: ' + ', '.join(
-            f'{monitor.name} is homed, at {monitor.position:.4f} m' if monitor.homed else
-            f'{monitor.name} is not homed' for monitor in self.session.monitors) + '.'
 
 
 class ClearFaults(Operation):
@@ -287,9 +118,9 @@ class ClearFaults(Operation):
     def _reset(self, now: float) -> None:
         job, self._job = self._job, None
         try:
-            _result(job)
+            result_of(job)
         except DriveError as error:
-            cause = Cause(str(error), CONFIGURE_AGAIN, configure_again=True)
+            cause = Cause(str(error), CONFIGURE_REMEDY, configure_again=True)
             self.group.stop(cause, now)
             raise DriveFaultError(f'The faults remain: {cause}') from error
         self.group.reset(now)
@@ -319,7 +150,7 @@ class SelfTest(Operation):
         """Add what this side knows to what the drives said."""
         if not self._job.done():
             return None
-        return [*_result(self._job), self._bus(), self._cycle(), self._stop()]
+        return [*result_of(self._job), self._bus(), self._cycle(), self._stop()]
 
     def _bus(self) -> Finding:
         bus = self.session.bus_statistics
@@ -380,11 +211,3 @@ class Close(Operation):
     def _finish(self) -> str:
         self.session.close()
         return 'The drive controller is closed.'
-
-
-def _result(job: Future):
-    """Return what the worker brought, or raise what it met, told to an operator."""
-    error = job.exception()
-    if error is None or isinstance(error, ManipulatorError):
-        return job.result()
-    raise DriveError(f'checking the drives failed: {type(error).__name__}: {error}') from error
