@@ -2,10 +2,15 @@
 Start one manipulator: driver, and compensator with ik_service in one process.
 
 The driver is configured at once; powering the drives on stays an operator's request. With
-`use_mock_hardware` the drives and the gondola are simulated. If one node ends, everything is
-shut down and the driver stops its drives.
+`use_mock_hardware` the drives and the gondola are simulated.
+
+If one node ends, however it ends, all are ended. Whatever order they end in, the driver goes its
+lifecycle backwards by itself: carriages to rest, power off, bus closed.
 """
 
+from pathlib import Path
+
+from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
@@ -19,16 +24,22 @@ from facade_manipulator import config_path
 from launch import LaunchDescription
 
 PACKAGE = 'facade_manipulator'
+DRIVER_PATIENCE = '15.0'  # s: it ramps down, powers off and closes the bus before it ends
+
+
+def _is_mock(context) -> bool:
+    return IfCondition(LaunchConfiguration('use_mock_hardware')).evaluate(context)
 
 
 def _parameters(context) -> list:
     """Return the parameter files and the arguments that stand above them."""
-    mock = IfCondition(LaunchConfiguration('use_mock_hardware')).evaluate(context)
-    files = [LaunchConfiguration('config').perform(context)]
-    if mock:
-        return [*files, str(config_path('simulation.yaml'))]
+    config = LaunchConfiguration('config').perform(context)
+    if not Path(config).is_file():  # launch itself would go on with the defaults
+        raise RuntimeError(f'config: {config} is not a file')
+    if _is_mock(context):
+        return [config, str(config_path('simulation.yaml'))]
     channel = LaunchConfiguration('can_interface').perform(context)
-    return [*files, {'bus.channel': channel}] if channel else files
+    return [config, {'bus.channel': channel}] if channel else [config]
 
 
 def _nodes(context) -> list:
@@ -39,32 +50,51 @@ def _nodes(context) -> list:
         'ros_arguments': ['--log-level', LaunchConfiguration('log_level').perform(context)],
         'output': 'screen',
     }
-    driver = LifecycleNode(executable='driver', name='driver', **common)
+    driver = LifecycleNode(
+        executable='driver', name='driver', sigterm_timeout=DRIVER_PATIENCE, **common)
     nodes = [driver, Node(executable='manipulator', **common)]
-    if IfCondition(LaunchConfiguration('use_mock_hardware')).evaluate(context):
+    if _is_mock(context):
         nodes.append(Node(executable='gondola_simulator', **common))
     configure = EmitEvent(event=ChangeState(
         lifecycle_node_matcher=matches_action(driver),
         transition_id=Transition.TRANSITION_CONFIGURE))
-    ends = [
-        RegisterEventHandler(OnProcessExit(
-            target_action=node, on_exit=[EmitEvent(event=Shutdown(reason='a node ended'))]))
-        for node in nodes
-    ]
-    return [*ends, *nodes, configure]
+    return [*(_end_with(node) for node in nodes), *nodes, *_static_transforms(), configure]
+
+
+def _end_with(node: Node) -> RegisterEventHandler:
+    """End everything when this node ends: the driver then stops its drives."""
+    def shut_down(event, context):
+        if context.is_shutdown:
+            return []
+        return [EmitEvent(event=Shutdown(
+            reason=f'{event.process_name} ended with exit status {event.returncode}'))]
+
+    return RegisterEventHandler(OnProcessExit(target_action=node, on_exit=shut_down))
+
+
+def _static_transforms() -> list:
+    """Publish the rail's nominal place on the wall, where tf2 is installed."""
+    try:
+        get_package_prefix('tf2_ros')
+    except PackageNotFoundError:
+        return []
+    return [Node(
+        package='tf2_ros', executable='static_transform_publisher', name='nominal_place',
+        arguments=['--frame-id', 'facade', '--child-frame-id', 'rail'])]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the manipulator's nodes and arguments."""
     arguments = (
-        ('use_mock_hardware', 'false', 'simulate the drives and the gondola'),
-        ('namespace', '', 'namespace of the nodes, one per gondola'),
-        ('config', str(config_path('manipulator.yaml')), 'parameter file'),
-        ('can_interface', '', 'CAN interface of the drives; empty takes the parameter file'),
-        ('log_level', 'info', 'debug, info, warn or error'),
+        ('use_mock_hardware', 'false', 'simulate the drives and the gondola', ['true', 'false']),
+        ('namespace', '', 'namespace of the nodes, one per gondola', None),
+        ('config', str(config_path('manipulator.yaml')), 'parameter file', None),
+        ('can_interface', '', "CAN interface of the drives; empty takes the parameter file's",
+         None),
+        ('log_level', 'info', 'least severity that is logged', ['debug', 'info', 'warn', 'error']),
     )
     return LaunchDescription([
-        *(DeclareLaunchArgument(name, default_value=value, description=text)
-          for name, value, text in arguments),
-        OpaqueFunction(function=lambda context: _nodes(context)),
+        *(DeclareLaunchArgument(name, default_value=value, description=text, choices=choices)
+          for name, value, text, choices in arguments),
+        OpaqueFunction(function=_nodes),
     ])

@@ -22,6 +22,7 @@ LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 USAGE_ERROR = 2
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LONGEST_WAIT = 0.2  # s, after which a signal is seen on a node where nothing happens
 
 
@@ -34,7 +35,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     ROS still runs: rclpy's own signal handlers would end ROS before, under a waiting executor.
     """
     stopping = Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in STOP_SIGNALS:
         signal.signal(number, lambda *_: stopping.set())
     nodes: Sequence[Node] = ()
     try:
@@ -49,6 +50,8 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     finally:
         _close(nodes)
         rclpy.try_shutdown()
+        for number in STOP_SIGNALS:  # a second one now would look as if the node had died
+            signal.signal(number, signal.SIG_IGN)
     return 0
 
 
