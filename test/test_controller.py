@@ -412,6 +412,17 @@ def test_a_drive_that_leaves_nmt_operational_stops_all(rig):
     rig.do('clear_faults')
 
 
+def test_a_position_that_jumps_is_not_believed_and_asks_for_home(rig):
+    at_rest(rig)
+    with rig.simulator.access() as drives:
+        drives[2].axis.reference.offset += 40_000
+    rig.until_stopped()
+    assert 'q3 (node 3): the position has jumped by 0.09' in rig.controller.snapshot().cause
+    wait_until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3, 'power off')
+    assert rig.controller.snapshot().unhomed == ('q3',)
+    rig.do('clear_faults', 'home')
+
+
 def test_an_undefined_statusword_stops_all(rig):
     at_rest(rig)
     with rig.simulator.access() as drives:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
 COMMANDS_DUE = 0.8  # later commands might meet the next SYNC on the wire
 SYNC_OVERDUE = 1.5
+SYNC_TOO_EARLY = 0.5
 PATIENCE = 1.0  # of the period: how much longer when frames are still waiting to be read
 LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 
@@ -31,6 +32,8 @@ class CycleStatistics(NamedTuple):
         Cycles whose commands came too late and were not sent: the drives held one point.
     skipped : int
         Periods that passed without a SYNC.
+    stray : int
+        SYNCs that came too early to be the kernel's: somebody else sends them.
     lateness : tuple of int
         Histogram of the time from SYNC to the step: one bin below each of LATENESS_BOUNDS [s],
         one beyond the last.
@@ -43,6 +46,7 @@ class CycleStatistics(NamedTuple):
     incomplete: int = 0
     late: int = 0
     skipped: int = 0
+    stray: int = 0
     lateness: tuple[int, ...] = (0,) * (len(LATENESS_BOUNDS) + 1)
     worst: float = 0.0
 
@@ -69,7 +73,7 @@ class CycleClock:
         self.overdue_in_a_row = 0
         self._open = False
         self._next_sync = 0.0
-        self._cycles = self._incomplete = self._late = self._skipped = 0
+        self._cycles = self._incomplete = self._late = self._skipped = self._stray = 0
         self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
         self._worst = 0.0
 
@@ -77,8 +81,8 @@ class CycleClock:
     def statistics(self) -> CycleStatistics:
         """Counters since the start."""
         return CycleStatistics(
-            self._cycles, self._incomplete, self._late, self._skipped, tuple(self._bins),
-            self._worst)
+            self._cycles, self._incomplete, self._late, self._skipped, self._stray,
+            tuple(self._bins), self._worst)
 
     @property
     def is_open(self) -> bool:
@@ -106,6 +110,12 @@ class CycleClock:
         """
         patience = PATIENCE * self.period if self.hears_sync and not all_read else 0.0
         return now >= self._next_sync + patience
+
+    def is_stray(self, time: float) -> bool:
+        """Tell whether a SYNC of a time is too early; the pace of the targets hangs on it."""
+        stray = time < self.sync_time + SYNC_TOO_EARLY * self.period
+        self._stray += stray
+        return stray
 
     def begin(self, time: float, stamp: float, heard: bool) -> None:
         """Begin a cycle with the SYNC of a time, on the system clock `stamp`."""

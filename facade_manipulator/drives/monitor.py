@@ -31,6 +31,8 @@ from facade_manipulator.drives.settings import AxisSettings, ControllerSettings
 
 SYNC_TOLERANCE = 0.001
 HOME_TOLERANCE = 2  # counts
+JUMP_MARGIN = 2.0
+JUMP_NOISE = 0.001  # m
 
 
 class NmtState(IntEnum):
@@ -74,6 +76,7 @@ class AxisMonitor:
         self._settings = settings
         self._home_counts = axis.to_counts(axis.home_position)
         self._supervised_since: float | None = None
+        self._status_time = 0.0
 
     @property
     def title(self) -> str:
@@ -115,10 +118,28 @@ class AxisMonitor:
         """From now on silence, a boot-up and a fault mean nothing."""
         self._supervised_since = None
 
-    def take_tpdo1(self, data: bytes, time: float, sync_time: float) -> None:
-        """Take state, mode and position; fresh if it answers the newest SYNC."""
-        self.status = decode_tpdo1(data)
+    def take_tpdo1(self, data: bytes, time: float, sync_time: float) -> Cause | None:
+        """
+        Take state, mode and position; fresh if they answer the newest SYNC.
+
+        Returns why all must stop if a homed carriage seems to have moved faster than it can.
+
+        """
+        before, self.status = self.status, decode_tpdo1(data)
+        elapsed, self._status_time = time - self._status_time, time
         self.is_fresh = time >= sync_time - SYNC_TOLERANCE
+        if before is None or not self.homed:
+            return None
+        jump = abs(self.axis.to_metres(self.status.position_counts - before.position_counts))
+        bound = JUMP_NOISE + JUMP_MARGIN * self.axis.max_speed * max(
+            elapsed, self._settings.period)
+        if jump <= bound:
+            return None
+        self.homed = False
+        return self._supervised(
+            f'{self.title}: the position has jumped by {jump:.4g} m, bound {bound:.4g} m: it can '
+            'no longer be trusted', remedy='clear the faults, home, then activate',
+            cut_power=True)
 
     def take_tpdo2(self, data: bytes) -> None:
         """Take velocity and following error."""

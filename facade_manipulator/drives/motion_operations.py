@@ -106,14 +106,15 @@ class Home(Operation):
         return None
 
     def poll(self, now: float) -> str | None:
-        """Note which axes are homed; done when the power is off again."""
+        """Wait until the power is off again."""
+        if self.session.is_stopped:
+            raise DriveFaultError(f'{self.group.cause}. {self._conclude()}')
+        return self._conclude() if self.session.is_off else None
+
+    def _conclude(self) -> str:
+        """Note which axes are homed, not before their positions have settled, and report."""
         for axis, monitor in zip(self.session.homing.axes, self.session.monitors, strict=True):
             monitor.homed = axis.state is HomingState.HOMED
-        if self.session.is_stopped:
-            raise DriveFaultError(f'{self.group.cause}. {self._report()}')
-        return self._report() if self.session.is_off else None
-
-    def _report(self) -> str:
         return 'Homing: ' + ', '.join(
             f'{monitor.name} is homed, at {monitor.position:.4f} m' if monitor.homed else
             f'{monitor.name} is not homed' for monitor in self.session.monitors) + '.'

@@ -83,8 +83,8 @@ class Stream:
     def _routes_of(self, monitor: AxisMonitor) -> dict:
         node = monitor.axis.node_id
         return {
-            pdo.TPDO1.cob_id(node): (pdo.TPDO1.codec.size, lambda frame: monitor.take_tpdo1(
-                frame.data, frame.time, self.clock.sync_time)),
+            pdo.TPDO1.cob_id(node): (pdo.TPDO1.codec.size, lambda frame: self._stop_for(
+                monitor.take_tpdo1(frame.data, frame.time, self.clock.sync_time))),
             pdo.TPDO2.cob_id(node): (
                 pdo.TPDO2.codec.size, lambda frame: monitor.take_tpdo2(frame.data)),
             pdo.TPDO3.cob_id(node): (
@@ -103,6 +103,8 @@ class Stream:
             take(frame)
 
     def _on_sync(self, frame: Frame) -> None:
+        if self.group is None or self.clock.is_stray(frame.time):
+            return
         if self.clock.is_open:
             self._step(time.monotonic())
         self.clock.begin(frame.time, frame.stamp, heard=True)

@@ -19,6 +19,7 @@ from facade_manipulator.errors import InputError, LimitError, SetpointLimitError
 
 _AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
 ROUNDING = 1e-9
+MOST_SLIP = 0.005  # m, from where the carriage was when power came
 
 
 class TargetSource(Protocol):
@@ -113,16 +114,23 @@ class Targets:
             self.track(command, actual)
             return
         if before not in FOLLOWING_PHASES or (before, phase) == (Phase.HALTED, Phase.RUNNING):
-            self._anchor()
+            self._anchor(actual)
         if phase is Phase.HOLDING:
             return
         if phase in _AT_REST:
             self.source.hold()
         self._take(self.source.sample(latch_time))
 
-    def _anchor(self) -> None:
+    def _anchor(self, actual: tuple[int, ...]) -> None:
+        """Begin where the drives hold; a carriage that is elsewhere by now is a doubt."""
         self._positions = tuple(
             axis.to_metres(counts) for axis, counts in zip(self._axes, self._counts, strict=True))
+        for name, axis, held, counts in zip(
+                self._names, self._axes, self._positions, actual, strict=True):
+            slip = abs(axis.to_metres(counts) - held)
+            if slip > MOST_SLIP:
+                raise SetpointLimitError(
+                    f'distance of {name} from its target', slip, MOST_SLIP, 'm', 'above')
         self.source.reset(self._positions)
 
     def _take(self, targets: Triple) -> None:
