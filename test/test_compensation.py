@@ -174,7 +174,8 @@ def test_disabled_the_rail_is_taken_for_the_wall():
 
 
 @pytest.mark.parametrize('values', [
-    {'speed': (1.0,)}, {'acceleration': (1.0, 1.0)}, {'horizon': 0.0}, {'min_conditioning': math.nan}])
+    {'speed': (1.0,)}, {'acceleration': (1.0, 1.0)}, {'horizon': 0.0},
+    {'min_conditioning': math.nan}])
 def test_settings_that_make_no_sense_are_refused(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         CompensationSettings(**values)
