@@ -193,3 +193,16 @@ def test_whatever_arrives_the_command_stays_finite_inside_and_within_the_speed(s
 def test_contradicting_settings_are_refused():
     with pytest.raises(ParameterError, match='stale_after = 0.5 s'):
         StreamSettings(stale_after=0.5, oldest=0.2)
+
+
+def test_a_lower_speed_limit_slows_the_carriages_down_within_their_acceleration():
+    made = follower()
+    fast = run(made, 0.0, 3.0, lambda time: sine(time, 0.3))  # up to 0.3 m/s
+    made.change_limits(MotionLimits(speed=0.1, acceleration=3.0, jerk=150.0))
+    slow = run(made, 3.0, 5.0, lambda time: sine(time, 0.3))
+    positions = [position[0] for _, position in (*fast, *slow)]
+    speeds = [(b - a) / PERIOD for a, b in zip(positions, positions[1:], strict=False)]
+    changes = [abs(b - a) / PERIOD for a, b in zip(speeds, speeds[1:], strict=False)]
+    assert abs(speeds[298]) > 0.28
+    assert max(map(abs, speeds[315:])) < 0.1 + 1e-6
+    assert max(changes[290:]) < 3.0 * 1.05

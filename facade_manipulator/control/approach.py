@@ -20,6 +20,10 @@ class Approach:
         self._reference = Reference(settings)
         self._is_under_way = False
 
+    def change_settings(self, settings: ReferenceSettings) -> None:
+        """Lead within other limits from the next goal on."""
+        self._reference.settings = settings
+
     def begin(self, time: float, head: Pose, goal: Pose) -> None:
         """Lead from where the head rests, or from where it is being led, to the goal."""
         if self._is_under_way:

@@ -58,13 +58,18 @@ class Reference:
     ----------
     settings : ReferenceSettings
 
+    Attributes
+    ----------
+    settings : ReferenceSettings
+        May be replaced; it holds for what is planned after that.
+
     """
 
     def __init__(self, settings: ReferenceSettings) -> None:
         self._planner = Ruckig(len(Pose._fields))
         self._plan = InputParameter(len(Pose._fields))
         self._plan.synchronization = Synchronization.Phase
-        self._settings = settings
+        self.settings = settings
         self._trajectory = Trajectory(len(Pose._fields))
         self._start: float | None = None
         self.goal: Pose | None = None
@@ -113,7 +118,7 @@ class Reference:
 
     def _limit(self, way: list[float]) -> None:
         """Give all axes that move limits in proportion to their way, so that it is straight."""
-        plan, settings = self._plan, self._settings
+        plan, settings = self._plan, self.settings
         plan.max_velocity, plan.max_acceleration, plan.max_jerk = (
             _proportional(limits, way)
             for limits in (settings.speed, settings.acceleration, settings.jerk))

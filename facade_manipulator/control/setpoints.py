@@ -108,7 +108,8 @@ class SetpointFollower:
         self.brakes = 0
         self.last_refusal = ''
         self.margins: deque[float] = deque(maxlen=KEPT_MARGINS)
-        self._limiter = PathLimiter(limits, period)
+        self._period = period
+        self.change_limits(limits)
         self._check = check
         self._motion: Motion | None = None
         self._stream: tuple[Setpoint, ...] = ()
@@ -130,6 +131,10 @@ class SetpointFollower:
     def at_rest(self) -> bool:
         """Tell whether the commanded motion is at rest."""
         return self._motion is None or self._motion.at_rest
+
+    def change_limits(self, limits: MotionLimits) -> None:
+        """Keep other limits from the next cycle on; beyond new ones the carriages slow down."""
+        self._limiter = PathLimiter(limits, self._period)
 
     def reset(self, positions: Triple) -> None:
         """Hold at measured positions [m] and forget the stream."""

@@ -27,7 +27,7 @@ from facade_manipulator.drives.settings import AxisSettings, ControllerSettings,
 from facade_manipulator.drives.simulated_bus import DriveSimulator
 from facade_manipulator.drives.simulated_group import simulated_drives
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.errors import InputError, ManipulatorError
+from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.conversions import CARRIAGES, carriages_from, seconds, stamp
 from facade_manipulator.nodes.deferred import Deferred
@@ -74,7 +74,8 @@ class DriverNode(ManagedNode):
         self._axes = self._declare_axes()
         self._bus = declare(self, BusSettings, 'bus')
         self._follower = SetpointFollower(
-            declare(self, StreamSettings, 'stream'), declare(self, MotionLimits, 'limits'),
+            declare(self, StreamSettings, 'stream', self._change_stream),
+            declare(self, MotionLimits, 'limits', self._change_limits, self._check_limits),
             self._controller_settings.period, MechanismGuard(self._geometry))
         self._simulator = None
         self._controller = self._make_controller()
@@ -107,6 +108,7 @@ class DriverNode(ManagedNode):
     def close(self) -> None:
         """Stop the drives, then leave the bus."""
         self._controller.close()
+        self.get_logger().info('The drives are off and the bus is closed.')
         self._closer.shutdown()
         if self._simulator is not None:
             self._simulator.stop()
@@ -157,6 +159,27 @@ class DriverNode(ManagedNode):
 
     def _change_settings(self, settings: DriverSettings) -> None:
         self._settings = settings
+
+    def _change_stream(self, settings: StreamSettings) -> None:
+        self._follower.settings = settings
+
+    def _change_limits(self, limits: MotionLimits) -> None:
+        self._follower.change_limits(limits)
+        self.get_logger().info(
+            f'limits of motion are now {limits.speed:g} m/s, {limits.acceleration:g} m/s^2, '
+            f'{limits.jerk:g} m/s^3')
+
+    def _check_limits(self, limits: MotionLimits) -> None:
+        """Refuse what the drives, configured with limits of their own, would not follow."""
+        for name, axis in zip(CARRIAGES, self._axes, strict=True):
+            for what, value, bound, unit in (
+                ('speed', limits.speed, axis.max_speed, 'm/s'),
+                ('acceleration', limits.acceleration, axis.max_acceleration, 'm/s^2'),
+            ):
+                if value > bound:
+                    raise ParameterError(
+                        f'limits.{what} = {value:g} {unit} is above {name}.max_{what} = '
+                        f'{bound:g} {unit}')
 
     def _clear_faults(self) -> Future:
         """Reset the drives' faults; where there is only a halt, end it."""

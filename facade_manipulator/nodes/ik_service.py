@@ -55,7 +55,8 @@ class IkServiceNode(Node):
         self.geometry = declare(self, Geometry, 'geometry')
         self.settings = declare(self, GoalSettings, '', self._change_settings)
         self._stream = SetpointStream(self.geometry, self.settings)
-        self._approach = Approach(declare(self, ReferenceSettings, 'approach'))
+        self._approach = Approach(
+            declare(self, ReferenceSettings, 'approach', self._change_approach))
         self._last_goal_time = -math.inf
         self._refusals = Refusals(self)
         self._outcome = ('ok', 'no goal yet')
@@ -74,8 +75,10 @@ class IkServiceNode(Node):
         self._publish_outcome()
 
     def _change_settings(self, settings: GoalSettings) -> None:
-        self.settings = settings
-        self._stream = SetpointStream(self.geometry, settings)
+        self.settings = self._stream.settings = settings
+
+    def _change_approach(self, settings: ReferenceSettings) -> None:
+        self._approach.change_settings(settings)
 
     def _take_goal(self, message: PoseStamped) -> None:
         try:

@@ -31,6 +31,7 @@ def declare(
     settings_class: type[Settings],
     prefix: str = '',
     on_change: Callable[[Settings], None] | None = None,
+    check: Callable[[Settings], object] = lambda settings: None,
     **defaults: Any,
 ) -> Settings:
     """
@@ -46,6 +47,9 @@ def declare(
     on_change : callable, optional
         Called with the new settings after an accepted live change. Without it every parameter
         of the set is read-only.
+    check : callable, optional
+        Raises a ParameterError for settings that contradict something outside their set, at
+        start and before a live change.
     **defaults
         Defaults of this node where they differ from the dataclass's.
 
@@ -61,8 +65,9 @@ def declare(
         for ros_name, field_name in names.items()
     }
     current = [settings_class(**values)]
+    check(current[0])
     if on_change is not None:
-        _accept_live_changes(node, names, current, on_change)
+        _accept_live_changes(node, names, current, on_change, check)
     return current[0]
 
 
@@ -104,8 +109,8 @@ def _to_field(value: Any) -> Any:
 def _descriptor(info: ParameterInfo, default: Any, read_only: bool) -> ParameterDescriptor:
     unit = f' [{info.unit}]' if info.unit else ''
     descriptor = ParameterDescriptor(description=info.description + unit, read_only=read_only)
-    descriptor.additional_constraints = _constraints(info)
     if info.minimum is None and info.maximum is None or isinstance(default, (tuple, bool)):
+        descriptor.additional_constraints = _constraints(info)
         return descriptor
     low = -UNBOUNDED if info.minimum is None else info.minimum
     high = UNBOUNDED if info.maximum is None else info.maximum
@@ -119,6 +124,7 @@ def _descriptor(info: ParameterInfo, default: Any, read_only: bool) -> Parameter
 
 
 def _constraints(info: ParameterInfo) -> str:
+    """Return in words what a descriptor has no field for: choices, ranges of arrays."""
     if info.choices:
         return 'one of ' + ', '.join(info.choices)
     bounds = [
@@ -130,7 +136,7 @@ def _constraints(info: ParameterInfo) -> str:
 
 
 def _accept_live_changes(
-    node: Node, names: dict[str, str], current: list, on_change: Callable
+    node: Node, names: dict[str, str], current: list, on_change: Callable, check: Callable
 ) -> None:
     """Check a change by constructing the dataclass, then hand the new settings to the node."""
     def candidate(parameters):
@@ -141,9 +147,9 @@ def _accept_live_changes(
         unchanged = {name: getattr(current[0], name) for name in names.values()}
         return type(current[0])(**{**unchanged, **changed}) if changed else current[0]
 
-    def check(parameters):
+    def judge(parameters):
         try:
-            candidate(parameters)
+            check(candidate(parameters))
         except (ParameterError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -154,5 +160,5 @@ def _accept_live_changes(
             current[0] = settings
             on_change(settings)
 
-    node.add_on_set_parameters_callback(check)
+    node.add_on_set_parameters_callback(judge)
     node.add_post_set_parameters_callback(apply)

@@ -1,0 +1,112 @@
+"""The parameters of the nodes: described, ranged, live where they may be, the same in the YAML."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+import yaml
+
+from facade_manipulator import config_path
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.gondola_simulator import GondolaSimulatorNode
+from facade_manipulator.nodes.ik_service import IkServiceNode
+
+NODES = {
+    'driver': DriverNode,
+    'ik_service': IkServiceNode,
+    'compensator': CompensatorNode,
+    'gondola_simulator': GondolaSimulatorNode,
+}
+OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+UNBOUNDED = ('profile', 'bus.channel', 'bus.interface', 'scenario', 'phase')  # words, angles
+
+
+@pytest.fixture(params=NODES)
+def node(ros, request):
+    return ros.add(NODES[request.param]())
+
+
+def own_parameters(node: Node) -> dict:
+    names = [name for name in node._parameters if not name.startswith(OF_ROS)]
+    return {name: node.describe_parameter(name) for name in names}
+
+
+def test_every_parameter_is_described(node):
+    for name, descriptor in own_parameters(node).items():
+        assert len(descriptor.description) > 8, name
+
+
+def test_every_number_has_a_range_and_every_word_its_choices(node):
+    for name, descriptor in own_parameters(node).items():
+        kind = descriptor.type
+        if kind == Parameter.Type.BOOL.value or name.endswith(UNBOUNDED):
+            continue
+        assert (descriptor.floating_point_range or descriptor.integer_range
+                or descriptor.additional_constraints), name
+
+
+def test_no_live_number_takes_nan(node):
+    live = [name for name, descriptor in own_parameters(node).items()
+            if not descriptor.read_only and descriptor.floating_point_range]
+    for name in live:
+        before = node.get_parameter(name).value
+        result = node.set_parameters([Parameter(name, value=math.nan)])[0]
+        assert not result.successful and result.reason, name
+        assert node.get_parameter(name).value == before
+
+
+@pytest.mark.parametrize('file', ['manipulator.yaml', 'simulation.yaml'])
+def test_every_key_of_the_yaml_files_is_a_parameter_of_its_node(ros, file):
+    nodes = {name: ros.add(make()) for name, make in NODES.items()}
+    for pattern, content in yaml.safe_load(config_path(file).read_text()).items():
+        name = pattern.rsplit('/', 1)[-1]
+        for key, value in flat(content['ros__parameters']):
+            for node in [nodes[name]] if name in nodes else nodes.values():
+                declared = node.get_parameter(key)  # raises for what is not declared
+                assert declared.type_ == Parameter(key, value=value).type_, key
+
+
+def flat(tree: dict, prefix: str = ''):
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from flat(value, f'{prefix}{key}.')
+        else:
+            yield f'{prefix}{key}', value
+
+
+@pytest.mark.parametrize('name, value, reason', [
+    ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above q1.max_speed = 0.6 m/s'),
+    ('limits.acceleration', 6.5, 'limits.acceleration = 6.5 m/s^2 is above q1.max_acceleration'),
+    ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below acceleration'),
+    ('limits.speed', -1.0, 'limits.speed'),
+    ('stream.stale_after', 0.5, 'stale_after = 0.5 s is above oldest = 0.2 s'),
+    ('controller.rate', 200, 'read-only'),
+    ('q1.node_id', 7, 'read-only'),
+    ('geometry.stroke', [-1.0, 1.0], 'read-only'),
+    ('limits.speed', 'much', 'expected'),
+])
+def test_a_wrong_live_change_of_the_driver_is_refused_with_its_reason(ros, name, value, reason):
+    driver = ros.add(DriverNode())
+    before = driver.get_parameter(name).value
+    result = driver.set_parameters([Parameter(name, value=value)])[0]
+    assert not result.successful and reason in result.reason
+    assert driver.get_parameter(name).value == before
+
+
+def test_limits_beyond_those_of_the_drives_are_refused_at_start(ros):
+    with pytest.raises(ParameterError, match='limits.speed = 0.5 m/s is above q2.max_speed'):
+        DriverNode(parameter_overrides=[Parameter('q2.max_speed', value=0.3)])
+
+
+def test_the_drivers_limits_and_stream_may_be_changed_while_it_runs(ros):
+    driver = ros.add(DriverNode())
+    results = driver.set_parameters([
+        Parameter('limits.speed', value=0.1), Parameter('stream.first_step', value=0.02)])
+    assert all(result.successful for result in results)
+    assert driver._follower._limiter.limits.speed == 0.1
+    assert driver._follower.settings.first_step == 0.02
