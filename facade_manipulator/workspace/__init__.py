@@ -1,5 +1,32 @@
 """Where the head can go and how well: limits, maps, good-condition workspace, design study."""
 
+from facade_manipulator.workspace.gcw import count_poses, Grid, PoseCount
 from facade_manipulator.workspace.limits import Interval, theta_max, x_interval, y_range
+from facade_manipulator.workspace.maps import (
+    branch_map,
+    conditioning_map,
+    pose_map,
+    PoseMap,
+    x_intervals,
+)
+from facade_manipulator.workspace.occupancy import lci_grid
+from facade_manipulator.workspace.volume import measure, union_area, Workspace
 
-__all__ = ['Interval', 'theta_max', 'x_interval', 'y_range']
+__all__ = [
+    'branch_map',
+    'conditioning_map',
+    'count_poses',
+    'Grid',
+    'Interval',
+    'lci_grid',
+    'measure',
+    'pose_map',
+    'PoseCount',
+    'PoseMap',
+    'theta_max',
+    'union_area',
+    'Workspace',
+    'x_interval',
+    'x_intervals',
+    'y_range',
+]

@@ -18,6 +18,7 @@ from facade_manipulator.kinematics.inverse import links
 from facade_manipulator.kinematics.jacobian import branch_number
 
 _BISECTIONS = 60
+_SAMPLES = 64
 
 
 class Interval(NamedTuple):
@@ -75,7 +76,7 @@ def y_range(geometry: Geometry, theta: float = 0.0) -> Interval:
     if room < length:
         lower = rise + sqrt(length * length - room * room)
     else:
-        lower = _singular_y(geometry, theta, min(rise, upper))
+        lower, upper = _regular_y(geometry, theta, upper)
     if lower >= upper:
         raise UnreachableError('least |y| + b |sin theta|', lower + rise, length, 'm', 'not below')
     return Interval(lower, upper)
@@ -126,11 +127,20 @@ def _order_angle(geometry: Geometry, y: float) -> float:
     return min(upright, max(0.0, asin(height / radius) - phase))
 
 
-def _singular_y(geometry: Geometry, theta: float, upper: float) -> float:
-    """Return the y below `upper` at which N = 0, where links shorter than b never cross."""
-    if _number(geometry, upper, theta) <= 0.0:
-        return upper
-    return _bisect(lambda y: _number(geometry, y, theta), 0.0, upper)
+def _regular_y(geometry: Geometry, theta: float, edge: float) -> Interval:
+    """Return where N > 0 below the far edge, for links so short that they never cross."""
+    rise = geometry.platform_half_length * abs(sin(theta))
+    if rise <= edge:
+        # N > 0 from the platform's rise upwards: both joints B are in front of the rail.
+        return Interval(_bisect(lambda y: _number(geometry, y, theta), 0.0, rise), edge)
+    samples = [edge * k / _SAMPLES for k in range(_SAMPLES + 1)]
+    best = max(samples, key=lambda y: _number(geometry, y, theta))
+    if _number(geometry, best, theta) <= 0.0:
+        return Interval(edge, edge)
+    lower = _bisect(lambda y: _number(geometry, y, theta), 0.0, best)
+    if _number(geometry, edge, theta) > 0.0:
+        return Interval(lower, edge)
+    return Interval(lower, _bisect(lambda y: _number(geometry, y, theta), edge, best))
 
 
 def _number(geometry: Geometry, y: float, theta: float) -> float:

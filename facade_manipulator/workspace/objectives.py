@@ -19,7 +19,7 @@ from facade_manipulator.parameters import check_parameters, parameter
 from facade_manipulator.workspace.section import good_section_area, section_area
 from facade_manipulator.workspace.volume import measure, Workspace
 
-THETA_NODES, Y_CELLS = 256, 64  # the ratio to 3e-4, the volume far better
+THETA_NODES, Y_CELLS = 512, 64  # the ratio to 2e-4, the volume far better
 
 Tick = Callable[[int], None]  # called with the number of designs done
 

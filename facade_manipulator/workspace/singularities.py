@@ -20,6 +20,7 @@ from facade_manipulator.workspace.volume import measure
 STUDIED_SUM = 0.7  # l + b of the paper's cases [m]
 STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)
 _BISECTIONS = 50
+_SAMPLES = 100
 
 
 class Share(NamedTuple):
@@ -45,22 +46,37 @@ def serial_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
     return np.where(y > 0.0, y, np.nan)
 
 
-def parallel_curve(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
-    """Return the y > 0 of det B = 0 at every θ [m], by bisection; NaN where there is none."""
+def parallel_curves(geometry: Geometry, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the y > 0 of det B = 0 at every θ [m]; NaN where there is none.
+
+    The first curve bounds N > 0 towards the rail. The second bounds it towards the façade, near
+    the far edge, at the angles where the platform's rear half is behind the rail.
+    """
     theta = np.abs(np.atleast_1d(np.asarray(theta, float)))
-    rise = geometry.platform_half_length * np.sin(theta)
-    edge = geometry.link_length - rise
-    lower = np.zeros_like(theta)
-    upper = np.minimum(rise, edge * (1.0 - 1e-12))
-    with np.errstate(invalid='ignore'):
-        crossed = (edge > 0.0) & (np.cos(theta) > 0.0) & (branch_map(geometry, upper, theta) > 0.0)
-        crossed &= branch_map(geometry, lower, theta) < 0.0
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (lower + upper)
-            positive = branch_map(geometry, middle, theta) > 0.0
-            upper = np.where(positive, middle, upper)
-            lower = np.where(positive, lower, middle)
-    return np.where(crossed, upper, np.nan)
+    edge = geometry.link_length - geometry.platform_half_length * np.sin(theta)
+    edge = np.where((edge > 0.0) & (np.cos(theta) > 0.0), edge * (1.0 - 1e-9), np.nan)
+    y = edge * np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
+    number = branch_map(geometry, y, theta)
+    highest = np.argmax(np.nan_to_num(number, nan=-np.inf), axis=0)[None]
+    top = np.take_along_axis(y, highest, axis=0)[0]
+    regular = np.take_along_axis(number, highest, axis=0)[0] > 0.0
+    lower = np.where(regular & (number[0] < 0.0),
+                     _bisect(geometry, theta, np.zeros_like(edge), top), np.nan)
+    upper = np.where(regular & (number[-1] < 0.0), _bisect(geometry, theta, edge, top), np.nan)
+    return lower, upper
+
+
+def _bisect(
+    geometry: Geometry, theta: np.ndarray, negative: np.ndarray, positive: np.ndarray
+) -> np.ndarray:
+    """Return the y of N = 0 between one with N < 0 and one with N > 0, at every θ [m]."""
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (negative + positive)
+        above = branch_map(geometry, middle, theta) > 0.0
+        positive = np.where(above, middle, positive)
+        negative = np.where(above, negative, middle)
+    return positive
 
 
 def beyond_share(geometry: Geometry) -> Share:
@@ -90,5 +106,5 @@ def configurations() -> tuple[Configuration, ...]:
         Configuration('d) right link in line', 'regular: one entry of J is 0', short,
                       Pose(0.0, y_in_line, -in_line)),
         Configuration('e) lines of force meet', 'det B = 0, not in the paper', short,
-                      Pose(0.0, float(parallel_curve(short, turned)[0]), float(turned))),
+                      Pose(0.0, float(parallel_curves(short, turned)[0][0]), float(turned))),
     )

@@ -181,9 +181,9 @@ def _stroke_cap(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
 
 
 def _edges(lower: np.ndarray, upper: np.ndarray, cells: int) -> np.ndarray:
-    """Edges of cells of y, one row for every θ, closer towards the upper end."""
-    share = np.linspace(1.0, 0.0, cells + 1) ** 2
-    return upper[:, None] - (upper - lower)[:, None] * share
+    """Edges of cells of y, one row for every θ, closer at the ends: there the index bends most."""
+    share = np.sin(np.linspace(0.0, 0.5 * np.pi, cells + 1)) ** 2
+    return lower[:, None] + (upper - lower)[:, None] * share
 
 
 def _width_integral(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> np.ndarray:

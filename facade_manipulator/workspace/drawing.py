@@ -1,0 +1,96 @@
+"""
+What every figure of the study shares: one style, one colour map, the mechanism in plan view.
+
+Only `figures` imports this module, and matplotlib is imported with it: the nodes never load it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import math
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+import numpy as np
+
+from facade_manipulator.kinematics.geometry import Geometry, Pose
+
+COLOUR_MAP = 'viridis'  # even in lightness, safe for the colour-blind, and in grey
+# Okabe and Ito's colours, told apart by every eye.
+BLUE, ORANGE, GREEN, PURPLE = '#0072B2', '#D55E00', '#009E73', '#CC79A7'
+BLACK, GREY, PALE = '#000000', '#777777', '#D9D9D9'
+MILLIMETRES = 1e3
+
+_STYLE = {
+    'font.size': 9.0, 'axes.titlesize': 9.5, 'axes.labelsize': 9.0, 'legend.fontsize': 8.0,
+    'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': False,
+    'axes.linewidth': 0.8, 'lines.linewidth': 1.6, 'legend.frameon': False,
+    'figure.dpi': 150, 'savefig.dpi': 150, 'font.family': 'DejaVu Sans',
+}
+
+
+@contextmanager
+def style() -> Iterator[None]:
+    """Draw in the study's style, whatever the user's own settings."""
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams.update(_STYLE)
+        yield
+
+
+def figure(width: float, height: float, title: str, layout: str = 'constrained') -> Figure:
+    """Return an empty figure of a size in inches under a title."""
+    made = Figure(figsize=(width, height), layout=layout)
+    made.suptitle(title, fontsize=11.0, fontweight='bold')
+    return made
+
+
+def label(axes: Axes, x: str, y: str, title: str = '') -> None:
+    """Name both axes of a plot, units included, and give it a title."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.set_title(title)
+
+
+def draw_mechanism(axes: Axes, geometry: Geometry, pose: Pose) -> None:
+    """Draw rail, carriages, links and platform of a pose in mm, names beside the joints."""
+    b1, b2, a1, a2 = joints(geometry, pose)
+    a3, p = np.array([pose.x, 0.0]), np.array([pose.x, pose.y])
+    reach = max(abs(a1[0] - pose.x), abs(a2[0] - pose.x), geometry.platform_half_length)
+    axes.plot([-1.25 * reach * MILLIMETRES, 1.25 * reach * MILLIMETRES], [0.0, 0.0],
+              color=PALE, linewidth=5.0, solid_capstyle='butt', zorder=1)
+    for start, end, colour, width in (
+            (a1, b1, BLUE, 2.4), (a2, b2, BLUE, 2.4), (b1, b2, ORANGE, 4.0), (a3, p, GREY, 1.2)):
+        axes.plot(*zip(start * MILLIMETRES, end * MILLIMETRES, strict=True),
+                  color=colour, linewidth=width, solid_capstyle='round', zorder=2)
+    for place, name, marker in ((a1, 'A1', 's'), (a2, 'A2', 's'), (a3, 'A3', 's'),
+                                (b1, 'B1', 'o'), (b2, 'B2', 'o'), (p, 'P', 'o')):
+        below = name.startswith('A') or place[1] < 0.0
+        axes.plot(*(place * MILLIMETRES), marker, color=BLACK, markersize=4.5, zorder=3)
+        axes.annotate(name, place * MILLIMETRES, xytext=(0, -15 if below else 8),
+                      textcoords='offset points', ha='center', fontsize=8.0)
+    axes.set_aspect('equal', adjustable='datalim')
+
+
+def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
+    """Draw the lines of both links and the rail's parallel through P, which meet where N = 0."""
+    b1, b2, a1, a2 = joints(geometry, pose)
+    for joint, carriage in ((b1, a1), (b2, a2)):
+        share = (pose.y - carriage[1]) / (joint[1] - carriage[1])
+        meeting = carriage + share * (joint - carriage)
+        axes.plot(*zip(carriage * MILLIMETRES, meeting * MILLIMETRES, strict=True),
+                  color=GREEN, linewidth=1.0, linestyle='--', zorder=1)
+    axes.plot([pose.x * MILLIMETRES, meeting[0] * MILLIMETRES], [pose.y * MILLIMETRES] * 2,
+              color=GREEN, linewidth=1.0, linestyle='--', zorder=1)
+    axes.plot(*(meeting * MILLIMETRES), 'o', color=GREEN, markersize=5.0, zorder=3)
+
+
+def joints(geometry: Geometry, pose: Pose) -> tuple[np.ndarray, ...]:
+    """Return B1, B2, A1 and A2 of a pose [m], the far edge included."""
+    arm = geometry.platform_half_length * np.array([math.cos(pose.theta), math.sin(pose.theta)])
+    centre = np.array([pose.x, pose.y])
+    b1, b2 = centre - arm, centre + arm
+    s1, s2 = (math.sqrt(max(0.0, geometry.link_length ** 2 - b[1] ** 2)) for b in (b1, b2))
+    return b1, b2, np.array([b1[0] + s1, 0.0]), np.array([b2[0] - s2, 0.0])

@@ -1,0 +1,80 @@
+"""Files that appear whole or not at all: written beside their place, then renamed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import json
+import os
+from pathlib import Path
+import shutil
+import tempfile
+
+from facade_manipulator.errors import ParameterError
+
+
+@contextmanager
+def json_file(path: Path) -> Iterator[dict]:
+    """
+    Lend a dictionary that is written to `path` when the block ends well.
+
+    Raises
+    ------
+    ParameterError
+        Before the block, if the file cannot be written.
+
+    """
+    try:
+        if path.is_dir():
+            raise IsADirectoryError('it is a directory')
+        handle, name = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    try:
+        content: dict = {}
+        yield content
+        with open(handle, 'w', encoding='utf-8') as file:
+            json.dump(content, file, indent=2, allow_nan=False)
+            file.write('\n')
+        os.chmod(name, 0o666 & ~_umask())
+        os.replace(name, path)
+    finally:
+        Path(name).unlink(missing_ok=True)
+
+
+@contextmanager
+def folder(path: Path) -> Iterator[Path]:
+    """
+    Lend an empty folder whose files move to `path` when the block ends well.
+
+    Raises
+    ------
+    ParameterError
+        Before the block, if the folder cannot be made or written.
+
+    """
+    created = not path.exists()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix='.draft.', dir=path))
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    try:
+        yield draft
+        for file in sorted(draft.iterdir()):
+            os.replace(file, path / file.name)
+        created = False
+    finally:
+        shutil.rmtree(draft, ignore_errors=True)
+        if created:
+            path.rmdir()
+
+
+def _unwritable(path: Path, error: OSError) -> ParameterError:
+    return ParameterError(f'{path} cannot be written: {error.strerror or error}')
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,103 @@
+"""The study's results as tables for a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+from rich.table import Table
+from rich.text import Text
+
+from facade_manipulator.workspace.objectives import OBJECTIVES
+from facade_manipulator.workspace.optimise import Optimum
+from facade_manipulator.workspace.singularities import Share
+from facade_manipulator.workspace.table2 import Row
+
+AREA_NOTE = (
+    'The ratios are those of the paper to its three digits. Its areas are not: it states neither '
+    'the stroke nor what its area is. Section and union are areas for one common stroke, tuned '
+    'to nothing.')
+
+
+def table2_table(rows: Sequence[Row], stroke_length: float) -> Table:
+    """Table 2: paper, ours and the difference."""
+    table = _table(
+        f'Table 2 with Q = {stroke_length * 1e3:g} mm: good-condition ratio and areas [m2]',
+        'l [mm]', 'b [mm]', 'ratio', 'paper', 'diff.', 'section', 'union', 'paper',
+        'section diff.', 'union diff.')
+    table.caption = AREA_NOTE
+    for row in rows:
+        paper = row.paper
+        table.add_row(
+            _mm(paper.link_length), _mm(paper.platform_half_length), f'{row.ratio:.4f}',
+            f'{paper.ratio:.3f}', f'{row.ratio - paper.ratio:+.4f}', f'{row.area_section:.4f}',
+            f'{row.area_union:.4f}', f'{paper.area:.3f}',
+            f'{row.area_section - paper.area:+.4f}', f'{row.area_union - paper.area:+.4f}')
+    return table
+
+
+def ranges_table(rows: Sequence[dict], title: str) -> Table:
+    """How far the head turns and travels at every distance."""
+    table = _table(title, 'y [mm]', 'theta max [deg]', 'x max at theta = 0 [mm]')
+    for row in rows:
+        table.add_row(f'{row["y"] * 1e3:.1f}', f'{math.degrees(row["theta_max"]):.2f}',
+                      f'{row["x_max"] * 1e3:.1f}')
+    return table
+
+
+WORDS = ('objective', 'quantity', 'unit', 'active')  # columns of words, not of numbers
+SUMMARY = (  # key, words, factor, unit
+    ('y_min', 'least y at theta = 0', 1e3, 'mm'),
+    ('y_max', 'greatest y at theta = 0', 1e3, 'mm'),
+    ('theta_max', 'greatest theta at any y, before N = 0', math.degrees(1.0), 'deg'),
+    ('area_section', 'area at theta = 0', 1.0, 'm2'),
+    ('good_area_section', 'of it with a good index', 1.0, 'm2'),
+    ('area_union', 'area over all theta', 1.0, 'm2'),
+    ('volume', 'volume over x, y and theta', 1.0, 'm2 rad'),
+    ('good_volume', 'of it with a good index', 1.0, 'm2 rad'),
+    ('ratio', 'good-condition ratio', 1.0, ''),
+    ('beyond_parallel_singularity', 'share beyond N = 0', 1.0, ''),
+)
+
+
+def summary_table(summary: dict[str, float], title: str) -> Table:
+    """One design in a dozen numbers."""
+    table = _table(title, 'quantity', 'value', 'unit')
+    for key, words, factor, unit in SUMMARY:
+        table.add_row(words, f'{summary[key] * factor:.5g}', unit)
+    return table
+
+
+def singularity_table(shares: Sequence[Share]) -> Table:
+    """Share of every design's workspace beyond N = 0."""
+    table = _table('Workspace beyond the parallel singularity N = 0, which the paper misses',
+                   'l [mm]', 'b [mm]', 'share [%]')
+    for share in shares:
+        table.add_row(_mm(share.link_length), _mm(share.platform_half_length),
+                      f'{100.0 * share.share:.1f}')
+    return table
+
+
+def optimum_table(optima: Sequence[Optimum]) -> Table:
+    """Best design for every objective, and what holds it there."""
+    table = _table('Optimum', 'objective', 'l [mm]', 'b [mm]', 'value', 'unit', 'designs',
+                   'active')
+    for optimum in optima:
+        unit = OBJECTIVES[optimum.objective].unit
+        table.add_row(
+            optimum.objective, f'{optimum.link_length * 1e3:.2f}',
+            f'{optimum.platform_half_length * 1e3:.2f}', f'{optimum.value:.4f}', unit,
+            f'{optimum.designs}', '; '.join(optimum.active) or 'none: an inner optimum')
+    return table
+
+
+def _table(title: str, *columns: str) -> Table:
+    # As texts: in plain strings rich would take the units for its markup.
+    table = Table(title=Text(title), title_justify='left', caption_justify='left')
+    for name in columns:
+        table.add_column(Text(name), justify='left' if name in WORDS else 'right')
+    return table
+
+
+def _mm(length: float) -> str:
+    return f'{length * 1e3:.0f}'

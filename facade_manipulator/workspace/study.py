@@ -1,0 +1,279 @@
+"""
+Study of the design: where the head can go, how well, and which link lengths are best.
+
+Run it as ``workspace_study`` or ``python -m facade_manipulator.workspace.study``.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+import sys
+from typing import Any
+
+from facade_manipulator.errors import LimitError, ManipulatorError, ParameterError
+from facade_manipulator.kinematics.geometry import Geometry
+from facade_manipulator.workspace.limits import theta_max, x_interval
+from facade_manipulator.workspace.objectives import OBJECTIVES, Requirements
+from facade_manipulator.workspace.optimise import optimise, sweep_size
+from facade_manipulator.workspace.output import folder, json_file
+from facade_manipulator.workspace.progress import ProgressBar
+from facade_manipulator.workspace.section import section_bounds
+from facade_manipulator.workspace.singularities import beyond_share, studied_shares
+from facade_manipulator.workspace.summary import summarise
+from facade_manipulator.workspace.table2 import as_json, STROKE_LENGTH, table2
+
+REPORT = Path('workspace_report')
+BAD_INPUT = 2
+EXAMPLES = """
+examples:
+  workspace_study                          everything, into workspace_report/
+  workspace_study --table2                 Table 2 of the paper beside its figures
+  workspace_study --summary --gap 0.02 --stroke 1 --threshold 0.1 --characteristic-length 1
+                                           the machine's workspace, good from an index of 0.1
+  workspace_study --ranges --gap 0.02      ranges of the design with 20 mm between carriages
+  workspace_study --ranges --y 0.15 0.25   the same at two distances from the rail
+  workspace_study --optimise area ratio    best l and b along l + b = 0.7 m
+  workspace_study --optimise area --sum 0 --min-theta 0.3
+                                           best in the whole box of Table 1 that turns 0.3 rad
+  workspace_study --singularity --l 0.25 --b 0.45 --json share.json
+  workspace_study --figures report --stroke 1.2
+
+Lengths are in m and angles in rad. Wrong input ends with exit status 2 and writes nothing.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the study; return the exit status."""
+    options = _parser().parse_args(argv)
+    try:
+        _run(options)
+    except (ManipulatorError, OSError) as error:
+        print(f'workspace_study: {error}', file=sys.stderr)
+        return BAD_INPUT
+    except ModuleNotFoundError as error:
+        print(f'workspace_study: the Python package {error.name} is needed for this; install it '
+              "with the extra 'study'", file=sys.stderr)
+        return BAD_INPUT
+    except KeyboardInterrupt:
+        print('workspace_study: interrupted, nothing was written', file=sys.stderr)
+        return 130
+    return 0
+
+
+def _run(options: argparse.Namespace) -> None:
+    """Check every input, then compute, show and write the parts that were asked for."""
+    parts = [name for name in PARTS if getattr(options, name) is not None]
+    if not parts and options.figures is None:
+        parts, options.figures = list(PARTS), REPORT
+        options.optimise = []
+        options.json = options.json or REPORT / 'study.json'
+    geometry, need = _geometry(options), _requirements(options)
+    with ExitStack() as stack:
+        draft = stack.enter_context(folder(options.figures)) if options.figures else None
+        content = stack.enter_context(json_file(options.json)) if options.json else {}
+        content['inputs'] = {**asdict(geometry), 'threshold': need.threshold,
+                             'characteristic_length': need.characteristic_length}
+        for name in parts:
+            key, data, table = PARTS[name](options, geometry, need)
+            content[key] = data
+            _print(table)
+        if draft:
+            _draw(draft, geometry, need)
+    _say_where(options)
+
+
+def _table2_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
+    from facade_manipulator.workspace.report import table2_table
+
+    stroke_length = geometry.stroke_length if options.stroke else STROKE_LENGTH
+    rows = table2(stroke_length)
+    return 'table2', as_json(rows), table2_table(rows, stroke_length)
+
+
+def _summary_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
+    from facade_manipulator.workspace.report import summary_table
+
+    summary = summarise(geometry, need.threshold, need.characteristic_length)
+    return 'summary', summary, summary_table(summary, _title('Workspace', geometry))
+
+
+def _ranges_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
+    from facade_manipulator.workspace.report import ranges_table
+
+    rows = [_range(geometry, y) for y in options.y or _distances(geometry)]
+    return 'ranges', rows, ranges_table(rows, _title('Ranges', geometry))
+
+
+def _singularity_part(
+    options: argparse.Namespace, geometry: Geometry, need: Requirements
+) -> tuple:
+    from facade_manipulator.workspace.report import singularity_table
+
+    chosen = options.l is not None or options.b is not None
+    shares = [beyond_share(geometry)] if chosen else studied_shares(
+        geometry.stroke, geometry.carriage_gap)
+    rows = [{'l': share.link_length, 'b': share.platform_half_length, 'share': share.share}
+            for share in shares]
+    return 'beyond_parallel_singularity', rows, singularity_table(shares)
+
+
+def _optimise_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
+    from facade_manipulator.workspace.report import optimum_table
+
+    optima = []
+    for objective in options.optimise or OBJECTIVES:
+        with ProgressBar(f'optimise {objective}', sweep_size(objective, need)) as bar:
+            optima.append(optimise(objective, need, bar.tick))
+    return 'optimum', [asdict(optimum) for optimum in optima], optimum_table(optima)
+
+
+PARTS: dict[str, Callable[[argparse.Namespace, Geometry, Requirements], tuple]] = {
+    'table2': _table2_part,
+    'summary': _summary_part,
+    'ranges': _ranges_part,
+    'singularity': _singularity_part,
+    'optimise': _optimise_part,
+}
+
+
+def _title(what: str, geometry: Geometry) -> str:
+    return (f'{what} of l = {geometry.link_length * 1e3:g} mm, '
+            f'b = {geometry.platform_half_length * 1e3:g} mm, '
+            f'Q = {geometry.stroke_length * 1e3:g} mm, gap {geometry.carriage_gap * 1e3:g} mm')
+
+
+def _draw(draft: Path, geometry: Geometry, need: Requirements) -> None:
+    from facade_manipulator.workspace.drawing import style
+    from facade_manipulator.workspace.figures import FIGURES, Study
+
+    study = Study(geometry, need.threshold, need.characteristic_length)
+    with style(), ProgressBar('figures', len(FIGURES)) as bar:
+        for name, draw in FIGURES.items():
+            draw(study).savefig(draft / name)
+            bar.tick()
+
+
+def _range(geometry: Geometry, y: float) -> dict[str, float]:
+    """Return how far the head turns and, at θ = 0, travels at the distance y."""
+    try:
+        interval = x_interval(geometry, y)
+        return {'y': y, 'theta_max': theta_max(geometry, y), 'x_max': max(map(abs, interval))}
+    except LimitError as error:
+        raise ParameterError(f'y = {y:g} m is out of the workspace: {error}') from error
+
+
+def _distances(geometry: Geometry) -> list[float]:
+    """Return every 10 mm that the head reaches at θ = 0."""
+    lower, upper = section_bounds(
+        geometry.link_length, geometry.platform_half_length, geometry.stroke_length,
+        geometry.carriage_gap)
+    steps = range(int(lower * 100.0) + 1, int(upper * 100.0) + 1)
+    distances = [step / 100.0 for step in steps if lower < step / 100.0 < upper]
+    if not distances:
+        raise ParameterError(
+            f'the workspace is empty at every 10 mm of y between {lower:.4g} m and {upper:.4g} m: '
+            'give --y, a longer stroke or a smaller gap')
+    return distances
+
+
+def _geometry(options: argparse.Namespace) -> Geometry:
+    design = Geometry()
+    return Geometry(
+        design.link_length if options.l is None else options.l,
+        design.platform_half_length if options.b is None else options.b,
+        _stroke(options.stroke), options.gap)
+
+
+def _stroke(values: list[float] | None) -> tuple[float, float]:
+    """Return the stroke from its length, about zero, or from its two ends."""
+    if not values:
+        return Geometry().stroke
+    if len(values) > 2:
+        raise ParameterError(f'--stroke has {len(values)} values: give its length, or both ends')
+    if len(values) == 1 and not values[0] > 0.0:
+        raise ParameterError(f'stroke = {values[0]:g} m is not a positive length')
+    return (-0.5 * values[0], 0.5 * values[0]) if len(values) == 1 else tuple(values)
+
+
+def _requirements(options: argparse.Namespace) -> Requirements:
+    good = {'threshold': options.threshold, 'characteristic_length': options.characteristic_length}
+    if options.optimise is None:
+        return Requirements(**good)
+    return Requirements(
+        tuple(options.link_range), tuple(options.platform_range), options.sum,
+        _geometry(options).stroke_length, options.gap, options.min_y_travel, options.min_theta,
+        options.min_conditioning, **good)
+
+
+def _print(table: Any) -> None:
+    from rich.console import Console
+
+    # Wide enough for every column where the output is no terminal.
+    Console(width=None if sys.stdout.isatty() else 120).print(table)
+
+
+def _say_where(options: argparse.Namespace) -> None:
+    if options.figures:
+        print(f'figures are in {options.figures}/')
+    if options.json:
+        print(f'numbers are in {options.json}')
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='workspace_study', description=__doc__.strip().splitlines()[0], epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parts = parser.add_argument_group('what to study (everything, if none is given)')
+    parts.add_argument('--table2', action='store_true', default=None,
+                       help='Table 2 of the paper beside its figures')
+    parts.add_argument('--summary', action='store_true', default=None,
+                       help='ranges, areas, volume and shares of one design')
+    parts.add_argument('--ranges', action='store_true', default=None,
+                       help='greatest theta and x over y')
+    parts.add_argument('--singularity', action='store_true', default=None,
+                       help='share of the workspace beyond N = 0; of one design with --l and --b')
+    parts.add_argument('--optimise', nargs='*', metavar='OBJECTIVE',
+                       help=f'best l and b for {", ".join(OBJECTIVES)} (all, if none is named)')
+    parts.add_argument('--figures', nargs='?', type=Path, const=REPORT, metavar='DIR',
+                       help=f'draw the figures into DIR (default {REPORT}/)')
+    parts.add_argument('--json', type=Path, metavar='FILE', help='write the numbers to FILE')
+    _add_inputs(parser.add_argument_group('the design'))
+    _add_requirements(parser.add_argument_group('what --optimise requires'))
+    return parser
+
+
+def _add_inputs(group: argparse._ArgumentGroup) -> None:
+    for name, default, text in (
+            ('--l', None, 'length of the links [m] (default 0.352)'),
+            ('--b', None, 'half the length of the platform [m] (default 0.348)'),
+            ('--gap', 0.0, "least distance of the carriages [m] (default 0, the paper's; the "
+                           'machine has 0.02)'),
+            ('--threshold', 0.001, 'least conditioning index of a good pose (default 0.001)'),
+            ('--characteristic-length', 0.001, 'unit of length of the index [m] (default 0.001, '
+                                               "the paper's; 1 shows weak poses at the rail)")):
+        group.add_argument(name, type=float, default=default, help=text)
+    group.add_argument('--stroke', type=float, nargs='+', metavar='M',
+                       help='stroke of the carriages [m]: its length, or both ends (default 1; '
+                            '--table2: 1.005)')
+    group.add_argument('--y', type=float, nargs='+', action='extend',
+                       help='distances from the rail for --ranges [m] (default every 10 mm)')
+
+
+def _add_requirements(group: argparse._ArgumentGroup) -> None:
+    group.add_argument('--sum', type=float, default=0.7,
+                       help='l + b [m]; 0 leaves it free (default 0.7)')
+    for name, default in (('--link-range', (0.15, 0.40)), ('--platform-range', (0.30, 0.55))):
+        group.add_argument(name, type=float, nargs=2, default=default, metavar=('MIN', 'MAX'),
+                           help=f'[m] (default {default[0]:g} {default[1]:g}, Table 1)')
+    for name, text in (('--min-y-travel', 'range of y at theta = 0 [m]'),
+                       ('--min-theta', 'theta at some y [rad]'),
+                       ('--min-conditioning', 'index over that range of y')):
+        group.add_argument(name, type=float, default=0.0, help=f'least {text} (default 0)')
+
+
+if __name__ == '__main__':
+    sys.exit(main())
