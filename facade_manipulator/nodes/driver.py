@@ -39,10 +39,11 @@ from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
 from facade_manipulator.parameters import check_parameters, parameter
 
 SUPERVISION_PERIOD = 0.02
-POWERED = frozenset({
-    ControllerState.ACTIVE, ControllerState.HALTING, ControllerState.HALTED,
-    ControllerState.DEACTIVATING,
+ACTIVE_STATES = frozenset({
+    ControllerState.ACTIVATING, ControllerState.ACTIVE, ControllerState.HALTING,
+    ControllerState.HALTED, ControllerState.DEACTIVATING,
 })
+POWERED_STATES = ACTIVE_STATES | {ControllerState.HOMING}
 
 
 @dataclass(frozen=True)
@@ -216,7 +217,7 @@ class DriverNode(ManagedNode):
             self._stop_by_software('software_stop was set')
 
     def _stop_by_software(self, cause: str) -> None:
-        if self._controller.snapshot().state in POWERED:
+        if self._controller.snapshot().state in POWERED_STATES:
             self._controller.stop(cause)
 
     def _supervise(self) -> None:
@@ -224,7 +225,7 @@ class DriverNode(ManagedNode):
         snapshot = self._controller.snapshot()
         self._watch_software_stop()
         self._note_stop(snapshot)
-        if snapshot.state not in POWERED:
+        if snapshot.state not in ACTIVE_STATES:
             self.fall_back()
         self._diagnostics.publish_change()
 
