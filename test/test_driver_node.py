@@ -4,6 +4,7 @@ import math
 import os
 import signal
 
+from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
@@ -189,6 +190,24 @@ def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(be
     assert 'q2' in bench.sentence()
     assert bench.values()['drive faults'] == '1'
     assert bench.values()['next step']
+
+
+def test_the_last_minute_before_a_fault_is_written_down(ros, tmp_path):
+    bench = Bench(ros, Parameter('recorder.directory', value=str(tmp_path)),
+                  Parameter('recorder.aftermath', value=0.1))
+    bench.bring_up()
+    with bench.node._simulator.access() as drives:
+        drives[0].inject_fault(0x7320)
+    bench.ros.until(lambda: list(tmp_path.glob('drive_fault_*.zip')), 'the record')
+
+
+def test_the_self_test_reports_each_part(bench):
+    before = bench.ros.call(bench.operator, SelfTest, 'driver/self_test')
+    assert before.passed == b'\x00' and before.status[0].message
+    bench.change(Transition.TRANSITION_CONFIGURE)
+    reply = bench.ros.call(bench.operator, SelfTest, 'driver/self_test')
+    assert reply.passed == b'\x01', [status.message for status in reply.status]
+    assert len(reply.status) >= 3
 
 
 def test_a_drive_of_another_identity_is_refused_by_name(ros):

@@ -10,10 +10,13 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from pathlib import Path
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import State
+from rclpy.logging import get_logging_directory
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -21,8 +24,10 @@ from std_srvs.srv import Trigger
 from facade_manipulator.control.guard import HomingGuard, MechanismGuard
 from facade_manipulator.control.limits import MotionLimits
 from facade_manipulator.control.setpoints import Setpoint, SetpointFollower, StreamSettings
+from facade_manipulator.drives.commissioning import Finding
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.link import BusSettings, open_bus
+from facade_manipulator.drives.recorder import FaultRecorder, RecorderSettings
 from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, DEFAULT_AXES
 from facade_manipulator.drives.simulated_bus import DriveSimulator
 from facade_manipulator.drives.simulated_group import simulated_drives
@@ -32,7 +37,12 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.conversions import CARRIAGES, carriages_from, seconds, stamp
 from facade_manipulator.nodes.deferred import Deferred
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
-from facade_manipulator.nodes.driver_diagnostics import axis_status, bus_status, operation_status
+from facade_manipulator.nodes.driver_diagnostics import (
+    axis_status,
+    bus_status,
+    finding_status,
+    operation_status,
+)
 from facade_manipulator.nodes.managed import ManagedNode
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
@@ -132,7 +142,14 @@ class DriverNode(ManagedNode):
         return DriveController(
             self._controller_settings, self._axes, lambda: open_bus(bus), self._follower,
             bitrate=bus.bitrate, check_targets=MechanismGuard(self._geometry),
-            check_homing=HomingGuard(self._geometry))
+            check_homing=HomingGuard(self._geometry), recorder=self._make_recorder())
+
+    def _make_recorder(self) -> FaultRecorder:
+        settings = declare(self, RecorderSettings, 'recorder')
+        if not settings.directory:
+            folder = Path(str(get_logging_directory())) / 'drive_faults'
+            settings = replace(settings, directory=str(folder))
+        return FaultRecorder(settings, self._axes, self._bus.channel)
 
     def _offer(self) -> None:
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
@@ -144,6 +161,9 @@ class DriverNode(ManagedNode):
             ('clear_faults', self._clear_faults),
         ):
             self._offer_request(f'driver/{name}', start)
+        self.replies.attach(self.create_service(
+            SelfTest, 'driver/self_test',
+            lambda *_: Deferred(self._controller.self_test(), self._self_test_response)))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(1.0 / self._settings.joint_states_rate, self._publish_joint_states)
         self.create_timer(SUPERVISION_PERIOD, self._supervise)
@@ -157,6 +177,16 @@ class DriverNode(ManagedNode):
 
         self.replies.attach(
             self.create_service(Trigger, name, lambda *_: Deferred(start(), answer)))
+
+    def _self_test_response(self, job: Future) -> SelfTest.Response:
+        error = job.exception()
+        findings = [Finding('self_test', False, str(error))] if error else job.result()
+        passed = all(finding.passed for finding in findings)
+        self.tell(passed, 'self-test passed' if passed else '; '.join(
+            f'{finding.name}: {finding.sentence}' for finding in findings if not finding.passed))
+        return SelfTest.Response(
+            id=self.get_fully_qualified_name(), passed=bytes([passed]),
+            status=[finding_status(finding) for finding in findings])
 
     def _change_settings(self, settings: DriverSettings) -> None:
         self._settings = settings

@@ -9,6 +9,7 @@ import numpy as np
 
 from facade_manipulator.control.setpoints import SetpointFollower
 from facade_manipulator.drives.cia402 import State
+from facade_manipulator.drives.commissioning import Finding
 from facade_manipulator.drives.cycle import LATENESS_BOUNDS
 from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
 from facade_manipulator.nodes.conversions import diagnostic_status
@@ -88,6 +89,12 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
         return diagnostic_status(axis.name, 'stale', 'not heard yet', values, serial)
     sentence = axis.state.name.lower().replace('_', ' ') + ('' if axis.homed else ', not homed')
     return diagnostic_status(axis.name, 'ok', sentence, values, serial)
+
+
+def finding_status(finding: Finding) -> DiagnosticStatus:
+    """Say how one part of the self-test ended."""
+    level = 'ok' if finding.passed else 'error'
+    return diagnostic_status(finding.name, level, finding.sentence, {})
 
 
 def _sentence(snapshot: ControllerSnapshot, last_failure: str) -> str:
