@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint clean
+.PHONY: help setup demo test study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
@@ -17,6 +17,9 @@ demo: setup  ## Run the whole stack with simulated drives and a swaying gondola 
 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS=…)
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
+
+study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)
+	@$(IN_VENV) exec python -m facade_manipulator.workspace.study $(STUDY_ARGS)
 
 lint: setup  ## Check the style
 	@$(IN_VENV) ruff check .
