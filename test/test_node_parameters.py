@@ -23,7 +23,7 @@ NODES = {
     'gondola_simulator': GondolaSimulatorNode,
 }
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
-UNBOUNDED = ('profile', 'bus.channel', 'bus.interface', 'scenario', 'phase')  # words, angles
+UNBOUNDED = ('directory', 'profile', 'bus.channel', 'bus.interface', 'scenario', 'phase')  # words, angles
 
 
 @pytest.fixture(params=NODES)

@@ -26,6 +26,7 @@ from facade_manipulator.kinematics import (
     Geometry,
     Pose,
 )
+from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.conversions import (
     CARRIAGES,
     carriages_from,
@@ -69,6 +70,7 @@ class IkServiceNode(Node):
         self.create_subscription(JointState, 'joint_states', self._take_joint_states, RELIABLE)
         self.create_service(GetPlan, 'ik_service/solve', self._solve)
         self._leading = self.create_timer(APPROACH_PERIOD, self._lead, autostart=False)
+        self._contact = ContactView(self, self.geometry)
         self._linkage = LinkageView(self, self.geometry)
         self._workspace = WorkspaceMap(self, self.geometry, lambda: self._head)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
@@ -128,6 +130,10 @@ class IkServiceNode(Node):
             self._refusals.add(error)
             return
         self._heads.publish(pose_stamped(RAIL, seconds(message.header.stamp), self._head))
+        try:
+            self._contact.publish(message, self._head)
+        except ManipulatorError as error:
+            self._refusals.add(error)
 
     def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         response.plan.header.frame_id = ACTUATOR_SPACE

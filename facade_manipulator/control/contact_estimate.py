@@ -1,0 +1,67 @@
+"""The force on the wall from the drives' torque, for a head without a force sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from facade_manipulator.control.contact import WallWrench
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Carriages, end_effector_force, Geometry, Pose
+from facade_manipulator.parameters import check_parameters, parameter
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class FrictionSettings:
+    """Friction of the three carriages: measure it by slow strokes off the wall."""
+
+    coulomb: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Friction that does not depend on speed: q1, q2, q3', unit='N',
+        minimum=0.0, maximum=1e4)
+    viscous: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Friction per speed: q1, q2, q3', unit='N s/m',
+        minimum=0.0, maximum=1e5)
+    stiction_speed: float = parameter(
+        0.002, 'Speed below which the Coulomb friction fades, its sign being unknown', unit='m/s',
+        minimum=1e-5, maximum=0.1)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        for name in ('coulomb', 'viscous'):
+            if len(getattr(self, name)) != len(Carriages._fields):
+                raise ParameterError(
+                    f'{name} has {len(getattr(self, name))} elements, expected 3: q1, q2, q3')
+
+
+def contact_wrench(
+    geometry: Geometry, friction: FrictionSettings, pose: Pose, velocities: Triple, forces: Triple
+) -> WallWrench:
+    """
+    Return what the wall does to the head: −Jᵀ(τ − friction), in the head's frame.
+
+    Inertia is not in it: at the accelerations of compensation it is small beside friction.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    friction : FrictionSettings
+    pose : Pose
+        Of the head in frame `rail` [m, m, rad].
+    velocities, forces : tuple of float, shape (3,)
+        Of the carriages along the rail [m/s, N].
+
+    Raises
+    ------
+    LimitError
+        The pose is none of the mechanism.
+
+    """
+    net = (
+        force - coulomb * math.tanh(velocity / friction.stiction_speed) - viscous * velocity
+        for force, velocity, coulomb, viscous in zip(
+            forces, velocities, friction.coulomb, friction.viscous, strict=True))
+    fx, fy, mz = end_effector_force(geometry, pose, Carriages(*net))
+    cosine, sine = math.cos(pose.theta), math.sin(pose.theta)
+    return WallWrench(-cosine * fx - sine * fy, sine * fx - cosine * fy, -mz)

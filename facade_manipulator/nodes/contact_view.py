@@ -1,0 +1,75 @@
+"""contact_wrench from joint_states: part of the ik_service node, off where a sensor publishes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+
+from facade_manipulator.control.contact_estimate import contact_wrench, FrictionSettings
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.nodes.conversions import carriages_from
+from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.parameters import check_parameters, parameter
+
+END_EFFECTOR = 'end_effector'
+
+
+@dataclass(frozen=True)
+class ContactSettings:
+    """Whether the drives are the force sensor."""
+
+    from_drives: bool = parameter(
+        False, 'Whether contact_wrench is published from the torque of the drives', read_only=True)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+class ContactView:
+    """
+    Publish the wrench of the wall on the head, from the forces of the carriages.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    geometry : Geometry
+
+    """
+
+    def __init__(self, node: Node, geometry: Geometry) -> None:
+        self._geometry = geometry
+        self._friction = declare(node, FrictionSettings, 'friction', self._change)
+        self._publisher = None
+        if declare(node, ContactSettings, 'contact_wrench').from_drives:
+            self._publisher = node.create_publisher(
+                WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+
+    def _change(self, friction: FrictionSettings) -> None:
+        self._friction = friction
+
+    def publish(self, states: JointState, head: Pose) -> None:
+        """
+        Publish the wrench at the stamp of joint states.
+
+        Raises
+        ------
+        ManipulatorError
+            Velocity or effort are missing or not finite.
+
+        """
+        if self._publisher is None:
+            return
+        wrench = contact_wrench(
+            self._geometry, self._friction, head,
+            carriages_from(states.name, states.velocity, 'joint_states velocity'),
+            carriages_from(states.name, states.effort, 'joint_states effort'))
+        message = WrenchStamped()
+        message.header.stamp = states.header.stamp
+        message.header.frame_id = END_EFFECTOR
+        message.wrench.force.x, message.wrench.force.y = wrench.fx, wrench.fy
+        message.wrench.torque.z = wrench.mz
+        self._publisher.publish(message)
