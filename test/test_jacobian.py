@@ -165,6 +165,10 @@ def test_the_conditioning_index_does_not_depend_on_x_nor_on_the_sign_of_theta(po
     assert mirrored == pytest.approx(index, rel=1e-12)
 
 
+def test_the_conditioning_index_of_the_folded_platform_is_zero():
+    assert local_conditioning_index(DESIGN, Pose(0.0, 0.0, 0.0)) == 0.0
+
+
 @pytest.mark.parametrize('length', [0.0, -1.0, math.nan, math.inf])
 def test_a_characteristic_length_must_be_a_length(length):
     with pytest.raises(ValueError, match='characteristic_length'):

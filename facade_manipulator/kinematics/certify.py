@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import sqrt
 
 from facade_manipulator.errors import CarriageGapError, SingularityError, StrokeLimitError
-from facade_manipulator.kinematics.conditioning import conditioning_terms
+from facade_manipulator.kinematics.conditioning import squared_index
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
 from facade_manipulator.kinematics.inverse import links
 from facade_manipulator.kinematics.jacobian import branch_number
@@ -66,9 +66,7 @@ def certify(
     if number <= 0.0:
         raise SingularityError(
             'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')
-    ratio = geometry.platform_half_length / characteristic_length
-    gain2, determinant2, cofactor2, product2 = conditioning_terms(at, ratio)
-    index = 3.0 * sqrt(determinant2 * product2 / (gain2 * (determinant2 + cofactor2)))
+    index = sqrt(squared_index(at, geometry.platform_half_length / characteristic_length))
     if index < min_conditioning:
         raise SingularityError('conditioning index', index, min_conditioning, '', 'below')
     return Carriages(q1, q2, x)

@@ -16,6 +16,8 @@ from facade_manipulator.kinematics.geometry import Geometry, Pose
 from facade_manipulator.kinematics.inverse import Links, links
 from facade_manipulator.kinematics.modes import WorkingMode
 
+_TINY = 1e-300
+
 
 def local_conditioning_index(
     geometry: Geometry, pose: Pose, characteristic_length: float = 1.0,
@@ -51,16 +53,15 @@ def local_conditioning_index(
         raise ParameterError(
             f'characteristic_length = {characteristic_length} m is not a positive length')
     at = links(geometry, pose, working_mode)
-    ratio = geometry.platform_half_length / characteristic_length
-    gain2, determinant2, cofactor2, product2 = conditioning_terms(at, ratio)
-    return 3.0 * sqrt(determinant2 * product2 / (gain2 * (determinant2 + cofactor2)))
+    return sqrt(squared_index(at, geometry.platform_half_length / characteristic_length))
 
 
-def conditioning_terms(at: Links, ratio: Any) -> tuple[Any, Any, Any, Any]:
+def squared_index(at: Links, ratio: Any) -> Any:
     """
-    Terms of the index, on floats as on arrays: one formula for both arithmetics.
+    Square of the index, on floats as on arrays: one formula for both arithmetics.
 
-    With P = s1 s2, LCI² = 9 d² P²/(g² (d² + k²)), which stays finite on the far edge P = 0.
+    With P = s1 s2, LCI² = 9 d² P²/(g² (d² + k²)), which stays finite on the far edge P = 0; there
+    g² is 3 ‖J‖² P², d is det J·P, and k² is ‖adj J‖² P² less d².
 
     Parameters
     ----------
@@ -68,19 +69,17 @@ def conditioning_terms(at: Links, ratio: Any) -> tuple[Any, Any, Any, Any]:
     ratio : float
         b over the characteristic length.
 
-    Returns
-    -------
-    g², d², k², P²
-        Of 3 ‖J‖² P², (det J P)², and ‖adj J‖² P² less d².
-
     """
     sine, cosine, u1, u2, s1, s2 = at
     y1, y2 = u1 * s2, u2 * s1
-    t1 = ratio * s2 * (u1 * cosine + s1 * sine)
-    t2 = ratio * s1 * (u2 * cosine - s2 * sine)
+    e1, e2 = u1 * cosine + s1 * sine, u2 * cosine - s2 * sine
+    t1, t2 = ratio * s2 * e1, ratio * s1 * e2
+    determinant = ratio * (u1 * e2 + u2 * e1)
+    determinant2 = determinant * determinant
     product = s1 * s2
-    determinant = ratio * (u1 * (u2 * cosine - s2 * sine) + u2 * (u1 * cosine + s1 * sine))
     product2 = product * product
     sum2 = (y1 * y1 + y2 * y2) + (t1 * t1 + t2 * t2)  # the same to the last bit for −θ
     cofactor2 = sum2 + (y1 + y2) * (y1 + y2) + (t1 - t2) * (t1 - t2)
-    return sum2 + 3.0 * product2, determinant * determinant, cofactor2, product2
+    # Folded flat, d and k vanish together and the index is 0.
+    return 9.0 * determinant2 * product2 / (
+        (sum2 + 3.0 * product2) * (determinant2 + cofactor2 + _TINY))

@@ -142,7 +142,7 @@ def figure_singularity(study: Study) -> Figure:
     """Plot the share of the workspace beyond N = 0 along l + b, and the locus of three designs."""
     made = figure(10.0, 4.2, 'The parallel singularity that the paper misses')
     left, right = made.subplots(1, 2)
-    length = np.concatenate([np.linspace(0.15, 0.34, 39), np.linspace(0.3405, 0.36, 40)])
+    length = np.concatenate([np.linspace(0.15, 0.34, 20), np.linspace(0.341, 0.36, 20)])
     shares = [beyond_share(case_geometry(one, 0.7 - one, study.geometry.stroke_length)).share
               for one in length]
     left.plot(length * MILLIMETRES, 100.0 * np.array(shares), color=BLUE)

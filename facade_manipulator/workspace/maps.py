@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics.conditioning import conditioning_terms
+from facade_manipulator.kinematics.conditioning import squared_index
 from facade_manipulator.kinematics.geometry import Geometry
 from facade_manipulator.kinematics.jacobian import branch_number
 
@@ -131,6 +131,4 @@ def index_of(
     geometry: Geometry, at: tuple[np.ndarray, ...], characteristic_length: float
 ) -> np.ndarray:
     """Local conditioning index from the links of every pose, as `conditioning_map`."""
-    ratio = geometry.platform_half_length / characteristic_length
-    gain2, determinant2, cofactor2, product2 = conditioning_terms(at, ratio)
-    return 3.0 * np.sqrt(determinant2 * product2 / (gain2 * (determinant2 + cofactor2)))
+    return np.sqrt(squared_index(at, geometry.platform_half_length / characteristic_length))

@@ -17,7 +17,8 @@ from facade_manipulator.kinematics.jacobian import branch_number
 from facade_manipulator.workspace.objectives import Requirements
 from facade_manipulator.workspace.section import good_section_bounds
 
-_SAMPLES = 48  # of y in each of two passes; the second lies about the first's best
+_SAMPLES = 64  # of y, to find the peaks of θ_max
+_NEAR, _REFINEMENTS = 15, 5  # of y about a peak, five times as close at each refinement
 _BISECTIONS = 30
 _BLOCK = 512  # designs at once
 
@@ -120,14 +121,30 @@ def _asked(requirement: Requirement, need: Requirements) -> str:
 
 
 def _theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:
-    """Return the peak of θ_max(y) of a column of designs, in two passes over y."""
+    """
+    Return the peak of θ_max(y) of a column of designs.
+
+    Links shorter than b have two: where the order meets N = 0, and where it meets the reach.
+    """
     share = np.linspace(0.0, 1.0, _SAMPLES)[1:-1]
-    for _ in range(2):
-        theta = _theta_max(length, half, gap, share * length)
-        best = np.argmax(theta, axis=1)[:, None]
-        step = share[..., 1:2] - share[..., 0:1]
-        centre = np.take_along_axis(share + np.zeros_like(theta), best, axis=1)
-        share = np.clip(centre + step * np.linspace(-1.0, 1.0, _SAMPLES), 1e-6, 1.0 - 1e-6)
+    theta = _theta_max(length, half, gap, share * length)
+    beside = np.pad(theta, ((0, 0), (1, 1)))
+    local = (theta >= beside[:, :-2]) & (theta >= beside[:, 2:])
+    best = np.argsort(np.where(local, theta, -1.0), axis=1)[:, -2:]
+    return np.maximum(*(
+        _refined_peak(length, half, gap, share[best[:, place], None]) for place in (0, 1)))
+
+
+def _refined_peak(
+    length: np.ndarray, half: np.ndarray, gap: float, share: np.ndarray
+) -> np.ndarray:
+    """Return the greatest θ_max near a share of l, by ever closer samples."""
+    step = 1.0 / _SAMPLES
+    for _ in range(_REFINEMENTS):
+        near = np.clip(share + step * np.linspace(-1.5, 1.5, _NEAR), 1e-6, 1.0 - 1e-6)
+        theta = _theta_max(length, half, gap, near * length)
+        share = np.take_along_axis(near, np.argmax(theta, axis=1)[:, None], axis=1)
+        step *= 3.0 / _NEAR
     return theta.max(axis=1)
 
 
