@@ -82,8 +82,8 @@ class ManipulatorClient:
     ) -> None:
         self._check = check
         self.node = Node(node_name, namespace=namespace)
-        self.components: dict[str, Component] = {}
-        self._prefix = self.node.get_namespace().strip('/')
+        self.components: dict[str, Component] = {}  # by name, without the namespace
+        self._namespace = self.node.get_namespace().strip('/')
         self.head_in_rail: Pose | None = None
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
@@ -111,7 +111,11 @@ class ManipulatorClient:
 
     def component(self, name: str) -> Component | None:
         """Return what /diagnostics last said of a component of this manipulator."""
-        return self.components.get(f'{self._prefix}/{name}' if self._prefix else name)
+        return self.components.get(name)
+
+    def age(self, component: Component) -> float:
+        """Return how long ago a component was heard of [s]."""
+        return self._now() - component.time
 
     def spin(self, duration: float) -> None:
         """Take what arrives for a while [s]."""
@@ -254,13 +258,18 @@ class ManipulatorClient:
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            self.components[status.name] = Component(seconds(message.header.stamp), status)
+            namespace, _, name = status.name.rpartition('/')
+            if namespace == self._namespace:
+                self.components[name] = Component(seconds(message.header.stamp), status)
 
     def _take_status(self, status: DiagnosticStatus) -> None:
         self.goal_status = status
 
     def _take_head(self, message: PoseStamped) -> None:
-        self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
+        try:
+            self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
+        except ManipulatorError:
+            self.head_in_rail = None  # the compensator refuses it too, and says why
 
 
 def _sentence(name: str, reply: Any) -> str:

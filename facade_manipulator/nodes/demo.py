@@ -25,6 +25,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.live import Live
+from rich.padding import Padding
 from rich.progress_bar import ProgressBar
 from std_srvs.srv import Trigger
 
@@ -227,7 +228,8 @@ def _view(console: Console) -> Iterator:
 def _table(demo: Demo, elapsed: float):
     view = render(demo.observer, f'{elapsed:5.1f} s of {demo.options.duration:g} s   '
                   f'{demo.observer.refused()} rejections   (Ctrl-C stops the drives first)')
-    view.renderables.insert(1, ProgressBar(total=demo.options.duration, completed=elapsed))
+    bar = ProgressBar(total=demo.options.duration, completed=elapsed)
+    view.renderables.insert(1, Padding(bar))  # a bar alone does not end its line
     return view
 
 

@@ -3,30 +3,33 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
 import math
 import sys
+import time
 
-from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 import rclpy
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
+from rich.box import SIMPLE_HEAD
 from rich.console import Console, Group
 from rich.live import Live
-from rich.table import Column, Table
+from rich.table import Table
 from rich.text import Text
 from sensor_msgs.msg import JointState
 
-from facade_manipulator.client import ManipulatorClient
+from facade_manipulator.client import Component, ManipulatorClient
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.conversions import planar_pose
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE
 
 REFRESH_PERIOD = 0.25
-LEVEL_STYLES = {b'\x00': 'green', b'\x01': 'yellow', b'\x02': 'red', b'\x03': 'magenta'}
+SILENT_AFTER = 2.5  # s without a word from a component that speaks once a second
+OLD_AFTER = 1.0  # s after which a pose is no longer shown
+LEVEL_STYLES = {b'\x00': 'green', b'\x01': 'yellow', b'\x02': 'bold red', b'\x03': 'magenta'}
+SILENT_STYLE = 'bold magenta'
 POSES = {
     'goal_pose': 'goal on the wall',
     'corrected_pose': 'corrected goal',
@@ -34,7 +37,21 @@ POSES = {
     'gondola_simulator/uncompensated_error': 'disturbance at the goal',
     'gondola_simulator/wall_error': 'error on the wall',
 }
+LASTING = ('goal_pose',)  # sent once
 PROFILES = {'goal_pose': LATEST, 'corrected_pose': LATEST}
+AXES = ('q1', 'q2', 'q3')
+# what is told of a component beside its sentence: diagnostic key, and how it is written
+DETAILS = {
+    'driver: operation': (
+        ('drive faults', '{} faults'), ('refused', '{} setpoints refused')),
+    'driver: bus': (
+        ('cycles', '{} cycles'), ('missed cycles', '{} missed'),
+        ('worst lateness [ms]', '≤ {} ms late'), ('worst-case load [%]', '{} % load')),
+    'compensator: correction': (
+        ('refused', '{} refused'), ('age of the estimate [ms]', 'estimate {} ms old')),
+    'ik_service: goal': (('setpoints', '{} setpoints'), ('refused', '{} goals refused')),
+}
+OTHER_DETAILS = (('refused', '{} refused'),)
 
 
 class Observer:
@@ -52,6 +69,7 @@ class Observer:
         self.client = client
         self.poses: dict[str, Pose] = {}
         self.joints: JointState | None = None
+        self._heard: dict[str, float] = {}
         for topic in POSES:
             self._watch(client.node, topic)
         client.node.create_subscription(
@@ -59,6 +77,7 @@ class Observer:
 
     def _watch(self, node: Node, topic: str) -> None:
         def take(message: PoseStamped) -> None:
+            self._heard[topic] = time.monotonic()
             try:
                 self.poses[topic] = planar_pose(message.pose, topic)
             except ManipulatorError:
@@ -67,13 +86,18 @@ class Observer:
         node.create_subscription(PoseStamped, topic, take, PROFILES.get(topic, RELIABLE))
 
     def _take_joints(self, message: JointState) -> None:
+        self._heard['joint_states'] = time.monotonic()
         self.joints = message
+
+    def is_old(self, topic: str) -> bool:
+        """Tell whether the newest message of a topic is no longer the present."""
+        age = time.monotonic() - self._heard.get(topic, -math.inf)
+        return topic not in LASTING and age > OLD_AFTER
 
     def value(self, component: str, key: str) -> str | None:
         """Return one value of a component's diagnostics, None before it was heard."""
         known = self.client.component(component)
-        values = {item.key: item.value for item in known.status.values} if known else {}
-        return values.get(key)
+        return _values(known).get(key) if known else None
 
     def count(self, component: str, key: str) -> int:
         """Return one counter of a component's diagnostics, 0 before it was heard."""
@@ -87,49 +111,95 @@ class Observer:
 
 
 def render(observer: Observer, headline: str) -> Group:
-    """Return the view of this moment."""
+    """Return the view of this moment; it fits a terminal of 80 by 24."""
     return Group(
         Text(headline, style='bold'), _pose_table(observer), _carriage_table(observer),
-        _component_table(observer.client.components.values()))
+        _component_table(observer))
 
 
 def _pose_table(observer: Observer) -> Table:
-    table = Table('pose', *(_right(name) for name in ('x [mm]', 'y [mm]', 'θ [°]')))
+    table = _table('pose', '>x [mm]', '>y [mm]', '>θ [°]')
     for topic, title in POSES.items():
         pose = observer.poses.get(topic)
-        if pose is not None:
+        if pose is not None and not observer.is_old(topic):
             table.add_row(title, f'{1e3 * pose.x:+.1f}', f'{1e3 * pose.y:+.1f}',
                           f'{math.degrees(pose.theta):+.2f}')
     return table
 
 
 def _carriage_table(observer: Observer) -> Table:
-    table = Table('carriage', *(_right(name) for name in (
-        'position [mm]', 'speed [mm/s]', 'force [N]')))
+    table = _table(
+        'carriage', '>position [mm]', '>speed [mm/s]', '>force [N]', '>lag [mm]', 'drive')
+    for name in AXES:
+        component = observer.client.component(f'driver: {name}')
+        behind = _number(observer.value(f'driver: {name}', 'following error [m]'))
+        table.add_row(
+            name, *_motion(observer, name), '-' if behind is None else f'{1e3 * behind:+.2f}',
+            Text('not heard yet', style='magenta') if component is None
+            else _sentence(observer, component))
+    return table
+
+
+def _motion(observer: Observer, name: str) -> tuple[str, str, str]:
     joints = observer.joints
-    if joints is not None:
-        rows = zip(joints.name, joints.position, joints.velocity, joints.effort, strict=True)
-        for name, position, speed, force in rows:
-            table.add_row(name, f'{1e3 * position:+.2f}', f'{1e3 * speed:+.1f}', f'{force:+.1f}')
+    if joints is None or observer.is_old('joint_states') or name not in joints.name:
+        return ('-', '-', '-')
+    index = joints.name.index(name)
+    return (f'{1e3 * joints.position[index]:+.2f}', f'{1e3 * joints.velocity[index]:+.1f}',
+            f'{joints.effort[index]:+.1f}')
+
+
+def _component_table(observer: Observer) -> Table:
+    table = _table('component', 'state', 'so far')
+    components = observer.client.components
+    others = sorted(set(components) - set(DETAILS) - {f'driver: {name}' for name in AXES})
+    for name in (*DETAILS, *others):
+        if name in components:
+            component = components[name]
+            table.add_row(name, _sentence(observer, component), _details(name, component))
     return table
 
 
-def _component_table(components: Iterable) -> Table:
-    table = Table('component', 'state', _right('cycles'), _right('missed'), _right('refused'))
-    for component in components:
-        table.add_row(*_component_row(component.status))
+def _sentence(observer: Observer, component: Component) -> Text:
+    """Return what a component says of itself, or that it has fallen silent."""
+    age = observer.client.age(component)
+    if age > SILENT_AFTER:
+        return Text(f'silent for {age:.0f} s', style=SILENT_STYLE)
+    status = component.status
+    return Text(status.message, style=LEVEL_STYLES.get(status.level, ''))
+
+
+def _details(name: str, component: Component) -> Text:
+    values = _values(component)
+    return Text(', '.join(
+        text.format(_short(values[key]))
+        for key, text in DETAILS.get(name, OTHER_DETAILS) if key in values))
+
+
+def _short(value: str) -> str:
+    number = _number(value)
+    return value if number is None or number.is_integer() else f'{number:.3g}'
+
+
+def _number(value: str | None) -> float | None:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return None
+
+
+def _values(component: Component) -> dict[str, str]:
+    return {item.key: item.value for item in component.status.values}
+
+
+def _table(*names: str) -> Table:
+    """Return a table with a line under its head; ``>`` before a name: numbers, to the right."""
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
+    for name in names:
+        justify = 'right' if name.startswith('>') else 'left'
+        # Text: a unit in brackets would be taken for markup
+        table.add_column(Text(name.removeprefix('>')), justify=justify)
     return table
-
-
-def _component_row(status: DiagnosticStatus) -> tuple:
-    values = {item.key: item.value for item in status.values}
-    sentence = Text(status.message, style=LEVEL_STYLES.get(status.level, ''))
-    return (status.name, sentence,
-            *(values.get(key, '') for key in ('cycles', 'missed cycles', 'refused')))
-
-
-def _right(name: str) -> Column:
-    return Column(name, justify='right')
 
 
 def main(args: list[str] | None = None) -> int:
