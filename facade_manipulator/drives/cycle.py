@@ -1,8 +1,10 @@
 """
 The cycle's clock: when SYNC is due, when the answers are complete, when it is too late to command.
 
-Pure: times on the monotonic clock [s] come in as arguments. SYNC is sent by the kernel, and then
-only heard here, or by the control loop. A cycle is one SYNC, the answers to it, and one step.
+Pure: times on the monotonic clock [s] come in as arguments. A cycle is one SYNC, the answers to
+it, and one step of the control loop. Who sends SYNC makes the difference: the kernel keeps its
+pace whatever the loop does, so that late commands are dangerous; a loop that sends SYNC itself
+waits until its commands are out.
 """
 
 from __future__ import annotations
@@ -11,10 +13,11 @@ from bisect import bisect_right
 from typing import NamedTuple
 
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
-COMMANDS_DUE = 0.8  # later commands might meet the next SYNC on the wire
-SYNC_OVERDUE = 1.5
+COMMANDS_DUE = 0.8  # later commands might meet the kernel's next SYNC on the wire
+LEAST_GAP = 0.2  # between our commands and our next SYNC
+PATIENCE = 3.0  # for any answer to our SYNC: rather is this computer late than all drives dead
+SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
 SYNC_TOO_EARLY = 0.5
-PATIENCE = 1.0  # of the period: how much longer when frames are still waiting to be read
 LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 
 
@@ -29,7 +32,8 @@ class CycleStatistics(NamedTuple):
     incomplete : int
         Cycles in which a drive's answer was missing.
     late : int
-        Cycles whose commands came too late and were not sent: the drives held one point.
+        Cycles whose commands came later than COMMANDS_DUE; when the kernel sends SYNC they were
+        not sent, and the drives held one point.
     skipped : int
         Periods that passed without a SYNC.
     stray : int
@@ -53,25 +57,22 @@ class CycleStatistics(NamedTuple):
 
 class CycleClock:
     """
-    Timing of the cycle.
+    What both kinds of clock share: one step per SYNC, and the counters.
 
     Parameters
     ----------
     period : float
         Time between two SYNCs [s].
-    hears_sync : bool
-        Whether the kernel sends SYNC; then the loop sends one only when the kernel's is overdue.
 
     """
 
-    def __init__(self, period: float, hears_sync: bool) -> None:
+    def __init__(self, period: float) -> None:
         self.period = period
-        self.hears_sync = hears_sync
         self.sync_time = 0.0
         self.sync_stamp = 0.0
         self.late_in_a_row = 0
         self.overdue_in_a_row = 0
-        self._open = False
+        self.is_open = False
         self._next_sync = 0.0
         self._cycles = self._incomplete = self._late = self._skipped = self._stray = 0
         self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
@@ -84,32 +85,77 @@ class CycleClock:
             self._cycles, self._incomplete, self._late, self._skipped, self._stray,
             tuple(self._bins), self._worst)
 
-    @property
-    def is_open(self) -> bool:
-        """Tell whether the step of the newest SYNC is still to come."""
-        return self._open
+    def next_event(self) -> float:
+        """Return when something is due by itself at the latest."""
+        answers = self.sync_time + ANSWERS_DUE * self.period
+        return answers if self.is_open else self._next_sync
+
+    def _open(self, time: float, stamp: float) -> None:
+        self.sync_time, self.sync_stamp = time, stamp
+        self.is_open = True
+
+    def _close(self, now: float, complete: bool) -> bool:
+        """Count the cycle at its step; return whether the step is early enough."""
+        age = now - self.sync_time
+        late = age > COMMANDS_DUE * self.period
+        self.is_open = False
+        self._cycles += 1
+        self._incomplete += not complete
+        self._late += late
+        self._bins[bisect_right(LATENESS_BOUNDS, age)] += 1
+        self._worst = max(self._worst, age)
+        return not late
+
+
+class SentSync(CycleClock):
+    """The clock of a loop that sends SYNC itself: late commands delay the next SYNC."""
+
+    def start(self, now: float) -> None:
+        """Send the first SYNC now."""
+        self._next_sync = now
+
+    def sync_due(self, now: float, all_read: bool) -> bool:
+        """Tell whether to send SYNC."""
+        return not self.is_open and now >= self._next_sync
+
+    def begin(self, time: float, stamp: float) -> None:
+        """Begin a cycle: SYNC is being sent."""
+        self._skipped += max(0, int((time - self._next_sync) / self.period))
+        self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
+            self._next_sync + self.period, time + COMMANDS_DUE * self.period)
+        self._open(time, stamp)
+
+    def step_due(self, now: float, answers: int, expected: int, all_read: bool) -> bool:
+        """
+        Tell whether to step.
+
+        Parameters
+        ----------
+        now : float
+        answers, expected : int
+            How many drives have answered this SYNC, and how many should.
+        all_read : bool
+            Whether no received frame waits to be read.
+
+        """
+        share = ANSWERS_DUE if answers else PATIENCE
+        return self.is_open and (
+            answers >= expected or now >= self.sync_time + share * self.period)
+
+    def finish(self, now: float, complete: bool) -> bool:
+        """Close the cycle at its step; commands are always in time for a SYNC that waits."""
+        self._close(now, complete)
+        self._next_sync = max(self._next_sync, now + LEAST_GAP * self.period)
+        return True
+
+
+class HeardSync(CycleClock):
+    """The clock of a loop that hears the kernel's SYNC, and replaces it when it does not come."""
 
     def start(self, now: float) -> None:
         """Expect the first SYNC from now on."""
         self.sync_time = now
-        self._next_sync = now + (SYNC_OVERDUE * self.period if self.hears_sync else 0.0)
-        self._open = False
-
-    def next_event(self) -> float:
-        """Return when something is due by itself at the latest."""
-        answers = self.sync_time + ANSWERS_DUE * self.period
-        return min(self._next_sync, answers) if self._open else self._next_sync
-
-    def sync_due(self, now: float, all_read: bool) -> bool:
-        """
-        Tell whether the loop must send SYNC.
-
-        While received frames wait to be read (`all_read` false), the kernel's SYNC may be among
-        them.
-
-        """
-        patience = PATIENCE * self.period if self.hears_sync and not all_read else 0.0
-        return now >= self._next_sync + patience
+        self._next_sync = now + SYNC_OVERDUE * self.period
 
     def is_stray(self, time: float) -> bool:
         """Tell whether a SYNC of a time is too early; the pace of the targets hangs on it."""
@@ -117,35 +163,37 @@ class CycleClock:
         self._stray += stray
         return stray
 
-    def begin(self, time: float, stamp: float, heard: bool) -> None:
-        """Begin a cycle with the SYNC of a time, on the system clock `stamp`."""
-        if self.hears_sync:
-            self.overdue_in_a_row = 0 if heard else self.overdue_in_a_row + 1
-            self._skipped += not heard
-            self._next_sync = time + SYNC_OVERDUE * self.period
-        else:
-            self._skipped += max(0, int((time - self._next_sync) / self.period))
-            self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
-                self._next_sync + self.period, time + COMMANDS_DUE * self.period)
-        self.sync_time, self.sync_stamp = time, stamp
-        self._open = True
+    def hear(self, time: float, stamp: float) -> None:
+        """Begin a cycle with the kernel's SYNC."""
+        self.overdue_in_a_row = 0
+        self._next_sync = time + SYNC_OVERDUE * self.period
+        self._open(time, stamp)
 
-    def step_due(self, now: float, all_fresh: bool, all_read: bool) -> bool:
-        """Tell whether to step: every drive has answered, or there is no more time to wait."""
-        if not self._open:
-            return False
-        patience = 0.0 if all_read else (COMMANDS_DUE - ANSWERS_DUE) * self.period
-        return all_fresh or now >= self.sync_time + ANSWERS_DUE * self.period + patience
+    def sync_due(self, now: float, all_read: bool) -> bool:
+        """Tell whether the kernel's SYNC is overdue; it may be among frames not yet read."""
+        patience = 0.0 if all_read else (SYNC_MISSING - SYNC_OVERDUE) * self.period
+        return now >= self._next_sync + patience
 
-    def finish(self, now: float, all_fresh: bool) -> bool:
+    def begin(self, time: float, stamp: float) -> None:
+        """Begin a cycle with a SYNC of our own in place of the kernel's."""
+        self.overdue_in_a_row += 1
+        self._skipped += 1
+        self._next_sync = time + SYNC_OVERDUE * self.period
+        self._open(time, stamp)
+
+    def step_due(self, now: float, answers: int, expected: int, all_read: bool) -> bool:
+        """Tell whether to step; see `SentSync.step_due`."""
+        share = ANSWERS_DUE if all_read else COMMANDS_DUE
+        return self.is_open and (
+            answers >= expected or now >= self.sync_time + share * self.period)
+
+    def finish(self, now: float, complete: bool) -> bool:
         """Close the cycle at its step; return whether commands still come in time."""
-        age = now - self.sync_time
-        in_time = age <= COMMANDS_DUE * self.period
-        self._open = False
-        self._cycles += 1
-        self._incomplete += not all_fresh
-        self._late += not in_time
+        in_time = self._close(now, complete)
         self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
-        self._bins[bisect_right(LATENESS_BOUNDS, age)] += 1
-        self._worst = max(self._worst, age)
         return in_time
+
+
+def cycle_clock(period: float, hears_sync: bool) -> SentSync | HeardSync:
+    """Return the clock for a bus on which the kernel sends SYNC, or does not."""
+    return HeardSync(period) if hears_sync else SentSync(period)

@@ -15,7 +15,7 @@ from facade_manipulator.drives.bus import BusCongestedError, CanBus, Frame
 from facade_manipulator.drives.cause import BUS_REMEDY, Cause, TARGET_REMEDY
 from facade_manipulator.drives.cia402 import Controlword
 from facade_manipulator.drives.commissioning import Hearing, NmtCommand, send_nmt
-from facade_manipulator.drives.cycle import CycleClock
+from facade_manipulator.drives.cycle import cycle_clock
 from facade_manipulator.drives.group import Command, Group
 from facade_manipulator.drives.monitor import AxisMonitor, NmtState
 from facade_manipulator.drives.network import PumpedNetwork, SDO_FRAME_LENGTH
@@ -57,7 +57,7 @@ class Stream:
     ) -> None:
         self.group: Group | None = None
         self.hearing = Hearing()
-        self.clock = CycleClock(settings.period, bus.has_kernel_sync)
+        self.clock = cycle_clock(settings.period, bus.has_kernel_sync)
         self.speaks = True
         self._bus = bus
         self._network = network
@@ -107,7 +107,7 @@ class Stream:
             return
         if self.clock.is_open:
             self._step(time.monotonic())
-        self.clock.begin(frame.time, frame.stamp, heard=True)
+        self.clock.hear(frame.time, frame.stamp)
 
     def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> None:
         cause = monitor.take_heartbeat(frame.data, frame.time)
@@ -175,16 +175,14 @@ class Stream:
         return latest if self.group is None else min(latest, self.clock.next_event())
 
     def _turn(self, now: float, all_read: bool) -> None:
-        if self.clock.step_due(now, self._all_fresh(), all_read):
+        answers = sum(monitor.is_fresh for monitor in self._monitors)
+        if self.clock.step_due(now, answers, len(self._monitors), all_read):
             self._step(now)
         if self.clock.sync_due(now, all_read):
             self._send_sync()
 
-    def _all_fresh(self) -> bool:
-        return all(monitor.is_fresh for monitor in self._monitors)
-
     def _step(self, now: float) -> None:
-        in_time = self.clock.finish(now, self._all_fresh())
+        in_time = self.clock.finish(now, all(monitor.is_fresh for monitor in self._monitors))
         for monitor in self._monitors:
             monitor.end_cycle()
         group = self.group
@@ -259,7 +257,7 @@ class Stream:
                 for command in group.commands))
 
     def _send_sync(self) -> None:
-        self.clock.begin(time.monotonic(), time.time(), heard=False)
+        self.clock.begin(time.monotonic(), time.time())
         self._send(pdo.SYNC_COB_ID)
 
     def _send_heartbeat(self, now: float) -> None:
