@@ -34,7 +34,7 @@ from facade_manipulator.workspace.drawing import (
 )
 from facade_manipulator.workspace.figure_workspace import figure_6
 from facade_manipulator.workspace.gcw import count_poses
-from facade_manipulator.workspace.maps import pose_map, PoseMap
+from facade_manipulator.workspace.maps import branch_map, pose_map, PoseMap
 from facade_manipulator.workspace.objectives import OBJECTIVES, Requirements
 from facade_manipulator.workspace.singularities import (
     beyond_share,
@@ -142,7 +142,7 @@ def figure_singularity(study: Study) -> Figure:
     """Plot the share of the workspace beyond N = 0 along l + b, and the locus of three designs."""
     made = figure(10.0, 4.2, 'The parallel singularity that the paper misses')
     left, right = made.subplots(1, 2)
-    length = np.concatenate([np.linspace(0.15, 0.34, 20), np.linspace(0.341, 0.36, 20)])
+    length = np.append(0.35 - 0.2 * np.linspace(1.0, 0.0, 40) ** 2, 0.36)
     shares = [beyond_share(case_geometry(one, 0.7 - one, study.geometry.stroke_length)).share
               for one in length]
     left.plot(length * MILLIMETRES, 100.0 * np.array(shares), color=BLUE)
@@ -154,8 +154,9 @@ def figure_singularity(study: Study) -> Figure:
     for one, colour in ((0.2, BLUE), (0.25, ORANGE), (0.3, GREEN), (0.34, PURPLE)):
         geometry = case_geometry(one, 0.7 - one)
         theta = np.linspace(-0.999, 0.999, 800) * np.arcsin(one / (0.7 - one))
-        for curve in parallel_curves(geometry, theta):
-            right.plot(np.degrees(theta), curve * MILLIMETRES, color=colour)
+        y = np.linspace(1e-6, one, 500)
+        right.contour(np.degrees(theta), y * MILLIMETRES, branch_map(geometry, y[:, None], theta),
+                      [0.0], colors=colour, linewidths=1.6)
         right.plot([], [], color=colour, label=f'l = {one * MILLIMETRES:.0f} mm')
         right.plot(np.degrees(theta), serial_curve(geometry, theta) * MILLIMETRES,
                    color=colour, linewidth=0.9, linestyle=':')
