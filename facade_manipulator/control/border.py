@@ -19,8 +19,10 @@ class BorderSettings:
         0.004, 'Distance kept from reach, stroke and carriage gap', unit='m', minimum=1e-4,
         maximum=0.1)
     knee: float = parameter(
-        0.01, 'Depth over which x and y are led into the border', unit='m', minimum=1e-4,
-        maximum=0.1)
+        0.03, 'Depth over which x is led into the border', unit='m', minimum=1e-4,
+        maximum=0.3)
+    height_knee: float = parameter(
+        0.01, 'Depth over which y is led into the border', unit='m', minimum=1e-4, maximum=0.1)
     yaw_knee: float = parameter(
         0.02, 'Depth over which theta is led into the border', unit='rad', minimum=1e-4,
         maximum=0.2)
@@ -71,7 +73,7 @@ class Border:
 
     def lead_in(self, pose: Pose) -> Saturated:
         """Return the pose of the workspace for a wanted one, which may lie outside."""
-        y = soft_clamp(pose.y, *self._height, self._settings.knee)
+        y = soft_clamp(pose.y, *self._height, self._settings.height_knee)
         yaw = self._greatest_yaw(y)
         theta = soft_clamp(pose.theta, -yaw, yaw, self._settings.yaw_knee)
         x = soft_clamp(pose.x, *self._widths(y, theta), self._settings.knee)

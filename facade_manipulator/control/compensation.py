@@ -1,8 +1,8 @@
 """
 The compensation: a goal on the wall becomes the course of the head as the rail has to see it.
 
-corrected = d⁻¹ ∘ reference, in SE(2), for the instant one horizon ahead; led in at the border of
-the workspace and held within the limits of motion.
+corrected = d⁻¹ ∘ reference, in SE(2), for the instant one horizon ahead; held within the limits of
+motion, then led in at the border of the workspace, so that nothing can lead it out again.
 """
 
 from __future__ import annotations
@@ -238,11 +238,12 @@ class Compensator:
             interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
             excess = self._last.excess
         shifted = self.contact.shift(now, time, interval, reference, excess)
-        inside = self._border.lead_in(compose(inverse(disturbance), shifted))
-        pose = self._tracker.step(time, inside.pose)
-        self.following.publish(time, pose)
+        wanted = compose(inverse(disturbance), shifted)
+        inside = self._border.lead_in(self._tracker.step(time, wanted))
+        self.following.publish(time, inside.pose)
         return CorrectedPose(
-            time, pose, reference, shifted, disturbance, inside.excess, self._tracker.behind)
+            time, inside.pose, reference, shifted, disturbance, inside.excess,
+            self._tracker.behind)
 
     def _anchor(self, now: float, aim: float, disturbance: Pose) -> None:
         """Begin the course where the head stands, or at the goal if it is not seen."""

@@ -14,7 +14,8 @@ import math
 
 from facade_manipulator.control.blend import AT_REST, Blend, Course, NOWHERE
 from facade_manipulator.control.estimate import Estimate
-from facade_manipulator.control.prediction import DisturbancePredictor, PredictionSettings
+from facade_manipulator.control.plain_prediction import make_predictor
+from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, inverse
@@ -73,13 +74,13 @@ class Correction:
     Attributes
     ----------
     mode : Mode
-    predictor : DisturbancePredictor
+    predictor : DisturbancePredictor or HeldPrediction
 
     """
 
     def __init__(self, settings: CorrectionSettings, prediction: PredictionSettings) -> None:
         self.settings = settings
-        self.predictor = DisturbancePredictor(prediction)
+        self.predictor = make_predictor(prediction)
         self.enabled = settings.enabled
         self.mode = Mode.UNHEARD if settings.enabled else Mode.DISABLED
         self._nominal = NOWHERE

@@ -12,8 +12,8 @@ from facade_manipulator.control import oscillators
 from facade_manipulator.control.oscillators import ProcessNoise
 from facade_manipulator.control.spectrum import Oscillations
 
-OFFSET_DEVIATION = 0.3
-AMPLITUDE_DEVIATION = (0.1, 0.05)
+OFFSET_DEVIATION = 0.1
+AMPLITUDE_DEVIATION = (0.03, 0.01)
 FREQUENCY_DEVIATION = 0.3
 SEEDED_FREQUENCY_DEVIATION = (0.03, 0.1)
 SEEDED_SHARE = 0.1

@@ -41,6 +41,12 @@ FIRST_SCORE = 1e-4
 class PredictionSettings:
     """Settings of the disturbance's prediction."""
 
+    model: str = parameter(
+        'oscillations', 'What the disturbance is taken for; none: as it was last seen',
+        choices=('oscillations', 'acceleration', 'none'))
+    jerk_noise: float = parameter(
+        0.1, 'Model acceleration: root of the jerk spectral density', unit='m/s^2.5',
+        minimum=1e-6, maximum=1000.0)
     cable_length: float = parameter(
         0.0, "Length of the gondola's cables, to start from their pendulum; 0 if not known",
         unit='m', minimum=0.0, maximum=1000.0)
@@ -60,6 +66,9 @@ class PredictionSettings:
     memory: float = parameter(
         3.0, 'Time constant with which an old prediction error is forgotten', unit='s',
         minimum=0.1, maximum=100.0)
+    mean_time: float = parameter(
+        5.0, 'Time constant of the mean that is corrected where nothing can be foretold',
+        unit='s', minimum=0.1, maximum=600.0)
     decisiveness: float = parameter(
         8.0, 'Power of the inverse error in the weights of the opinions', minimum=1.0,
         maximum=30.0)
@@ -72,17 +81,14 @@ class PredictionSettings:
     longest_gap: float = parameter(
         3.0, 'Longest gap between measurements that the oscillations survive', unit='s',
         minimum=0.1, maximum=60.0)
-    speed: tuple[float, ...] = parameter(
-        (0.4, 0.4, 1.0), 'Speed beyond which an oscillation is compensated in part: x, y, theta',
-        unit='m/s, rad/s', minimum=1e-3, maximum=10.0)
     acceleration: tuple[float, ...] = parameter(
-        (2.0, 2.0, 5.0),
+        (1.0, 0.7, 1.4),
         'Acceleration beyond which an oscillation is compensated in part: x, y, theta',
         unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0)
 
     def __post_init__(self) -> None:
         check_parameters(self)
-        for name, length in (('frequencies', 2), ('speed', AXES), ('acceleration', AXES)):
+        for name, length in (('frequencies', 2), ('acceleration', AXES)):
             if len(getattr(self, name)) != length:
                 raise ParameterError(
                     f'{name} has {len(getattr(self, name))} elements, expected {length}')
@@ -135,10 +141,14 @@ class DisturbancePredictor:
         """
         measured, noise = np.array(values), np.array(variances)
         if self.stamp is None or stamp - self.stamp > self.settings.longest_gap:
+            interval = 0.0
             self._start(stamp, measured)
         else:
-            self._bank.update(stamp - self.stamp, measured, noise)
-        interval, self.stamp = stamp - (self.stamp or stamp), stamp
+            interval = stamp - self.stamp
+            self._bank.update(interval, measured, noise)
+            share = interval / min(self.settings.mean_time, stamp - self.since)
+            self._mean = self._mean + share * (measured - self._mean)
+        self.stamp = stamp
         self._history.append((stamp, measured))
         self._judge(interval, measured, noise)
         self._search(noise)
@@ -148,14 +158,14 @@ class DisturbancePredictor:
         """
         Return the disturbance to compensate at a time, of the past or the future [s].
 
-        Oscillations beyond the bandwidth or the limits of motion are contained in part.
+        Oscillations beyond the bandwidth or the acceleration are contained in part.
         """
         states = oscillators.propagate(self._bank.states, time - self.stamp)
         place = states[..., oscillators.OFFSET] + (
             self._shares * states[..., oscillators.PLACES]).sum(axis=-1)
         velocity = (self._shares * states[..., oscillators.VELOCITIES]).sum(axis=-1)
         weights = self._weights[:, :-1]
-        still = self._weights[:, -1] * states[:, 0, oscillators.OFFSET]
+        still = self._weights[:, -1] * self._mean
         return Course(
             Pose(*((weights * place).sum(axis=-1) + still).tolist()),
             Pose(*(weights * velocity).sum(axis=-1).tolist()))
@@ -170,7 +180,7 @@ class DisturbancePredictor:
     def _forget(self) -> None:
         opinions = len(self.settings.gusts) + 1
         self._history: deque[tuple[float, np.ndarray]] = deque(maxlen=HISTORY_LENGTH)
-        self._past: deque[tuple[float, np.ndarray]] = deque()
+        self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
         self._scores = np.full((AXES, opinions), FIRST_SCORE)
         self._weights = np.full((AXES, opinions), 1.0 / opinions)
         self._seeded = np.full((AXES, opinions - 1), -math.inf)
@@ -178,21 +188,21 @@ class DisturbancePredictor:
     def _start(self, stamp: float, values: np.ndarray) -> None:
         self._forget()
         self.since = self._next_search = stamp
+        self._mean = values
         self._bank = FilterBank(
             values, self.settings.initial_frequencies(), self.settings.noise())
 
     def _judge(self, interval: float, values: np.ndarray, noise: np.ndarray) -> None:
         """Compare what the opinions said one horizon ago with what is now."""
         past, horizon = self._past, self.settings.judged_horizon
-        past.append((self.stamp, self._bank.states))
+        past.append((self.stamp, self._bank.states, self._mean))
         if self.stamp - past[0][0] < horizon:
             return
         while self.stamp - past[1][0] >= horizon:
             past.popleft()
-        stamp, states = past[0]
+        stamp, states, mean = past[0]
         foretold = oscillators.observe(oscillators.propagate(states, self.stamp - stamp))
-        still = states[:, :1, oscillators.OFFSET]
-        errors = values[:, None] - np.hstack([foretold, still])
+        errors = values[:, None] - np.column_stack([foretold, mean])
         memory = min(self.settings.memory, self.stamp - self.since - horizon + interval)
         share = interval / max(memory, interval)
         self._scores += share * (errors * errors - self._scores)
@@ -231,9 +241,16 @@ class DisturbancePredictor:
         """Return which share of each oscillation to compensate, shape (3, opinions, 2)."""
         states, settings = self._bank.states, self.settings
         frequencies = states[..., oscillators.FREQUENCIES]
-        speed = oscillators.amplitudes(states) * frequencies + 1e-12
-        limits = np.minimum(
-            np.array(settings.speed)[:, None, None] / speed,
-            np.array(settings.acceleration)[:, None, None] / (speed * frequencies))
+        demands = oscillators.amplitudes(states) * frequencies ** 2 + 1e-12
+        limits = _shares(demands, frequencies, settings.acceleration)
         band = 2.0 - frequencies / (2.0 * math.pi * settings.bandwidth)
         return np.clip(np.minimum(limits, band), 0.0, 1.0)
+
+
+def _shares(demands: np.ndarray, frequencies: np.ndarray, limits: tuple[float, ...]) -> np.ndarray:
+    """Return which share of two demands fits in the limit, the slower oscillation's first."""
+    room = np.array(limits)[:, None, None]
+    slower = (frequencies <= frequencies[..., ::-1]).astype(float)
+    slower[..., 1] = 1.0 - slower[..., 0]
+    taken = np.minimum(demands, room) * slower
+    return (room - taken[..., ::-1]) / demands

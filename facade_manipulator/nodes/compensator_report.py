@@ -97,7 +97,7 @@ class CompensatorReport:
         if correction.predictor.stamp is not None:
             values['frequencies [Hz]'] = '  '.join(
                 f'{name} {first:.3g} {second:.3g}' for name, (first, second) in zip(
-                    Pose._fields, correction.predictor.frequencies, strict=True))
+                    Pose._fields, correction.predictor.frequencies, strict=False))
         return values
 
     def _contact_values(self) -> dict:

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, dataclass
 import json
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    Point,
+    PointStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    WrenchStamped,
+)
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -26,17 +33,26 @@ from facade_manipulator.nodes.conversions import (
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
-from facade_manipulator.simulation.estimator import (
-    Delivery,
-    EstimatorSettings,
-    SimulatedEstimator,
-)
-from facade_manipulator.simulation.sway import Sway, SwaySettings
-from facade_manipulator.simulation.wall import WallMeasurement, WallSettings
+from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.simulation.estimator import Delivery, SimulatedEstimator
+from facade_manipulator.simulation.facade import Facade, Wrench
+from facade_manipulator.simulation.scenario import load_scenario, Scenario
+from facade_manipulator.simulation.wall import WallMeasurement, WallSample
 
 FACADE = 'facade'
+END_EFFECTOR = 'end_effector'
 DELIVERY_PERIOD = 0.005
 VARIANCES = (0, 7, 35)
+
+
+@dataclass(frozen=True)
+class ScenarioSettings:
+    """Which scenario gives the defaults of all other parameters."""
+
+    scenario: str = parameter('', 'A name in config/scenarios or a file; empty for a breeze')
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
 
 
 class GondolaSimulatorNode(Node):
@@ -45,20 +61,29 @@ class GondolaSimulatorNode(Node):
     def __init__(self, **kwargs) -> None:
         super().__init__('gondola_simulator', **kwargs)
         self._geometry = declare(self, Geometry, 'geometry')
-        sway = Sway(declare(self, SwaySettings, 'sway'))
-        estimator = declare(self, EstimatorSettings, 'estimator')
-        wall = declare(self, WallSettings, 'wall')
-        start = self._now()
+        scenario = self._declare_scenario()
+        course, start = scenario.motion(), self._now()
 
         def motion(time: float) -> Pose:
-            return sway.at(time - start)
+            return course(time - start)
 
-        self._estimator = SimulatedEstimator(estimator, motion, start)
-        self._wall = WallMeasurement(self._geometry, wall, motion)
+        self._estimator = SimulatedEstimator(scenario.estimator, motion, start)
+        self._wall = WallMeasurement(self._geometry, scenario.wall, motion)
+        self._facade = Facade(scenario.facade)
+        self._sees_slip = scenario.wall.slip_sensor
+        self._last: WallSample | None = None
         self._refusals = Refusals(self)
         self._connect()
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(DELIVERY_PERIOD, self._deliver)
+
+    def _declare_scenario(self) -> Scenario:
+        """Return the settings: the scenario's, where a parameter does not say otherwise."""
+        name = declare(self, ScenarioSettings).scenario
+        scenario = load_scenario(name) if name else Scenario()
+        return scenario._replace(**{
+            part: declare(self, type(settings), part, **asdict(settings))
+            for part, settings in scenario._asdict().items() if part != 'compensator'})
 
     def _connect(self) -> None:
         self._disturbance = self.create_publisher(
@@ -66,6 +91,10 @@ class GondolaSimulatorNode(Node):
         self._head, self._error, self._uncompensated = (
             self.create_publisher(PoseStamped, f'gondola_simulator/{name}', RELIABLE)
             for name in ('head_pose', 'wall_error', 'uncompensated_error'))
+        self._wrench = self.create_publisher(
+            WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+        self._lateral = self.create_publisher(
+            PointStamped, 'lateral_offset', qos_profile_sensor_data)
         self.create_subscription(PoseStamped, 'goal_pose', self._take_goal, LATEST)
         self.create_subscription(JointState, 'joint_states', self._take_joint_states, RELIABLE)
         self.create_service(Trigger, 'gondola_simulator/report', self._report)
@@ -96,6 +125,19 @@ class GondolaSimulatorNode(Node):
         if sample.error is not None:
             self._error.publish(pose_stamped(FACADE, time, sample.error))
             self._uncompensated.publish(pose_stamped(FACADE, time, sample.uncompensated))
+        self._feel(sample)
+
+    def _feel(self, sample: WallSample) -> None:
+        """Publish what sensors on the head tell of the wall."""
+        if self._facade.settings.present and self._last is not None:
+            velocity = sample.velocity_since(self._last)
+            wrench = self._facade.contact(sample.head, velocity)
+            self._wrench.publish(_wrench_message(sample.time, wrench))
+        if self._sees_slip and sample.settled:
+            message = PointStamped(point=Point(x=sample.lateral_offset))
+            message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(sample.time)
+            self._lateral.publish(message)
+        self._last = sample
 
     def _report(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
@@ -119,6 +161,14 @@ def _estimate_message(delivery: Delivery) -> PoseWithCovarianceStamped:
     for index, variance in zip(VARIANCES, delivery.variances, strict=True):
         covariance[index] = variance
     message.pose.covariance = covariance
+    return message
+
+
+def _wrench_message(time: float, wrench: Wrench) -> WrenchStamped:
+    message = WrenchStamped()
+    message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(time)
+    message.wrench.force.x, message.wrench.force.y = wrench.fx, wrench.fy
+    message.wrench.torque.z = wrench.mz
     return message
 
 

@@ -7,6 +7,7 @@ they latch one cycle later and reach one cycle after that.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 import math
 from typing import NamedTuple
@@ -17,6 +18,7 @@ from facade_manipulator.control.compensation import (
     CorrectedPose,
     DEFAULTS,
 )
+from facade_manipulator.control.contact import WallWrench
 from facade_manipulator.control.guard import MechanismGuard
 from facade_manipulator.control.limits import MotionLimits
 from facade_manipulator.control.setpoint_stream import GoalSettings, SetpointStream
@@ -30,6 +32,7 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
+from facade_manipulator.simulation.facade import Facade, FacadeSettings, Wrench
 from facade_manipulator.simulation.wall import WallMeasurement, WallSample, WallSettings
 
 START = 1000.0
@@ -42,10 +45,12 @@ class LoopSettings(NamedTuple):
     compensator: CompensatorSettings = DEFAULTS
     estimator: EstimatorSettings = EstimatorSettings()
     wall: WallSettings = WallSettings()
+    facade: FacadeSettings = FacadeSettings()
     limits: MotionLimits = MotionLimits()
     period: float = 0.01
     drive_lag: float = 0.015
     assumed_lag: float = 0.015
+    sensor_delay: float = 0.005
 
 
 class Step(NamedTuple):
@@ -53,7 +58,9 @@ class Step(NamedTuple):
 
     corrected: CorrectedPose | None
     command: Carriages
+    actual: Carriages
     sample: WallSample
+    wrench: Wrench
 
 
 class ClosedLoop:
@@ -94,6 +101,9 @@ class ClosedLoop:
         self.follower = SetpointFollower(
             StreamSettings(), settings.limits, settings.period, MechanismGuard(geometry))
         self._geometry = geometry
+        self._facade = Facade(settings.facade)
+        self._last: WallSample | None = None
+        self._under_way: deque[Step] = deque()
         self._stream = SetpointStream(geometry, GoalSettings())
         self._actual = inverse_kinematics(geometry, head)
         self._command = self._actual
@@ -111,6 +121,7 @@ class ClosedLoop:
     def step(self) -> Step:
         """Run one cycle."""
         now, period = self.now, self.settings.period
+        self._deliver(now - self.settings.sensor_delay)
         for estimate in self.estimator.advance(now):
             self._heed(self.compensator.take_estimate, now, *estimate)
         corrected = self.compensator.update(now)
@@ -119,9 +130,31 @@ class ClosedLoop:
         reached = now + CYCLES_AHEAD * period
         command = Carriages(*self.follower.sample(reached + self.settings.assumed_lag))
         self._move(command)
-        self.compensator.take_head(reached, forward_kinematics(self._geometry, self._actual))
+        sample = self.wall.take_carriages(reached, self._actual)
+        step = Step(corrected, command, self._actual, sample, self._touch(sample))
+        self._under_way.append(step)
         self.now = now + period
-        return Step(corrected, command, self.wall.take_carriages(reached, self._actual))
+        return step
+
+    def _deliver(self, until: float) -> None:
+        """Hand over what the sensors have seen up to a time [s]."""
+        while self._under_way and self._under_way[0].sample.time <= until:
+            step = self._under_way.popleft()
+            sample = step.sample
+            self._heed(self.compensator.take_head, sample.time,
+                       forward_kinematics(self._geometry, step.actual))
+            if self.settings.facade.present:
+                self._heed(self.compensator.take_wrench, self.now, sample.time,
+                           WallWrench(*step.wrench))
+            if self.settings.wall.slip_sensor and sample.settled:
+                self._heed(self.compensator.take_lateral_offset, self.now, sample.time,
+                           sample.lateral_offset)
+
+    def _touch(self, sample: WallSample) -> Wrench:
+        """Return what the wall does to the head that has come here from the last sample."""
+        velocity = sample.velocity_since(self._last or sample)
+        self._last = sample
+        return self._facade.contact(sample.head, velocity)
 
     def _add(self, now: float, corrected: CorrectedPose) -> None:
         self.follower.add(self._stream.setpoint(corrected.time, corrected.pose), now)

@@ -27,6 +27,9 @@ class EstimatorSettings:
         1e-3, 'Standard deviation of x and y', unit='m', minimum=0.0, maximum=1.0)
     yaw_noise: float = parameter(
         1.7453e-3, 'Standard deviation of the yaw', unit='rad', minimum=0.0, maximum=1.0)
+    drift: float = parameter(
+        0.0, 'Speed at which the estimate of x wanders off', unit='m/s', minimum=-0.1,
+        maximum=0.1)
     loss: float = parameter(
         0.0, 'Share of estimates that never come', minimum=0.0, maximum=1.0)
     silent_from: float = parameter(
@@ -96,6 +99,7 @@ class SimulatedEstimator:
         lost = self._random.random() < settings.loss
         silent = 0.0 <= stamp - self._start - settings.silent_from < settings.silent_for
         if not lost and not silent:
+            noise[0] += settings.drift * (stamp - self._start)
             pose = Pose(*(np.array(self._motion(stamp)) + noise).tolist())
             heapq.heappush(
                 self._under_way, (stamp + delay, Delivery(stamp, pose, settings.variances())))

@@ -16,10 +16,11 @@ AXES = Pose._fields
 
 @dataclass(frozen=True)
 class WallSettings:
-    """When a sample of the head's error counts."""
+    """When a sample of the head's error counts, and who sees it."""
 
     settling_time: float = parameter(
         2.5, 'Time for which a goal must have stood', unit='s', minimum=0.0, maximum=60.0)
+    slip_sensor: bool = parameter(False, 'Whether a sensor sees the head slip along the wall')
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -49,6 +50,18 @@ class WallSample(NamedTuple):
     error: Pose | None
     uncompensated: Pose | None
     settled: bool
+
+    @property
+    def lateral_offset(self) -> float | None:
+        """Place the head should be over, seen from it along the wall [m]; None on the way."""
+        return -math.cos(self.head.theta) * self.error.x if self.settled else None
+
+    def velocity_since(self, last: WallSample) -> Pose:
+        """Return the head's mean velocity on the wall since an earlier sample."""
+        elapsed = self.time - last.time
+        if elapsed <= 0.0:
+            return Pose(0.0, 0.0, 0.0)
+        return Pose(*(d / elapsed for d in _difference(self.head, last.head)))
 
 
 class WallMeasurement:

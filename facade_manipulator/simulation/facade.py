@@ -1,0 +1,129 @@
+"""
+The façade as the cleaning head feels it: a brush on a wall with steps, springy, damped and rough.
+
+The brush is pressed at both its ends, so that its yaw to the wall makes a moment. A step of the
+wall has a ramp as long as the brush needs to roll over its edge.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.parameters import check_parameters, parameter
+
+ENDS = (-0.5, 0.5)
+
+
+@dataclass(frozen=True)
+class FacadeSettings:
+    """Where the wall is, how the brush feels on it, and its steps."""
+
+    present: bool = parameter(False, 'Whether there is a wall to touch')
+    distance: float = parameter(
+        0.23, 'Distance of the wall from the rail in still air', unit='m', minimum=-10.0,
+        maximum=10.0)
+    stiffness: float = parameter(
+        600.0, 'Stiffness of the brush', unit='N/m', minimum=1.0, maximum=1e6)
+    damping: float = parameter(
+        25.0, 'Damping of the brush', unit='N s/m', minimum=0.0, maximum=1e5)
+    friction: float = parameter(0.3, 'Coefficient of friction', minimum=0.0, maximum=3.0)
+    friction_speed: float = parameter(
+        0.01, 'Speed at which friction is nearly full', unit='m/s', minimum=1e-4, maximum=1.0)
+    width: float = parameter(0.3, 'Width of the brush', unit='m', minimum=0.0, maximum=5.0)
+    step_places: tuple[float, ...] = parameter(
+        (), 'Where the wall steps, ascending along x', unit='m', minimum=-100.0, maximum=100.0)
+    step_heights: tuple[float, ...] = parameter(
+        (), 'By how much it steps towards the gondola at each place', unit='m', minimum=-1.0,
+        maximum=1.0)
+    step_length: float = parameter(
+        0.06, 'Length over which the brush rolls over the edge of a step', unit='m',
+        minimum=1e-3, maximum=1.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if len(self.step_places) != len(self.step_heights):
+            raise ParameterError(
+                f'step_places has {len(self.step_places)} elements, step_heights '
+                f'{len(self.step_heights)}')
+
+
+class Wrench(NamedTuple):
+    """What the wall does to the head, in the head's frame [N, N, N m]."""
+
+    fx: float
+    fy: float
+    mz: float
+
+
+NO_CONTACT = Wrench(0.0, 0.0, 0.0)
+
+
+class Facade:
+    """
+    Contact of the head with the wall.
+
+    Parameters
+    ----------
+    settings : FacadeSettings
+
+    """
+
+    def __init__(self, settings: FacadeSettings) -> None:
+        self.settings = settings
+
+    def distance(self, x: float) -> float:
+        """Return the distance of the wall from the rail's nominal place at x [m]."""
+        length = self.settings.step_length
+        return self.settings.distance - sum(
+            height * _smooth((x - place) / length + 0.5)
+            for place, height in zip(
+                self.settings.step_places, self.settings.step_heights, strict=True))
+
+    def contact(self, head: Pose, velocity: Pose) -> Wrench:
+        """
+        Return the wrench of the wall on the head.
+
+        Parameters
+        ----------
+        head, velocity : Pose
+            Of the head in the façade's frame [m, m, rad and per s].
+
+        """
+        if not self.settings.present:
+            return NO_CONTACT
+        pressure, moment = 0.0, 0.0
+        for end in ENDS:
+            arm = end * self.settings.width
+            force = self._pressure(head, velocity, arm)
+            pressure += force
+            moment -= force * arm * math.cos(head.theta)
+        slip = math.tanh(velocity.x / self.settings.friction_speed)
+        friction = -self.settings.friction * pressure * slip
+        cosine, sine = math.cos(head.theta), math.sin(head.theta)
+        return Wrench(
+            cosine * friction - sine * pressure, -sine * friction - cosine * pressure, moment)
+
+    @staticmethod
+    def force_on_wall(head: Pose, wrench: Wrench) -> float:
+        """Return the force with which the head presses on the wall [N]."""
+        return -(math.sin(head.theta) * wrench.fx + math.cos(head.theta) * wrench.fy)
+
+    def _pressure(self, head: Pose, velocity: Pose, arm: float) -> float:
+        """Return the force on one end of the brush, 0 where it does not touch."""
+        x = head.x + arm * math.cos(head.theta)
+        depth = head.y + arm * math.sin(head.theta) - self.distance(x)
+        if depth <= 0.0:
+            return 0.0
+        rate = velocity.y + arm * math.cos(head.theta) * velocity.theta
+        half = 1.0 / len(ENDS)
+        return max(
+            half * (self.settings.stiffness * depth + self.settings.damping * rate), 0.0)
+
+
+def _smooth(share: float) -> float:
+    share = min(max(share, 0.0), 1.0)
+    return share * share * (3.0 - 2.0 * share)

@@ -1,0 +1,192 @@
+"""
+A gondola on two cables in the wind: pendulum in two modes, stretching cables, yaw.
+
+Along the wall and towards it the gondola is a double pendulum: cables of length L, and below
+their lower ends a stiff body of mass m whose centre of gravity hangs h lower. For small angles,
+with u the displacement of the suspension and φ the tilt of the body,
+
+    m (ü + h φ̈) = −(m g / L + k) u + F,   (I + m h²) φ̈ + m h ü = −m g h φ + F h,
+
+where k is the stiffness of the guide that keeps the gondola at the wall (0 along it). In yaw two
+cables a distance 2a apart turn back with m g a² / L; in the vertical they stretch with EA / L, and
+what they pull more or less than the weight makes the pendulums stiffer or softer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.simulation.interpolation import catmull_rom
+from facade_manipulator.simulation.wind import Wind, WindSettings
+
+GRAVITY = 9.81
+AIR_DENSITY = 1.2
+STEP = 0.01
+BLOCK = 100
+WARM_UP = 60.0
+VERTICAL = 5
+
+
+@dataclass(frozen=True)
+class GondolaSettings:
+    """The gondola and its cables."""
+
+    cable_length: float = parameter(
+        30.0, 'Free length of the cables', unit='m', minimum=1.0, maximum=500.0)
+    mass: float = parameter(500.0, 'Mass', unit='kg', minimum=10.0, maximum=1e4)
+    body_height: float = parameter(
+        0.9, 'Centre of gravity below the lower end of the cables', unit='m', minimum=0.05,
+        maximum=10.0)
+    rail_height: float = parameter(
+        0.9, 'Rail below the lower end of the cables', unit='m', minimum=0.0, maximum=10.0)
+    gyration_radius: float = parameter(
+        0.6, 'Radius of gyration about horizontal axes', unit='m', minimum=0.05, maximum=10.0)
+    yaw_radius: float = parameter(
+        0.7, 'Radius of gyration about the vertical axis', unit='m', minimum=0.05, maximum=10.0)
+    cable_distance: float = parameter(
+        1.2, 'Distance of the two cables', unit='m', minimum=0.1, maximum=20.0)
+    cable_stiffness: float = parameter(
+        4e6, 'EA of both cables together', unit='N', minimum=1e4, maximum=1e9)
+    guide_stiffness: float = parameter(
+        600.0, 'Stiffness of the guide that keeps the gondola at the wall', unit='N/m',
+        minimum=0.0, maximum=1e6)
+    damping_ratio: float = parameter(
+        0.02, 'Damping of every mode', minimum=0.0, maximum=0.9)
+    area: float = parameter(
+        2.0, 'Area in the wind', unit='m^2', minimum=0.0, maximum=100.0)
+    drag_coefficient: float = parameter(1.2, 'Drag coefficient', minimum=0.0, maximum=5.0)
+    pressure_offset: float = parameter(
+        0.15, 'Offset of the wind force from the centre, which makes yaw', unit='m',
+        minimum=-5.0, maximum=5.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+class Gondola:
+    """
+    The disturbance of a gondola in the wind as a function of time.
+
+    The origin is where the gondola hangs in the mean wind. It is computed block by block as far
+    as it is asked for, and kept.
+
+    Parameters
+    ----------
+    settings : GondolaSettings
+    wind : WindSettings
+
+    """
+
+    def __init__(self, settings: GondolaSettings, wind: WindSettings) -> None:
+        self._settings = settings
+        self._wind = Wind(wind)
+        self._mean = wind.mean_speed * np.array(
+            [math.cos(wind.direction), math.sin(wind.direction)])
+        self.frequencies, self._participation, self._output = _modes(settings)
+        self._advance = _discrete(self.frequencies, settings.damping_ratio, STEP)
+        self._place = np.zeros(len(self.frequencies))
+        self._velocity = np.zeros(len(self.frequencies))
+        self._vertical_acceleration = 0.0
+        self._poses: list[np.ndarray] = []
+        self._time = -WARM_UP
+        while self._time < 0.0:
+            self._poses = self._run_block()
+        self._poses = self._poses[-1:]
+
+    def at(self, time: float) -> Pose:
+        """Return the pose of the rail in the façade's frame at a time [s] from 0 on."""
+        position = max(time, 0.0) / STEP
+        index = int(position)
+        while len(self._poses) < index + 4:
+            self._poses.extend(self._run_block())
+        neighbours = self._poses[index:index + 4]
+        return Pose(*catmull_rom(*neighbours, position - index).tolist())
+
+    def _run_block(self) -> list[np.ndarray]:
+        times = self._time + STEP * np.arange(BLOCK)
+        self._time += STEP * BLOCK
+        accelerations = self._accelerations(self._wind.gusts(times))
+        return [self._step(acceleration) for acceleration in accelerations]
+
+    def _accelerations(self, gusts: np.ndarray) -> np.ndarray:
+        """Return the modal accelerations that the gusts add to the mean wind, shape (n, 6)."""
+        settings = self._settings
+        direction = self._mean / max(np.hypot(*self._mean), 1e-12)
+        across = np.array([-direction[1], direction[0]])
+        velocity = self._mean + gusts[:, :1] * direction + gusts[:, 1:2] * across
+        factor = 0.5 * AIR_DENSITY * settings.drag_coefficient * settings.area
+        horizontal = factor * (
+            velocity * np.hypot(*velocity.T)[:, None] - self._mean * np.hypot(*self._mean))
+        upwards = factor * gusts[:, 2] * np.abs(gusts[:, 2])
+        yaw = settings.pressure_offset * horizontal[:, 1]
+        forces = np.column_stack([horizontal, yaw, upwards])
+        return forces @ self._participation
+
+    def _step(self, acceleration: np.ndarray) -> np.ndarray:
+        """Step all modes; the cables' pull changes the stiffness of all but the vertical one."""
+        pull = self._vertical_acceleration / GRAVITY
+        stiffening = self.frequencies ** 2 * self._place * pull
+        stiffening[VERTICAL] = 0.0
+        drive = acceleration - stiffening
+        (a, b), (c, d), place_gain, velocity_gain = self._advance
+        place = a * self._place + b * self._velocity + place_gain * drive
+        velocity = c * self._place + d * self._velocity + velocity_gain * drive
+        self._vertical_acceleration = (velocity[VERTICAL] - self._velocity[VERTICAL]) / STEP
+        self._place, self._velocity = place, velocity
+        return self._output @ place
+
+
+def _modes(settings: GondolaSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """
+    Return angular frequencies, participation and output of the six modes.
+
+    Modes: two along the wall, two towards it, yaw, vertical. Participation (4, 6) takes the
+    forces (x, y, yaw moment, vertical) to modal accelerations, output (3, 6) modal places to
+    the rail's (x, y, yaw).
+    """
+    frequencies = np.zeros(6)
+    participation, output = np.zeros((4, 6)), np.zeros((3, 6))
+    for axis, stiffness in enumerate((0.0, settings.guide_stiffness)):
+        modes = slice(2 * axis, 2 * axis + 2)
+        frequencies[modes], shapes = _double_pendulum(settings, stiffness)
+        participation[axis, modes] = np.array([1.0, settings.body_height]) @ shapes
+        output[axis, modes] = np.array([1.0, settings.rail_height]) @ shapes
+    inertia = settings.mass * settings.yaw_radius ** 2
+    half = 0.5 * settings.cable_distance
+    frequencies[4] = math.sqrt(
+        settings.mass * GRAVITY * half ** 2 / (settings.cable_length * inertia))
+    frequencies[VERTICAL] = math.sqrt(
+        settings.cable_stiffness / (settings.cable_length * settings.mass))
+    participation[2, 4], output[2, 4] = 1.0 / inertia, 1.0
+    participation[3, VERTICAL] = 1.0 / settings.mass
+    return frequencies, participation, output
+
+
+def _double_pendulum(
+    settings: GondolaSettings, stiffness: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return angular frequencies and mass-normalised shapes (columns) of (u, φ)."""
+    m, h = settings.mass, settings.body_height
+    mass = np.array([
+        [m, m * h], [m * h, m * (settings.gyration_radius ** 2 + h * h)]])
+    spring = np.diag([m * GRAVITY / settings.cable_length + stiffness, m * GRAVITY * h])
+    root = np.linalg.cholesky(mass)
+    left = np.linalg.solve(root, spring)
+    squares, vectors = np.linalg.eigh(np.linalg.solve(root, left.T))
+    return np.sqrt(squares), np.linalg.solve(root.T, vectors)
+
+
+def _discrete(frequencies: np.ndarray, damping: float, step: float) -> tuple:
+    """Return the exact step of damped oscillators under an acceleration held over the step."""
+    damped = frequencies * math.sqrt(1.0 - damping ** 2)
+    decay = np.exp(-damping * frequencies * step)
+    cosine, sine = decay * np.cos(damped * step), decay * np.sin(damped * step) / damped
+    lead = damping * frequencies * sine
+    squares = frequencies ** 2
+    places, velocities = (cosine + lead, sine), (-squares * sine, cosine - lead)
+    return places, velocities, (1.0 - places[0]) / squares, sine

@@ -1,0 +1,187 @@
+"""
+Scenarios: one YAML file says what the gondola does and what is asked of the manipulator.
+
+Each section of the file holds values of one settings dataclass; what is not named has its
+default. The section ``compensator`` holds sections of the compensator's own settings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from facade_manipulator.control.compensation import CompensatorSettings, DEFAULTS
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.resources import config_path
+from facade_manipulator.simulation.estimator import EstimatorSettings
+from facade_manipulator.simulation.facade import FacadeSettings
+from facade_manipulator.simulation.gondola import Gondola, GondolaSettings
+from facade_manipulator.simulation.recording import load_recording
+from facade_manipulator.simulation.sway import Sway, SwaySettings
+from facade_manipulator.simulation.wall import WallSettings
+from facade_manipulator.simulation.wind import WindSettings
+
+FOLDER = 'scenarios'
+Sections = Mapping[str, Any]
+Motion = Callable[[float], Pose]
+
+
+@dataclass(frozen=True)
+class MissionSettings:
+    """What moves the gondola and what the head is to do meanwhile."""
+
+    description: str = parameter('', 'What happens')
+    motion: str = parameter(
+        'sway', 'What moves the gondola', choices=('sway', 'wind', 'recording'))
+    recording: str = parameter('', 'CSV file of a recorded disturbance, beside the scenario')
+    duration: float = parameter(
+        60.0, 'How long the scenario lasts', unit='s', minimum=1.0, maximum=3600.0)
+    goal_period: float = parameter(
+        6.0, 'Time from one goal to the next', unit='s', minimum=0.5, maximum=600.0)
+    goals: tuple[float, ...] = parameter(
+        (0.0, 0.25, 0.0, 0.12, 0.25, 0.0, -0.12, 0.25, 0.0, -0.12, 0.265, 0.0524,
+         0.12, 0.265, 0.0524, 0.12, 0.24, -0.0524),
+        'Goals on the wall, one after the other: x, y, theta of each', unit='m, rad',
+        minimum=-10.0, maximum=10.0)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if not self.goals or len(self.goals) % len(Pose._fields):
+            raise ParameterError(
+                f'goals has {len(self.goals)} elements, expected x, y and theta of each goal')
+
+    def goal(self, elapsed: float) -> Pose:
+        """Return the goal of a time [s] since the start."""
+        count = len(self.goals) // len(Pose._fields)
+        first = len(Pose._fields) * (int(elapsed / self.goal_period) % count)
+        return Pose(*self.goals[first:first + len(Pose._fields)])
+
+
+class Scenario(NamedTuple):
+    """Settings of everything that a scenario decides."""
+
+    mission: MissionSettings = MissionSettings()
+    sway: SwaySettings = SwaySettings()
+    gondola: GondolaSettings = GondolaSettings()
+    wind: WindSettings = WindSettings()
+    estimator: EstimatorSettings = EstimatorSettings()
+    facade: FacadeSettings = FacadeSettings()
+    wall: WallSettings = WallSettings()
+    compensator: CompensatorSettings = DEFAULTS
+
+    def motion(self, folder: Path | None = None) -> Motion:
+        """Return the disturbance as a function of the time since the start [s]."""
+        return MOTIONS[self.mission.motion](self, folder or config_path(FOLDER))
+
+
+MOTIONS: dict[str, Callable[[Scenario, Path], Motion]] = {
+    'sway': lambda scenario, _: Sway(scenario.sway).at,
+    'wind': lambda scenario, _: Gondola(scenario.gondola, scenario.wind).at,
+    'recording': lambda scenario, folder: load_recording(
+        folder / scenario.mission.recording).at,
+}
+
+
+def scenario_names() -> list[str]:
+    """Return the names of the scenarios that come with the package."""
+    return sorted(path.stem for path in config_path(FOLDER).glob('*.yaml'))
+
+
+def scenario_file(name: str) -> Path:
+    """
+    Return the file of a scenario: a name in config/scenarios, or a path.
+
+    Raises
+    ------
+    ParameterError
+        If there is none.
+
+    """
+    path = Path(name) if name.endswith('.yaml') else config_path(FOLDER) / f'{name}.yaml'
+    if not path.is_file():
+        raise ParameterError(
+            f"there is no scenario '{name}'; known are {', '.join(scenario_names())}")
+    return path
+
+
+def read_sections(path: Path) -> dict[str, Any]:
+    """
+    Return the sections of a scenario's file.
+
+    Raises
+    ------
+    ParameterError
+        If it cannot be read or has unknown sections.
+
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding='utf-8')) or {}
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ParameterError(f'scenario {path} cannot be read: {error}') from error
+    if not isinstance(content, dict):
+        raise ParameterError(f'scenario {path} is not a mapping of sections')
+    unknown = sorted(set(content) - set(Scenario._fields))
+    if unknown:
+        raise ParameterError(f'scenario {path} has unknown sections: {", ".join(unknown)}')
+    return {name: section or {} for name, section in content.items()}
+
+
+def make_scenario(sections: Sections) -> Scenario:
+    """
+    Return the scenario of its sections.
+
+    Raises
+    ------
+    ParameterError
+        If a section has an unknown name or a value out of range.
+
+    """
+    return _fill(Scenario(), sections, '')
+
+
+def load_scenario(name: str) -> Scenario:
+    """Return a scenario by its name or file; see `scenario_file` and `read_sections`."""
+    return make_scenario(read_sections(scenario_file(name)))
+
+
+def _fill(defaults: NamedTuple, sections: Sections, where: str) -> Any:
+    """Replace parts of a tuple of settings by what the sections say."""
+    parts = {}
+    for name, values in sections.items():
+        default = getattr(defaults, name, None)
+        if default is None or not isinstance(values, Mapping):
+            raise ParameterError(f'{where}{name} is not a section of settings')
+        parts[name] = _part(default, values, f'{where}{name}.')
+    return defaults._replace(**parts)
+
+
+def _part(default: Any, values: Sections, where: str) -> Any:
+    if isinstance(default, tuple):
+        return _fill(default, values, where)
+    unknown = sorted(set(values) - {item.name for item in fields(default)})
+    if unknown:
+        raise ParameterError(f'{where[:-1]} has no setting {", ".join(unknown)}')
+    return type(default)(**{
+        name: _of_type(getattr(default, name), value, f'{where}{name}')
+        for name, value in values.items()})
+
+
+def _of_type(default: Any, value: Any, where: str) -> Any:
+    """Return a value of the default's type; a whole number may stand for a float."""
+    if isinstance(default, tuple):
+        if not isinstance(value, list):
+            raise ParameterError(f'{where} = {value!r} is not a list')
+        return tuple(_of_type(0.0, item, where) for item in value)
+    if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if type(value) is not type(default):
+        raise ParameterError(
+            f'{where} = {value!r} is of type {type(value).__name__}, expected '
+            f'{type(default).__name__}')
+    return value
