@@ -7,6 +7,7 @@ A further CiA 402 drive is one more file in ``config/drives``, not code.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -116,7 +117,7 @@ def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile
     """
     path = _profile_path(name, directory)
     try:
-        return _profile(name, path, yaml.safe_load(path.read_text(encoding='utf-8')))
+        return _parse(name, path, path.read_text(encoding='utf-8'))
     except FileNotFoundError:
         raise ParameterError(f'there is no drive profile {name}: {path} does not exist') from None
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -132,6 +133,11 @@ def _profile_path(name: str, directory: str | Path | None) -> Path:
     except FileNotFoundError as error:
         raise ParameterError(f'there is no drive profile {name}: {error}') from None
     return folder / f'{name}.yaml'
+
+
+@lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
+def _parse(name: str, path: Path, text: str) -> DriveProfile:
+    return _profile(name, path, yaml.safe_load(text))
 
 
 def _profile(name: str, path: Path, data: Any) -> DriveProfile:
