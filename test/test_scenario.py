@@ -8,6 +8,7 @@ from facade_manipulator.control.compensation import Compensator
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import certify, Geometry, Pose
 from facade_manipulator.simulation.scenario import (
+    compensator_parameters,
     load_scenario,
     make_scenario,
     read_sections,
@@ -51,6 +52,13 @@ def test_the_compensator_is_set_by_its_sections():
     scenario = make_scenario({'compensator': {'impedance': {'enabled': True, 'force': 20}}})
     assert scenario.compensator.impedance.enabled
     assert scenario.compensator.impedance.force == 20.0
+
+
+def test_what_the_compensator_is_asked_for_can_be_given_to_its_node():
+    scenario = make_scenario({'compensator': {
+        'compensation': {'horizon': 0.05}, 'impedance': {'enabled': True, 'force': 30.0}}})
+    assert compensator_parameters(scenario) == {'horizon': 0.05, 'impedance.enabled': True}
+    assert compensator_parameters(Scenario()) == {}
 
 
 @pytest.mark.parametrize(('sections', 'sentence'), [

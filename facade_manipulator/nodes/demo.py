@@ -38,17 +38,13 @@ from facade_manipulator.nodes.demo_report import AXES, draw, Sample, UNITS, writ
 from facade_manipulator.nodes.monitor import Observer, render
 from facade_manipulator.nodes.processes import NodeProcesses
 from facade_manipulator.nodes.runtime import RELIABLE, USAGE_ERROR
+from facade_manipulator.simulation.scenario import (
+    compensator_parameters,
+    load_scenario,
+    Scenario,
+)
 
 NODES = ('gondola_simulator', 'driver', 'manipulator')
-STROKE_PERIOD = 6.0
-STROKES = (
-    Pose(0.0, 0.250, 0.0),
-    Pose(0.12, 0.250, 0.0),
-    Pose(-0.12, 0.250, 0.0),
-    Pose(-0.12, 0.265, math.radians(3.0)),
-    Pose(0.12, 0.265, math.radians(3.0)),
-    Pose(0.12, 0.240, math.radians(-3.0)),
-)
 FIRST_GOAL_AFTER = 1.0
 REFRESH_PERIOD = 0.25
 LINE_PERIOD = 5.0
@@ -94,6 +90,7 @@ class Demo:
         self._interrupted = interrupted
         self._is_stopping = False
         self.output = Path(options.output)
+        self.scenario = load_scenario(options.scenario) if options.scenario else Scenario()
         self.processes = NodeProcesses(self.output)
         self.client = ManipulatorClient(
             options.namespace, 'demo_supervisor', self._check_interrupt)
@@ -121,7 +118,7 @@ class Demo:
             f'starting {", ".join(NODES)} in namespace {self.options.namespace} '
             f'(logs in {self.output}/)')
         for name in NODES:
-            self.processes.start(name, _ros_arguments(name, self.options))
+            self.processes.start(name, _ros_arguments(name, self.options, self.scenario))
 
     def _bring_up(self) -> None:
         for what, step in (
@@ -147,7 +144,7 @@ class Demo:
                     show(self, elapsed)
 
     def _send_due_goal(self, elapsed: float) -> None:
-        goal = STROKES[int(elapsed / STROKE_PERIOD) % len(STROKES)]
+        goal = self.scenario.mission.goal(elapsed)
         if goal != self.client.goal:
             self.client.send_goal(goal)
 
@@ -205,13 +202,16 @@ class Demo:
             self.client.close()
 
 
-def _ros_arguments(name: str, options: argparse.Namespace) -> list[str]:
+def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:
     files = [config_path('manipulator.yaml'), config_path('simulation.yaml')]
     arguments = ['--ros-args', '-r', f'__ns:=/{options.namespace}']
     for file in files:
         arguments += ['--params-file', str(file)]
     if name == 'gondola_simulator' and options.scenario:
         arguments += ['-p', f'scenario:={options.scenario}']
+    if name == 'manipulator':
+        for parameter, value in compensator_parameters(scenario).items():
+            arguments += ['-p', f'{parameter}:={json.dumps(value)}']
     return arguments
 
 

@@ -150,6 +150,14 @@ def load_scenario(name: str) -> Scenario:
     return make_scenario(read_sections(scenario_file(name)))
 
 
+def compensator_parameters(scenario: Scenario) -> dict[str, Any]:
+    """Return where the scenario's compensator leaves the defaults, by the node's parameters."""
+    return {
+        f'{part}.{item.name}' if part != 'compensation' else item.name: getattr(asked, item.name)
+        for part, asked in scenario.compensator._asdict().items() for item in fields(asked)
+        if getattr(asked, item.name) != getattr(getattr(DEFAULTS, part), item.name)}
+
+
 def _fill(defaults: NamedTuple, sections: Sections, where: str) -> Any:
     """Replace parts of a tuple of settings by what the sections say."""
     parts = {}
