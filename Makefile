@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test study lint clean
+.PHONY: help setup bench demo test study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
@@ -20,6 +20,10 @@ test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS=â€
 
 study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=â€¦)
 	@$(IN_VENV) exec python -m facade_manipulator.workspace.study $(STUDY_ARGS)
+
+bench: setup  ## Measure performance beside what else one could use (QUICK=1: under a minute)
+	@.ci/setup-bench
+	@$(IN_VENV) exec python test/bench $(if $(QUICK),--quick) $(BENCH_ARGS)
 
 lint: setup  ## Check the style
 	@$(IN_VENV) ruff check .

@@ -1,0 +1,52 @@
+"""
+`make bench`: everything that performance is judged by, beside what a competent user would write.
+
+Prints one table, writes bench.json and bench.png. Each ratio is a median of interleaved rounds.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+import time
+
+import ros
+import sections
+import table
+
+ROUNDS = {'quick': 3, 'full': 7}
+SECTIONS = {
+    'kinematics': sections.kinematics, 'maps': sections.maps, 'bus': sections.bus,
+    'ros': ros.nodes, 'pipeline': ros.pipeline, 'growth': ros.growth,
+    'footprint': ros.footprint,
+}
+LONG = ('growth',)  # left out by --quick
+
+
+def main() -> int:
+    """Run the sections asked for."""
+    parser = argparse.ArgumentParser(prog='make bench', description=__doc__)
+    parser.add_argument('--quick', action='store_true', help='under a minute, fewer rounds')
+    parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS))
+    parser.add_argument('--output', type=Path, default=Path('bench_report'))
+    options = parser.parse_args()
+    rounds = ROUNDS['quick' if options.quick else 'full']
+    rows, growth = [], {}
+    for name in options.sections:
+        if options.quick and name in LONG:
+            continue
+        begin = time.monotonic()
+        found, grown = SECTIONS[name](rounds, options.quick)
+        print(f'{name}: {time.monotonic() - begin:.0f} s', flush=True)
+        rows += found
+        growth |= grown
+    table.show(rows)
+    path = table.write(rows, options.output)
+    table.draw(rows, growth, path.with_suffix('.png'))
+    print(f'\n{path} and {path.with_suffix(".png")} written')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())

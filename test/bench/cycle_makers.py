@@ -1,0 +1,229 @@
+"""
+The CAN cycle at 500 Hz: SYNC, three RPDO, what three drives answer; CPU of the master's threads.
+
+The drives are threads of the same process, because python-can's virtual bus ends there; the
+kernel counts the CPU of each thread, so they are not in the figures.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+import struct
+import threading
+import time
+
+import can
+
+RATE = 500
+MEASURED = {'quick': 1.0, 'full': 2.0}  # s
+NODES = (1, 2, 3)
+COMMAND, MODE = 0x0F, 8
+PATIENCE = 20.0
+
+
+def cpu_of(thread: threading.Thread) -> float:
+    """Return the processor time of one thread [s]."""
+    path = Path(f'/proc/self/task/{thread.native_id}/schedstat')
+    return int(path.read_text().split()[0]) * 1e-9
+
+
+class Answers(threading.Thread):
+    """Answer each SYNC as three drives do: TPDO1 and TPDO2, TPDO3 to every tenth."""
+
+    def __init__(self, bus: can.BusABC) -> None:
+        super().__init__(daemon=True)
+        self._bus = bus
+        status, motion, condition = (
+            struct.pack('<HbI', 0x1237, MODE, 1000), struct.pack('<ii', 0, 0),
+            struct.pack('<HhI', 0, 0, 0))
+        self._every = [(base + n, data) for n in NODES
+                       for base, data in ((0x180, status), (0x280, motion))]
+        self._tenth = [(0x380 + n, condition) for n in NODES]
+        self.start()
+
+    def run(self) -> None:
+        count = 0
+        while True:
+            message = self._bus.recv(1.0)
+            if message is None or message.arbitration_id != 0x80:
+                continue
+            count += 1
+            for cob_id, data in self._every + (self._tenth if count % 10 == 0 else []):
+                self._bus.send(can.Message(
+                    arbitration_id=cob_id, data=data, is_extended_id=False))
+
+
+def bus() -> can.BusABC:
+    return can.Bus(interface='virtual', channel='bench')
+
+
+def keep_pace(cycle, period: float = 1.0 / RATE):
+    """Call a cycle at its rate until `stopped` is set; as a thread."""
+    def run():
+        due = time.monotonic()
+        while True:
+            cycle()
+            due += period
+            time.sleep(max(0.0, due - time.monotonic()))
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    return thread
+
+
+def per_cycle(threads, cycles=None):
+    """Return a function that measures the CPU of threads per cycle [s]."""
+    def measure(speed: str) -> float:
+        before, start = sum(map(cpu_of, threads)), cycles() if cycles else 0
+        begin = time.monotonic()
+        time.sleep(MEASURED[speed])
+        elapsed = time.monotonic() - begin
+        count = cycles() - start if cycles else elapsed * RATE
+        return (sum(map(cpu_of, threads)) - before) / count
+
+    return measure
+
+
+def canopen_cycle():
+    """Serve the cycle as canopen's manual does: PDO objects, callbacks, transmit."""
+    import canopen
+
+    from facade_manipulator import config_path
+
+    Answers(bus())
+    network = canopen.Network(bus=bus())
+    network.connect()
+    pairs, seen = [], []
+    for number in NODES:
+        node = network.add_node(number, str(config_path('drives/cia402.eds')))
+        command, answers = map_pdos(node, number)
+        pairs.append((command, answers))
+        for answer in answers:
+            answer.add_callback(lambda pdo: seen.append([item.raw for item in pdo.map]))
+
+    def cycle():
+        seen.clear()
+        network.sync.transmit()
+        for command, _ in pairs:
+            controlword, mode, target = command.map
+            controlword.raw, mode.raw, target.raw = COMMAND, MODE, 1000
+            command.transmit()
+
+    thread = keep_pace(cycle)
+    time.sleep(0.2)
+    assert len(seen) >= 6, seen
+    listening = [one for one in threading.enumerate() if 'notifier' in one.name.lower()]
+    assert listening
+    return per_cycle([thread, *listening]), None, []
+
+
+def map_pdos(node, number: int):
+    """Map the PDOs of the driver: command; state, motion and condition."""
+    def mapped(pdo, base, indices):
+        pdo.clear()
+        for index in indices:
+            pdo.add_variable(index)
+        pdo.cob_id, pdo.enabled = base + number, True
+        return pdo
+
+    command = mapped(node.rpdo[1], 0x200, (0x6040, 0x6060, 0x607A))
+    answers = [mapped(node.tpdo[k], base, indices) for k, base, indices in (
+        (1, 0x180, (0x6041, 0x6061, 0x6064)), (2, 0x280, (0x606C, 0x60F4)),
+        (3, 0x380, (0x603F, 0x6077, 0x60FD)))]
+    for answer in answers:
+        answer.subscribe()
+    return command, answers
+
+
+def exchange():
+    """The driver's bus and codecs alone, with nothing decided."""
+    from facade_manipulator.drives import pdo
+    from facade_manipulator.drives.bus import CanBus
+
+    Answers(bus())
+    ours = CanBus(bus())
+    decoders = {base + n: decode for n in NODES for base, decode in (
+        (0x180, pdo.decode_tpdo1), (0x280, pdo.decode_tpdo2), (0x380, pdo.decode_tpdo3))}
+    seen = []
+
+    def run():
+        due = time.monotonic()
+        while True:
+            seen.clear()
+            ours.send(pdo.SYNC_COB_ID)
+            for n in NODES:
+                ours.send(pdo.RPDO1.cob_id(n), pdo.encode_rpdo1(COMMAND, MODE, 1000))
+            due += 1.0 / RATE
+            while (rest := due - time.monotonic()) > 0.0:
+                frame = ours.receive(rest)
+                if frame is not None:
+                    seen.append(decoders[frame.cob_id](frame.data))
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    time.sleep(0.2)
+    return per_cycle([thread]), None, []
+
+
+def driver_cycle():
+    """The driver's whole cycle, active and following a stream, with three simulated drives."""
+    from facade_manipulator.control.guard import MechanismGuard
+    from facade_manipulator.control.limits import MotionLimits
+    from facade_manipulator.control.setpoints import SetpointFollower, StreamSettings
+    from facade_manipulator.drives.controller import DriveController
+    from facade_manipulator.drives.settings import ControllerSettings, DEFAULT_AXES
+    from facade_manipulator.drives.simulated_bus import DriveSimulator
+    from facade_manipulator.drives.simulated_group import simulated_drives
+    from facade_manipulator.kinematics import Geometry
+
+    settings = ControllerSettings(
+        rate=RATE, boot_timeout=1.0, watchdog_timeout=1.0, max_missed_cycles=10,
+        heartbeat_timeout=0.5)
+    guard = MechanismGuard(Geometry())
+    follower = SetpointFollower(StreamSettings(), MotionLimits(), settings.period, guard)
+    DriveSimulator(bus(), simulated_drives(DEFAULT_AXES)).start()
+    controller = DriveController(settings, DEFAULT_AXES, bus, follower, check_targets=guard)
+    threading.Thread(target=beat, args=(controller,), daemon=True).start()
+    for request in (controller.configure, controller.home, controller.activate):
+        request().result(PATIENCE)
+    threading.Thread(target=stream, args=(follower,), daemon=True).start()
+    time.sleep(0.3)
+    thread = next(one for one in threading.enumerate() if one.name == 'drive control')
+    measure = per_cycle([thread], lambda: controller.snapshot().cycle.cycles)
+
+    def while_following(speed: str) -> float:
+        cost = measure(speed)
+        snapshot = controller.snapshot()
+        if snapshot.state.value != 'active' or follower.activity.value == 'holding':
+            raise RuntimeError(f'{snapshot.state}, {follower.activity}: {snapshot.cause}')
+        return cost
+
+    return while_following, None, []
+
+
+def beat(controller) -> None:
+    while True:
+        controller.beat()
+        time.sleep(0.02)
+
+
+def stream(follower) -> None:
+    """Setpoints at 100 Hz about the home position."""
+    import math
+
+    from facade_manipulator.control.setpoints import Setpoint
+
+    home, begin = (-0.1, 0.1, 0.0), time.time()
+    while True:
+        now = time.time()
+        phase = 2.0 * (now - begin)
+        shift, speed = 0.005 * (1.0 - math.cos(phase)), 0.01 * math.sin(phase)
+        follower.add(Setpoint(
+            now + 0.06, tuple(q + shift for q in home), (speed,) * 3), now)
+        time.sleep(0.01)
+
+
+MAKERS = {
+    'cycle: driver': driver_cycle, 'cycle: bus and codecs': exchange,
+    'cycle: canopen': canopen_cycle,
+}

@@ -1,0 +1,111 @@
+"""Processes of one measurement: started together, their CPU and memory read, ended by number."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+import signal
+from statistics import quantiles
+import subprocess
+import sys
+import time
+from typing import NamedTuple
+
+from rounds import HERE, SOURCE
+
+TICKS = os.sysconf('SC_CLK_TCK')
+PAGE = os.sysconf('SC_PAGE_SIZE')
+END_WITHIN = 5.0
+LISTENERS = ('hear_poses', 'hear_setpoints')
+
+
+class Load(NamedTuple):
+    """What a layout cost: latency [s] at the median and the 99th percentile, CPU share."""
+
+    p50: float
+    p99: float
+    cpu: float
+
+
+class Processes:
+    """Context of processes in a ROS domain of their own."""
+
+    def __init__(self, domain: int, namespace: str = '/bench') -> None:
+        self._environment = {
+            **os.environ, 'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONPATH': str(SOURCE)}
+        self._namespace = namespace
+        self.running: dict[str, subprocess.Popen] = {}
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, *_) -> None:
+        for process in self.running.values():
+            process.send_signal(signal.SIGINT)
+        for process in self.running.values():
+            try:
+                process.wait(END_WITHIN)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+    def node(self, name: str, *parameters: str, namespace: str = '') -> subprocess.Popen:
+        """Start a node of the package."""
+        ros = [word for one in parameters for word in ('-p', one)]
+        return self._start(name + namespace, [
+            '-m', f'facade_manipulator.nodes.{name}', '--ros-args',
+            '-r', f'__ns:={namespace or self._namespace}', *ros])
+
+    def role(self, name: str, kind: str, rate: float, namespace: str = '') -> subprocess.Popen:
+        """Start a role of ros_roles."""
+        return self._start(name + namespace, [
+            str(HERE / 'ros_roles.py'), name, kind, str(rate), '--ros-args',
+            '-r', f'__ns:={namespace or self._namespace}'])
+
+    def script(self, name: str, *arguments: str) -> subprocess.Popen:
+        """Start another script of the bench."""
+        return self._start(name, [str(HERE / f'{name}.py'), *arguments])
+
+    def _start(self, key: str, arguments: list[str]) -> subprocess.Popen:
+        self.running[key] = subprocess.Popen(
+            [sys.executable, *arguments], env=self._environment, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        return self.running[key]
+
+    def measure(self, counted: list[str], listener: str, warm_up: float, duration: float) -> Load:
+        """Return latencies at the listener and the CPU of some processes over a time."""
+        ear = self.running[listener]
+        time.sleep(warm_up)
+        before, begin = self.cpu(counted), time.monotonic()
+        say(ear, 'begin')
+        time.sleep(duration)
+        say(ear, 'end')
+        latencies = json.loads(ear.stdout.readline())
+        cpu = (self.cpu(counted) - before) / (time.monotonic() - begin)
+        if len(latencies) < 2:
+            raise RuntimeError(f'{listener} heard {len(latencies)} messages in {duration:g} s')
+        cuts = quantiles(latencies, n=100)
+        return Load(cuts[49], cuts[98], cpu)
+
+    def cpu(self, names: list[str]) -> float:
+        """Return the processor time that processes have used [s]."""
+        return sum(cpu_of(self.running[name].pid) for name in names)
+
+
+def say(process: subprocess.Popen, word: str) -> None:
+    """Send a line to a process."""
+    process.stdin.write(word + '\n')
+    process.stdin.flush()
+
+
+def cpu_of(pid: int) -> float:
+    """Return the processor time of a process, all threads [s]."""
+    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS
+
+
+def memory_of(pid: int) -> float:
+    """Return the resident memory of a process [MiB]."""
+    return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * PAGE / 2 ** 20

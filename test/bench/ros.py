@@ -1,0 +1,155 @@
+"""R1, R2, the latency of the pipeline, its growth, memory and start-up; on real processes."""
+
+from __future__ import annotations
+
+import json
+from statistics import median, quantiles
+import time
+from typing import NamedTuple
+
+from footprint import footprint
+from processes import Load, Processes, say
+from table import alone, compare, Row
+
+DOMAIN = 94
+DEFAULT_RATE, FAST_RATE = 100.0, 500.0
+RATES = (100.0, 200.0, 500.0)
+MANIPULATORS = (1, 2, 4, 8)
+BRING_UP = 7.0  # s, until the drives are active
+QUANTILES = {'p50': median, 'p99': lambda values: quantiles(values, n=100)[98]}
+
+__all__ = ['footprint', 'growth', 'nodes', 'pipeline']
+
+
+class Layout(NamedTuple):
+    """Which processes stand for what: ours are nodes of the package, the others relays."""
+
+    ours: tuple[str, ...]
+    relays: tuple[str, ...]
+    executor: str  # of the relays
+    inputs: str
+    listener: str
+
+
+COMPENSATOR = Layout(
+    ('compensator',), ('compensator_relay',), 'events', 'inputs', 'hear_poses')
+IK_SERVICE = Layout(('ik_service',), ('ik_relay',), 'events', 'poses', 'hear_setpoints')
+DEPLOYMENT = Layout(
+    ('manipulator',), ('compensator_relay', 'ik_relay'), 'single', 'inputs', 'hear_setpoints')
+TIMES = {True: (1.2, 1.0), False: (2.0, 3.0)}  # warm-up and duration by quick [s]
+
+
+def run(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:
+    """Measure one layout; the listener stands in the driver's place and counts in a deployment."""
+    executor = 'events' if is_ours else layout.executor
+    with Processes(DOMAIN) as processes:
+        counted = list(layout.ours if is_ours else layout.relays)
+        for name in counted:
+            if not is_ours:
+                processes.role(name, executor, rate)
+            elif name == 'ik_service':
+                processes.node(name)
+            else:
+                processes.node(name, f'rate:={rate}')
+        processes.role(layout.listener, executor, rate)
+        processes.role(layout.inputs, 'events', rate)
+        if layout is DEPLOYMENT:
+            counted.append(layout.listener)
+        return processes.measure(counted, layout.listener, *TIMES[quick])
+
+
+def beside(layout: Layout, rate: float, rounds: int, quick: bool) -> tuple[Load, Load]:
+    """Measure ours and the relays in turns; return the medians of both."""
+    turns = [(run(layout, True, rate, quick), run(layout, False, rate, quick))
+             for _ in range(rounds)]
+    return tuple(
+        Load(*(median(values) for values in zip(*side, strict=True)))
+        for side in zip(*turns, strict=True))
+
+
+def nodes(rounds: int, quick: bool) -> tuple[list[Row], dict]:
+    """R1 and R2."""
+    rows = []
+    rates = (FAST_RATE,) if quick else (DEFAULT_RATE, FAST_RATE)
+    for layout, name in ((COMPENSATOR, 'compensator'), (IK_SERVICE, 'ik_service')):
+        for rate in rates:
+            ours, relay = beside(layout, rate, 1 if quick else rounds, quick)
+            rows += _both(f'{name} at {rate:g} Hz, beside an empty relay', ours, relay,
+                          'R1', ('<= 1.15', '<= 1.2'))
+    ours, relay = beside(DEPLOYMENT, FAST_RATE, 1 if quick else rounds, quick)
+    rows += _both('deployment at 500 Hz, beside three SingleThreadedExecutor relays', ours,
+                  relay, 'R2', ('<= 0.4', '<= 0.25'))
+    return rows, {}
+
+
+def _both(name: str, ours: Load, relay: Load, goal_id: str, goals: tuple[str, str]) -> list[Row]:
+    return [compare(f'{name}: p50', ours.p50, relay.p50, 'us', goal_id, goals[0]),
+            compare(f'{name}: CPU', ours.cpu, relay.cpu, '%', goal_id, goals[1])]
+
+
+def growth(rounds: int, quick: bool) -> tuple[list[Row], dict]:
+    """How the deployment's cost grows with the rate and with the number of manipulators."""
+    by_rate = [run(DEPLOYMENT, True, rate, quick) for rate in (50.0, *RATES, 1000.0)]
+    by_count = [manipulators(count, quick) for count in MANIPULATORS]
+    rows = [alone(f'{count} manipulators at 100 Hz: {what}', value, unit)
+            for count, load in zip(MANIPULATORS, by_count, strict=True)
+            for what, value, unit in (('p50', load.p50, 'us'), ('p99', load.p99, 'us'),
+                                      ('CPU of their processes', load.cpu, '%'))]
+    return rows, {
+        'Deployment by rate': _lines([50.0, *RATES, 1000.0], 'rate [Hz]', by_rate),
+        'Manipulators at 100 Hz': _lines(list(MANIPULATORS), 'namespaces', by_count),
+    }
+
+
+def _lines(at: list, x: str, loads: list[Load]) -> dict:
+    return {'at': at, 'x': x, 'y': 'µs, CPU %', 'lines': {
+        'p50 [µs]': [1e6 * load.p50 for load in loads],
+        'p99 [µs]': [1e6 * load.p99 for load in loads],
+        'CPU [%]': [100.0 * load.cpu for load in loads]}}
+
+
+def manipulators(count: int, quick: bool) -> Load:
+    """Run several deployments side by side on this machine; listen to the first."""
+    with Processes(DOMAIN) as processes:
+        counted = []
+        for number in range(count):
+            namespace = f'/gondola_{number}'
+            processes.node('manipulator', namespace=namespace)
+            processes.role('inputs', 'events', DEFAULT_RATE, namespace)
+            counted.append('manipulator' + namespace)
+        processes.role('hear_setpoints', 'events', DEFAULT_RATE, '/gondola_0')
+        warm_up, duration = TIMES[quick]
+        return processes.measure(
+            counted, 'hear_setpoints/gondola_0', warm_up + 0.5 * count, duration)
+
+
+def pipeline(rounds: int, quick: bool) -> tuple[list[Row], dict]:
+    """From the disturbance to the targets on the bus, beside three empty relays."""
+    rows = []
+    for rate in (DEFAULT_RATE,) if quick else RATES:
+        ours, relay = way_to_the_bus(True, rate, quick), way_to_the_bus(False, rate, quick)
+        for part, values in ours.items():
+            rows += [
+                compare(f'disturbance to bus at {rate:g} Hz, {part}: {at}', cut(values),
+                        cut(relay[part]), 'us') for at, cut in QUANTILES.items()
+                if part == 'total' or at == 'p50']
+    return rows, {}
+
+
+def way_to_the_bus(is_ours: bool, rate: float, quick: bool) -> dict[str, list[float]]:
+    """Return the latencies [s] of each part of the way, by name."""
+    with Processes(DOMAIN) as processes:
+        if is_ours:
+            processes.node('manipulator', f'rate:={rate}')
+            seat = ('driver', str(rate), '--ros-args', '-p', 'simulate_drives:=true',
+                    '-p', f'controller.rate:={rate:.0f}', '-p', 'bus.channel:=/driver_bench')
+        else:
+            processes.role('compensator_relay', 'single', rate)
+            processes.role('ik_relay', 'single', rate)
+            seat = ('relay', str(rate), '--ros-args')
+        process = processes.script('pipeline_role', *seat, '-r', '__ns:=/bench')
+        time.sleep(BRING_UP if is_ours else 2.0)
+        say(process, 'begin')
+        time.sleep(3.0 if quick else 10.0)
+        say(process, 'end')
+        return json.loads(process.stdout.readline())

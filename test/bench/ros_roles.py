@@ -1,0 +1,179 @@
+"""
+Processes around the nodes under test: empty relays in their places, their inputs, a listener.
+
+`ros_roles.py ROLE EXECUTOR RATE`. A relay passes on as many messages of the same types as the
+node it stands for, and does nothing else. The listener tells the latencies of what it hears from
+the line `begin` on stdin to the line `end`.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import signal
+import sys
+from threading import Event, Thread
+import time
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
+from facade_manipulator.nodes.conversions import CARRIAGES, pose_stamped, stamp
+from facade_manipulator.nodes.executors import choose_executor
+from facade_manipulator.nodes.runtime import LATEST, RELIABLE
+
+HORIZON = 0.06
+JOINT_STATES_PERIOD = 0.01
+GOAL_PERIOD = 0.5
+PLACE = Pose(0.0, 0.25, 0.0)
+VARIANCES = (0, 7, 35)
+
+
+class CompensatorRelay(Node):
+    """Hears what the compensator hears, publishes what it publishes."""
+
+    def __init__(self, rate: float) -> None:
+        super().__init__('compensator')
+        self.create_subscription(PoseStamped, 'goal_pose', self.take, LATEST)
+        self.create_subscription(PoseStamped, 'end_effector_pose', self.take, RELIABLE)
+        self.create_subscription(
+            PoseWithCovarianceStamped, 'disturbance', self.take, qos_profile_sensor_data)
+        self._corrected = self.create_publisher(PoseStamped, 'corrected_pose', LATEST)
+        self._reference = self.create_publisher(PoseStamped, 'compensator/reference', RELIABLE)
+        self._message = pose_stamped('rail', 0.0, PLACE)
+        self.create_timer(1.0 / rate, self._relay)
+
+    def take(self, message) -> None:
+        """Do nothing with it."""
+
+    def _relay(self) -> None:
+        self._message.header.stamp = stamp(time.time() + HORIZON)
+        self._corrected.publish(self._message)
+        self._reference.publish(self._message)
+
+
+class IkRelay(Node):
+    """Passes corrected_pose on as joint_setpoints, joint_states as end_effector_pose."""
+
+    def __init__(self, _) -> None:
+        super().__init__('ik_service')
+        self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
+        self._heads = self.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
+        self.create_subscription(PoseStamped, 'corrected_pose', self._relay, LATEST)
+        self.create_subscription(JointState, 'joint_states', self._relay_back, RELIABLE)
+        self._message = JointState(name=CARRIAGES, position=(0.0,) * 3, velocity=(0.0,) * 3)
+        self._head = pose_stamped('rail', 0.0, PLACE)
+
+    def _relay(self, message: PoseStamped) -> None:
+        self._message.header.stamp = message.header.stamp
+        self._setpoints.publish(self._message)
+
+    def _relay_back(self, message: JointState) -> None:
+        self._head.header.stamp = message.header.stamp
+        self._heads.publish(self._head)
+
+
+class Inputs(Node):
+    """Supervisor, estimator and driver as far as the nodes hear them; they move, but little."""
+
+    def __init__(self, rate: float) -> None:
+        super().__init__('inputs')
+        self._goals = self.create_publisher(PoseStamped, 'goal_pose', LATEST)
+        self._states = self.create_publisher(JointState, 'joint_states', RELIABLE)
+        self._disturbances = self.create_publisher(
+            PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
+        self._disturbance = PoseWithCovarianceStamped()
+        self._disturbance.header.frame_id = 'facade'
+        for index in VARIANCES:
+            self._disturbance.pose.covariance[index] = 1e-6
+        self._head = PLACE
+        self.create_subscription(PoseStamped, 'corrected_pose', self._follow, LATEST)
+        self.create_timer(1.0 / rate, self._sway)
+        self.create_timer(JOINT_STATES_PERIOD, self._tell_states)
+        self.create_timer(GOAL_PERIOD, self._tell_goal)
+
+    def _follow(self, message: PoseStamped) -> None:
+        position, turn = message.pose.position, message.pose.orientation
+        self._head = Pose(position.x, position.y, 2.0 * math.atan2(turn.z, turn.w))
+
+    def _sway(self) -> None:
+        now = time.time()
+        self._disturbance.header.stamp = stamp(now)
+        self._disturbance.pose.pose.position.x = 0.02 * math.sin(now)
+        self._disturbances.publish(self._disturbance)
+
+    def _tell_states(self) -> None:
+        self._states.publish(JointState(
+            header=pose_stamped('rail', time.time(), self._head).header, name=CARRIAGES,
+            position=inverse_kinematics(Geometry(), self._head), velocity=(0.0,) * 3,
+            effort=(0.0,) * 3))
+
+    def _tell_goal(self) -> None:
+        self._goals.publish(pose_stamped('facade', time.time(), PLACE))
+
+
+class Poses(Inputs):
+    """A compensator's output on top, for the ik_service alone."""
+
+    def __init__(self, rate: float) -> None:
+        super().__init__(1.0)
+        self._corrected = self.create_publisher(PoseStamped, 'corrected_pose', LATEST)
+        self.create_timer(1.0 / rate, self._tell_pose)
+
+    def _tell_pose(self) -> None:
+        now = time.time()
+        self._corrected.publish(pose_stamped(
+            'rail', now + HORIZON, Pose(0.02 * math.sin(now), PLACE.y, 0.0)))
+
+
+class Listener(Node):
+    """Measures how late messages are: now less the instant at which their sender began."""
+
+    def __init__(self, topic: str, message_type) -> None:
+        super().__init__('listener')
+        self._latencies: list[float] = []
+        self.create_subscription(message_type, topic, self._hear, LATEST)
+        Thread(target=self._obey, daemon=True).start()
+
+    def _hear(self, message) -> None:
+        sent = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9 - HORIZON
+        self._latencies.append(time.time() - sent)
+
+    def _obey(self) -> None:
+        for word in sys.stdin:
+            if word.strip() == 'begin':
+                self._latencies = []
+            else:
+                print(json.dumps(self._latencies), flush=True)
+
+
+ROLES = {
+    'compensator_relay': CompensatorRelay,
+    'ik_relay': IkRelay,
+    'inputs': Inputs,
+    'poses': Poses,
+    'hear_poses': lambda _: Listener('corrected_pose', PoseStamped),
+    'hear_setpoints': lambda _: Listener('joint_setpoints', JointState),
+}
+
+
+def main() -> None:
+    """Spin one role until SIGINT."""
+    role, kind, rate = sys.argv[1:4]
+    stopping = Event()
+    signal.signal(signal.SIGINT, lambda *_: stopping.set())
+    rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
+    executor = choose_executor() if kind == 'events' else SingleThreadedExecutor()
+    executor.add_node(ROLES[role](float(rate)))
+    while not stopping.is_set():
+        executor.spin_once(timeout_sec=0.2)
+
+
+if __name__ == '__main__':
+    main()

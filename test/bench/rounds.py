@@ -1,0 +1,114 @@
+"""
+Contenders timed in turns: each in a process of its own, all of them once in every round.
+
+What disturbs the machine meets all contenders alike, and the median drops what meets one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import ExitStack
+from functools import cached_property
+import json
+import os
+from pathlib import Path
+from statistics import median
+import subprocess
+import sys
+from typing import NamedTuple
+
+HERE = Path(__file__).resolve().parent
+SOURCE = HERE.parents[1]
+BENCH_PYTHON = SOURCE / '.venv' / 'bench' / 'bin' / 'python'
+WHEEL_SETTINGS = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'LD_LIBRARY_PATH', 'AMENT_PREFIX_PATH')
+AGREEMENT = 1e-6
+PATIENCE = 30.0  # s, for a worker to end
+
+
+class Contender(NamedTuple):
+    """What is timed: a function of `module`, ours in this interpreter, else in the extras'."""
+
+    name: str
+    module: str
+    ours: bool = True
+
+
+class Worker:
+    """A contender in its own process, waiting for the word to run a round."""
+
+    def __init__(self, contender: Contender, quick: bool) -> None:
+        self.contender = contender
+        python = sys.executable if contender.ours else str(BENCH_PYTHON)
+        if not Path(python).exists():
+            self.ready = {'missing': f'there is no {python}, make bench installs it'}
+            self._process = None
+            return
+        self._process = subprocess.Popen(
+            [python, str(HERE / 'worker.py'), contender.module, contender.name,
+             'quick' if quick else 'full'],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=_environment())
+
+    @cached_property
+    def ready(self) -> dict:
+        """Return its answer, or what it misses; waits for it."""
+        return self._answer()
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_) -> None:
+        if self._process is None:
+            return
+        self._process.stdin.close()
+        self._process.wait(PATIENCE)
+
+    def round(self) -> float:
+        """Return the seconds of one item."""
+        self._process.stdin.write('round\n')
+        self._process.stdin.flush()
+        return self._answer()['seconds']
+
+    def _answer(self) -> dict:
+        line = self._process.stdout.readline()
+        return json.loads(line) if line else {'missing': 'ended without a word'}
+
+
+def _environment() -> dict[str, str]:
+    """The wheels' settings are for the interpreter that made them; one thread for everybody."""
+    kept = {name: value for name, value in os.environ.items() if name not in WHEEL_SETTINGS}
+    threads = dict.fromkeys(
+        ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'NUMBA_NUM_THREADS'), '1')
+    return {**kept, **threads, 'PYTHONPATH': str(SOURCE)}
+
+
+def time_in_turns(
+    contenders: Iterable[Contender], rounds: int, quick: bool
+) -> dict[str, float]:
+    """
+    Return the median seconds of one item, by contender.
+
+    A contender that cannot run is left out with a line, one whose answer differs from the first
+    one's is named.
+    """
+    times: dict[str, list[float]] = {}
+    with ExitStack() as stack:
+        workers = [stack.enter_context(Worker(one, quick)) for one in contenders]
+        for worker in workers:
+            if 'missing' in worker.ready:
+                print(f'  skipped {worker.contender.name}: {worker.ready["missing"]}')
+        workers = [worker for worker in workers if 'missing' not in worker.ready]
+        _compare_answers(workers)
+        for number in range(rounds):
+            for worker in workers[number % len(workers):] + workers[:number % len(workers)]:
+                times.setdefault(worker.contender.name, []).append(worker.round())
+    return {name: median(values) for name, values in times.items()}
+
+
+def _compare_answers(workers: list[Worker]) -> None:
+    """Name a contender that solves its problem, the part before the colon, otherwise."""
+    wanted: dict[str, list[float]] = {}
+    for worker in workers:
+        name, answer = worker.contender.name, worker.ready['answer']
+        expected = wanted.setdefault(name.partition(':')[0], answer) if answer else []
+        if any(abs(a - b) > AGREEMENT for a, b in zip(answer, expected, strict=True)):
+            print(f'  {name} answers {answer}, expected {expected}')

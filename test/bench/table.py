@@ -1,0 +1,139 @@
+"""The bench's result: rows, a table for people, bench.json, a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+import json
+from pathlib import Path
+
+GOAL_HEADS = ('name', 'ours', 'competitor', 'ratio', 'goal', 'met')
+FACTORS = {'us': 1e6, 'ns': 1e9, 'ms': 1e3, 's': 1.0, '%': 100.0, 'MiB': 1.0, 'mm': 1.0,
+    'rad': 1.0}
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    One comparison.
+
+    `ratio` is ours ÷ competitor where the goal is a cost (``<=``), competitor ÷ ours where it is
+    a speed (``>=``); None is a figure that stands alone, or a comparison without a goal.
+    """
+
+    name: str
+    goal_id: str
+    ours: float
+    competitor: float | None
+    unit: str
+    ratio: float | None
+    goal: str
+    met: bool | None
+
+
+def compare(
+    name: str, ours: float, competitor: float | None, unit: str, goal_id: str = '',
+    goal: str = '', faster: bool = True,
+) -> Row | None:
+    """
+    Make a row of two figures in SI; None if the competitor could not run.
+
+    Parameters
+    ----------
+    goal : str
+        Such as ``'>= 50'`` or ``'<= 1.2'``; empty for none.
+    faster : bool
+        Where there is no goal: whether the ratio says how many times faster we are.
+
+    """
+    if competitor is None:
+        return None
+    speed = goal.startswith('>=') if goal else faster
+    ratio = competitor / ours if speed else ours / competitor
+    met = fulfils(ratio, goal) if goal else None
+    factor = FACTORS[unit]
+    return Row(name, goal_id, factor * ours, factor * competitor, unit, ratio, goal, met)
+
+
+def alone(name: str, ours: float, unit: str, goal_id: str = '', goal: str = '') -> Row:
+    """Make a row of one figure, with a bound in its own unit or none."""
+    value = FACTORS[unit] * ours
+    met = fulfils(value, goal) if goal else None
+    return Row(name, goal_id, value, None, unit, None, goal and f'{goal} {unit}', met)
+
+
+def fulfils(value: float, goal: str) -> bool:
+    """Tell whether a value meets ``'>= bound'`` or ``'<= bound'``."""
+    sign, bound = goal.split()
+    return value >= float(bound) if sign == '>=' else value <= float(bound)
+
+
+def show(rows: list[Row], say: Callable[[str], None] = print) -> None:
+    """Print the table."""
+    lines = [GOAL_HEADS, *(_cells(row) for row in rows)]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(GOAL_HEADS))]
+    for line in lines:
+        cells = [line[0].ljust(widths[0])]
+        cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
+        say('  '.join(cells).rstrip())
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    number = f'{row.goal_id} ' if row.goal_id else '   '
+    competitor = '' if row.competitor is None else f'{row.competitor:.4g} {row.unit}'
+    ratio = '' if row.ratio is None else f'{row.ratio:.3g}'
+    met = {True: 'yes', False: 'NO', None: ''}[row.met]
+    return (number + row.name, f'{row.ours:.4g} {row.unit}', competitor, ratio, row.goal, met)
+
+
+def write(rows: list[Row], folder: Path) -> Path:
+    """Write bench.json whole or not at all; return its path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / 'bench.json'
+    draft = path.with_suffix('.part')
+    draft.write_text(json.dumps([asdict(row) for row in rows], indent=2) + '\n')
+    draft.replace(path)
+    return path
+
+
+def draw(rows: list[Row], growth: dict[str, dict[str, list]], path: Path) -> None:
+    """Draw how far each goal is met, and how costs grow."""
+    import matplotlib
+
+    matplotlib.use('Agg')
+    import matplotlib.pyplot as plt
+
+    judged = [row for row in rows if row.met is not None]
+    figure = plt.figure(figsize=(14, 9), layout='constrained')
+    left, right = figure.subfigures(1, 2, width_ratios=(1.25, 1.0))
+    _draw_goals(left.subplots(), judged)
+    for panel, (title, one) in zip(
+            right.subplots(len(growth), 1, squeeze=False).ravel() if growth else (),
+            growth.items(), strict=True):
+        for label, values in one['lines'].items():
+            panel.plot(one['at'], values, 'o-', label=label)
+        panel.set(title=title, xlabel=one['x'], ylabel=one['y'], xscale='log', yscale='log')
+        panel.set_xticks(one['at'], [f'{at:g}' for at in one['at']], minor=False)
+        panel.tick_params(axis='x', which='minor', labelbottom=False)
+        panel.grid(alpha=0.3)
+        panel.legend(frameon=False, fontsize=8)
+    figure.savefig(path, dpi=110)
+    plt.close(figure)
+
+
+def _draw_goals(panel, judged: list[Row]) -> None:
+    """Bars of ratio over bound; right of the line the goal is met."""
+    names = [f'{row.goal_id} {row.name}' for row in judged]
+    margins = []
+    for row in judged:
+        sign, bound = row.goal.split()[:2]
+        value = row.ratio if row.ratio is not None else row.ours
+        share = value / float(bound)
+        margins.append(share if sign == '>=' else 1.0 / max(share, 1e-9))
+    colours = ['#0072b2' if row.met else '#d55e00' for row in judged]
+    panel.barh(names, margins, left=0.0, color=colours)
+    panel.axvline(1.0, color='black', lw=1.0)
+    panel.set(xscale='log', title='How far the goals are met (blue) or missed (orange)',
+              xlabel='times as good as the goal')
+    panel.invert_yaxis()
+    panel.grid(axis='x', alpha=0.3)
