@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from facade_manipulator.control.blend import NOWHERE
+from facade_manipulator.control.blend import Blend, Course, NOWHERE
 from facade_manipulator.control.border import Border, BorderSettings
 from facade_manipulator.control.contact import Contact, WallWrench
 from facade_manipulator.control.correction import Correction, CorrectionSettings
@@ -27,6 +27,7 @@ from facade_manipulator.kinematics import certify, Geometry, Pose
 from facade_manipulator.kinematics.planar import compose, inverse
 from facade_manipulator.parameters import check_parameters, parameter
 
+BORDER_TIME = 0.2  # s, time constant of the way to a new border
 LONGEST_INTERVAL = 0.1  # s, a pause counts as no longer
 
 
@@ -36,7 +37,7 @@ class CompensationSettings:
 
     horizon: float = parameter(
         0.06, 'How far ahead of its publication a corrected pose is meant', unit='s',
-        minimum=0.005, maximum=0.5)
+        minimum=0.005, maximum=0.5, read_only=True)
     min_conditioning: float = parameter(
         0.05, 'Least local conditioning index of a corrected pose', minimum=0.0, maximum=1.0)
     speed: tuple[float, ...] = parameter(
@@ -143,6 +144,58 @@ class Compensator:
         self._tracker = Tracker(self.settings.speed, self.settings.acceleration)
         self._planned_goal: Pose | None = None
         self._last: CorrectedPose | None = None
+        self._rest = Blend(settings.correction.blend_acceleration)
+        self._changes = {
+            'compensation': self._change_motion,
+            'estimate': self._gate.change_settings,
+            'prediction': self.correction.change_prediction,
+            'border': self._change_border,
+        }
+        self._parts = {
+            'correction': self.correction,
+            'reference': self._reference,
+            'following': self.following,
+            'lateral': self.contact.lateral,
+            'impedance': self.contact.press,
+            'yaw_impedance': self.contact.turn,
+        }
+
+    def change(self, part: str, settings: Any) -> None:
+        """
+        Go on with other settings of one part; the head does not jump.
+
+        Parameters
+        ----------
+        part : str
+            A field of `CompensatorSettings`.
+        settings : object
+            Of the class of that field. A new prediction learns anew: the correction fades out
+            and in again. A new reference holds from the next goal on.
+
+        Raises
+        ------
+        ParameterError
+            If a border leaves no workspace; the one before stays.
+
+        """
+        if part in self._changes:
+            self._changes[part](settings)
+        else:
+            self._parts[part].settings = settings
+
+    def _change_motion(self, settings: CompensationSettings) -> None:
+        self.settings = settings
+        self._tracker.change_limits(settings.speed, settings.acceleration)
+
+    def _change_border(self, settings: BorderSettings) -> None:
+        border, last = Border(self.geometry, settings), self._last
+        if last is not None:  # lead from the pose inside the old border to that inside the new
+            rest = self._rest.at(last.time).place
+            led = Pose(*(p + e - r for p, e, r in zip(
+                last.pose, last.excess, rest, strict=True)))
+            here, there = Course(last.pose, NOWHERE), Course(border.lead_in(led).pose, NOWHERE)
+            self._rest.begin(last.time, here.minus(there), BORDER_TIME)
+        self._border = border
 
     def take_goal(self, goal: Pose) -> None:
         """
@@ -240,10 +293,11 @@ class Compensator:
         shifted = self.contact.shift(now, time, interval, reference, excess)
         wanted = compose(inverse(disturbance), shifted)
         inside = self._border.lead_in(self._tracker.step(time, wanted))
-        self.following.publish(time, inside.pose)
+        rest = self._rest.at(time).place
+        pose = Pose(*(p + r for p, r in zip(inside.pose, rest, strict=True)))
+        self.following.publish(time, pose)
         return CorrectedPose(
-            time, inside.pose, reference, shifted, disturbance, inside.excess,
-            self._tracker.behind)
+            time, pose, reference, shifted, disturbance, inside.excess, self._tracker.behind)
 
     def _anchor(self, now: float, aim: float, disturbance: Pose) -> None:
         """Begin the course where the head stands, or at the goal if it is not seen."""

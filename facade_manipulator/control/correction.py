@@ -28,7 +28,9 @@ DECAYS = 6.0
 class CorrectionSettings:
     """How the correction fades and how smoothly it takes new estimates."""
 
-    enabled: bool = parameter(True, 'Whether the correction is enabled at start')
+    enabled: bool = parameter(
+        True, 'Whether the correction is enabled at start; later it is compensator/enable',
+        read_only=True)
     fade_time: float = parameter(
         3.0, 'Time in which the correction fades in or out', unit='s', minimum=0.1, maximum=60.0)
     silence: float = parameter(
@@ -42,7 +44,7 @@ class CorrectionSettings:
         unit='s', minimum=0.0, maximum=1.0)
     blend_acceleration: tuple[float, ...] = parameter(
         (0.5, 0.5, 1.0), 'Highest acceleration of fading: x, y, theta', unit='m/s^2, rad/s^2',
-        minimum=0.01, maximum=20.0)
+        minimum=0.01, maximum=20.0, read_only=True)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -97,6 +99,11 @@ class Correction:
             self._smooth.clear()
             self._smooth.begin(
                 self._time, before.minus(self._aim()), self.settings.smoothing)
+
+    def change_prediction(self, settings: PredictionSettings) -> None:
+        """Learn anew by other settings; meanwhile the correction fades out, and in again."""
+        self._change(mode=Mode.UNHEARD)
+        self.predictor = make_predictor(settings)
 
     def tare(self, now: float) -> Pose:
         """

@@ -70,8 +70,12 @@ class EstimateGate:
     """
 
     def __init__(self, settings: EstimateSettings) -> None:
-        self.settings = settings
         self._last: Estimate | None = None
+        self.change_settings(settings)
+
+    def change_settings(self, settings: EstimateSettings) -> None:
+        """Believe by other bounds from the next estimate on."""
+        self.settings = settings
         self._jump = Pose(
             settings.displacement_jump, settings.displacement_jump, settings.yaw_jump)
         self._largest = Pose(

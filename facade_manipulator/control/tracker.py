@@ -21,9 +21,13 @@ class Tracker:
     """
 
     def __init__(self, speed: tuple[float, ...], acceleration: tuple[float, ...]) -> None:
-        self._limits = tuple(zip(speed, acceleration, strict=True))
+        self.change_limits(speed, acceleration)
         self._time: float | None = None
         self._place = self._velocity = self._target = Pose(0.0, 0.0, 0.0)
+
+    def change_limits(self, speed: tuple[float, ...], acceleration: tuple[float, ...]) -> None:
+        """Keep other limits from the next step on; what is too fast brakes."""
+        self._limits = tuple(zip(speed, acceleration, strict=True))
 
     @property
     def behind(self) -> Pose:

@@ -15,6 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 
+from facade_manipulator.control.border import Border
 from facade_manipulator.control.compensation import (
     Compensator,
     CompensatorSettings,
@@ -60,7 +61,7 @@ class CompensatorNode(Node):
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
         self.settings = CompensatorSettings(**{
-            part: declare(self, type(default), '' if part == 'compensation' else part)
+            part: self._declare(geometry, part, type(default))
             for part, default in DEFAULTS._asdict().items()})
         self._compensator = Compensator(geometry, self.settings)
         self._refusals = Refusals(self)
@@ -72,6 +73,16 @@ class CompensatorNode(Node):
         self.create_service(Trigger, 'compensator/tare', self._tare)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(1.0 / rate, self._update)
+
+    def _declare(self, geometry: Geometry, part: str, settings_class: type):
+        """Declare the settings of a part of the compensator, which may change while it runs."""
+        def check(settings) -> None:
+            if part == 'border':
+                Border(geometry, settings)
+
+        return declare(
+            self, settings_class, '' if part == 'compensation' else part,
+            lambda settings: self._compensator.change(part, settings), check)
 
     def _subscribe(self) -> None:
         self.create_subscription(PoseStamped, 'goal_pose', self._take_goal, LATEST)
