@@ -30,10 +30,10 @@ MOVING = 0.1  # m/s
 class Source:
     """Targets that go to and fro from where they were reset, at a constant speed."""
 
-    def __init__(self) -> None:
+    def __init__(self, period: float = SETTINGS.period) -> None:
         self.speed = 0.0
         self.time = 0.0
-        self.period = SETTINGS.period
+        self.period = period
         self.distort = None
         self.start = self.positions = None
         self.held = False
@@ -63,12 +63,11 @@ class Rig:
 
     def __init__(
         self, channel: str, interface='virtual', settings=SETTINGS, axes=DEFAULT_AXES,
-        drives=None, **details,
+        drives=None, source=None, **details,
     ) -> None:
         self.channel = channel
         self.interface = interface
-        self.source = Source()
-        self.source.period = settings.period
+        self.source = source or Source(settings.period)
         self.beats = threading.Event()
         self.beats.set()
         self.buses = []

@@ -1,0 +1,352 @@
+"""
+The fault table of the drives, proved row by row in every situation, with its reaction times.
+
+``python test/fault_table.py --repeat 5`` prints them; `test_fault_matrix` runs each case once.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+import math
+from pathlib import Path
+import statistics
+import sys
+import time
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import can  # noqa: E402
+from drive_rig import PATIENCE  # noqa: E402
+from fault_rig import enables, SITUATIONS, SLOW_HOMING, Spoil, StreamRig  # noqa: E402
+from support import wait_until  # noqa: E402
+
+from facade_manipulator.control.setpoints import Activity  # noqa: E402
+from facade_manipulator.drives import pdo  # noqa: E402
+from facade_manipulator.drives.cia402 import Controlword, State  # noqa: E402
+from facade_manipulator.drives.settings import AXIS_NAMES, DEFAULT_AXES  # noqa: E402
+from facade_manipulator.drives.snapshot import ControllerState  # noqa: E402
+
+NODES = (1, 2, 3)
+VICTIM = 1  # q2
+ROUNDING = 1e-5  # m
+POWERLESS = {State.SWITCH_ON_DISABLED, State.FAULT, State.NOT_READY_TO_SWITCH_ON}
+
+
+# --- what happens
+
+def _emergency(code: int) -> Callable[[StreamRig], None]:
+    def inject(rig: StreamRig) -> None:
+        with rig.simulator.access() as drives:
+            drives[VICTIM].inject_fault(code)
+    return inject
+
+
+def _open_safe_torque_off(rig: StreamRig) -> None:
+    with rig.simulator.access() as drives:
+        drives[VICTIM].open_safe_torque_off()
+
+
+def _lose_position(rig: StreamRig) -> None:
+    with rig.simulator.access() as drives:
+        drives[VICTIM].lose_position()
+
+
+def _send_short_pdo(rig: StreamRig) -> None:
+    rig.forge(pdo.RPDO1.cob_id(VICTIM + 1), b'\x0f\x00')
+
+
+def _silence(rig: StreamRig) -> None:
+    with rig.simulator.access() as drives:
+        drives[VICTIM].is_silent = True
+
+
+def _stop_heart(rig: StreamRig) -> None:
+    with rig.simulator.access() as drives:
+        drives[VICTIM].objects.values[0x1017, 0] = 0
+        drives[VICTIM]._producer.deadline = math.inf
+
+
+def _reboot(rig: StreamRig) -> None:
+    with rig.simulator.access() as drives:
+        drives[VICTIM].reboot()
+
+
+def _bus_off(rig: StreamRig) -> None:
+    rig.bus_is_missing = True
+    rig.listener.send(can.Message(
+        arbitration_id=0x040, data=bytes(8), is_error_frame=True, is_extended_id=False))
+
+
+def _link_down(rig: StreamRig) -> None:
+    rig.bus_is_missing = True
+    rig.buses[-1].shutdown()
+
+
+def _congest(rig: StreamRig) -> None:
+    def full(message, timeout=None):
+        raise can.CanOperationError('Transmit buffer full')
+
+    rig.bus_is_missing = True
+    rig.buses[-1].send = full
+
+
+def _mend(rig: StreamRig) -> None:
+    rig.bus_is_missing = False
+    with rig.simulator.access() as drives:
+        for drive in drives:
+            drive.is_silent = False
+            drive.remove_cause()
+
+
+# --- how to go on: nothing of it gives power
+
+def _clear(rig: StreamRig) -> None:
+    answer = rig.clear()
+    following = 'home ' if rig.is_homing_rig else 'next: activate'
+    assert following in answer, answer
+
+
+def _clear_and_home(rig: StreamRig) -> None:
+    assert 'q2' in rig.controller.snapshot().unhomed
+    assert 'home ' in rig.clear()
+    assert 'homed' in rig.refusal('activate')
+    if not rig.is_homing_rig:
+        rig.do('home')
+
+
+def _configure_again(rig: StreamRig) -> None:
+    assert 'configure again' in rig.refusal('clear_faults')
+    rig.do('cleanup')
+    rig.configure()
+
+
+def _configure_and_home_again(rig: StreamRig) -> None:
+    """While it boots a drive is silent: that may be what is told first."""
+    wait_until(lambda: 'has restarted by itself' in rig.all_causes, 'the boot-up message')
+    assert 'q2' in rig.controller.snapshot().unhomed
+    _configure_again(rig)
+
+
+def _wait_for_the_bus(rig: StreamRig) -> None:
+    rig.until(ControllerState.STOPPED)
+    _clear(rig)
+
+
+# --- when all three were stopped
+
+def _commanded(frames: list[can.Message], node: int) -> float | None:
+    """Return when a drive was first commanded to stop, None if it was not."""
+    return next((
+        frame.timestamp for frame in frames if frame.arbitration_id == pdo.RPDO1.cob_id(node)
+        and pdo.decode_rpdo1(bytes(frame.data)).controlword == Controlword.QUICK_STOP), None)
+
+
+def _by_itself(frames: list[can.Message], node: int) -> float | None:
+    """Return when a drive said that it misses the master's heartbeat, None if it did not."""
+    return next((frame.timestamp for frame in frames
+                 if frame.arbitration_id == pdo.emergency_cob_id(node)), None)
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row of the fault table: what happens, what it does, how to go on."""
+
+    inject: Callable[[StreamRig], None]
+    sentence: str
+    next_step: str = 'clear the faults'
+    recover: Callable[[StreamRig], None] = _clear
+    cuts_power: bool = False
+    cycles: float = 3
+    stopped: Callable[[list[can.Message], int], float | None] = _commanded
+    axis: str = 'q2 (node 2)'
+
+
+def _lost(inject: Callable[[StreamRig], None], sentence: str) -> Row:
+    return Row(inject, sentence, 'home', _clear_and_home, cuts_power=True)
+
+
+def _node(inject: Callable[[StreamRig], None], sentence: str, cycles: float) -> Row:
+    return Row(inject, sentence, 'configure again', _configure_again, cycles=cycles)
+
+
+def _bus(inject: Callable[[StreamRig], None], sentence: str) -> Row:
+    return Row(inject, sentence, 'wait until it is back', _wait_for_the_bus, cycles=math.inf,
+               stopped=_by_itself, axis='')
+
+
+ROWS = {
+    'following error 8611': Row(_emergency(0x8611), 'following error'),
+    'limit switch 8A81': Row(_emergency(0x8A81), 'positive limit switch'),
+    'position limit 8A82': Row(_emergency(0x8A82), 'software position limit'),
+    'communication 8120': Row(_emergency(0x8120), 'error passive', 'check wiring'),
+    'short PDO 8210': Row(_send_short_pdo, 'wrong length', 'check wiring'),
+    'position lost 7380': _lost(_lose_position, 'position is lost'),
+    'encoder reversed 7392': _lost(_emergency(0x7392), 'counts against the motor'),
+    'drive watchdog FF02': _lost(_emergency(0xFF02), 'watchdog of the drive'),
+    'overcurrent 2310': Row(_emergency(0x2310), 'current is too high', 'remove the cause'),
+    'overvoltage 3210': Row(_emergency(0x3210), 'voltage is too high', 'remove the cause'),
+    'undervoltage 3220': Row(_emergency(0x3220), 'voltage is too low', 'remove the cause'),
+    'too hot 4210': Row(_emergency(0x4210), 'too hot', 'remove the cause'),
+    'sensor 7320': Row(_emergency(0x7320), 'sensor reports an error', 'remove the cause'),
+    'safe torque off 8A88': Row(
+        _open_safe_torque_off, 'safe torque off is open', 'remove the cause'),
+    'TPDO missing': _node(_silence, 'did not answer 3 cycles in a row', 3),
+    'heartbeat missing': _node(_stop_heart, 'sent no heartbeat', math.inf),
+    'unexpected boot-up': replace(
+        _node(_reboot, 'q2 (node 2)', 3), recover=_configure_and_home_again),
+    'bus-off': _bus(_bus_off, 'bus-off'),
+    'link down': _bus(_link_down, ''),
+    'ENOBUFS': _bus(_congest, 'send queue is full'),
+}
+
+
+def prove(rig: StreamRig, name: str, situation: str) -> float | None:
+    """
+    Let something happen in a situation and check everything that the fault table says of it.
+
+    Returns the reaction time [s]: until all three were commanded to stop; without a bus, until
+    they said that they stop by themselves; for setpoints, until the targets slow down, and None
+    where they moved nothing.
+    """
+    rig.get_ready()
+    SITUATIONS[situation](rig)
+    if name in SETPOINTS:
+        return _prove_setpoint(rig, SETPOINTS[name], situation)
+    row = ROWS[name]
+    rig.frames()
+    rig.heard.clear()
+    begin = time.time()
+    row.inject(rig)
+    rig.until(ControllerState.STOPPED, ControllerState.BUS_LOST)
+    wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'all three to stop')
+    if row.cuts_power:
+        wait_until(lambda: set(rig.drive_states) <= POWERLESS, 'all three without power')
+    seconds = wait_until(lambda: _measured(rig, row, begin), 'the reaction on the bus')
+    assert _syncs_to_the_last_enabling(rig.heard, begin) <= row.cycles
+    _check_cause(rig, row)
+    if situation == 'homing':
+        assert row.sentence in str(rig.homing.exception(PATIENCE))
+        assert rig.controller.snapshot().unhomed == AXIS_NAMES
+    assert rig.refusal('activate')
+    rig.fall_silent()
+    _mend(rig)
+    row.recover(rig)
+    wait_until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3, 'power off')
+    assert rig.state is ControllerState.INACTIVE
+    assert rig.controller.snapshot().cause == ''
+    return seconds
+
+
+def _measured(rig: StreamRig, row: Row, begin: float) -> float | None:
+    rig.listen()
+    frames = [frame for frame in rig.heard if frame.timestamp >= begin]
+    times = [row.stopped(frames, node) for node in NODES]
+    return None if None in times else max(times) - begin
+
+
+def _check_cause(rig: StreamRig, row: Row) -> None:
+    wait_until(lambda: row.sentence in rig.controller.snapshot().cause,
+               f'the cause to say: {row.sentence}', 2.0)
+    snapshot = rig.controller.snapshot()
+    assert row.axis in snapshot.cause
+    assert row.next_step in snapshot.next_step
+
+
+def _syncs_to_the_last_enabling(frames: list[can.Message], begin: float) -> int:
+    syncs = most = 0
+    for frame in frames:
+        syncs += frame.arbitration_id == pdo.SYNC_COB_ID and frame.timestamp >= begin
+        most = syncs if enables(frame) else most
+    return most
+
+
+# --- setpoints: they never stop the group, the carriages slow down and hold
+
+SETPOINTS: dict[str, Spoil] = {
+    'setpoints: silence': lambda setpoint: None,
+    'setpoints: stale': lambda setpoint: setpoint._replace(time=setpoint.time - 1.0),
+    'setpoints: refused': lambda setpoint: setpoint._replace(position=(0.0, 0.4, 0.1)),
+}
+
+
+def _prove_setpoint(rig: StreamRig, spoil: Spoil, situation: str) -> float | None:
+    begin, before, state = time.time(), rig.carriages, rig.state
+    seconds = None
+    if situation == 'moving':
+        rig.spoil = spoil
+        wait_until(lambda: rig.follower.activity in (Activity.BRAKING, Activity.HOLDING),
+                   'the targets to slow down', step=lambda: time.sleep(0.001))
+        seconds = time.time() - begin
+        wait_until(lambda: rig.follower.at_rest, 'the targets to come to rest')
+    else:
+        rig.stream(spoil)
+        rig.cycles(5)
+        moved = max(abs(a - b) for a, b in zip(rig.carriages, before, strict=True))
+        assert situation == 'homing' or moved < ROUNDING
+    assert rig.state is state
+    if state is ControllerState.ACTIVE:
+        rig.stream()
+        wait_until(lambda: rig.follower.activity is Activity.FOLLOWING, 'the stream to go on')
+        rig.fall_silent()
+        rig.do('deactivate')
+    elif situation == 'homing':
+        rig.fall_silent()
+        rig.do('halt')
+    rig.fall_silent()
+    return seconds
+
+
+# --- the whole table
+
+def cases() -> list[tuple[str, str]]:
+    """Return row and situation, those that share a rig in a row."""
+    return [(name, situation) for situation in SITUATIONS for name in (*ROWS, *SETPOINTS)]
+
+
+def axes_for(situation: str) -> tuple:
+    """Return axes that home slowly where homing is to be met."""
+    return SLOW_HOMING if situation == 'homing' else DEFAULT_AXES
+
+
+def measure(repeat: int) -> dict[tuple[str, str], list[float]]:
+    """Prove each case a number of times and return the reaction times [s]."""
+    results: dict[tuple[str, str], list[float]] = {case: [] for case in cases()}
+    for situation in SITUATIONS:
+        rig = StreamRig(f'fault table, {situation}', axes=axes_for(situation))
+        try:
+            for name in (*ROWS, *SETPOINTS) * repeat:
+                seconds = prove(rig, name, situation)
+                results[name, situation] += [] if seconds is None else [seconds]
+        finally:
+            rig.close()
+    return results
+
+
+def table(results: dict[tuple[str, str], list[float]]) -> str:
+    """Return the reaction times as text: p50 / max [ms]."""
+    lines = ['| reaction p50/max [ms] | ' + ' | '.join(SITUATIONS) + ' |',
+             '|---|' + '---|' * len(SITUATIONS)]
+    for name in (*ROWS, *SETPOINTS):
+        cells = (_cell(results[name, situation]) for situation in SITUATIONS)
+        lines.append(f'| {name} | ' + ' | '.join(cells) + ' |')
+    return '\n'.join(lines)
+
+
+def _cell(times: list[float]) -> str:
+    if not times:
+        return 'nothing moves'
+    return f'{1e3 * statistics.median(times):.1f} / {1e3 * max(times):.1f}'
+
+
+def main() -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--repeat', type=int, default=5, help='how often each case is proved')
+    print(table(measure(parser.parse_args().repeat)))
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
