@@ -19,7 +19,11 @@ METADATA_KEY = 'parameter'
 
 @dataclass(frozen=True)
 class ParameterInfo:
-    """What an operator sees of a parameter: description, unit, range, whether it is read-only."""
+    """
+    What an operator sees of a parameter: description, unit, range, whether it is read-only.
+
+    `elements` names the elements of an array whose length is fixed.
+    """
 
     description: str
     unit: str = ''
@@ -27,6 +31,7 @@ class ParameterInfo:
     maximum: float | None = None
     read_only: bool = False
     choices: tuple[str, ...] = ()
+    elements: tuple[str, ...] = ()
 
 
 def parameter(default: Any, description: str, **info: Any) -> Any:
@@ -67,6 +72,10 @@ def check_parameters(instance: Any) -> None:
 def _check(name: str, value: Any, info: ParameterInfo) -> None:
     if info.choices and value not in info.choices:
         raise ParameterError(f'{name} = {value!r} is none of {", ".join(info.choices)}')
+    if info.elements and len(value) != len(info.elements):
+        raise ParameterError(
+            f'{name} has {len(value)} elements, expected {len(info.elements)}: '
+            f'{", ".join(info.elements)}')
     for element in value if isinstance(value, (tuple, list)) else (value,):
         if isinstance(element, (int, float)) and not isinstance(element, bool):
             _check_number(name, element, info)

@@ -23,7 +23,8 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='facade_manipulator_log_'))
 
 settings.register_profile(
-    'project', deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
+    'project', deadline=None, derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
 settings.load_profile('project')
 
 

@@ -18,7 +18,8 @@ class Sample:
     high: float = parameter(0.9, 'Upper bound', unit='m', minimum=0.0, maximum=1.0)
     count: int = parameter(3, 'How many', minimum=1, maximum=9)
     kind: str = parameter('a', 'Which', choices=('a', 'b'))
-    span: tuple = parameter((0.0, 1.0), 'From and to', unit='m', read_only=True)
+    span: tuple = parameter(
+        (0.0, 1.0), 'From and to', unit='m', read_only=True, elements=('from', 'to'))
 
     def __post_init__(self):
         check_parameters(self)
@@ -31,6 +32,7 @@ class Sample:
     ({'high': 1.5}, 'high = 1.5 m is above its maximum 1 m'),
     ({'low': math.nan}, 'low = nan is not a finite number'),
     ({'span': (0.0, math.inf)}, 'span = inf'),
+    ({'span': (0.0, 1.0, 2.0)}, 'span has 3 elements, expected 2: from, to'),
     ({'kind': 'c'}, "kind = 'c' is none of a, b"),
     ({'low': 0.95}, 'low = 0.95 m is not below high'),
 ])

@@ -22,7 +22,6 @@ from facade_manipulator.control.lateral import LateralSettings
 from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.control.reference import Motion, Reference, ReferenceSettings
 from facade_manipulator.control.tracker import Tracker
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import certify, Geometry, Pose
 from facade_manipulator.kinematics.planar import compose, inverse
 from facade_manipulator.parameters import check_parameters, parameter
@@ -42,17 +41,13 @@ class CompensationSettings:
         0.05, 'Least local conditioning index of a corrected pose', minimum=0.0, maximum=1.0)
     speed: tuple[float, ...] = parameter(
         (0.45, 0.4, 1.2), 'Highest speed of the head along the rail: x, y, theta',
-        unit='m/s, rad/s', minimum=1e-3, maximum=10.0)
+        unit='m/s, rad/s', minimum=1e-3, maximum=10.0, elements=Pose._fields)
     acceleration: tuple[float, ...] = parameter(
         (2.8, 2.5, 7.0), 'Highest acceleration of the head along the rail: x, y, theta',
-        unit='m/s^2, rad/s^2', minimum=1e-2, maximum=100.0)
+        unit='m/s^2, rad/s^2', minimum=1e-2, maximum=100.0, elements=Pose._fields)
 
     def __post_init__(self) -> None:
         check_parameters(self)
-        for name in ('speed', 'acceleration'):
-            if len(getattr(self, name)) != len(Pose._fields):
-                raise ParameterError(
-                    f'{name} has {len(getattr(self, name))} elements, expected 3: x, y, theta')
 
 
 class CorrectedPose(NamedTuple):

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import math
 
 from facade_manipulator.control.contact import WallWrench
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Carriages, end_effector_force, Geometry, Pose
 from facade_manipulator.parameters import check_parameters, parameter
 
@@ -19,20 +18,16 @@ class FrictionSettings:
 
     coulomb: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'Friction that does not depend on speed: q1, q2, q3', unit='N',
-        minimum=0.0, maximum=1e4)
+        minimum=0.0, maximum=1e4, elements=Carriages._fields)
     viscous: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'Friction per speed: q1, q2, q3', unit='N s/m',
-        minimum=0.0, maximum=1e5)
+        minimum=0.0, maximum=1e5, elements=Carriages._fields)
     stiction_speed: float = parameter(
         0.002, 'Speed below which the Coulomb friction fades, its sign being unknown', unit='m/s',
         minimum=1e-5, maximum=0.1)
 
     def __post_init__(self) -> None:
         check_parameters(self)
-        for name in ('coulomb', 'viscous'):
-            if len(getattr(self, name)) != len(Carriages._fields):
-                raise ParameterError(
-                    f'{name} has {len(getattr(self, name))} elements, expected 3: q1, q2, q3')
 
 
 def contact_wrench(

@@ -16,7 +16,7 @@ from facade_manipulator.control.blend import AT_REST, Blend, Course, NOWHERE
 from facade_manipulator.control.estimate import Estimate
 from facade_manipulator.control.plain_prediction import make_predictor
 from facade_manipulator.control.prediction import PredictionSettings
-from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, inverse
 from facade_manipulator.parameters import check_parameters, parameter
@@ -44,14 +44,10 @@ class CorrectionSettings:
         unit='s', minimum=0.0, maximum=1.0)
     blend_acceleration: tuple[float, ...] = parameter(
         (0.5, 0.5, 1.0), 'Highest acceleration of fading: x, y, theta', unit='m/s^2, rad/s^2',
-        minimum=0.01, maximum=20.0, read_only=True)
+        minimum=0.01, maximum=20.0, read_only=True, elements=Pose._fields)
 
     def __post_init__(self) -> None:
         check_parameters(self)
-        if len(self.blend_acceleration) != len(Pose._fields):
-            raise ParameterError(
-                f'blend_acceleration has {len(self.blend_acceleration)} elements, expected 3: '
-                'x, y, theta')
 
 
 class Mode(enum.Enum):

@@ -52,7 +52,7 @@ class PredictionSettings:
         unit='m', minimum=0.0, maximum=1000.0)
     frequencies: tuple[float, ...] = parameter(
         (0.12, 0.35), 'Frequencies of the two oscillations to start from', unit='Hz',
-        minimum=0.04, maximum=5.0)
+        minimum=0.04, maximum=5.0, elements=('first', 'second'))
     gusts: tuple[float, ...] = parameter(
         (0.0005, 0.003, 0.02, 0.15),
         'Opinions on the gusts: root of the acceleration spectral density',
@@ -84,14 +84,10 @@ class PredictionSettings:
     acceleration: tuple[float, ...] = parameter(
         (1.0, 0.7, 1.4),
         'Acceleration beyond which an oscillation is compensated in part: x, y, theta',
-        unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0)
+        unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0, elements=Pose._fields)
 
     def __post_init__(self) -> None:
         check_parameters(self)
-        for name, length in (('frequencies', 2), ('acceleration', AXES)):
-            if len(getattr(self, name)) != length:
-                raise ParameterError(
-                    f'{name} has {len(getattr(self, name))} elements, expected {length}')
         if not self.gusts:
             raise ParameterError('gusts has no element, expected at least 1')
 

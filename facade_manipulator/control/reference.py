@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from ruckig import InputParameter, Result, Ruckig, Synchronization, Trajectory
 
-from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import wrap_angle
 from facade_manipulator.parameters import check_parameters, parameter
@@ -24,20 +24,16 @@ class ReferenceSettings:
 
     speed: tuple[float, ...] = parameter(
         (0.2, 0.1, 0.4), 'Highest speed: x, y, theta', unit='m/s, rad/s', minimum=1e-3,
-        maximum=5.0)
+        maximum=5.0, elements=Pose._fields)
     acceleration: tuple[float, ...] = parameter(
         (0.6, 0.4, 1.5), 'Highest acceleration: x, y, theta', unit='m/s^2, rad/s^2',
-        minimum=1e-2, maximum=50.0)
+        minimum=1e-2, maximum=50.0, elements=Pose._fields)
     jerk: tuple[float, ...] = parameter(
         (6.0, 4.0, 15.0), 'Highest jerk: x, y, theta', unit='m/s^3, rad/s^3', minimum=0.1,
-        maximum=1e4)
+        maximum=1e4, elements=Pose._fields)
 
     def __post_init__(self) -> None:
         check_parameters(self)
-        for name in ('speed', 'acceleration', 'jerk'):
-            if len(getattr(self, name)) != len(Pose._fields):
-                raise ParameterError(
-                    f'{name} has {len(getattr(self, name))} elements, expected 3: x, y, theta')
 
 
 class Motion(NamedTuple):

@@ -127,7 +127,8 @@ def _constraints(info: ParameterInfo) -> str:
     """Return in words what a descriptor has no field for: choices, ranges of arrays."""
     if info.choices:
         return 'one of ' + ', '.join(info.choices)
-    bounds = [
+    bounds = [f'{len(info.elements)} elements'] if info.elements else []
+    bounds += [
         f'{word} {bound:g} {info.unit}'.rstrip()
         for word, bound in (('at least', info.minimum), ('at most', info.maximum))
         if bound is not None
