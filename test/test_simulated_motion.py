@@ -102,7 +102,7 @@ def test_the_servo_never_overshoots_a_step_of_its_demand(lag, step, distance):
     goal = distance * CPM
     for _ in range(round(1.0 / step)):
         motor.follow(goal, 0.0, step, 1.0 * CPM, 20.0 * CPM)
-        assert abs(motor.position) <= abs(goal) + 1.0
+        assert abs(motor.position) <= abs(goal) + 2.0  # counts, from the finite step
     assert motor.position == pytest.approx(goal, abs=1.0)
 
 
