@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -66,6 +67,7 @@ class CompensatorNode(Node):
         self._compensator = Compensator(geometry, self.settings)
         self._refusals = Refusals(self)
         self._report = CompensatorReport(self._compensator)
+        self._follower: Callable[[PoseStamped], None] | None = None
         self._corrected = self.create_publisher(PoseStamped, 'corrected_pose', LATEST)
         self._reference = self.create_publisher(PoseStamped, 'compensator/reference', RELIABLE)
         self._subscribe()
@@ -73,6 +75,15 @@ class CompensatorNode(Node):
         self.create_service(Trigger, 'compensator/tare', self._tare)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(1.0 / rate, self._update)
+
+    def hand_to(self, follower: Callable[[PoseStamped], None]) -> None:
+        """
+        Hand corrected poses to a node of the same process, which subscribes to them as well.
+
+        That saves it the way through the middleware, a third of what the two nodes cost; the topic
+        goes on for everybody else.
+        """
+        self._follower = follower
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type):
         """Declare the settings of a part of the compensator, which may change while it runs."""
@@ -148,10 +159,18 @@ class CompensatorNode(Node):
             return
         if corrected is not None:
             self._report.note(now, corrected)
-            self._corrected.publish(pose_stamped(RAIL, corrected.time, corrected.pose))
+            self._send(pose_stamped(RAIL, corrected.time, corrected.pose))
             self._reference.publish(pose_stamped(FACADE, corrected.time, corrected.reference))
         if self._report.changed(now):
             self._diagnostics.publish()
+
+    def _send(self, message: PoseStamped) -> None:
+        if self._follower is None:
+            self._corrected.publish(message)
+            return
+        self._follower(message)
+        if self._corrected.get_subscription_count() > 1:  # somebody listens beside the follower
+            self._corrected.publish(message)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response):
         correction = self._compensator.correction

@@ -66,7 +66,7 @@ class IkServiceNode(Node):
         self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
         self._heads = self.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
         self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
-        self.create_subscription(PoseStamped, 'corrected_pose', self._take_goal, LATEST)
+        self.create_subscription(PoseStamped, 'corrected_pose', self.take_goal, LATEST)
         self.create_subscription(JointState, 'joint_states', self._take_joint_states, RELIABLE)
         self.create_service(GetPlan, 'ik_service/solve', self._solve)
         self._leading = self.create_timer(APPROACH_PERIOD, self._lead, autostart=False)
@@ -82,7 +82,8 @@ class IkServiceNode(Node):
     def _change_approach(self, settings: ReferenceSettings) -> None:
         self._approach.change_settings(settings)
 
-    def _take_goal(self, message: PoseStamped) -> None:
+    def take_goal(self, message: PoseStamped) -> None:
+        """Follow a pose of corrected_pose; the compensator may hand it over itself."""
         try:
             require_frame(message.header.frame_id, RAIL, 'corrected_pose')
             pose = planar_pose(message.pose, 'corrected_pose')
@@ -94,6 +95,8 @@ class IkServiceNode(Node):
     def _go_to(self, time: float, pose: Pose) -> None:
         """Follow a goal of a stream; lead the head to one that comes alone."""
         pause = time - self._last_goal_time
+        if pause == 0.0:  # handed over before, and now heard on the topic
+            return
         self._last_goal_time = time
         if self._head is None or pause <= self.settings.stream_gap:
             self._approach.end()

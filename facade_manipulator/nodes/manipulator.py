@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from rclpy.node import Node
+
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.runtime import run
 
 
+def make_nodes(**kwargs) -> list[Node]:
+    """Make both nodes, corrected poses going straight from one to the other."""
+    compensator, ik_service = CompensatorNode(**kwargs), IkServiceNode(**kwargs)
+    compensator.hand_to(ik_service.take_goal)
+    return [compensator, ik_service]
+
+
 def main(args: list[str] | None = None) -> int:
     """Run both nodes in one executor."""
-    return run(lambda: [CompensatorNode(), IkServiceNode()], args)
+    return run(make_nodes, args)
 
 
 if __name__ == '__main__':
