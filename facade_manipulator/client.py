@@ -26,6 +26,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from nav_msgs.srv import GetPlan
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import qos_profile_system_default
 from std_srvs.srv import SetBool, Trigger
 
@@ -87,7 +88,7 @@ class ManipulatorClient:
         self.head_in_rail: Pose | None = None
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
-        self._goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
+        self._goals: Publisher | None = None  # who only looks needs no right to move anything
         self.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._take_diagnostics, RELIABLE)
         self.node.create_subscription(
@@ -186,7 +187,18 @@ class ManipulatorClient:
         return self._trigger('compensator/tare')
 
     def send_goal(self, pose: Pose) -> None:
-        """Send a goal for the head on the wall (frame ``facade``)."""
+        """
+        Send a goal for the head on the wall (frame ``facade``).
+
+        Raises
+        ------
+        NoAnswerError
+            Nobody takes goals.
+
+        """
+        if self._goals is None:
+            self._goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
+        self.wait_until(self._goals.get_subscription_count, 'a compensator that takes goals')
         self.goal = pose
         self._goals.publish(pose_stamped('facade', self._now(), pose))
 

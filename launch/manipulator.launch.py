@@ -43,22 +43,31 @@ def _parameters(context) -> list:
 
 
 def _nodes(context) -> list:
-    common = {
-        'package': PACKAGE,
-        'namespace': LaunchConfiguration('namespace').perform(context),
-        'parameters': _parameters(context),
-        'ros_arguments': ['--log-level', LaunchConfiguration('log_level').perform(context)],
-        'output': 'screen',
-    }
     driver = LifecycleNode(
-        executable='driver', name='driver', sigterm_timeout=DRIVER_PATIENCE, **common)
-    nodes = [driver, Node(executable='manipulator', **common)]
+        executable='driver', name='driver', sigterm_timeout=DRIVER_PATIENCE,
+        **_common(context, 'driver'))
+    nodes = [driver, Node(executable='manipulator', **_common(context, 'manipulator'))]
     if _is_mock(context):
-        nodes.append(Node(executable='gondola_simulator', **common))
+        nodes.append(
+            Node(executable='gondola_simulator', **_common(context, 'gondola_simulator')))
     configure = EmitEvent(event=ChangeState(
         lifecycle_node_matcher=matches_action(driver),
         transition_id=Transition.TRANSITION_CONFIGURE))
     return [*(_end_with(node) for node in nodes), *nodes, *_static_transforms(), configure]
+
+
+def _common(context, executable: str) -> dict:
+    """Return what the nodes have in common; the enclave is that of config/sros2."""
+    namespace = LaunchConfiguration('namespace').perform(context).strip('/')
+    enclave = '/'.join(('', *filter(None, (namespace, executable))))
+    level = LaunchConfiguration('log_level').perform(context)
+    return {
+        'package': PACKAGE,
+        'namespace': namespace,
+        'parameters': _parameters(context),
+        'ros_arguments': ['--log-level', level, '--enclave', enclave],
+        'output': 'screen',
+    }
 
 
 def _end_with(node: Node) -> RegisterEventHandler:

@@ -122,7 +122,7 @@ def test_a_setpoint_out_of_order_is_refused_and_the_next_in_order_taken():
     for late in (1.02, 1.01):
         with pytest.raises(InputError) as refusal:
             made.add(sine(late), 1.0)
-        assert refusal.value.reason == 'unordered'
+        assert refusal.value.reason == 'out_of_order'
     made.add(sine(1.03), 1.0)
 
 

@@ -274,7 +274,7 @@ class SetpointFollower:
         newest = stream[-1].time if stream else -math.inf
         if setpoint.time <= newest:
             raise InputError(
-                'unordered', f'setpoint is {newest - setpoint.time:.3g} s earlier than '
+                'out_of_order', f'setpoint is {newest - setpoint.time:.3g} s earlier than '
                 'the one before it, or of the same time')
 
     def _require_near(self, setpoint: Setpoint, stream: tuple[Setpoint, ...]) -> None:
