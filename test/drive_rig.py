@@ -67,6 +67,7 @@ class Rig:
     ) -> None:
         self.channel = channel
         self.interface = interface
+        self.axes = axes
         self.source = source or Source(settings.period)
         self.beats = threading.Event()
         self.beats.set()

@@ -23,9 +23,10 @@ from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 
-# the project's own bounds, but for the executor: here it is the test that may be kept waiting
-TABLE_SETTINGS = replace(
-    SETTINGS, max_missed_cycles=3, heartbeat_timeout=0.15, hold_cycles=1, reopen_after=0.2)
+# for tests: what a busy computer does is no fault
+PATIENT = replace(SETTINGS, max_missed_cycles=5, hold_cycles=1, reopen_after=0.2)
+# for figures: the project's own bounds, but for the executor, for it is the test that runs in it
+EXACT = replace(PATIENT, max_missed_cycles=3, heartbeat_timeout=0.15)
 SLOW_HOMING = tuple(
     replace(axis, homing_method=17, homing_speed=0.03) for axis in DEFAULT_AXES)
 AMPLITUDE, FREQUENCY, AHEAD = 0.03, 0.6, 0.06
@@ -41,7 +42,7 @@ def _perfect(setpoint: Setpoint) -> Setpoint:
 class StreamRig(Rig):
     """A rig whose targets come from a stream of setpoints, as in the driver."""
 
-    def __init__(self, channel: str, settings=TABLE_SETTINGS, **details) -> None:
+    def __init__(self, channel: str, settings=PATIENT, **details) -> None:
         guard = MechanismGuard(Geometry())
         self.follower = SetpointFollower(
             StreamSettings(), MotionLimits(), settings.period, guard)
@@ -82,7 +83,7 @@ class StreamRig(Rig):
         return Setpoint(now, tuple(q + shift for q in self._base), (speed,) * 3)
 
     def _stream(self) -> None:
-        while not self._closed.wait(TABLE_SETTINGS.period):
+        while not self._closed.wait(PATIENT.period):
             setpoint = self.spoil(self.setpoint()) if self._streaming.is_set() else None
             if setpoint is not None:
                 with suppress(ManipulatorError):  # what it refuses is what some rows are about

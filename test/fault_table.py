@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 import can  # noqa: E402
 from drive_rig import PATIENCE  # noqa: E402
-from fault_rig import enables, SITUATIONS, SLOW_HOMING, Spoil, StreamRig  # noqa: E402
+from fault_rig import enables, EXACT, PATIENT, SITUATIONS, SLOW_HOMING, Spoil, StreamRig  # noqa: E402
 from support import wait_until  # noqa: E402
 
 from facade_manipulator.control.setpoints import Activity  # noqa: E402
@@ -92,7 +92,8 @@ def _congest(rig: StreamRig) -> None:
     rig.buses[-1].send = full
 
 
-def _mend(rig: StreamRig) -> None:
+def mend(rig: StreamRig) -> None:
+    """Remove every cause that a row may have left."""
     rig.bus_is_missing = False
     with rig.simulator.access() as drives:
         for drive in drives:
@@ -192,10 +193,11 @@ ROWS = {
     'sensor 7320': Row(_emergency(0x7320), 'sensor reports an error', 'remove the cause'),
     'safe torque off 8A88': Row(
         _open_safe_torque_off, 'safe torque off is open', 'remove the cause'),
-    'TPDO missing': _node(_silence, 'did not answer 3 cycles in a row', 3),
+    'TPDO missing': _node(_silence, 'cycles in a row', PATIENT.max_missed_cycles),
     'heartbeat missing': _node(_stop_heart, 'sent no heartbeat', math.inf),
     'unexpected boot-up': replace(
-        _node(_reboot, 'q2 (node 2)', 3), recover=_configure_and_home_again),
+        _node(_reboot, 'q2 (node 2)', PATIENT.max_missed_cycles),
+        recover=_configure_and_home_again),
     'bus-off': _bus(_bus_off, 'bus-off'),
     'link down': _bus(_link_down, ''),
     'ENOBUFS': _bus(_congest, 'send queue is full'),
@@ -231,7 +233,7 @@ def prove(rig: StreamRig, name: str, situation: str) -> float | None:
         assert rig.controller.snapshot().unhomed == AXIS_NAMES
     assert rig.refusal('activate')
     rig.fall_silent()
-    _mend(rig)
+    mend(rig)
     row.recover(rig)
     wait_until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3, 'power off')
     assert rig.state is ControllerState.INACTIVE
@@ -314,7 +316,7 @@ def measure(repeat: int) -> dict[tuple[str, str], list[float]]:
     """Prove each case a number of times and return the reaction times [s]."""
     results: dict[tuple[str, str], list[float]] = {case: [] for case in cases()}
     for situation in SITUATIONS:
-        rig = StreamRig(f'fault table, {situation}', axes=axes_for(situation))
+        rig = StreamRig(f'fault table, {situation}', EXACT, axes=axes_for(situation))
         try:
             for name in (*ROWS, *SETPOINTS) * repeat:
                 seconds = prove(rig, name, situation)
