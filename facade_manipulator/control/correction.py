@@ -83,18 +83,18 @@ class Correction:
         self.mode = Mode.UNHEARD if settings.enabled else Mode.DISABLED
         self._nominal = NOWHERE
         self._time: float | None = None
+        self._course = AT_REST  # at that time; what comes later continues it
         self._fade = Blend(settings.blend_acceleration)
         self._smooth = Blend(settings.blend_acceleration)
 
     def take(self, estimate: Estimate) -> None:
         """Learn from a believed estimate."""
         smooth = self.mode is Mode.ACTIVE and self._time is not None
-        before = self._aim() if smooth else AT_REST
         self.predictor.update(estimate.stamp, estimate.pose, estimate.variances)
         if smooth:
             self._smooth.clear()
             self._smooth.begin(
-                self._time, before.minus(self._aim()), self.settings.smoothing)
+                self._time, self._course.minus(self._aim()), self.settings.smoothing)
 
     def change_prediction(self, settings: PredictionSettings) -> None:
         """Learn anew by other settings; meanwhile the correction fades out, and in again."""
@@ -135,7 +135,8 @@ class Correction:
         if mode is not self.mode:
             self._change(mode=mode)
         self._time = time
-        return self._aim()
+        self._course = self._aim()
+        return self._course
 
     def age(self, now: float) -> float:
         """Return the age of the newest estimate [s], infinity before the first."""
@@ -154,13 +155,12 @@ class Correction:
 
     def _change(self, mode: Mode | None = None, nominal: Pose | None = None) -> None:
         """Aim at another course and fade over from where the correction is."""
-        before = self._aim()
         self.mode, self._nominal = mode or self.mode, nominal or self._nominal
         self._fade.clear()
         self._smooth.clear()
         if self._time is not None:
             self._fade.begin(
-                self._time, before.minus(self._aim()), self.settings.fade_time / DECAYS)
+                self._time, self._course.minus(self._aim()), self.settings.fade_time / DECAYS)
 
     def _aim(self) -> Course:
         """Return the course with what is left of its predecessors."""
