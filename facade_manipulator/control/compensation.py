@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from facade_manipulator.control.blend import Blend, Course, NOWHERE
 from facade_manipulator.control.border import Border, BorderSettings
 from facade_manipulator.control.contact import Contact, WallWrench
-from facade_manipulator.control.correction import Correction, CorrectionSettings
+from facade_manipulator.control.correction import Correction, CorrectionSettings, LONGEST_PAUSE
 from facade_manipulator.control.estimate import EstimateGate, EstimateSettings
 from facade_manipulator.control.following import Following, FollowingSettings
 from facade_manipulator.control.impedance import ImpedanceSettings, YawImpedanceSettings
@@ -262,10 +262,14 @@ class Compensator:
         Parameters
         ----------
         now : float
-            Present time [s]; later than at the update before.
+            Present time [s]; later than at the update before. If the clock is set, the course
+            begins anew.
 
         """
         time = now + self.settings.horizon
+        if self._last is not None and (
+                not -LONGEST_INTERVAL <= time - self._last.time <= LONGEST_PAUSE):
+            self._last = None  # the clock was set: begin anew
         aim = time + self.following.lag
         disturbance = self.correction.at(now, aim).place
         if self.goal is None:

@@ -15,6 +15,7 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
 
 FUTURE_TOLERANCE = 0.02  # s
+CLOCK_STEP = 2.0  # s, older than that means that the clock was set back
 
 
 class WallWrench(NamedTuple):
@@ -122,7 +123,7 @@ class Contact:
             raise InputError(
                 'future', f'{what} is {stamp - now:.3f} s from the future, bound '
                 f'{FUTURE_TOLERANCE:g} s: are the clocks synchronised?')
-        if stamp <= self._stamps.get(what, -math.inf):
+        if 0.0 <= self._stamps.get(what, -math.inf) - stamp <= CLOCK_STEP:
             raise InputError(
                 'out_of_order', f'{what} is {self._stamps[what] - stamp:.3f} s older than the '
                 'one before, expected a newer one')

@@ -22,6 +22,7 @@ from facade_manipulator.kinematics.planar import compose, inverse
 from facade_manipulator.parameters import check_parameters, parameter
 
 DECAYS = 6.0
+LONGEST_PAUSE = 0.5  # s
 
 
 @dataclass(frozen=True)
@@ -128,11 +129,14 @@ class Correction:
         now : float
             Present time [s], which decides whether the estimator is silent.
         time : float
-            When the head will be there [s]; never earlier than asked before.
+            When the head will be there [s].
 
         """
         mode = self._present_mode(now)
-        if mode is not self.mode:
+        if self._time is not None and not 0.0 <= time - self._time <= LONGEST_PAUSE:
+            self._time = time  # the clock was set: go on from here
+            self._change(mode=mode)
+        elif mode is not self.mode:
             self._change(mode=mode)
         self._time = time
         self._course = self._aim()
@@ -147,7 +151,7 @@ class Correction:
             return Mode.DISABLED
         if self.predictor.stamp is None:
             return Mode.UNHEARD
-        if self.age(now) > self.settings.silence:
+        if abs(self.age(now)) > self.settings.silence:
             return Mode.SILENT
         if self.predictor.stamp - self.predictor.since < self.settings.settling_time:
             return Mode.SETTLING

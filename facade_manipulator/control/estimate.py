@@ -108,6 +108,8 @@ class EstimateGate:
         """
         self._check_values(pose)
         self._check_age(now - stamp)
+        if self._last is not None and self._last.stamp - now > self.settings.future_tolerance:
+            self._last = None  # the clock was set back: its stamps say nothing any more
         if self._last is not None:
             self._check_order(stamp - self._last.stamp)
             self._check_jump(stamp - self._last.stamp, pose)

@@ -75,14 +75,14 @@ class Following:
         Raises
         ------
         InputError
-            If it is older than the one before.
+            If it is older than the one before; much older, the clock was set back.
 
         """
-        if self._head is not None and stamp <= self._head[0]:
+        if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
             raise InputError(
                 'out_of_order', f'end_effector_pose is {self._head[0] - stamp:.3f} s older than '
                 'the one before, expected a newer one')
-        interval = math.inf if self._head is None else stamp - self._head[0]
+        interval = 0.0 if self._head is None else max(stamp - self._head[0], 0.0)
         self._head = stamp, head
         planned = self._planned(stamp)
         if planned is None:

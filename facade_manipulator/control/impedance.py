@@ -119,7 +119,7 @@ class Impedance:
 
     def take(self, stamp: float, force: float) -> None:
         """Learn from the force [N] or moment [N m] on the wall measured at a stamp [s]."""
-        interval = stamp - self._measured_at
+        interval = max(stamp - self._measured_at, 0.0)
         self.force, self._measured_at = force, stamp
         needed = force / self.settings.contact_stiffness - self._offsets.at(stamp, self.offset)
         if self._disturbance is None:

@@ -35,7 +35,7 @@ class HeldPrediction:
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
         """Take an estimate of a stamp [s]."""
-        if self.stamp is None or stamp - self.stamp > self.settings.longest_gap:
+        if self.stamp is None or not 0.0 < stamp - self.stamp <= self.settings.longest_gap:
             self.since, self._velocity = stamp, NOWHERE
         else:
             interval = stamp - self.stamp

@@ -128,7 +128,8 @@ class DisturbancePredictor:
         Parameters
         ----------
         stamp : float
-            When the disturbance was there [s]; later than that of the estimate before.
+            When the disturbance was there [s]; if it is earlier than that of the estimate
+            before, or much later, everything is learnt anew.
         values : Pose
             Estimated disturbance.
         variances : Pose
@@ -136,7 +137,7 @@ class DisturbancePredictor:
 
         """
         measured, noise = np.array(values), np.array(variances)
-        if self.stamp is None or stamp - self.stamp > self.settings.longest_gap:
+        if self.stamp is None or not 0.0 < stamp - self.stamp <= self.settings.longest_gap:
             interval = 0.0
             self._start(stamp, measured)
         else:
