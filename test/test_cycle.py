@@ -5,6 +5,7 @@ import pytest
 from facade_manipulator.drives.cycle import (
     ANSWERS_DUE,
     COMMANDS_DUE,
+    COMPANY,
     cycle_clock,
     HeardSync,
     LATENESS_BOUNDS,
@@ -52,10 +53,11 @@ def test_the_loop_sends_sync_once_a_period():
 def test_the_step_comes_with_the_last_answer_or_when_there_is_no_more_time():
     clock = sent()
     clock.begin(0.0, 0.0)
-    assert clock.step_due(0.1 * T, ALL, ALL, all_read=False)
+    assert not clock.step_due(0.1 * T, 2, ALL, all_read=True)
+    assert clock.next_event == ANSWERS_DUE * T
     assert not clock.step_due(0.6 * T, 2, ALL, all_read=True)
     assert clock.step_due(ANSWERS_DUE * T, 2, ALL, all_read=True)
-    assert clock.next_event() == ANSWERS_DUE * T
+    assert clock.step_due(0.6 * T, ALL, ALL, all_read=False)
 
 
 def test_when_nobody_answers_this_computer_is_taken_to_be_late():
@@ -63,7 +65,21 @@ def test_when_nobody_answers_this_computer_is_taken_to_be_late():
     clock.begin(0.0, 0.0)
     assert not clock.step_due(2.9 * T, 0, ALL, all_read=True)
     assert not clock.sync_due(2.9 * T, all_read=True)
+    assert clock.next_event == PATIENCE * T
     assert clock.step_due(PATIENCE * T, 0, ALL, all_read=True)
+
+
+def test_after_a_late_first_answer_the_others_are_given_time_to_follow():
+    clock = sent()
+    clock.begin(0.0, 0.0)
+    assert not clock.step_due(2.0 * T, 1, ALL, all_read=True)
+    assert clock.next_event == pytest.approx((2.0 + COMPANY) * T)
+    assert clock.step_due((2.01 + COMPANY) * T, 2, ALL, all_read=True)
+
+
+def test_no_step_is_due_before_the_first_sync():
+    for clock in (sent(), heard()):
+        assert not clock.step_due(5 * T, ALL, ALL, all_read=True)
 
 
 def test_no_step_is_due_twice():
@@ -87,7 +103,7 @@ def test_late_syncs_are_never_squeezed_together_to_catch_up(delays):
     clock = sent()
     now, last = 0.0, -1.0
     for delay in delays:
-        now = max(now, clock.next_event()) + delay
+        now = max(now, clock.next_event) + delay
         assert clock.sync_due(now, all_read=True)
         assert now - last >= COMMANDS_DUE * T - 1e-9
         clock.begin(now, 0.0)

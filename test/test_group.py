@@ -350,7 +350,7 @@ def test_a_drive_that_does_not_obey_the_quick_stop_loses_its_power():
     drives.deaf = {1}
     drives.group.stop(Cause('enough'), drives.now)
     drives.cycle(150)
-    assert drives.group.has_disobeyed
+    assert drives.group.disobedient == {'q2'}
     assert drives.commands[0].controlword == Controlword.DISABLE_VOLTAGE
     assert drives.group.needs_configuration
 

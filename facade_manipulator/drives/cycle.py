@@ -15,6 +15,7 @@ from typing import NamedTuple
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
 COMMANDS_DUE = 0.8  # later commands might meet the kernel's next SYNC on the wire
 LEAST_GAP = 0.2  # between our commands and our next SYNC
+COMPANY = 0.3  # of the period: how long after a late first answer the others may come
 PATIENCE = 3.0  # for any answer to our SYNC: rather is this computer late than all drives dead
 SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
 SYNC_TOO_EARLY = 0.5
@@ -59,12 +60,17 @@ class CycleClock:
     """
     What both kinds of clock share: one step per SYNC, and the counters.
 
+    `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `is_open` says
+    whether its step is still to come.
+
     Parameters
     ----------
     period : float
         Time between two SYNCs [s].
 
     """
+
+    _patience = ANSWERS_DUE
 
     def __init__(self, period: float) -> None:
         self.period = period
@@ -73,7 +79,7 @@ class CycleClock:
         self.late_in_a_row = 0
         self.overdue_in_a_row = 0
         self.is_open = False
-        self._next_sync = 0.0
+        self._next_sync = self._answers_due = 0.0
         self._cycles = self._incomplete = self._late = self._skipped = self._stray = 0
         self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
         self._worst = 0.0
@@ -85,13 +91,14 @@ class CycleClock:
             self._cycles, self._incomplete, self._late, self._skipped, self._stray,
             tuple(self._bins), self._worst)
 
+    @property
     def next_event(self) -> float:
-        """Return when something is due by itself at the latest."""
-        answers = self.sync_time + ANSWERS_DUE * self.period
-        return answers if self.is_open else self._next_sync
+        """When something is due by itself at the latest."""
+        return self._answers_due if self.is_open else self._next_sync
 
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp
+        self._answers_due = time + self._patience * self.period
         self.is_open = True
 
     def _close(self, now: float, complete: bool) -> bool:
@@ -110,6 +117,9 @@ class CycleClock:
 class SentSync(CycleClock):
     """The clock of a loop that sends SYNC itself: late commands delay the next SYNC."""
 
+    _patience = PATIENCE
+    _answered = False
+
     def start(self, now: float) -> None:
         """Send the first SYNC now."""
         self._next_sync = now
@@ -123,6 +133,7 @@ class SentSync(CycleClock):
         self._skipped += max(0, int((time - self._next_sync) / self.period))
         self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
             self._next_sync + self.period, time + COMMANDS_DUE * self.period)
+        self._answered = False
         self._open(time, stamp)
 
     def step_due(self, now: float, answers: int, expected: int, all_read: bool) -> bool:
@@ -138,9 +149,13 @@ class SentSync(CycleClock):
             Whether no received frame waits to be read.
 
         """
-        share = ANSWERS_DUE if answers else PATIENCE
-        return self.is_open and (
-            answers >= expected or now >= self.sync_time + share * self.period)
+        if not self.is_open:
+            return False
+        if answers and not self._answered:
+            self._answered = True
+            self._answers_due = max(
+                self.sync_time + ANSWERS_DUE * self.period, now + COMPANY * self.period)
+        return answers >= expected or now >= self._answers_due
 
     def finish(self, now: float, complete: bool) -> bool:
         """Close the cycle at its step; commands are always in time for a SYNC that waits."""

@@ -42,7 +42,7 @@ class Group:
     State machine of the three axes.
 
     `cause` is why it stopped, `is_settled` whether all drives have done the present step,
-    `has_disobeyed` whether a drive did not obey a quick stop.
+    `disobedient` which axes did not obey a quick stop.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class Group:
     ) -> None:
         self.cause: Cause | None = None
         self.further_causes: deque[Cause] = deque(maxlen=MOST_FURTHER_CAUSES)
-        self.has_disobeyed = False
+        self.disobedient: set[str] = set()
         self.is_settled = False
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
         self._timeouts = {Phase.RAMPING: ramp_timeout}
@@ -240,7 +240,7 @@ class Group:
         if self.phase is Phase.OFF:
             self.cause = None
             self.further_causes.clear()
-            self.has_disobeyed = False
+            self.disobedient.clear()
 
     @property
     def commands(self) -> tuple[Command, ...]:
@@ -273,8 +273,9 @@ class Group:
         name = self._steppers[number].name
         if self.phase not in STOPPED_PHASES:
             self.stop(Cause(str(error), axis=name, is_vague=True), now)
-        elif not self.has_disobeyed and (self.phase is Phase.STOPPED or now > self._deadline):
-            self.has_disobeyed = True
+        elif name not in self.disobedient and (
+                self.phase is Phase.STOPPED or now > self._deadline):
+            self.disobedient.add(name)
             self.stop(Cause(str(error), DISOBEYED_REMEDY, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
 

@@ -68,7 +68,7 @@ class Stream:
         self._on_cycle = on_cycle
         self._next_heartbeat = 0.0
         self._unsent = 0
-        self._was_disobeyed = False
+        self._forced: set[str] = set()
         self._routes = self._make_routes()
         bus.listen_to(tuple(self._routes))
 
@@ -172,7 +172,7 @@ class Stream:
         latest = time.monotonic() + LONGEST_WAIT
         if self.speaks:
             latest = min(latest, self._next_heartbeat)
-        return latest if self.group is None else min(latest, self.clock.next_event())
+        return latest if self.group is None else min(latest, self.clock.next_event)
 
     def _turn(self, now: float, all_read: bool) -> None:
         answers = sum(monitor.is_fresh for monitor in self._monitors)
@@ -282,8 +282,8 @@ class Stream:
             self._unsent = 0
 
     def _force_disobedient(self) -> None:
-        """Take drives that go on in spite of a quick stop out of operation by NMT."""
-        if self.group.has_disobeyed and not self._was_disobeyed:
-            for monitor in self._monitors:
+        """Take drives that go on in spite of a quick stop out of operation by NMT, once each."""
+        for monitor in self._monitors:
+            if monitor.name in self.group.disobedient - self._forced:
                 send_nmt(self._bus, NmtCommand.STOP, monitor.axis.node_id)
-        self._was_disobeyed = self.group.has_disobeyed
+        self._forced = set(self.group.disobedient)
