@@ -18,6 +18,9 @@ demo: setup  ## Run the whole stack with simulated drives and a swaying gondola 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS=…)
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
 
+soak: setup  ## Run the drives for ten minutes, then fuzz them with a million frames (SOAK_ARGS=…)
+	@$(IN_VENV) exec python test/soak.py $(SOAK_ARGS)
+
 study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.workspace.study $(STUDY_ARGS)
 

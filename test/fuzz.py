@@ -1,0 +1,321 @@
+"""
+Random frames and random setpoints against a drive controller that is idle, at rest or moving.
+
+``python test/fuzz.py --frames 1000000`` is the long run of `test_fuzz`.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from contextlib import contextmanager
+import logging
+import math
+from pathlib import Path
+import random
+import sys
+import time
+from typing import NamedTuple
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+import can  # noqa: E402
+from command_watch import CommandWatch  # noqa: E402
+from fault_rig import AMPLITUDE, PATIENT, SITUATIONS, StreamRig  # noqa: E402
+from fault_table import mend  # noqa: E402
+
+from facade_manipulator.control.setpoints import Setpoint  # noqa: E402
+from facade_manipulator.drives.snapshot import ControllerState  # noqa: E402
+from facade_manipulator.errors import ManipulatorError  # noqa: E402
+
+BUS_OFF = 0x40
+NEAR = (0x000, 0x080, 0x180, 0x200, 0x280, 0x380, 0x580, 0x600, 0x700)
+# what the drives and their master say to each other, with its length
+OURS = {0x000: 2, 0x080: 0, 0x77F: 1, **{
+    base + node: length for node in (1, 2, 3) for base, length in (
+        (0x080, 8), (0x180, 7), (0x200, 7), (0x280, 8), (0x380, 8), (0x580, 8), (0x600, 8),
+        (0x700, 1))}}
+COMMANDING = {cob_id for cob_id in OURS if cob_id & 0x780 in (0x000, 0x200, 0x600)} | {
+    0x080, 0x77F}
+BURST = 0.005  # s
+
+
+class Verdict(NamedTuple):
+    """
+    What a run of the fuzzer has found.
+
+    Attributes
+    ----------
+    frames : int
+        How many were sent.
+    rate : float
+        Frames per second.
+    enabling : int
+        Commands with power that were judged.
+    complaints : tuple of str
+        Commands out of limits, and errors that nobody foresaw.
+    missed, cycles : int
+        Cycles that were incomplete, late or skipped, of how many.
+    stops : int
+        How often a forged frame has stopped the drives.
+
+    """
+
+    frames: int
+    rate: float
+    enabling: int
+    complaints: tuple[str, ...]
+    missed: int
+    cycles: int
+    stops: int
+
+
+def anything(rng: random.Random) -> can.Message:
+    """Make a frame of any identifier, length and kind; one in four is near our drives' own."""
+    kind = rng.random()
+    if kind > 0.95:
+        return can.Message(
+            arbitration_id=rng.randrange(1 << 29) & ~BUS_OFF, is_error_frame=True,
+            data=rng.randbytes(8))
+    if kind > 0.8:
+        return can.Message(
+            arbitration_id=rng.randrange(1 << 29), is_extended_id=True,
+            is_remote_frame=kind > 0.9, data=b'' if kind > 0.9 else _data(rng))
+    near = rng.random() < 0.25
+    cob_id = rng.choice(NEAR) + rng.randrange(4) if near else rng.randrange(0x800)
+    remote = kind > 0.7
+    return can.Message(arbitration_id=cob_id, is_extended_id=False, is_remote_frame=remote,
+                       data=b'' if remote else _data(rng))
+
+
+def strange(rng: random.Random) -> can.Message:
+    """Make a frame that is nobody's business here, however much it looks like one."""
+    while True:
+        frame = anything(rng)
+        if frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame:
+            return frame
+        cob_id = frame.arbitration_id
+        if cob_id not in COMMANDING and OURS.get(cob_id) != len(frame.data):
+            return frame
+
+
+def _data(rng: random.Random) -> bytes:
+    return rng.randbytes(rng.randrange(9))
+
+
+class Complaints(logging.Handler):
+    """What is logged as an error."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.sentences: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Keep the sentence, and the error's if there is one."""
+        error = record.exc_info[1] if record.exc_info else ''
+        self.sentences.append(f'{record.getMessage()} {error!r}')
+
+
+@contextmanager
+def complaints():
+    """Collect what `facade_manipulator` logs as an error meanwhile."""
+    handler, logger = Complaints(), logging.getLogger('facade_manipulator')
+    logger.addHandler(handler)
+    try:
+        yield handler.sentences
+    finally:
+        logger.removeHandler(handler)
+
+
+class Fuzzer:
+    """
+    One run: a rig in a situation, frames at a rate, and a watch over what the master commands.
+
+    Parameters
+    ----------
+    rig : StreamRig
+    situation : str
+        To which it returns after each stop.
+    make : callable
+        Makes a frame.
+    rate : float
+        Frames per second, if the computer can.
+    seed : int
+
+    """
+
+    def __init__(
+        self, rig: StreamRig, situation: str, make: Callable[[random.Random], can.Message],
+        rate: float, seed: int = 0,
+    ) -> None:
+        self._rig, self._situation, self._make, self._rate = rig, situation, make, rate
+        self._rng = random.Random(seed)
+        self._watch = CommandWatch(rig.axes, PATIENT.period)
+        self._stops = self._missed = self._cycles = 0
+
+    def run(self, frames: int) -> Verdict:
+        """Send frames until there were as many; bring the drives back whenever they stop."""
+        sent, seconds = 0, 0.0
+        with complaints() as said:
+            while sent < frames:
+                self._enter()
+                begin = time.monotonic()
+                sent += self._until_stopped(frames - sent)
+                seconds += time.monotonic() - begin
+                self._leave()
+            alive = self._rig.controller._thread.is_alive()
+        return Verdict(
+            sent, sent / seconds, self._watch.enabling,
+            (*self._watch.complaints, *said, *(() if alive else ('the control thread died',))),
+            self._missed, self._cycles, self._stops)
+
+    def _enter(self) -> None:
+        if self._situation == 'unconfigured':
+            return
+        self._rig.get_ready()
+        SITUATIONS[self._situation](self._rig)
+        self._before = self._rig.controller.snapshot().cycle
+
+    def _until_stopped(self, frames: int) -> int:
+        """Send until stopped, and then some more: a stop must stand what made it."""
+        sent = 0
+        least = min(frames, 500)
+        while sent < least or (sent < frames and not self._is_stopped()):
+            begin = time.monotonic()
+            for _ in range(min(frames - sent, round(self._rate * BURST))):
+                self._rig.listener.send(self._make(self._rng))
+                sent += 1
+            self._watch.take(self._rig.frames())
+            time.sleep(max(0.0, begin + BURST - time.monotonic()))
+        return sent
+
+    def _is_stopped(self) -> bool:
+        return self._rig.state in (ControllerState.STOPPED, ControllerState.BUS_LOST)
+
+    def _leave(self) -> None:
+        rig = self._rig
+        if self._situation == 'unconfigured':
+            return
+        rig.cycles(2)
+        self._count(rig.controller.snapshot().cycle)
+        self._stops += self._is_stopped()
+        rig.fall_silent()
+        self._watch.take(rig.frames())
+        if self._is_stopped():
+            self._start_anew()
+        elif self._situation != 'inactive':
+            rig.do('deactivate')
+
+    def _count(self, cycle) -> None:
+        before = self._before
+        self._cycles += cycle.cycles - before.cycles
+        self._missed += sum(
+            getattr(cycle, name) - getattr(before, name)
+            for name in ('incomplete', 'late', 'skipped'))
+
+    def _start_anew(self) -> None:
+        """Forged commands may have left anything in the drives: configure resets them."""
+        rig = self._rig
+        rig.until(ControllerState.STOPPED)
+        rig.do('cleanup')
+        mend(rig)
+        rig.configure()
+
+
+# --- setpoints
+
+def bad_setpoints(rng: random.Random, good: Setpoint) -> list[Setpoint]:
+    """Return setpoints that must not be followed, made of one that was taken just now."""
+    def shifted(metres: float) -> tuple[float, ...]:
+        return tuple(q + metres for q in good.position)
+
+    number, nothing = rng.randrange(3), rng.choice((math.nan, math.inf, -math.inf))
+
+    def with_nothing(values):
+        return tuple(nothing if n == number else value for n, value in enumerate(values))
+
+    off = shifted(-2.0 * AMPLITUDE)  # it would be seen at once
+    later = good.time + 0.001
+    return [
+        Setpoint(good.time - 2.0, off, good.velocity),
+        Setpoint(good.time + 5.0, off, good.velocity),
+        Setpoint(good.time, off, good.velocity),
+        Setpoint(good.time - rng.uniform(0.0, 0.1), off, good.velocity),
+        Setpoint(later, with_nothing(good.position), good.velocity),
+        Setpoint(later, good.position, with_nothing(good.velocity)),
+        Setpoint(nothing, off, good.velocity),
+        Setpoint(later, shifted(rng.choice((-1.0, 1.0)) * rng.uniform(0.06, 0.4)), (0.0,) * 3),
+        Setpoint(later, (0.0, 0.0, 0.0), good.velocity),
+    ]
+
+
+def fuzz_setpoints(rig: StreamRig, seconds: float, seed: int = 0) -> tuple[int, CommandWatch]:
+    """
+    Stream at 100 Hz and throw nine bad setpoints among each good one: 1 kHz together.
+
+    Returns how many bad ones were sent, and the watch over the commands; raises AssertionError
+    if one of them is not refused.
+    """
+    rng, bad = random.Random(seed), 0
+    watch = CommandWatch(rig.axes, PATIENT.period)
+    rig.stream(lambda setpoint: None)
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        now = time.time()
+        good = rig.setpoint()
+        rig.follower.add(good, now)
+        for setpoint in bad_setpoints(rng, good):
+            time.sleep(0.001)
+            try:
+                rig.follower.add(setpoint, now)
+            except ManipulatorError:
+                bad += 1
+            else:
+                raise AssertionError(f'{setpoint} was taken')
+        watch.take(rig.frames())
+    return bad, watch
+
+
+# --- the long run
+
+def share(verdict: Verdict) -> float:
+    """Return the share of the cycles that were missed."""
+    return verdict.missed / max(1, verdict.cycles)
+
+
+RUNS = (  # situation, frames, share of all, rate, what part of the cycles may be missed
+    ('unconfigured', anything, 0.1, 4000.0, None),
+    ('inactive', strange, 0.2, 3000.0, 0.001),
+    ('moving', strange, 0.5, 3000.0, 0.001),
+    ('inactive', anything, 0.1, 4000.0, None),
+    ('moving', anything, 0.1, 4000.0, None),
+)
+
+
+def run_all(frames: int, channel: str = 'fuzz') -> bool:
+    """Run every kind of fuzz and print what it found; return whether nothing was wrong."""
+    good = True
+    for number, (situation, make, part, rate, bound) in enumerate(RUNS):
+        rig = StreamRig(f'{channel} {number}')
+        try:
+            verdict = Fuzzer(rig, situation, make, rate, number).run(round(part * frames))
+        finally:
+            rig.close()
+        fine = not verdict.complaints and (bound is None or share(verdict) < bound)
+        good = good and fine
+        print(f'{situation}, {make.__name__} frames: {verdict.frames} at {verdict.rate:.0f}/s, '
+              f'{verdict.enabling} commands with power, {verdict.stops} stops, '
+              f'{verdict.missed} of {verdict.cycles} cycles missed'
+              f'{"" if fine else " FAILED " + "; ".join(verdict.complaints)}', flush=True)
+    return good
+
+
+def main() -> int:
+    """Fuzz; exit status 1 if something was wrong."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--frames', type=int, default=1_000_000)
+    return 0 if run_all(parser.parse_args().frames) else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,107 @@
+"""
+Let the drives run for ten minutes, then fuzz them with a million frames: ``make soak``.
+
+Ends with the figures, and with exit status 1 if memory grew, a cycle was incomplete, the drives
+stopped, a command was out of limits or an error was one that nobody foresaw.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+import os
+from pathlib import Path
+import sys
+import tempfile
+import time
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from command_watch import CommandWatch  # noqa: E402
+from fault_rig import SITUATIONS, StreamRig  # noqa: E402
+from fuzz import complaints, run_all  # noqa: E402
+
+from facade_manipulator.drives.recorder import FaultRecorder, RecorderSettings  # noqa: E402
+from facade_manipulator.drives.settings import ControllerSettings, DEFAULT_AXES  # noqa: E402
+from facade_manipulator.drives.snapshot import ControllerState, CycleStatistics  # noqa: E402
+
+MOST_GROWTH = 5.0  # MB
+WARM_UP = 60.0  # s: rings and caches fill
+RECORD = 30.0  # s
+LOOK_EVERY = 0.5  # s
+REPORT_EVERY = 60.0  # s
+# what the driver has, but for the executor's beat: here a thread of the test sends it
+SETTINGS = replace(ControllerSettings(), watchdog_timeout=1.0)
+
+
+def memory() -> float:
+    """Return the resident memory of this process [MB]."""
+    pages = int(Path('/proc/self/statm').read_text().split()[1])
+    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
+
+
+def soak(rig: StreamRig, seconds: float) -> Iterator[str]:
+    """Run the drives to and fro; yield what is wrong."""
+    watch = CommandWatch(rig.axes, SETTINGS.period)
+    warm_up = min(WARM_UP, seconds / 5.0)
+    _run(rig, watch, warm_up)
+    memory_before, before = memory(), rig.controller.snapshot().cycle
+    _run(rig, watch, seconds)
+    growth, snapshot = memory() - memory_before, rig.controller.snapshot()
+    print(f'{seconds:.0f} s after {warm_up:.0f} s of warm-up: memory grew by {growth:.2f} MB to '
+          f'{memory():.0f} MB, bound {MOST_GROWTH:g} MB\n{_cycles(snapshot.cycle, before)}\n'
+          f'{watch.enabling} commands with power judged', flush=True)
+    if snapshot.state is not ControllerState.ACTIVE:
+        yield f'the drives are {snapshot.state.value}: {snapshot.cause}'
+    if growth > MOST_GROWTH:
+        yield f'memory grew by {growth:.2f} MB'
+    if snapshot.cycle.incomplete > before.incomplete:
+        yield f'{snapshot.cycle.incomplete - before.incomplete} cycles were incomplete'
+    yield from watch.complaints
+
+
+def _run(rig: StreamRig, watch: CommandWatch, seconds: float) -> None:
+    begin = time.monotonic()
+    told = begin
+    while time.monotonic() < begin + seconds and rig.state is ControllerState.ACTIVE:
+        time.sleep(LOOK_EVERY)
+        watch.take(rig.frames())
+        if time.monotonic() > told + REPORT_EVERY:
+            told += REPORT_EVERY
+            print(f'{told - begin:.0f} s: {memory():.1f} MB', flush=True)
+
+
+def _cycles(now: CycleStatistics, before: CycleStatistics) -> str:
+    cycles, incomplete, late, skipped = (
+        getattr(now, name) - getattr(before, name)
+        for name in ('cycles', 'incomplete', 'late', 'skipped'))
+    return (f'{cycles} cycles, {incomplete} incomplete, {late} late, {skipped} skipped; commands '
+            f'at most {1e3 * now.worst:.1f} ms after SYNC; below 1, 2, 5, 10, 20, 50, 100 ms and '
+            f'beyond: {now.lateness}')
+
+
+def main() -> int:
+    """Soak and fuzz."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--duration', type=float, default=600.0, help='of the soak [s]')
+    parser.add_argument('--frames', type=int, default=1_000_000, help='of the fuzzer')
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder, complaints() as said:
+        recorder = FaultRecorder(
+            RecorderSettings(directory=folder, duration=RECORD), DEFAULT_AXES, 'soak')
+        rig = StreamRig('soak', SETTINGS, recorder=recorder)
+        try:
+            rig.get_ready()
+            SITUATIONS['moving'](rig)
+            wrong = [*soak(rig, options.duration), *said]
+        finally:
+            rig.close()
+    good = run_all(options.frames) if options.frames else True
+    print('\n'.join(['', *(f'FAILED: {sentence}' for sentence in wrong),
+                     'good' if good and not wrong else 'NOT GOOD']))
+    return 0 if good and not wrong else 1
+
+
+if __name__ == '__main__':
+    sys.exit(main())
