@@ -80,8 +80,7 @@ class CompensatorNode(Node):
         """
         Hand corrected poses to a node of the same process, which subscribes to them as well.
 
-        That saves it the way through the middleware, a third of what the two nodes cost; the topic
-        goes on for everybody else.
+        That saves the way through the middleware; the topic goes on for everybody else.
         """
         self._follower = follower
 
@@ -158,8 +157,8 @@ class CompensatorNode(Node):
             self._refusals.add(error)
             return
         if corrected is not None:
-            self._report.note(now, corrected)
             self._send(pose_stamped(RAIL, corrected.time, corrected.pose))
+            self._report.note(now, corrected)
             self._reference.publish(pose_stamped(FACADE, corrected.time, corrected.reference))
         if self._report.changed(now):
             self._diagnostics.publish()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import gc
 import signal
 import sys
 from threading import Event
@@ -59,6 +60,7 @@ def _spin(nodes: Sequence[Node], stopping: Event) -> None:
     executor = choose_executor()
     for node in nodes:
         executor.add_node(node)
+    gc.freeze()  # what start-up made stays: no collection has to look at it again
     while rclpy.ok() and not stopping.is_set():
         executor.spin_once(timeout_sec=LONGEST_WAIT)
 
