@@ -25,19 +25,24 @@ LONG = ('growth',)  # left out by --quick
 
 
 def main() -> int:
-    """Run the sections asked for."""
+    """Run the sections asked for; what fails costs its rows and the exit status."""
     parser = argparse.ArgumentParser(prog='make bench', description=__doc__)
     parser.add_argument('--quick', action='store_true', help='under a minute, fewer rounds')
     parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS))
     parser.add_argument('--output', type=Path, default=Path('bench_report'))
     options = parser.parse_args()
     rounds = ROUNDS['quick' if options.quick else 'full']
-    rows, growth = [], {}
+    rows, growth, failed = [], {}, []
     for name in options.sections:
         if options.quick and name in LONG:
             continue
         begin = time.monotonic()
-        found, grown = SECTIONS[name](rounds, options.quick)
+        try:
+            found, grown = SECTIONS[name](rounds, options.quick)
+        except RuntimeError as error:
+            print(f'{name} failed: {error}', file=sys.stderr)
+            failed.append(name)
+            continue
         print(f'{name}: {time.monotonic() - begin:.0f} s', flush=True)
         rows += found
         growth |= grown
@@ -45,7 +50,7 @@ def main() -> int:
     path = table.write(rows, options.output)
     table.draw(rows, growth, path.with_suffix('.png'))
     print(f'\n{path} and {path.with_suffix(".png")} written')
-    return 0
+    return 1 if failed else 0
 
 
 if __name__ == '__main__':

@@ -17,7 +17,7 @@ from rounds import HERE, SOURCE
 TICKS = os.sysconf('SC_CLK_TCK')
 PAGE = os.sysconf('SC_PAGE_SIZE')
 END_WITHIN = 5.0
-LISTENERS = ('hear_poses', 'hear_setpoints')
+READY_WITHIN = 20.0
 
 
 class Load(NamedTuple):
@@ -77,12 +77,12 @@ class Processes:
     def measure(self, counted: list[str], listener: str, warm_up: float, duration: float) -> Load:
         """Return latencies at the listener and the CPU of some processes over a time."""
         ear = self.running[listener]
+        deadline = time.monotonic() + READY_WITHIN
+        while not _listen(ear, 0.2) and time.monotonic() < deadline:
+            continue
         time.sleep(warm_up)
         before, begin = self.cpu(counted), time.monotonic()
-        say(ear, 'begin')
-        time.sleep(duration)
-        say(ear, 'end')
-        latencies = json.loads(ear.stdout.readline())
+        latencies = _listen(ear, duration)
         cpu = (self.cpu(counted) - before) / (time.monotonic() - begin)
         if len(latencies) < 2:
             raise RuntimeError(f'{listener} heard {len(latencies)} messages in {duration:g} s')
@@ -92,6 +92,13 @@ class Processes:
     def cpu(self, names: list[str]) -> float:
         """Return the processor time that processes have used [s]."""
         return sum(cpu_of(self.running[name].pid) for name in names)
+
+
+def _listen(ear: subprocess.Popen, duration: float) -> list[float]:
+    say(ear, 'begin')
+    time.sleep(duration)
+    say(ear, 'end')
+    return json.loads(ear.stdout.readline())
 
 
 def say(process: subprocess.Popen, word: str) -> None:

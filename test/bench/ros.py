@@ -36,7 +36,7 @@ COMPENSATOR = Layout(
 IK_SERVICE = Layout(('ik_service',), ('ik_relay',), 'events', 'poses', 'hear_setpoints')
 DEPLOYMENT = Layout(
     ('manipulator',), ('compensator_relay', 'ik_relay'), 'single', 'inputs', 'hear_setpoints')
-TIMES = {True: (1.2, 1.0), False: (2.0, 3.0)}  # warm-up and duration by quick [s]
+TIMES = {True: (0.7, 1.0), False: (1.5, 3.0)}  # warm-up and duration by quick [s]
 
 
 def run(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:

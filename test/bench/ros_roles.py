@@ -92,15 +92,15 @@ class Inputs(Node):
         self._disturbance.header.frame_id = 'facade'
         for index in VARIANCES:
             self._disturbance.pose.covariance[index] = 1e-6
-        self._head = PLACE
-        self.create_subscription(PoseStamped, 'corrected_pose', self._follow, LATEST)
+        self._carriages = inverse_kinematics(Geometry(), PLACE)
+        self.create_subscription(JointState, 'joint_setpoints', self._follow, LATEST)
         self.create_timer(1.0 / rate, self._sway)
         self.create_timer(JOINT_STATES_PERIOD, self._tell_states)
         self.create_timer(GOAL_PERIOD, self._tell_goal)
 
-    def _follow(self, message: PoseStamped) -> None:
-        position, turn = message.pose.position, message.pose.orientation
-        self._head = Pose(position.x, position.y, 2.0 * math.atan2(turn.z, turn.w))
+    def _follow(self, message: JointState) -> None:
+        if any(message.position):  # a relay's are all 0
+            self._carriages = message.position
 
     def _sway(self) -> None:
         now = time.time()
@@ -110,9 +110,8 @@ class Inputs(Node):
 
     def _tell_states(self) -> None:
         self._states.publish(JointState(
-            header=pose_stamped('rail', time.time(), self._head).header, name=CARRIAGES,
-            position=inverse_kinematics(Geometry(), self._head), velocity=(0.0,) * 3,
-            effort=(0.0,) * 3))
+            header=pose_stamped('rail', time.time(), PLACE).header, name=CARRIAGES,
+            position=self._carriages, velocity=(0.0,) * 3, effort=(0.0,) * 3))
 
     def _tell_goal(self) -> None:
         self._goals.publish(pose_stamped('facade', time.time(), PLACE))
