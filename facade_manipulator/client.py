@@ -198,7 +198,7 @@ class ManipulatorClient:
         """
         if self._goals is None:
             self._goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
-        self.wait_until(self._goals.get_subscription_count, 'a compensator that takes goals')
+        self.wait_until(self._all_take_goals, 'a compensator that takes goals')
         self.goal = pose
         self._goals.publish(pose_stamped('facade', self._now(), pose))
 
@@ -244,6 +244,11 @@ class ManipulatorClient:
         future = client.call_async(request)
         self.wait_until(future.done, f'the answer of {name}', timeout)
         return future.result()
+
+    def _all_take_goals(self) -> bool:
+        """Tell whether all that listen to goals are met: a goal sent before would be lost."""
+        return 0 < self.node.count_subscribers('goal_pose') <= (
+            self._goals.get_subscription_count())
 
     def _now(self) -> float:
         return self.node.get_clock().now().nanoseconds * 1e-9
