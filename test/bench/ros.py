@@ -15,7 +15,7 @@ DOMAIN = 94
 DEFAULT_RATE, FAST_RATE = 100.0, 500.0
 RATES = (100.0, 200.0, 500.0)
 MANIPULATORS = (1, 2, 4, 8)
-BRING_UP = 7.0  # s, until the drives are active
+BRING_UP = 6.0  # s, until the drives are active
 QUANTILES = {'p50': median, 'p99': lambda values: quantiles(values, n=100)[98]}
 
 __all__ = ['footprint', 'growth', 'nodes', 'pipeline']
@@ -36,7 +36,7 @@ COMPENSATOR = Layout(
 IK_SERVICE = Layout(('ik_service',), ('ik_relay',), 'events', 'poses', 'hear_setpoints')
 DEPLOYMENT = Layout(
     ('manipulator',), ('compensator_relay', 'ik_relay'), 'single', 'inputs', 'hear_setpoints')
-TIMES = {True: (0.7, 1.0), False: (1.5, 3.0)}  # warm-up and duration by quick [s]
+TIMES = {True: (0.5, 1.0), False: (1.0, 2.0)}  # warm-up and duration by quick [s]
 
 
 def run(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:
@@ -150,6 +150,6 @@ def way_to_the_bus(is_ours: bool, rate: float, quick: bool) -> dict[str, list[fl
         process = processes.script('pipeline_role', *seat, '-r', '__ns:=/bench')
         time.sleep(BRING_UP if is_ours else 2.0)
         say(process, 'begin')
-        time.sleep(3.0 if quick else 10.0)
+        time.sleep(2.0 if quick else 10.0)
         say(process, 'end')
         return json.loads(process.stdout.readline())

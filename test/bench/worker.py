@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from importlib import import_module
 import json
+import os
 import sys
 import time
 
@@ -55,3 +56,4 @@ def say(**content) -> None:
 
 if __name__ == '__main__':
     main()
+    os._exit(0)  # threads that still use a bus must not delay the end, nor complain of it
