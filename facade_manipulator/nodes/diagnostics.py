@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+import math
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
@@ -12,7 +14,8 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.nodes.runtime import RELIABLE
 
 PERIOD = 1.0
-REPEAT_WARNING_AFTER = 1.0
+WARN_EVERY = 1.0  # s
+REPEAT_AFTER = 60.0  # s, for the very sentence that stands in the log already
 
 
 class DiagnosticsPublisher:
@@ -61,7 +64,9 @@ def _summary(components: list[DiagnosticStatus]) -> list[tuple[str, bytes, str]]
 
 class Refusals:
     """
-    Count refused messages by reason and say each sentence in the log, at most once a second.
+    Count refused messages by reason and say in the log why, at most once a second.
+
+    A sentence that says nothing new, such as that the drives are not active, comes once a minute.
 
     Parameters
     ----------
@@ -73,6 +78,8 @@ class Refusals:
         self._logger = node.get_logger()
         self._counts: Counter[str] = Counter()
         self.last_sentence = ''
+        self._logged = ''
+        self._logged_at = -math.inf
 
     @property
     def total(self) -> int:
@@ -83,8 +90,11 @@ class Refusals:
         """Count a refusal."""
         self._counts[getattr(error, 'reason', 'other')] += 1
         self.last_sentence = str(error)
-        self._logger.warning(
-            self.last_sentence, throttle_duration_sec=REPEAT_WARNING_AFTER)
+        now = time.monotonic()
+        pause = REPEAT_AFTER if self.last_sentence == self._logged else WARN_EVERY
+        if now - self._logged_at >= pause:
+            self._logged, self._logged_at = self.last_sentence, now
+            self._logger.warning(self.last_sentence)
 
     def values(self) -> dict[str, int | str]:
         """Return the counters as key-value pairs of a diagnostic status."""

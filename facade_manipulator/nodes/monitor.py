@@ -173,7 +173,8 @@ def _details(name: str, component: Component) -> Text:
     values = _values(component)
     return Text(', '.join(
         text.format(_short(values[key]))
-        for key, text in DETAILS.get(name, OTHER_DETAILS) if key in values))
+        for key, text in DETAILS.get(name, OTHER_DETAILS)
+        if values.get(key, 'inf') != 'inf'))
 
 
 def _short(value: str) -> str:

@@ -50,6 +50,9 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
         return USAGE_ERROR
     finally:
         _close(nodes)
+        nodes = ()
+        gc.unfreeze()
+        gc.collect()  # nodes end before the interpreter does: ruckig would report them as leaks
         rclpy.try_shutdown()
         for number in STOP_SIGNALS:  # a second one now would look as if the node had died
             signal.signal(number, signal.SIG_IGN)
