@@ -1,12 +1,12 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench demo test study lint clean
+.PHONY: help setup bench bench-compensation demo test study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
 
 help:  ## Show the targets
-	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 12
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 20
 
 setup:  ## Make .venv with everything in it (the other targets do this by themselves)
 	@.ci/setup-venv
@@ -27,6 +27,9 @@ study: setup  ## Study the design: figures and tables in workspace_report/ (STUD
 bench: setup  ## Measure performance beside what else one could use (QUICK=1: under a minute)
 	@.ci/setup-bench
 	@$(IN_VENV) exec python test/bench $(if $(QUICK),--quick) $(BENCH_ARGS)
+
+bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_ARGS=…)
+	@$(IN_VENV) exec python -m facade_manipulator.simulation.bench $(BENCH_ARGS)
 
 lint: setup  ## Check the style
 	@$(IN_VENV) ruff check .

@@ -43,6 +43,17 @@ def test_only_the_axis_beyond_the_border_is_held_back():
     assert excess.y == excess.theta == 0.0
 
 
+@given(anywhere, st.floats(-0.3, 0.3))
+def test_at_the_end_of_x_the_distance_from_an_oblique_wall_is_kept(pose, slope):
+    border = Border(GEOMETRY, SETTINGS)
+    pose = pose._replace(y=0.25, theta=0.0)
+    inside = border.lead_in(pose, slope)
+    certify(GEOMETRY, inside.pose)
+    if not inside.excess.y:
+        gained = inside.pose.y - pose.y
+        assert gained == pytest.approx(slope * inside.excess.x, abs=0.12 * abs(gained) + 1e-9)
+
+
 @pytest.mark.parametrize('axis', range(3))
 def test_along_a_sweep_through_the_border_nothing_jumps_and_speed_changes_gently(axis):
     border = Border(GEOMETRY, SETTINGS)

@@ -10,6 +10,8 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.parameters import check_parameters, parameter
 
+REFINEMENTS = 3
+
 
 @dataclass(frozen=True)
 class BorderSettings:
@@ -71,8 +73,25 @@ class Border:
                 f'margin = {settings.margin:g} m leaves no workspace in y: from '
                 f'{self._height[0]:.4g} m to {self._height[1]:.4g} m')
 
-    def lead_in(self, pose: Pose) -> Saturated:
-        """Return the pose of the workspace for a wanted one, which may lie outside."""
+    def lead_in(self, pose: Pose, slope: float = 0.0) -> Saturated:
+        """
+        Return the pose of the workspace for a wanted one, which may lie outside.
+
+        Parameters
+        ----------
+        pose : Pose
+        slope : float
+            Tangent of the angle from the wall to the rail. Where x is held back, y is changed
+            with it, so that the head keeps its distance from the wall instead of the rail.
+
+        """
+        inside = self._clamped(pose)
+        if slope != 0.0 and inside.excess.x != 0.0:
+            for _ in range(REFINEMENTS):  # the end of x depends on y a little
+                inside = self._clamped(pose._replace(y=pose.y + slope * inside.excess.x))
+        return inside
+
+    def _clamped(self, pose: Pose) -> Saturated:
         y = soft_clamp(pose.y, *self._height, self._settings.height_knee)
         yaw = self._greatest_yaw(y)
         theta = soft_clamp(pose.theta, -yaw, yaw, self._settings.yaw_knee)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import Any, NamedTuple
 
 from facade_manipulator.control.blend import Blend, Course, NOWHERE
@@ -291,7 +292,8 @@ class Compensator:
             excess = self._last.excess
         shifted = self.contact.shift(now, time, interval, reference, excess)
         wanted = compose(inverse(disturbance), shifted)
-        inside = self._border.lead_in(self._tracker.step(time, wanted))
+        tracked = self._tracker.step(time, wanted)
+        inside = self._border.lead_in(tracked, math.tan(disturbance.theta))
         rest = self._rest.at(time).place
         pose = Pose(*(p + r for p, r in zip(inside.pose, rest, strict=True)))
         self.following.publish(time, pose)

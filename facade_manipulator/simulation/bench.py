@@ -2,7 +2,7 @@
 Bench of the compensation: every scenario in a closed loop, beside simpler predictions.
 
 Run it by ``python -m facade_manipulator.simulation.bench``. It prints a table and writes
-compensation.json.
+compensation.json, a picture of each scenario and one of the sweep.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import numpy as np
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.simulation.bench_pictures import draw_scenario, draw_sweep
 from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, Step
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.scenario import (
@@ -71,8 +72,8 @@ def with_model(scenario: Scenario, model: str) -> Scenario:
         compensator=scenario.compensator._replace(prediction=prediction))
 
 
-def judge(scenario: Scenario) -> dict:
-    """Return what the report says of a scenario."""
+def judge(scenario: Scenario) -> tuple[dict, Run]:
+    """Return what the report says of a scenario, and the run it is about."""
     motion = scenario.motion()
     runs = {
         name: run_scenario(with_model(scenario, model), motion)
@@ -88,7 +89,7 @@ def judge(scenario: Scenario) -> dict:
         **result, 'contact_force': _contact(scenario, best.steps),
         'max_step': largest_step(best.steps), 'refusals': len(best.loop.refusals),
         'brakes': best.loop.follower.brakes,
-    }
+    }, best
 
 
 def largest_step(steps: list[Step]) -> dict[str, float]:
@@ -171,6 +172,15 @@ def _cells(axis: str, result: dict) -> str:
                 for name, width in zip(MODELS, (6, 13, 7), strict=True)))
 
 
+def _report(output: Path, name: str, scenario: Scenario) -> dict:
+    """Judge a scenario and draw it."""
+    result, run = judge(scenario)
+    force = result['contact_force']
+    title = f'{name}: {scenario.mission.description}'
+    draw_scenario(output / f'{name}.png', title, run.steps, force and force['desired'])
+    return result
+
+
 def main(args: list[str] | None = None) -> int:
     """Run the bench; return the exit status."""
     parser = argparse.ArgumentParser(prog='bench', description=__doc__.splitlines()[1])
@@ -180,14 +190,15 @@ def main(args: list[str] | None = None) -> int:
     try:
         scenarios = {
             name: load_scenario(name) for name in options.scenario or scenario_names()}
-        results = {
-            'scenarios': {name: judge(scenario) for name, scenario in scenarios.items()},
-            'sweep': sweep()}
+        output = Path(options.output)
+        output.mkdir(parents=True, exist_ok=True)
+        results = {'scenarios': {
+            name: _report(output, Path(name).stem, scenario)
+            for name, scenario in scenarios.items()}, 'sweep': sweep()}
     except ManipulatorError as error:
         print(error, file=sys.stderr)
         return 2
-    output = Path(options.output)
-    output.mkdir(parents=True, exist_ok=True)
+    draw_sweep(output / 'sweep.png', results['sweep'])
     (output / 'compensation.json').write_text(json.dumps(results, indent=2) + '\n')
     print(*table(results), sep='\n')
     return 0
