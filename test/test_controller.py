@@ -2,6 +2,7 @@ from dataclasses import replace
 import math
 import random
 import threading
+import time
 
 import can
 from drive_rig import (
@@ -533,6 +534,22 @@ def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_r
     trouble.append('surprise')
     rig.until_stopped()
     assert "the control loop failed: KeyError: 'surprise'" in rig.controller.snapshot().cause
+    rig.do('clear_faults', 'activate')
+
+
+def test_a_loop_that_stood_still_blames_this_computer_and_no_drive(make_rig):
+    pauses = []
+
+    def on_cycle():
+        if pauses:
+            time.sleep(pauses.pop())
+
+    rig = make_rig(on_cycle=on_cycle)
+    at_rest(rig)
+    pauses.append(1.2 * SETTINGS.heartbeat_timeout)
+    rig.until_stopped()
+    assert 'the control loop stood still for' in rig.controller.snapshot().cause
+    assert 'take load off this computer' in rig.controller.snapshot().next_step
     rig.do('clear_faults', 'activate')
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 CLEAR_REMEDY = 'remove the cause, clear the faults, then activate'
 BUS_REMEDY = 'see to the CAN bus, wait until it is back, clear the faults, then activate'
 TARGET_REMEDY = 'see to the source of the setpoints, clear the faults, then activate'
+COMPUTER_REMEDY = 'take load off this computer, clear the faults, then activate'
 CONFIGURE_REMEDY = 'check its power and cable, then clean up and configure again'
 DISOBEYED_REMEDY = 'switch the power of the drives off, find out why, configure again'
 

@@ -12,7 +12,7 @@ import time
 
 from facade_manipulator.drives import pdo
 from facade_manipulator.drives.bus import BusCongestedError, CanBus, Frame
-from facade_manipulator.drives.cause import BUS_REMEDY, Cause, TARGET_REMEDY
+from facade_manipulator.drives.cause import BUS_REMEDY, Cause, COMPUTER_REMEDY, TARGET_REMEDY
 from facade_manipulator.drives.cia402 import Controlword
 from facade_manipulator.drives.commissioning import Hearing, NmtCommand, send_nmt
 from facade_manipulator.drives.cycle import cycle_clock
@@ -68,6 +68,7 @@ class Stream:
         self._on_cycle = on_cycle
         self._next_heartbeat = 0.0
         self._unsent = 0
+        self._pumped = time.monotonic()
         self._forced: set[str] = set()
         self._routes = self._make_routes()
         bus.listen_to(tuple(self._routes))
@@ -136,6 +137,7 @@ class Stream:
 
         """
         self.group = group
+        self._pumped = now
         self.clock.start(now)
         for monitor in self._monitors:
             monitor.begin_supervision(now)
@@ -160,6 +162,7 @@ class Stream:
 
         """
         frame = self._bus.receive(self._next_event() - time.monotonic())
+        self._watch_pauses(time.monotonic())
         if frame is not None:
             self._dispatch(frame)
         now = time.monotonic()
@@ -167,6 +170,15 @@ class Stream:
             self._send_heartbeat(now)
         if self.group is not None:
             self._turn(now, all_read=frame is None)
+
+    def _watch_pauses(self, now: float) -> None:
+        """Blame this computer, not a drive, when this loop has not run: frames wait unread."""
+        pause, self._pumped = now - self._pumped, now
+        bound = self._settings.heartbeat_timeout
+        if pause > bound:
+            self._stop_for(Cause(
+                f'the control loop stood still for {1e3 * pause:.0f} ms, '
+                f'bound {1e3 * bound:.0f} ms', COMPUTER_REMEDY))
 
     def _next_event(self) -> float:
         latest = time.monotonic() + LONGEST_WAIT
@@ -220,7 +232,7 @@ class Stream:
         if self.clock.late_in_a_row >= bound and self.group.is_powered:
             causes.append(Cause(
                 f'the control loop was late {self.clock.late_in_a_row} cycles in a row, bound '
-                f'{bound}', 'take load off this computer, clear the faults, then activate'))
+                f'{bound}', COMPUTER_REMEDY))
         if self.clock.overdue_in_a_row >= bound:
             causes.append(Cause(
                 f'the kernel sent no SYNC for {self.clock.overdue_in_a_row} periods, bound '
