@@ -24,6 +24,9 @@ HOME = (-0.1, 0.1, 0.0)
 SIMULATED = (
     Parameter('simulate_drives', value=True),
     Parameter('bus.interface', value='virtual'),
+    # the machine of the tests may be busy; that such time-outs act is the controller's tests'
+    Parameter('controller.heartbeat_timeout', value=1.0),
+    Parameter('controller.watchdog_timeout', value=1.0),
 )
 
 
@@ -237,7 +240,8 @@ def test_an_active_driver_ends_cleanly_on_a_signal(ros_domain, start_process, nu
     import rclpy
 
     process = start_process(
-        'facade_manipulator.nodes.driver', '--ros-args', '-p', 'simulate_drives:=true')
+        'facade_manipulator.nodes.driver', '--ros-args', '-p', 'simulate_drives:=true',
+        '-p', 'controller.heartbeat_timeout:=1.0', '-p', 'controller.watchdog_timeout:=1.0')
     rclpy.init(domain_id=ros_domain)
     try:
         with ManipulatorClient() as client:
