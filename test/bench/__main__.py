@@ -7,6 +7,7 @@ Prints one table, writes bench.json and bench.png. Each ratio is a median of int
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 import sys
 import time
@@ -30,7 +31,9 @@ def main() -> int:
     parser.add_argument('--quick', action='store_true', help='under a minute, fewer rounds')
     parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS))
     parser.add_argument('--output', type=Path, default=Path('bench_report'))
+    parser.add_argument('--can', default='virtual:bench', help='bus of the section bus')
     options = parser.parse_args()
+    os.environ['BENCH_CAN'] = options.can
     rounds = ROUNDS['quick' if options.quick else 'full']
     rows, growth, failed = [], {}, []
     for name in options.sections:
