@@ -25,7 +25,7 @@ def within_limits(before, after):
 
 
 def follow(limiter, motion, target, velocity):
-    return limiter.reach(motion, target) or limiter.chase(motion, target, velocity)
+    return limiter.reach(motion, target, velocity) or limiter.chase(motion, target, velocity)
 
 
 @given(targets=st.lists(st.tuples(positions, speeds), min_size=1, max_size=30))
@@ -56,12 +56,13 @@ def test_a_motion_brakes_to_rest_inside_the_limits_and_at_the_foretold_position(
 def test_a_target_inside_the_limits_is_reached_exactly():
     limiter = PathLimiter(LIMITS, PERIOD)
     motion = Motion((0.1, 0.2, 0.3))
-    after = limiter.reach(motion, (0.1 + 1e-5, 0.2, 0.3))
+    after = limiter.reach(motion, (0.1 + 1e-5, 0.2, 0.3), (0.0,) * 3)
     assert after.position == (0.1 + 1e-5, 0.2, 0.3)
 
 
 def test_a_target_beyond_the_limits_is_not_reached_in_one_period():
-    assert PathLimiter(LIMITS, PERIOD).reach(Motion((0.0,) * 3), (0.01, 0.0, 0.0)) is None
+    assert PathLimiter(LIMITS, PERIOD).reach(
+        Motion((0.0,) * 3), (0.01, 0.0, 0.0), (0.0,) * 3) is None
 
 
 def test_a_chase_from_rest_keeps_the_straight_line_to_the_target():

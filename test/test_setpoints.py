@@ -206,3 +206,28 @@ def test_a_lower_speed_limit_slows_the_carriages_down_within_their_acceleration(
     assert abs(speeds[298]) > 0.28
     assert max(map(abs, speeds[315:])) < 0.1 + 1e-6
     assert max(changes[290:]) < 3.0 * 1.05
+
+
+@given(stall_at=st.floats(0.0, 0.6), stall=st.floats(0.0, 0.08), late=st.floats(0.0, 0.026),
+       late_cycle=st.integers(0, 80))
+def test_whatever_delays_the_stream_the_carriages_come_to_rest_at_its_end(
+        stall_at, stall, late, late_cycle):
+    made, way = follower(), (0.05, 0.05, 0.05)
+
+    def smooth(time):
+        share = min(max(time / 0.5, 0.0), 1.0)
+        blend, slope = share * share * (3.0 - 2.0 * share), 12.0 * share * (1.0 - share)
+        return Setpoint(time, tuple(q + blend * w for q, w in zip(HOME, way, strict=True)),
+                        tuple(slope * w for w in way))
+
+    sent = 0
+    for cycle in range(250):
+        now = cycle * PERIOD
+        if not stall_at < now < stall_at + stall:
+            while sent <= cycle:  # what waited comes at once
+                made.add(smooth(sent * PERIOD + 0.06), now)
+                sent += 1
+        delay = late if cycle == late_cycle else 0.0
+        position = made.sample(now + 0.02 + delay)
+    assert position == pytest.approx([q + w for q, w in zip(HOME, way, strict=True)], abs=1e-9)
+    assert made.activity is Activity.FOLLOWING

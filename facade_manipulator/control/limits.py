@@ -85,11 +85,22 @@ class PathLimiter:
         self._output = OutputParameter(3)
         self._trajectory = Trajectory(3)
         self._relative: Motion | None = None
+        self._is_catching_up = False
 
-    def reach(self, motion: Motion, target: Triple) -> Motion | None:
-        """Return the motion that is at the target one period later, None if limits forbid it."""
+    def reach(self, motion: Motion, target: Triple, target_velocity: Triple) -> Motion | None:
+        """
+        Return the motion that is at the target one period later, None if limits forbid it.
+
+        Carriages that catch up must arrive with the target's velocity: who only crosses it would
+        swing about it for ever.
+        """
         direct = self._direct(motion, target)
-        return direct if self._allowed(motion, direct) else None
+        if not self._allowed(motion, direct):
+            return None
+        if self._is_catching_up and not self._meets(motion, direct, target_velocity):
+            return None
+        self._is_catching_up = False
+        return direct
 
     def chase(self, motion: Motion, target: Triple, target_velocity: Triple) -> Motion:
         """
@@ -105,6 +116,7 @@ class PathLimiter:
             The target's own velocity [m/s]; faster than the limits, it is taken as slower.
 
         """
+        self._is_catching_up = True
         frame = self._feed_forward(target_velocity)
         relative = self._continued(Motion(
             tuple(p - t + w * self.period
@@ -126,6 +138,7 @@ class PathLimiter:
 
     def brake(self, motion: Motion) -> Motion:
         """Return the motion one period later on the way to rest, all axes braking together."""
+        self._is_catching_up = True
         self._plan_brake(motion)
         return self._step()
 
@@ -172,6 +185,14 @@ class PathLimiter:
         return (max(map(abs, after.velocity)) <= limits.speed
                 and max(map(abs, after.acceleration)) <= limits.acceleration
                 and change <= limits.jerk * self.period)
+
+    def _meets(self, before: Motion, after: Motion, velocity: Triple) -> bool:
+        """Tell whether a motion with a mean velocity arrives with a velocity, about."""
+        tolerance = 0.5 * self.limits.jerk * self.period ** 2
+        return all(
+            abs(2.0 * mean - start - wanted) <= tolerance
+            for mean, start, wanted in zip(
+                after.velocity, before.velocity, velocity, strict=True))
 
     def _feed_forward(self, velocity: Triple) -> Triple:
         fastest = max(map(abs, velocity))

@@ -228,7 +228,7 @@ class SetpointFollower:
         return _interpolate(stream[index - 1], stream[index], time)
 
     def _follow(self, position: Triple, velocity: Triple) -> Motion:
-        direct = self._limiter.reach(self._motion, position)
+        direct = self._limiter.reach(self._motion, position, velocity)
         motion = direct or self._limiter.chase(self._motion, position, velocity)
         try:
             self._check(motion.position)

@@ -43,7 +43,7 @@ AXES = ('q1', 'q2', 'q3')
 # what is told of a component beside its sentence: diagnostic key, and how it is written
 DETAILS = {
     'driver: operation': (
-        ('drive faults', '{} faults'), ('refused', '{} setpoints refused')),
+        ('drive faults', 'faults: {}'), ('refused', '{} setpoints refused')),
     'driver: bus': (
         ('cycles', '{} cycles'), ('missed cycles', '{} missed'),
         ('worst lateness [ms]', '≤ {} ms late'), ('worst-case load [%]', '{} % load')),
