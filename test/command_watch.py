@@ -48,7 +48,7 @@ class CommandWatch:
     def take(self, frames: list[can.Message]) -> None:
         """Judge the frames that an independent listener has heard."""
         for frame in frames:
-            if frame.arbitration_id in self._axes and not frame.is_extended_id:
+            if frame.arbitration_id in self._axes and _is_plain(frame):
                 self._judge(frame.arbitration_id, bytes(frame.data))
 
     def _judge(self, cob_id: int, data: bytes) -> None:
@@ -71,3 +71,7 @@ class CommandWatch:
     def _complain(self, sentence: str) -> None:
         if len(self.complaints) < MOST_COMPLAINTS:
             self.complaints.append(sentence)
+
+
+def _is_plain(frame: can.Message) -> bool:
+    return not (frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame)

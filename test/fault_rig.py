@@ -152,7 +152,9 @@ def _at_rest(rig: StreamRig) -> None:
 def _moving(rig: StreamRig) -> None:
     rig.do('activate')
     rig.stream()
-    wait_until(lambda: abs(rig.controller.snapshot().axes[0].velocity) > 0.05, 'motion')
+    wait_until(lambda: abs(rig.controller.snapshot().axes[0].velocity) > 0.05
+               or rig.state is not ControllerState.ACTIVE, 'motion')
+    assert rig.state is ControllerState.ACTIVE, rig.all_causes
 
 
 SITUATIONS = {'inactive': _inactive, 'homing': _homing, 'at rest': _at_rest, 'moving': _moving}

@@ -38,6 +38,7 @@ OURS = {0x000: 2, 0x080: 0, 0x77F: 1, **{
 COMMANDING = {cob_id for cob_id in OURS if cob_id & 0x780 in (0x000, 0x200, 0x600)} | {
     0x080, 0x77F}
 BURST = 0.005  # s
+SWITCH_INTERVAL = 0.0005  # s: what are computers of their own shares one interpreter here
 
 
 class Verdict(NamedTuple):
@@ -54,8 +55,9 @@ class Verdict(NamedTuple):
         Commands with power that were judged.
     complaints : tuple of str
         Commands out of limits, and errors that nobody foresaw.
-    missed, cycles : int
-        Cycles that were incomplete, late or skipped, of how many.
+    missed : dict
+        How many cycles were incomplete, late and skipped.
+    cycles : int
     stops : int
         How often a forged frame has stopped the drives.
 
@@ -65,7 +67,7 @@ class Verdict(NamedTuple):
     rate: float
     enabling: int
     complaints: tuple[str, ...]
-    missed: int
+    missed: dict[str, int]
     cycles: int
     stops: int
 
@@ -151,7 +153,8 @@ class Fuzzer:
         self._rig, self._situation, self._make, self._rate = rig, situation, make, rate
         self._rng = random.Random(seed)
         self._watch = CommandWatch(rig.axes, PATIENT.period)
-        self._stops = self._missed = self._cycles = 0
+        self._stops = self._cycles = 0
+        self._missed = dict.fromkeys(('incomplete', 'late', 'skipped'), 0)
 
     def run(self, frames: int) -> Verdict:
         """Send frames until there were as many; bring the drives back whenever they stop."""
@@ -172,9 +175,21 @@ class Fuzzer:
     def _enter(self) -> None:
         if self._situation == 'unconfigured':
             return
-        self._rig.get_ready()
-        SITUATIONS[self._situation](self._rig)
+        self._bring_up()
         self._before = self._rig.controller.snapshot().cycle
+
+    def _bring_up(self, tries: int = 5) -> None:
+        """Reach the situation; a computer that is too busy may need a second try."""
+        try:
+            self._rig.get_ready()
+            SITUATIONS[self._situation](self._rig)
+        except (AssertionError, ManipulatorError) as error:
+            print(f'not {self._situation} at once: {error}', file=sys.stderr)
+            if tries == 0:
+                raise
+            self._rig.fall_silent()
+            self._start_anew()
+            self._bring_up(tries - 1)
 
     def _until_stopped(self, frames: int) -> int:
         """Send until stopped, and then some more: a stop must stand what made it."""
@@ -209,14 +224,13 @@ class Fuzzer:
     def _count(self, cycle) -> None:
         before = self._before
         self._cycles += cycle.cycles - before.cycles
-        self._missed += sum(
-            getattr(cycle, name) - getattr(before, name)
-            for name in ('incomplete', 'late', 'skipped'))
+        for name in self._missed:
+            self._missed[name] += getattr(cycle, name) - getattr(before, name)
 
     def _start_anew(self) -> None:
         """Forged commands may have left anything in the drives: configure resets them."""
         rig = self._rig
-        rig.until(ControllerState.STOPPED)
+        rig.until(ControllerState.STOPPED, ControllerState.INACTIVE)
         rig.do('cleanup')
         mend(rig)
         rig.configure()
@@ -280,32 +294,34 @@ def fuzz_setpoints(rig: StreamRig, seconds: float, seed: int = 0) -> tuple[int, 
 
 def share(verdict: Verdict) -> float:
     """Return the share of the cycles that were missed."""
-    return verdict.missed / max(1, verdict.cycles)
+    return sum(verdict.missed.values()) / max(1, verdict.cycles)
 
 
-RUNS = (  # situation, frames, share of all, rate, what part of the cycles may be missed
-    ('unconfigured', anything, 0.1, 4000.0, None),
-    ('inactive', strange, 0.2, 3000.0, 0.001),
-    ('moving', strange, 0.5, 3000.0, 0.001),
-    ('inactive', anything, 0.1, 4000.0, None),
-    ('moving', anything, 0.1, 4000.0, None),
+MOST_MISSED = 0.001
+RUNS = (  # situation, frames, share of all, rate, whether cycles count: nothing stops the drives
+    ('unconfigured', anything, 0.1, 4000.0, False),
+    ('inactive', strange, 0.2, 3000.0, True),
+    ('moving', strange, 0.5, 3000.0, True),
+    ('inactive', anything, 0.1, 4000.0, False),
+    ('moving', anything, 0.1, 4000.0, False),
 )
 
 
 def run_all(frames: int, channel: str = 'fuzz') -> bool:
     """Run every kind of fuzz and print what it found; return whether nothing was wrong."""
     good = True
-    for number, (situation, make, part, rate, bound) in enumerate(RUNS):
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    for number, (situation, make, part, rate, counts) in enumerate(RUNS):
         rig = StreamRig(f'{channel} {number}')
         try:
             verdict = Fuzzer(rig, situation, make, rate, number).run(round(part * frames))
         finally:
             rig.close()
-        fine = not verdict.complaints and (bound is None or share(verdict) < bound)
+        fine = not verdict.complaints and (not counts or share(verdict) < MOST_MISSED)
         good = good and fine
         print(f'{situation}, {make.__name__} frames: {verdict.frames} at {verdict.rate:.0f}/s, '
               f'{verdict.enabling} commands with power, {verdict.stops} stops, '
-              f'{verdict.missed} of {verdict.cycles} cycles missed'
+              f'missed of {verdict.cycles} cycles: {verdict.missed}'
               f'{"" if fine else " FAILED " + "; ".join(verdict.complaints)}', flush=True)
     return good
 

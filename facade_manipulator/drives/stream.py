@@ -68,7 +68,7 @@ class Stream:
         self._on_cycle = on_cycle
         self._next_heartbeat = 0.0
         self._unsent = 0
-        self._pumped = time.monotonic()
+        self._pumped = self._read_until = time.monotonic()
         self._forced: set[str] = set()
         self._routes = self._make_routes()
         bus.listen_to(tuple(self._routes))
@@ -163,6 +163,7 @@ class Stream:
         """
         frame = self._bus.receive(self._next_event() - time.monotonic())
         self._watch_pauses(time.monotonic())
+        self._read_until = self._pumped if frame is None else frame.time
         if frame is not None:
             self._dispatch(frame)
         now = time.monotonic()
@@ -216,12 +217,13 @@ class Stream:
     def _causes(self, now: float) -> list[Cause]:
         causes = list(self._supervise(now))
         if self.group.phase not in STOPPED_PHASES:
-            causes += self._silences(now) + self._own_failures()
+            causes += self._silences() + self._own_failures()
         return causes
 
-    def _silences(self, now: float) -> list[Cause]:
+    def _silences(self) -> list[Cause]:
         """Blame the bus rather than each drive when all have fallen silent together."""
-        causes = [cause for cause in (m.silence(now) for m in self._monitors) if cause]
+        heard_until = self._read_until  # what still waits to be read may tell of them
+        causes = [cause for cause in (m.silence(heard_until) for m in self._monitors) if cause]
         if len(causes) == len(self._monitors):
             return [Cause(f'no drive answers any more: {causes[0].sentence}', BUS_REMEDY)]
         return causes
