@@ -32,6 +32,7 @@ def allowed(node: str, tag: str, what: str) -> set[str]:
     names = [name.text for group in profile.findall(tag) if group.get(what) == 'ALLOW'
              for name in group]
     assert len(names) == len(set(names))
+    names = [name.replace('~', node) for name in names]
     return {name if name.startswith('/') else f'{NAMESPACE}/{name}' for name in names}
 
 
@@ -59,6 +60,8 @@ def test_supervisor_and_monitor_do_no_more_than_they_may(ros, name, look):
             own = {topic for topic in used(client.node, name, KINDS['topics', what])
                    if not topic.startswith(NAMESPACE + '/' + name)}
             assert own and own <= allowed(name, 'topics', what)
+        offered = used(client.node, name, KINDS['services', 'reply'])
+        assert offered == allowed(name, 'services', 'reply')
     finally:
         client.close()
 
