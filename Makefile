@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-compensation demo test study lint clean
+.PHONY: help setup bench bench-compensation demo test soak study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
