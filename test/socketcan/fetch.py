@@ -10,7 +10,8 @@ import subprocess
 PACKAGES = ('user-mode-linux', 'can-utils')
 SYSTEM_LISTS = Path('/var/lib/apt/lists')
 TIMEOUT = 600.0
-DEBIAN = 'deb http://deb.debian.org/debian bookworm main\n'
+MIRROR = 'DEBIAN_MIRROR'  # environment variable: URL of a Debian mirror, for other distributions
+SUITE = 'bookworm main'
 # Debian Stable Release Key (12/bookworm), 4D64 FEC1 19C2 0290 67D6 E791 F8D2 585B 8783 D481;
 # Ubuntu 22.04 has no package with it.
 DEBIAN_KEY = """\
@@ -38,7 +39,7 @@ def fetch(folder: Path) -> Path:
     Raises
     ------
     FetchError
-        Without apt, dpkg, a network or room on the disk.
+        Without apt, dpkg, a mirror, a network or room on the disk.
 
     """
     root = folder / 'root'
@@ -79,8 +80,13 @@ def _downloads_at_once(partial: Path) -> bool:
 
 def _debian_sources(partial: Path) -> list[str]:
     """Return apt options for Debian's packages: Ubuntu has no user-mode-linux of its own."""
+    mirror = os.environ.get(MIRROR)
+    if not mirror:
+        raise FetchError(
+            f'this distribution has no package user-mode-linux: load the kernel module vcan (sudo '
+            f'modprobe vcan), or set {MIRROR} to the URL of a Debian mirror')
     sources, keys = partial / 'debian.list', partial / 'keys'
-    sources.write_text(DEBIAN)
+    sources.write_text(f'deb {mirror} {SUITE}\n')
     keys.mkdir()
     (keys / 'debian.asc').write_text(DEBIAN_KEY)
     return ['-o', f'Dir::Etc::SourceList={sources}', '-o', 'Dir::Etc::SourceParts=/dev/null',
