@@ -7,6 +7,7 @@ import math
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from support import DEADLINE
 import yaml
 
 from facade_manipulator import config_path
@@ -149,3 +150,18 @@ def test_a_border_that_leaves_no_workspace_is_refused(ros):
         parameter_overrides=[Parameter('geometry.carriage_gap', value=0.27)]))
     result = node.set_parameters([Parameter('border.margin', value=0.1)])[0]
     assert not result.successful and 'leaves no workspace in y' in result.reason
+
+
+@pytest.mark.parametrize('content, sentence', [
+    (None, 'nowhere.yaml'),
+    ('/**: {ros__parameters: [1, 2', 'yaml'),
+])
+def test_a_parameter_file_that_cannot_be_read_is_one_sentence_and_no_traceback(
+        start_process, tmp_path, content, sentence):
+    if content is not None:
+        (tmp_path / 'nowhere.yaml').write_text(content)
+    process = start_process(
+        'facade_manipulator.nodes.ik_service', '--ros-args', '--params-file', 'nowhere.yaml')
+    assert process.wait(DEADLINE) == 2
+    log = process.log.read_text()
+    assert 'refused to start' in log and sentence in log and 'Traceback' not in log

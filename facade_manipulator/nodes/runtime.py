@@ -10,6 +10,7 @@ from threading import Event
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
@@ -40,8 +41,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
         signal.signal(number, lambda *_: stopping.set())
     nodes: Sequence[Node] = ()
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        nodes = make_nodes()
+        nodes = _start(make_nodes, args)
         _spin(nodes, stopping)
     except ExternalShutdownException:
         return 0
@@ -57,6 +57,15 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
         for number in STOP_SIGNALS:  # a second one now would look as if the node had died
             signal.signal(number, signal.SIG_IGN)
     return 0
+
+
+def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> Sequence[Node]:
+    """Make the nodes; what ROS itself refuses, such as a parameter file, is a sentence too."""
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        return make_nodes()
+    except rclpy_implementation.RCLError as error:
+        raise ManipulatorError(str(error)) from error
 
 
 def _spin(nodes: Sequence[Node], stopping: Event) -> None:
