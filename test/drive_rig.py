@@ -8,8 +8,7 @@ import threading
 import can
 from support import wait_until
 
-from facade_manipulator.drives import pdo
-from facade_manipulator.drives.cia402 import Controlword, State
+from facade_manipulator.drives.cia402 import State
 from facade_manipulator.drives.controller import DriveController
 from facade_manipulator.drives.settings import ControllerSettings, DEFAULT_AXES
 from facade_manipulator.drives.simulated_bus import DriveSimulator
@@ -178,15 +177,3 @@ def moving(rig: Rig) -> None:
 
 
 SITUATIONS = {'inactive': inactive, 'at rest': at_rest, 'moving': moving}
-
-
-def assert_commanded_to_stop_within(frames, cycles: int) -> None:
-    """Count SYNCs from the emergency message to the last command that still enables."""
-    ids = [message.arbitration_id for message in frames]
-    after = frames[ids.index(0x082):]
-    syncs = 0
-    for message in after:
-        syncs += message.arbitration_id == pdo.SYNC_COB_ID
-        if message.arbitration_id & 0x780 == 0x200:
-            word = pdo.decode_rpdo1(bytes(message.data)).controlword
-            assert word & 0x0F != Controlword.ENABLE_OPERATION or syncs <= cycles

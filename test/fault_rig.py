@@ -48,6 +48,7 @@ class StreamRig(Rig):
             StreamSettings(), MotionLimits(), settings.period, guard)
         super().__init__(channel, settings=settings, source=self.follower,
                          check_targets=guard, **details)
+        self.settings = settings
         self.clears = 0
         self.heard: list[can.Message] = []
         self.spoil: Spoil = _perfect

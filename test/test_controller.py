@@ -6,7 +6,6 @@ import time
 
 import can
 from drive_rig import (
-    assert_commanded_to_stop_within,
     at_rest,
     HOME,
     inactive,
@@ -298,46 +297,6 @@ def test_a_drive_in_fault_is_configured_but_stopped(rig):
 
 
 # --- what goes wrong in one axis stops all three
-
-FAULTS = {
-    'following error': (lambda drive: drive.inject_fault(0x8611), 'following error'),
-    'limit switch': (lambda drive: drive.inject_fault(0x8A80), 'limit switch'),
-    'overcurrent': (lambda drive: drive.inject_fault(0x2310), 'current is too high'),
-    'overvoltage': (lambda drive: drive.inject_fault(0x3210), 'too high'),
-    'undervoltage': (lambda drive: drive.inject_fault(0x3220), 'too low'),
-    'too hot': (lambda drive: drive.inject_fault(0x4210), 'too hot'),
-    'sensor': (lambda drive: drive.inject_fault(0x7320), 'position sensor'),
-    'can error': (lambda drive: drive.inject_fault(0x8120), 'error passive'),
-    'short frame': (lambda drive: drive.inject_fault(0x8210), 'wrong length'),
-    'safe torque off': (lambda drive: drive.open_safe_torque_off(), 'safe torque off'),
-    'unknown': (lambda drive: drive.inject_fault(0xB123), 'in no table'),
-}
-
-
-@situations
-@pytest.mark.parametrize('fault', FAULTS)
-def test_a_fault_of_one_axis_stops_all_is_told_and_can_be_cleared(rig, situation, fault):
-    inject, sentence = FAULTS[fault]
-    SITUATIONS[situation](rig)
-    rig.frames()
-    with rig.simulator.access() as drives:
-        inject(drives[1])
-    rig.until_stopped()
-    snapshot = rig.controller.snapshot()
-    assert sentence in snapshot.cause
-    assert 'q2 (node 2)' in snapshot.cause
-    assert snapshot.next_step
-    assert not snapshot.unhomed
-    assert_commanded_to_stop_within(rig.frames(), 3)
-    with pytest.raises(DriveStateError):
-        rig.do('activate')
-    with rig.simulator.access() as drives:
-        drives[1].remove_cause()
-    assert 'next: activate' in rig.do('clear_faults')
-    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
-    rig.source.speed = 0.0
-    rig.do('activate')
-
 
 @situations
 def test_a_lost_position_takes_the_power_from_all_and_asks_for_home(rig, situation):
