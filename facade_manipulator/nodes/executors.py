@@ -18,6 +18,7 @@ from std_msgs.msg import Empty
 
 PATIENCE = 1.0  # s, for a message that takes some 20 ms
 REPEAT = 0.02
+LAST_EVENTS = 8
 
 
 def choose_executor() -> Executor:
@@ -53,4 +54,6 @@ def _require_messages(executor: Executor) -> None:
             executor.spin_once(timeout_sec=REPEAT)
     finally:
         executor.remove_node(node)
+        for _ in range(LAST_EVENTS):  # it lets go of the node in an event of its own
+            executor.spin_once(timeout_sec=0.0)
         node.destroy_node()

@@ -31,10 +31,11 @@ def main() -> int:
     parser.add_argument('--quick', action='store_true', help='under a minute, fewer rounds')
     parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS))
     parser.add_argument('--output', type=Path, default=Path('bench_report'))
+    parser.add_argument('--rounds', type=int, help='rounds of each comparison')
     parser.add_argument('--can', default='virtual:bench', help='bus of the section bus')
     options = parser.parse_args()
     os.environ['BENCH_CAN'] = options.can
-    rounds = ROUNDS['quick' if options.quick else 'full']
+    rounds = options.rounds or ROUNDS['quick' if options.quick else 'full']
     rows, growth, failed = [], {}, []
     for name in options.sections:
         if options.quick and name in LONG:
@@ -42,7 +43,7 @@ def main() -> int:
         begin = time.monotonic()
         try:
             found, grown = SECTIONS[name](rounds, options.quick)
-        except RuntimeError as error:
+        except (RuntimeError, OSError, ValueError) as error:
             print(f'{name} failed: {error}', file=sys.stderr)
             failed.append(name)
             continue

@@ -104,12 +104,11 @@ def draw(rows: list[Row], growth: dict[str, dict[str, list]], path: Path) -> Non
     import matplotlib.pyplot as plt
 
     judged = [row for row in rows if row.met is not None]
-    figure = plt.figure(figsize=(14, 9), layout='constrained')
-    left, right = figure.subfigures(1, 2, width_ratios=(1.25, 1.0))
+    figure = plt.figure(figsize=(14, 10), layout='constrained')
+    left, right = figure.subfigures(1, 2, width_ratios=(1.3, 1.0)) if growth else (figure, None)
     _draw_goals(left.subplots(), judged)
-    for panel, (title, one) in zip(
-            right.subplots(len(growth), 1, squeeze=False).ravel() if growth else (),
-            growth.items(), strict=True):
+    panels = right.subplots(len(growth), 1, squeeze=False).ravel() if growth else ()
+    for panel, (title, one) in zip(panels, growth.items(), strict=True):
         for label, values in one['lines'].items():
             panel.plot(one['at'], values, 'o-', label=label)
         panel.set(title=title, xlabel=one['x'], ylabel=one['y'], xscale='log', yscale='log')
@@ -131,7 +130,7 @@ def _draw_goals(panel, judged: list[Row]) -> None:
         share = value / float(bound)
         margins.append(share if sign == '>=' else 1.0 / max(share, 1e-9))
     colours = ['#0072b2' if row.met else '#d55e00' for row in judged]
-    panel.barh(names, margins, left=0.0, color=colours)
+    panel.barh(names, [margin - 1.0 for margin in margins], left=1.0, color=colours)
     panel.axvline(1.0, color='black', lw=1.0)
     panel.set(xscale='log', title='How far the goals are met (blue) or missed (orange)',
               xlabel='times as good as the goal')
