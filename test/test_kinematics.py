@@ -127,8 +127,15 @@ def test_of_the_assembly_modes_only_the_machine_s_has_positive_y_and_n(pose):
 
 def test_carriages_too_far_apart_have_no_assembly_mode():
     assert assembly_modes(DESIGN, Carriages(-1.0, 1.0, 0.0)) == []
-    with pytest.raises(UnreachableError, match='closure residual'):
+    with pytest.raises(UnreachableError, match='y squared = -0.3012 m2 is not above'):
         forward_kinematics(DESIGN, Carriages(-1.0, 1.0, 0.0))
+    with pytest.raises(UnreachableError, match='closure residual'):
+        forward_kinematics(DESIGN, Carriages(-1.0, 1.0, 0.1))
+
+
+def test_a_head_that_would_stand_on_the_rail_is_refused_by_its_distance():
+    with pytest.raises(UnreachableError, match='y squared'):
+        forward_kinematics(Geometry(0.30, 0.40), Carriages(-0.1, 0.1, 0.0))
 
 
 def test_carriages_of_another_working_mode_are_refused_with_the_reason():

@@ -107,8 +107,10 @@ def _greatest_root(f0: float, f1: float, f2: float, f3: float) -> float:
         if step < STEP_TOLERANCE:
             return u
         slope = f1 - u * (2.0 * f2 - 3.0 * u * f3)
-    raise UnreachableError(
-        'closure residual of the links', f0 - u * (f1 - u * (f2 - u * f3)), 0.0, 'm2', 'above')
+    residual = f0 - u * (f1 - u * (f2 - u * f3))
+    if residual > 0.0:
+        raise UnreachableError('closure residual of the links', residual, 0.0, 'm2', 'above')
+    return u  # a root all the same; y says what is wrong with it
 
 
 def _other_working_mode(projection1: float, projection2: float) -> UnreachableError:

@@ -109,9 +109,14 @@ class CompensatorNode(Node):
     def _take_goal(self, message: PoseStamped) -> None:
         try:
             require_frame(message.header.frame_id, FACADE, 'goal_pose')
-            self._compensator.take_goal(planar_pose(message.pose, 'goal_pose'))
+            goal = planar_pose(message.pose, 'goal_pose')
         except ManipulatorError as error:
             self._refusals.add(error)
+            return
+        try:
+            self._compensator.take_goal(goal)
+        except ManipulatorError as error:
+            self._refusals.add(error, 'goal_pose')
 
     def _take_disturbance(self, message: PoseWithCovarianceStamped) -> None:
         try:

@@ -86,10 +86,10 @@ class Refusals:
         """Count of all refusals."""
         return self._counts.total()
 
-    def add(self, error: ManipulatorError) -> None:
-        """Count a refusal."""
+    def add(self, error: ManipulatorError, what: str = '') -> None:
+        """Count a refusal; `what` names the message where the error's sentence does not."""
         self._counts[getattr(error, 'reason', 'other')] += 1
-        self.last_sentence = str(error)
+        self.last_sentence = f'{what}: {error}' if what else str(error)
         now = time.monotonic()
         pause = REPEAT_AFTER if self.last_sentence == self._logged else WARN_EVERY
         if now - self._logged_at >= pause:
