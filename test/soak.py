@@ -47,13 +47,13 @@ def soak(rig: StreamRig, seconds: float) -> Iterator[str]:
     warm_up = min(WARM_UP, seconds / 5.0)
     _run(rig, watch, warm_up)
     memory_before, before = memory(), rig.controller.snapshot().cycle
-    _run(rig, watch, seconds)
+    seconds = _run(rig, watch, seconds)
     growth, snapshot = memory() - memory_before, rig.controller.snapshot()
     print(f'{seconds:.0f} s after {warm_up:.0f} s of warm-up: memory grew by {growth:.2f} MB to '
           f'{memory():.0f} MB, bound {MOST_GROWTH:g} MB\n{_cycles(snapshot.cycle, before)}\n'
           f'{watch.enabling} commands with power judged', flush=True)
     if snapshot.state is not ControllerState.ACTIVE:
-        yield f'the drives are {snapshot.state.value}: {snapshot.cause}'
+        yield f'the drives are {snapshot.state.value}: {rig.all_causes}'
     if growth > MOST_GROWTH:
         yield f'memory grew by {growth:.2f} MB'
     if snapshot.cycle.incomplete > before.incomplete:
@@ -61,7 +61,8 @@ def soak(rig: StreamRig, seconds: float) -> Iterator[str]:
     yield from watch.complaints
 
 
-def _run(rig: StreamRig, watch: CommandWatch, seconds: float) -> None:
+def _run(rig: StreamRig, watch: CommandWatch, seconds: float) -> float:
+    """Return how long the drives have run."""
     begin = time.monotonic()
     told = begin
     while time.monotonic() < begin + seconds and rig.state is ControllerState.ACTIVE:
@@ -70,6 +71,7 @@ def _run(rig: StreamRig, watch: CommandWatch, seconds: float) -> None:
         if time.monotonic() > told + REPORT_EVERY:
             told += REPORT_EVERY
             print(f'{told - begin:.0f} s: {memory():.1f} MB', flush=True)
+    return time.monotonic() - begin
 
 
 def _cycles(now: CycleStatistics, before: CycleStatistics) -> str:
@@ -98,9 +100,9 @@ def main() -> int:
             wrong = [*soak(rig, options.duration), *said]
         finally:
             rig.close()
+    print(*(f'FAILED: {sentence}' for sentence in wrong), sep='\n', flush=True)
     good = run_all(options.frames) if options.frames else True
-    print('\n'.join(['', *(f'FAILED: {sentence}' for sentence in wrong),
-                     'good' if good and not wrong else 'NOT GOOD']))
+    print('good' if good and not wrong else 'NOT GOOD')
     return 0 if good and not wrong else 1
 
 
