@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 import json
 import math
 import os
@@ -20,24 +20,33 @@ import sys
 from threading import Event
 import time
 
-from geometry_msgs.msg import PoseStamped
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
 from rich.live import Live
 from rich.padding import Padding
+from rich.progress import Progress
 from rich.progress_bar import ProgressBar
 from std_srvs.srv import Trigger
+import yaml
 
 from facade_manipulator import config_path
 from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.nodes.conversions import planar_pose
-from facade_manipulator.nodes.demo_report import AXES, draw, Sample, UNITS, write_json
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.nodes.demo_record import Recorder
+from facade_manipulator.nodes.demo_report import (
+    AXES,
+    draw,
+    PICTURES,
+    remove_pictures,
+    SUMMARY,
+    UNITS,
+    write_json,
+)
 from facade_manipulator.nodes.monitor import Observer, render
 from facade_manipulator.nodes.processes import NodeProcesses
-from facade_manipulator.nodes.runtime import RELIABLE, USAGE_ERROR
+from facade_manipulator.nodes.runtime import USAGE_ERROR
 from facade_manipulator.simulation.scenario import (
     compensator_parameters,
     load_scenario,
@@ -50,33 +59,6 @@ REFRESH_PERIOD = 0.25
 LINE_PERIOD = 5.0
 INTERRUPTED = 130
 FAILED = 1
-
-
-class Recorder:
-    """Keep the time courses that the gondola simulator measures."""
-
-    def __init__(self, client: ManipulatorClient) -> None:
-        self._client = client
-        self._begin: float | None = None
-        self._disturbance: Pose | None = None
-        self.samples: list[Sample] = []
-        for topic, take in (
-            ('gondola_simulator/uncompensated_error', self._take_disturbance),
-            ('gondola_simulator/wall_error', self._take_error),
-        ):
-            client.node.create_subscription(PoseStamped, topic, take, RELIABLE)
-
-    def _take_disturbance(self, message: PoseStamped) -> None:
-        self._disturbance = planar_pose(message.pose, 'disturbance')
-
-    def _take_error(self, message: PoseStamped) -> None:
-        if self._client.goal is None or self._disturbance is None:
-            return
-        now = time.monotonic()
-        self._begin = self._begin or now
-        error = planar_pose(message.pose, 'error')
-        self.samples.append(
-            Sample(now - self._begin, self._client.goal, self._disturbance, error))
 
 
 class Demo:
@@ -95,7 +77,8 @@ class Demo:
         self.client = ManipulatorClient(
             options.namespace, 'demo_supervisor', self._check_interrupt)
         self.observer = Observer(self.client)
-        self.recorder = Recorder(self.client)
+        self.recorder = Recorder(
+            self.client.node, self.scenario.wall.settling_time)
 
     def run(self) -> None:
         """Run to the end; whatever happens the drives stop first, then the nodes end."""
@@ -104,16 +87,19 @@ class Demo:
             self._bring_up()
             begin = time.monotonic()
             self._strokes()
-            self._report(time.monotonic() - begin)
+            summary = self._report(time.monotonic() - begin)
         finally:
             self._is_stopping = True  # nothing interrupts the stopping of the drives
             self._stop()
+        self._is_stopping = False
+        self._draw(summary)
 
     def _check_interrupt(self) -> None:
         if self._interrupted.is_set() and not self._is_stopping:
             raise KeyboardInterrupt
 
     def _start_nodes(self) -> None:
+        remove_pictures(self.output)
         self.console.print(
             f'starting {", ".join(NODES)} in namespace {self.options.namespace} '
             f'(logs in {self.output}/)')
@@ -148,15 +134,29 @@ class Demo:
         if goal != self.client.goal:
             self.client.send_goal(goal)
 
-    def _report(self, duration: float) -> None:
+    def _report(self, duration: float) -> dict:
+        self.recorder.stop()
         reply = self.client.call(Trigger, 'gondola_simulator/report', Trigger.Request())
         measured = json.loads(reply.message)
         self.client.spin(1.2)  # the nodes' last counters come within a second
         summary = self._summary(measured, duration)
-        write_json(self.output / 'summary.json', summary)
-        draw(self.output / 'time_courses.png', self.recorder.samples, summary)
-        self.console.print(*_lines(summary), sep='\n')
-        self.console.print(f'written: {self.output}/summary.json, {self.output}/time_courses.png')
+        write_json(self.output / SUMMARY, summary)
+        self.console.print(*_lines(summary), *_giving_way(self.scenario), sep='\n')
+        return summary
+
+    def _draw(self, summary: dict) -> None:
+        """Draw the report when the drives have stopped already; Ctrl-C ends it."""
+        self.console.print(f'drawing the pictures in {self.output}/')
+        with (closing(draw(self.output, self.recorder, summary, self.scenario, _geometry()))
+              as shares,
+              Progress(console=self.console, transient=True,
+                       disable=not self.console.is_terminal) as progress):
+            task = progress.add_task('report', total=1.0)
+            for share in shares:
+                self._check_interrupt()
+                progress.update(task, completed=share)
+        written = (name for name in (SUMMARY, *PICTURES) if (self.output / name).exists())
+        self.console.print(f'written in {self.output}/: {", ".join(written)}')
 
     def _summary(self, measured: dict, duration: float) -> dict:
         kept = ('disturbance_rms', 'residual_rms', 'attenuation_db')
@@ -202,6 +202,15 @@ class Demo:
             self.client.close()
 
 
+def _geometry() -> Geometry:
+    """Return the mechanism with which the nodes are started."""
+    content = yaml.safe_load(config_path('manipulator.yaml').read_text(encoding='utf-8'))
+    values = content['/**']['ros__parameters'].get('geometry', {})
+    return Geometry(**{
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in values.items()})
+
+
 def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:
     files = [config_path('manipulator.yaml'), config_path('simulation.yaml')]
     arguments = ['--ros-args', '-r', f'__ns:=/{options.namespace}']
@@ -210,9 +219,17 @@ def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -
     if name == 'gondola_simulator' and options.scenario:
         arguments += ['-p', f'scenario:={options.scenario}']
     if name == 'manipulator':
-        for parameter, value in compensator_parameters(scenario).items():
-            arguments += ['-p', f'{parameter}:={json.dumps(value)}']
+        arguments += ['--params-file', str(_write_parameters(options, scenario))]
     return arguments
+
+
+def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
+    """Write what the scenario asks of the compensator; `-p` would not beat manipulator.yaml."""
+    path = Path(options.output) / 'compensator.yaml'
+    values = {name: list(value) if isinstance(value, tuple) else value
+              for name, value in compensator_parameters(scenario).items()}
+    path.write_text(yaml.safe_dump({'/**/compensator': {'ros__parameters': values}}))
+    return path
 
 
 @contextmanager
@@ -265,6 +282,13 @@ def _lines(summary: dict) -> list[str]:
         f'{summary["bus_cycles"]} bus cycles, {summary["missed_cycles"]} missed, '
         f'{summary["drive_faults"]} drive faults, {summary["refused_goals"]} goals refused')
     return lines
+
+
+def _giving_way(scenario: Scenario) -> list[str]:
+    compensator = scenario.compensator
+    axes = [axis for axis, impedance in (
+        ('y', compensator.impedance), ('theta', compensator.yaw_impedance)) if impedance.enabled]
+    return [f'{axis} gives way to the wall: its error is no fault' for axis in axes]
 
 
 def _cell(value: float | None, factor: float, unit: str) -> str:
