@@ -15,6 +15,7 @@ REQUIRES = [
     'ruckig>=0.14,<1',  # jerk-limited reference towards a goal pose
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'rich>=13,<16',  # the demo's and the monitor's live table
+    'Pillow>=9,<14',  # the demo's animation
     'matplotlib>=3.6,<4',  # the demo's time courses, the study's figures
 ]
 EXTRAS = {

@@ -3,7 +3,9 @@
 import json
 import os
 from pathlib import Path
+import re
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from facade_manipulator.simulation.pictures import amplitudes, attenuation
 DEMO = 'facade_manipulator.nodes.demo'
 SETTLED = 10.0
 RUN_DEADLINE = 60.0
+FREEZE = 1.0  # s, far beyond what drives forgive
 LARGEST_ANIMATION = 2_000_000
 
 
@@ -148,3 +151,17 @@ def test_bad_arguments_are_one_sentence_and_exit_status_2(start_process, argumen
     assert process.returncode == 2
     assert sentence in process.log.read_text()
     assert 'Traceback' not in process.log.read_text()
+
+
+def test_drives_that_stop_end_the_demo_with_the_reason(start_process, tmp_path):
+    process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
+    wait_until(lambda: ' 0.0 s ' in process.log.read_text(), 'the first line', RUN_DEADLINE)
+    driver = next(pid for pid in children(process.pid)
+                  if b'nodes.driver' in Path(f'/proc/{pid}/cmdline').read_bytes())
+    os.kill(driver, signal.SIGSTOP)
+    wait_until(lambda: Path(f'/proc/{driver}/stat').read_text().split()[2] == 'T', 'the freeze')
+    time.sleep(FREEZE)
+    os.kill(driver, signal.SIGCONT)
+    wait_until(lambda: ended(process), 'the end of the demo', RUN_DEADLINE)
+    assert process.returncode == 1
+    assert re.search('the demo ended: driver: stopped: .*; next: ', process.log.read_text())

@@ -26,7 +26,8 @@ EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
     'demo', 'monitor', 'workspace_study',
 }
-DISTRIBUTION_OF = {'can': 'python-can', 'mpl_toolkits': 'matplotlib', 'yaml': 'pyyaml'}
+DISTRIBUTION_OF = {
+    'can': 'python-can', 'mpl_toolkits': 'matplotlib', 'PIL': 'pillow', 'yaml': 'pyyaml'}
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 
 

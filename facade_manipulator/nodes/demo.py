@@ -20,6 +20,7 @@ import sys
 from threading import Event
 import time
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
@@ -122,12 +123,19 @@ class Demo:
         shown = -math.inf
         with _view(self.console) as show:
             while (elapsed := time.monotonic() - begin) < self.options.duration:
+                self._require_moving_drives()
                 self._send_due_goal(elapsed)
                 self.client.spin(REFRESH_PERIOD)
                 self.processes.check()
                 if self.console.is_terminal or elapsed - shown >= LINE_PERIOD:
                     shown = elapsed
                     show(self, elapsed)
+
+    def _require_moving_drives(self) -> None:
+        """End the demo with the driver's own reason once the drives have stopped."""
+        operation = self.client.component('driver: operation')
+        if operation is not None and operation.status.level == DiagnosticStatus.ERROR:
+            raise ManipulatorError(f'driver: {operation.status.message}')
 
     def _send_due_goal(self, elapsed: float) -> None:
         goal = self.scenario.mission.goal(elapsed)
