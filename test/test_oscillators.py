@@ -42,15 +42,6 @@ def test_no_time_changes_nothing(state):
     assert np.allclose(oscillators.transition(state, 0.0), np.eye(oscillators.STATE_SIZE))
 
 
-@given(states)
-def test_the_rate_is_the_derivative_of_the_place(state):
-    step = 1e-5
-    ahead, behind = (oscillators.propagate(state, sign * step) for sign in (1.0, -1.0))
-    difference = (oscillators.observe(ahead) - oscillators.observe(behind)) / (2.0 * step)
-    damping = 2.0 * oscillators.DAMPING_RATIO * oscillators.amplitudes(state) @ state[[3, 6]]
-    assert oscillators.observe_rate(state) == pytest.approx(difference, abs=damping + 1e-6)
-
-
 @given(states, st.floats(1e-3, 1.0))
 def test_process_noise_is_a_covariance(state, interval):
     noise = ProcessNoise(np.array(0.01), 1e-6, 1e-4)

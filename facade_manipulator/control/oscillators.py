@@ -54,11 +54,6 @@ def observe(states: np.ndarray) -> np.ndarray:
     return states @ OBSERVATION
 
 
-def observe_rate(states: np.ndarray) -> np.ndarray:
-    """Return the velocity on the axis [m/s or rad/s]."""
-    return states[..., VELOCITIES].sum(axis=-1)
-
-
 def propagate(states: np.ndarray, interval: float) -> np.ndarray:
     """
     Move states forward in time.

@@ -93,7 +93,7 @@ def quantities(axis: AxisSettings, settings: ControllerSettings) -> dict[str, in
     ends = sorted(axis.to_counts(end) for end in (
         axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin))
     speed = {
-        name: abs(axis.speed_to_units(value)) for name, value in (
+        name: axis.magnitude_to_units(value) for name, value in (
             ('quick_stop_deceleration', axis.stop_deceleration),
             ('max_velocity', axis.max_speed),
             ('max_motor_speed', axis.max_speed),
