@@ -27,20 +27,19 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
 from facade_manipulator.nodes.conversions import (
+    END_EFFECTOR,
+    FACADE,
     planar_pose,
     pose_stamped,
+    RAIL,
     require_frame,
     seconds,
+    VARIANCES,
 )
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
 from facade_manipulator.parameters import check_parameters, parameter
-
-FACADE = 'facade'
-RAIL = 'rail'
-END_EFFECTOR = 'end_effector'
-VARIANCES = (0, 7, 35)
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,12 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.control.contact_estimate import contact_wrench, FrictionSettings
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.nodes.conversions import carriages_from
+from facade_manipulator.nodes.conversions import (
+    carriages_from,
+    END_EFFECTOR,
+)
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.parameters import check_parameters, parameter
-
-END_EFFECTOR = 'end_effector'
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,8 @@ PLANE_TOLERANCE = 1e-6
 TILT_TOLERANCE = 1e-3
 NORM_TOLERANCE = 1e-3
 CARRIAGES = Carriages._fields
+FACADE, RAIL, END_EFFECTOR = 'facade', 'rail', 'end_effector'  # the frames' names
+VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
 
 LEVELS = {
     'ok': DiagnosticStatus.OK,

@@ -23,12 +23,15 @@ from facade_manipulator.kinematics import Carriages, certify, Geometry, Pose
 from facade_manipulator.nodes.conversions import (
     carriages_from,
     diagnostic_status,
+    END_EFFECTOR,
+    FACADE,
     planar_pose,
     pose_message,
     pose_stamped,
     require_frame,
     seconds,
     stamp,
+    VARIANCES,
 )
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
 from facade_manipulator.nodes.parameters import declare
@@ -39,10 +42,7 @@ from facade_manipulator.simulation.facade import Facade, Wrench
 from facade_manipulator.simulation.scenario import load_scenario, Scenario
 from facade_manipulator.simulation.wall import WallMeasurement, WallSample
 
-FACADE = 'facade'
-END_EFFECTOR = 'end_effector'
 DELIVERY_PERIOD = 0.005
-VARIANCES = (0, 7, 35)
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,7 @@ from facade_manipulator.nodes.conversions import (
     diagnostic_status,
     planar_pose,
     pose_stamped,
+    RAIL,
     require_frame,
     seconds,
     stamp,
@@ -43,7 +44,6 @@ from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATCHED, LATEST, RELIABLE, run
 from facade_manipulator.nodes.workspace_map import WorkspaceMap
 
-RAIL = 'rail'
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01
 

@@ -17,13 +17,18 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.nodes.conversions import LEVELS, planar_pose, pose_message, seconds
+from facade_manipulator.nodes.conversions import (
+    LEVELS,
+    planar_pose,
+    pose_message,
+    RAIL,
+    seconds,
+)
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE
 from facade_manipulator.nodes.shapes import Scene, Shape, shapes
 from facade_manipulator.parameters import check_parameters, parameter
 
-RAIL = 'rail'
 PERIOD = 0.1
 OLDEST = 0.5  # s: what is older is not drawn, and markers vanish by themselves
 OLDEST_STATE = 2.5  # s: /diagnostics comes once a second
