@@ -58,6 +58,7 @@ def bus_status(snapshot: ControllerSnapshot) -> DiagnosticStatus:
         **_histogram(cycle.lateness),
         'worst-case load [%]': 100.0 * snapshot.bus_load,
         **{name.replace('_', ' '): value for name, value in bus._asdict().items()},
+        'condition': bus.condition.name.lower(),
     }
     if snapshot.bus_error:
         return diagnostic_status('bus', 'error', snapshot.bus_error, values)
