@@ -48,8 +48,10 @@ class ProgressBar:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+        console = Console(stderr=True)
         self._bar = Progress(
             TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:3.0f} %'),
-            TimeRemainingColumn(), console=Console(stderr=True), transient=True)
+            TimeRemainingColumn(), console=console, transient=True,
+            disable=not console.is_terminal)
         self._task = self._bar.add_task(self._title, total=self._total)
         self._bar.start()

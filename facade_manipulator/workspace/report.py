@@ -93,7 +93,8 @@ def optimum_table(optima: Sequence[Optimum]) -> Table:
 
 def _table(title: str, *columns: str) -> Table:
     # As texts: in plain strings rich would take the units for its markup.
-    table = Table(title=Text(title), title_justify='left', caption_justify='left')
+    table = Table(title=Text(title, no_wrap=True, overflow='ignore'), title_justify='left',
+                  caption_justify='left')
     for name in columns:
         table.add_column(Text(name), justify='left' if name in WORDS else 'right')
     return table
