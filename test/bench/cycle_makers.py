@@ -8,9 +8,9 @@ names another bus, such as `socketcan:vcan0`.
 
 from __future__ import annotations
 
+from collections import deque
 import logging
 import os
-import struct
 import threading
 import time
 
@@ -29,17 +29,19 @@ def cpu_of(thread: threading.Thread) -> float:
 
 
 class Answers(threading.Thread):
-    """Answer each SYNC as three drives do: TPDO1 and TPDO2, TPDO3 to every tenth."""
+    """Answer SYNC as three drives do: TPDO1 each time, TPDO2 and TPDO3 as often as at RATE."""
 
     def __init__(self, bus: can.BusABC) -> None:
+        from facade_manipulator.drives import pdo
+        from facade_manipulator.drives.busload import transmission_type
+
         super().__init__(daemon=True)
         self._bus = bus
-        status, motion, condition = (
-            struct.pack('<HbI', 0x1237, MODE, 1000), struct.pack('<ii', 0, 0),
-            struct.pack('<HhI', 0, 0, 0))
-        self._every = [(base + n, data) for n in NODES
-                       for base, data in ((0x180, status), (0x280, motion))]
-        self._tenth = [(0x380 + n, condition) for n in NODES]
+        contents = (
+            (pdo.TPDO1, (0x1237, MODE, 1000)), (pdo.TPDO2, (0, 0)), (pdo.TPDO3, (0, 0, 0)))
+        self._answers = [
+            (transmission_type(one, RATE), one.cob_id(n), one.codec.pack(*values))
+            for one, values in contents for n in NODES]
         self.start()
 
     def run(self) -> None:
@@ -49,9 +51,10 @@ class Answers(threading.Thread):
             if message is None or message.arbitration_id != 0x80:
                 continue
             count += 1
-            for cob_id, data in self._every + (self._tenth if count % 10 == 0 else []):
-                self._bus.send(can.Message(
-                    arbitration_id=cob_id, data=data, is_extended_id=False))
+            for every, cob_id, data in self._answers:
+                if count % every == 0:
+                    self._bus.send(can.Message(
+                        arbitration_id=cob_id, data=data, is_extended_id=False))
 
 
 def bus() -> can.BusABC:
@@ -95,7 +98,7 @@ def canopen_cycle():
     Answers(bus())
     network = canopen.Network(bus=bus())
     network.connect()
-    pairs, seen = [], []
+    pairs, seen = [], deque(maxlen=len(NODES))
     for number in NODES:
         node = network.add_node(number, str(config_path('drives/cia402.eds')))
         command, answers = map_pdos(node, number)
@@ -104,7 +107,6 @@ def canopen_cycle():
             answer.add_callback(lambda pdo: seen.append([item.raw for item in pdo.map]))
 
     def cycle():
-        seen.clear()
         network.sync.transmit()
         for command, _ in pairs:
             controlword, mode, target = command.map
@@ -113,7 +115,7 @@ def canopen_cycle():
 
     thread = keep_pace(cycle)
     time.sleep(0.2)
-    assert len(seen) >= 6, seen
+    assert len(seen) == len(NODES), seen
     listening = [one for one in threading.enumerate() if 'notifier' in one.name.lower()]
     assert listening
     return per_cycle([thread, *listening]), None, []
@@ -146,12 +148,11 @@ def exchange():
     ours = CanBus(bus())
     decoders = {base + n: decode for n in NODES for base, decode in (
         (0x180, pdo.decode_tpdo1), (0x280, pdo.decode_tpdo2), (0x380, pdo.decode_tpdo3))}
-    seen = []
+    seen = deque(maxlen=len(NODES))
 
     def run():
         due = time.monotonic()
         while True:
-            seen.clear()
             ours.send(pdo.SYNC_COB_ID)
             for n in NODES:
                 ours.send(pdo.RPDO1.cob_id(n), pdo.encode_rpdo1(COMMAND, MODE, 1000))
@@ -164,6 +165,7 @@ def exchange():
     thread = threading.Thread(target=run, daemon=True)
     thread.start()
     time.sleep(0.2)
+    assert len(seen) == len(NODES), seen
     return per_cycle([thread]), None, []
 
 
