@@ -1,3 +1,4 @@
+from dataclasses import replace
 import itertools
 
 from hypothesis import given, settings
@@ -362,6 +363,44 @@ def test_the_emergency_message_explains_a_fault_that_the_statusword_only_shows()
     assert drives.group.cause.is_vague
     drives.group.stop(Cause('q2 (node 2): the motor current is too high', axis='q2'), drives.now)
     assert 'current' in drives.group.cause.sentence
+
+
+SILENCE = Cause('q2 did not answer', 'configure again', 'q2', configure_again=True,
+                is_silence=True)
+RESTART = Cause('q2 has restarted', 'configure again, home', 'q2', configure_again=True,
+                is_restart=True)
+
+
+def test_a_drive_that_fell_silent_because_it_restarted_is_told_in_one_sentence():
+    drives = running()
+    for cause in (SILENCE, RESTART):
+        drives.group.stop(cause, drives.now)
+    assert str(drives.group.cause) == (
+        'q2 did not answer; q2 has restarted; next: configure again, home')
+    assert not drives.group.further_causes
+    drives.group.stop(RESTART, drives.now)
+    assert list(drives.group.further_causes) == [RESTART]
+
+
+@pytest.mark.parametrize('first', [
+    replace(SILENCE, axis='q1'), replace(SILENCE, is_silence=False)])
+def test_a_restart_explains_no_other_stop(first):
+    drives = running()
+    for cause in (first, RESTART):
+        drives.group.stop(cause, drives.now)
+    assert drives.group.cause is first
+    assert list(drives.group.further_causes) == [RESTART]
+
+
+def test_the_next_step_is_that_of_the_cause_that_clearing_does_not_mend():
+    drives = running()
+    drives.group.stop(Cause('the loop was late'), drives.now)
+    assert drives.group.severest_cause is drives.group.cause
+    drives.group.stop(RESTART, drives.now)
+    assert drives.group.severest_cause is RESTART
+    drives.until(Phase.STOPPED)
+    with pytest.raises(DriveStateError, match='not enough: q2 has restarted; clean up'):
+        drives.group.reset(drives.now)
 
 
 # --- clearing

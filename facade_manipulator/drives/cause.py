@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 CLEAR_REMEDY = 'remove the cause, clear the faults, then activate'
 BUS_REMEDY = 'see to the CAN bus, wait until it is back, clear the faults, then activate'
@@ -31,6 +31,10 @@ class Cause:
         Whether clearing is not enough: the drives must be configured again.
     is_vague : bool
         Whether a further cause of the same axis says more.
+    is_silence : bool
+        Whether the drive was not heard, of which a restart would be the reason.
+    is_restart : bool
+        Whether the drive has begun anew.
 
     """
 
@@ -40,6 +44,16 @@ class Cause:
     cut_power: bool = False
     configure_again: bool = False
     is_vague: bool = False
+    is_silence: bool = False
+    is_restart: bool = False
 
     def __str__(self) -> str:
         return f'{self.sentence}; next: {self.remedy}'
+
+    def is_completed_by(self, later: Cause) -> bool:
+        """Tell whether a later cause is the rest of this story: a drive fell silent to restart."""
+        return self.is_silence and later.is_restart and later.axis == self.axis
+
+    def completed_by(self, later: Cause) -> Cause:
+        """Return one cause that tells both, with the next step of the later one."""
+        return replace(later, sentence=f'{self.sentence}; {later.sentence}')

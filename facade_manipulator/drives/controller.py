@@ -319,7 +319,7 @@ class DriveController:
                 axis_snapshot(monitor, target, now)
                 for monitor, target in zip(session.monitors, targets, strict=True)),
             cause=causes[0].sentence if causes else '',
-            next_step=causes[0].remedy if causes else '',
+            next_step=session.group.severest_cause.remedy if causes else '',
             further_causes=tuple(cause.sentence for cause in causes[1:]),
             notes=self._refused + session.notes + self._record_note,
             cycle=session.cycle_statistics,

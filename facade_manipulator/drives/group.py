@@ -174,8 +174,8 @@ class Group:
         """
         self._require('clear_faults', Phase.STOPPING, Phase.STOPPED)
         if self.needs_configuration:
-            raise DriveStateError(
-                f'clear_faults is not enough: {self.cause.sentence}; clean up and configure again')
+            raise DriveStateError(f'clear_faults is not enough: {self.severest_cause.sentence}; '
+                                  'clean up and configure again')
         if len(self._resets) == self._max_resets and now - self._resets[0] < RESET_WINDOW:
             wait = RESET_WINDOW - (now - self._resets[0])
             raise DriveStateError(
@@ -183,14 +183,21 @@ class Group:
                 f'the cause ({self.cause.sentence}), the next reset is possible in {wait:.0f} s')
 
     @property
+    def severest_cause(self) -> Cause | None:
+        """The cause whose remedy mends all: the first that asks to configure, or the first."""
+        return next((cause for cause in self._causes() if cause.configure_again), self.cause)
+
+    @property
     def needs_configuration(self) -> bool:
         """Tell whether a cause asks for the drives to be configured again."""
-        return any(cause.configure_again for cause in self._causes())
+        return self.severest_cause is not None and self.severest_cause.configure_again
 
     def stop(self, cause: Cause, now: float) -> None:
         """Quick stop all axes and stay stopped; the first cause is kept, the later ones noted."""
         if self.cause is None or self._explains(cause):
             self.cause = cause
+        elif self.cause.is_completed_by(cause):
+            self.cause = self.cause.completed_by(cause)
         elif cause not in self._causes():
             self.further_causes.append(cause)
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:

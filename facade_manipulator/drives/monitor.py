@@ -198,13 +198,13 @@ class AxisMonitor:
         if self.missed_in_a_row >= bound:
             return self._supervised(
                 f'{self.title} did not answer {self.missed_in_a_row} cycles in a row, '
-                f'bound {bound}', remedy=CONFIGURE_REMEDY, configure_again=True)
+                f'bound {bound}', remedy=CONFIGURE_REMEDY, configure_again=True, is_silence=True)
         age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
         if age > self._settings.heartbeat_timeout:
             return self._supervised(
                 f'{self.title} sent no heartbeat for {1e3 * age:.0f} ms, '
                 f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
-                remedy=CONFIGURE_REMEDY, configure_again=True)
+                remedy=CONFIGURE_REMEDY, configure_again=True, is_silence=True)
         return None
 
     def _boot(self) -> Cause | None:
@@ -212,7 +212,8 @@ class AxisMonitor:
         self.homed = False
         return self._supervised(
             f'{self.title} has restarted by itself and has lost its position',
-            remedy=CONFIGURE_REMEDY + ', home, then activate', configure_again=True)
+            remedy=CONFIGURE_REMEDY + ', home, then activate', configure_again=True,
+            is_restart=True)
 
     def _supervised(self, sentence: str, **details) -> Cause | None:
         if self._supervised_since is None:
