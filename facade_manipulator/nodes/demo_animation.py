@@ -22,7 +22,7 @@ from facade_manipulator.simulation.pictures import GOAL, SCALES, WITH, WITHOUT
 FRAMES, FRAME_PERIOD = 120, 0.1  # 12 s as fast as they went
 TRAIL = 3.0
 SIZE, DOTS_PER_INCH = (8.0, 4.0), 80
-COLOURS = 48
+COLOURS = 96
 WALL, RAIL, GONDOLA, PLATFORM = '#c9c2b0', '#444444', '#d3dfe8', '#e69f00'
 WALL_DISTANCE = 0.3  # m, in a scenario without a wall to touch
 GONDOLA_SIZE = (0.6, 0.12, 0.03)  # m: half its length, its far and its near side behind the rail
@@ -52,7 +52,8 @@ def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator
     palette = None
     for i in range(count):
         scene.show(course.times[-1] - (count - 1 - i) * FRAME_PERIOD)
-        palette = palette or scene.image().quantize(COLOURS)
+        # A median cut would lose the goal's few pixels in the platform.
+        palette = palette or scene.image().quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE)
         yield scene.image().quantize(palette=palette, dither=Image.Dither.NONE)
 
 
