@@ -1,7 +1,7 @@
 """
-What every figure of the study shares: one style, one colour map, the mechanism in plan view.
+What every figure of the study shares: its subject, style, colour map, the mechanism in plan view.
 
-Only `figures` imports this module, and matplotlib is imported with it: the nodes never load it.
+Only the figures import this module, and matplotlib is imported with it: the nodes never load it.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 import math
+from typing import NamedTuple
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -29,6 +30,14 @@ _STYLE = {
     'axes.linewidth': 0.8, 'lines.linewidth': 1.6, 'legend.frameon': False,
     'figure.dpi': 150, 'savefig.dpi': 150, 'font.family': 'DejaVu Sans',
 }
+
+
+class Study(NamedTuple):
+    """What the figures are drawn of: a geometry, and what is called good."""
+
+    geometry: Geometry
+    threshold: float
+    characteristic_length: float
 
 
 @contextmanager

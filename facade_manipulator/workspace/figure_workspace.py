@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
@@ -11,12 +9,9 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 import numpy as np
 
 from facade_manipulator.kinematics.geometry import Geometry
-from facade_manipulator.workspace.drawing import COLOUR_MAP, figure, GREY, MILLIMETRES
+from facade_manipulator.workspace.drawing import COLOUR_MAP, figure, GREY, MILLIMETRES, Study
 from facade_manipulator.workspace.maps import pose_map
 from facade_manipulator.workspace.volume import theta_bounds
-
-if TYPE_CHECKING:
-    from facade_manipulator.workspace.figures import Study
 
 SLICES, ROWS = 27, 70
 CHARACTERISTIC_LENGTH = 1.0  # shows weak poses near the rail as well as at the far edge

@@ -8,7 +8,6 @@ and angles in degrees, as in the paper.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -31,6 +30,7 @@ from facade_manipulator.workspace.drawing import (
     ORANGE,
     PALE,
     PURPLE,
+    Study,
 )
 from facade_manipulator.workspace.figure_workspace import figure_6
 from facade_manipulator.workspace.gcw import count_poses
@@ -46,14 +46,6 @@ from facade_manipulator.workspace.table2 import case_geometry, PAPER
 from facade_manipulator.workspace.volume import theta_bounds
 
 X_LABEL, Y_LABEL, THETA_LABEL = 'x along the rail [mm]', 'y from the rail [mm]', 'θ [deg]'
-
-
-class Study(NamedTuple):
-    """What the figures are drawn of: a geometry, and what is called good."""
-
-    geometry: Geometry
-    threshold: float
-    characteristic_length: float
 
 
 def figure_7(study: Study) -> Figure:

@@ -16,6 +16,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics.jacobian import branch_number
 from facade_manipulator.workspace.objectives import Requirements
 from facade_manipulator.workspace.section import good_section_bounds
+from facade_manipulator.workspace.volume import theta_bounds_of
 
 _SAMPLES = 64  # of y, to find the peaks of θ_max
 _NEAR, _REFINEMENTS = 15, 5  # of y about a peak, five times as close at each refinement
@@ -152,13 +153,7 @@ def _theta_max(
     length: np.ndarray, half: np.ndarray, gap: float, y: np.ndarray
 ) -> np.ndarray:
     """Return `limits.theta_max` over arrays; 0 where θ = 0 is not reachable."""
-    radius, phase = np.hypot(y, gap), np.arctan2(gap, y)
-    height = (y * y + half * half + gap * gap - length * length) / (2.0 * half)
-    with np.errstate(invalid='ignore'):
-        order = np.where(height < radius, np.arcsin(height / radius) - phase, np.pi)
-    reach = np.arcsin(np.minimum(1.0, (length - y) / half))
-    bound = np.minimum(np.minimum(order, reach), np.arccos(gap / half))
-    bound = np.where(bound > 0.0, bound, 0.0)
+    bound = np.nan_to_num(theta_bounds_of(length, half, gap, y))
     inside = np.minimum(bound, np.arcsin(np.minimum(1.0, y / half)))  # N > 0 up to here
     outside = bound
     if (_number(length, half, y, bound) <= 0.0).any():

@@ -147,8 +147,8 @@ def _title(what: str, geometry: Geometry) -> str:
 
 
 def _draw(draft: Path, geometry: Geometry, need: Requirements) -> None:
-    from facade_manipulator.workspace.drawing import style
-    from facade_manipulator.workspace.figures import FIGURES, Study
+    from facade_manipulator.workspace.drawing import Study, style
+    from facade_manipulator.workspace.figures import FIGURES
 
     study = Study(geometry, need.threshold, need.characteristic_length)
     with style(), ProgressBar('figures', len(FIGURES)) as bar:

@@ -9,7 +9,7 @@ passes its bound inside a cell divides it in proportion. Only the integral over 
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -106,8 +106,12 @@ def theta_bounds(geometry: Geometry, y: np.ndarray) -> np.ndarray:
 
     `limits.theta_max` heeds N = 0 as well, which matters for links shorter than b.
     """
-    length, half = geometry.link_length, geometry.platform_half_length
-    gap = geometry.carriage_gap
+    return theta_bounds_of(
+        geometry.link_length, geometry.platform_half_length, geometry.carriage_gap, y)
+
+
+def theta_bounds_of(length: Any, half: Any, gap: float, y: np.ndarray) -> np.ndarray:
+    """Return `theta_bounds` of one design or of arrays of them [rad]; l, b, gap and y in m."""
     radius, phase = np.hypot(y, gap), np.arctan2(gap, y)
     height = (y * y + half * half + gap * gap - length * length) / (2.0 * half)
     with np.errstate(invalid='ignore'):
