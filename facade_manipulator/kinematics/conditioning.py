@@ -49,11 +49,23 @@ def local_conditioning_index(
     Eqs 24-25 of the paper. The closed form of its appendix is misprinted.
 
     """
-    if not (isfinite(characteristic_length) and characteristic_length > 0.0):
-        raise ParameterError(
-            f'characteristic_length = {characteristic_length} m is not a positive length')
+    check_characteristic_length(characteristic_length)
     at = links(geometry, pose, working_mode)
     return sqrt(squared_index(at, geometry.platform_half_length / characteristic_length))
+
+
+def check_characteristic_length(length: float) -> None:
+    """
+    Check a unit of length of the index [m].
+
+    Raises
+    ------
+    ParameterError
+        If it is not a positive length.
+
+    """
+    if not (isfinite(length) and length > 0.0):
+        raise ParameterError(f'characteristic_length = {length} m is not a positive length')
 
 
 def squared_index(at: Links, ratio: Any) -> Any:

@@ -14,14 +14,10 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics.conditioning import check_characteristic_length
 from facade_manipulator.kinematics.geometry import Geometry
 from facade_manipulator.kinematics.jacobian import branch_number
-from facade_manipulator.workspace.maps import (
-    check_characteristic_length,
-    index_of,
-    intervals_of,
-    link_arrays,
-)
+from facade_manipulator.workspace.maps import index_of, intervals_of, link_arrays
 
 BLOCK = 1 << 14  # (y, θ) cells worked at once: a dozen arrays of 128 KiB
 

@@ -13,8 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics.conditioning import squared_index
+from facade_manipulator.kinematics.conditioning import (
+    check_characteristic_length,
+    squared_index,
+)
 from facade_manipulator.kinematics.geometry import Geometry
 from facade_manipulator.kinematics.jacobian import branch_number
 
@@ -99,12 +101,6 @@ def pose_map(
     return PoseMap(
         *intervals_of(geometry, at), index_of(geometry, at, characteristic_length),
         branch_number(at))
-
-
-def check_characteristic_length(length: float) -> None:
-    """Refuse a characteristic length that is none."""
-    if not (np.isfinite(length) and length > 0.0):
-        raise ParameterError(f'characteristic_length = {length} m is not a positive length')
 
 
 def _arrays(y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -13,14 +13,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from facade_manipulator.kinematics.conditioning import check_characteristic_length
 from facade_manipulator.kinematics.geometry import Geometry
 from facade_manipulator.kinematics.jacobian import branch_number
-from facade_manipulator.workspace.maps import (
-    check_characteristic_length,
-    index_of,
-    link_arrays,
-    x_intervals,
-)
+from facade_manipulator.workspace.maps import index_of, link_arrays, x_intervals
 
 THETA_NODES = 128
 Y_CELLS = 128
