@@ -8,7 +8,7 @@ import math
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.kinematics.planar import wrap_angle
+from facade_manipulator.kinematics.planar import difference
 from facade_manipulator.parameters import check_parameters, parameter
 
 KEPT_TIME = 2.0
@@ -88,7 +88,7 @@ class Following:
         if planned is None:
             self._followed_at = stamp
             return
-        error = _difference(planned[0], head)
+        error = difference(planned[0], head)
         if math.hypot(error.x, error.y) < self.settings.distance and (
                 abs(error.theta) < self.settings.yaw):
             self._followed_at = stamp
@@ -133,13 +133,9 @@ class Following:
             velocity.x ** 2 + velocity.y ** 2 + velocity.theta * turn)
 
 
-def _difference(a: Pose, b: Pose) -> Pose:
-    return Pose(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
-
-
 def _between(
     begin: float, first: Pose, end: float, second: Pose, stamp: float
 ) -> tuple[Pose, Pose]:
-    share, change = (stamp - begin) / (end - begin), _difference(second, first)
+    share, change = (stamp - begin) / (end - begin), difference(second, first)
     place = Pose(*(a + share * d for a, d in zip(first, change, strict=True)))
     return place, Pose(*(d / (end - begin) for d in change))

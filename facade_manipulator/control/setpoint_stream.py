@@ -15,7 +15,7 @@ from facade_manipulator.kinematics import (
     Geometry,
     Pose,
 )
-from facade_manipulator.kinematics.planar import wrap_angle
+from facade_manipulator.kinematics.planar import difference
 from facade_manipulator.parameters import check_parameters, parameter
 
 
@@ -33,7 +33,6 @@ class GoalSettings:
         10000, 'Most poses of one path', minimum=2, maximum=1000000)
     stream_gap: float = parameter(
         0.2, 'Pause after which poses begin a new stream', unit='s', minimum=0.005, maximum=2.0)
-
     lead: float = parameter(
         0.05, 'How far ahead of their time the setpoints of an approach are sent', unit='s',
         minimum=0.0, maximum=0.5)
@@ -80,12 +79,8 @@ class SetpointStream:
     def _rates(self, time: float, pose: Pose) -> tuple[float, float, float]:
         if self._last is None or not 0.0 < time - self._last[0] <= self.settings.stream_gap:
             return (0.0, 0.0, 0.0)
-        elapsed, last = time - self._last[0], self._last[1]
-        return (
-            (pose.x - last.x) / elapsed,
-            (pose.y - last.y) / elapsed,
-            wrap_angle(pose.theta - last.theta) / elapsed,
-        )
+        elapsed, change = time - self._last[0], difference(pose, self._last[1])
+        return change.x / elapsed, change.y / elapsed, change.theta / elapsed
 
 
 def certified_path(
@@ -128,7 +123,7 @@ def certified_path(
 def _straight(
     geometry: Geometry, settings: GoalSettings, start: Pose, goal: Pose, spacing: float
 ) -> Iterator[Pose]:
-    change = Pose(goal.x - start.x, goal.y - start.y, wrap_angle(goal.theta - start.theta))
+    change = difference(goal, start)
     length = math.hypot(change.x, change.y) + geometry.platform_half_length * abs(change.theta)
     steps = max(1.0, math.ceil(length / spacing))
     if steps + 1 > settings.longest_path:

@@ -12,6 +12,11 @@ def wrap_angle(theta: float) -> float:
     return math.remainder(theta, math.tau)
 
 
+def difference(a: Pose, b: Pose) -> Pose:
+    """Return a less b, axis by axis: no pose of one in the frame of the other; θ is wrapped."""
+    return Pose(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
+
+
 def compose(a: Pose, b: Pose) -> Pose:
     """
     Compose two poses: the pose `b`, given in the frame whose pose is `a`.

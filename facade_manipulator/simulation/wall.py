@@ -8,7 +8,7 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.kinematics import Carriages, forward_kinematics, Geometry, Pose
-from facade_manipulator.kinematics.planar import compose, wrap_angle
+from facade_manipulator.kinematics.planar import compose, difference
 from facade_manipulator.parameters import check_parameters, parameter
 
 AXES = Pose._fields
@@ -61,7 +61,7 @@ class WallSample(NamedTuple):
         elapsed = self.time - last.time
         if elapsed <= 0.0:
             return Pose(0.0, 0.0, 0.0)
-        return Pose(*(d / elapsed for d in _difference(self.head, last.head)))
+        return Pose(*(d / elapsed for d in difference(self.head, last.head)))
 
 
 class WallMeasurement:
@@ -107,8 +107,8 @@ class WallMeasurement:
         head = compose(disturbance, forward_kinematics(self._geometry, carriages))
         if self._goal is None:
             return WallSample(stamp, head, None, None, False)
-        error = _difference(head, self._goal)
-        uncompensated = _difference(compose(disturbance, self._goal), self._goal)
+        error = difference(head, self._goal)
+        uncompensated = difference(compose(disturbance, self._goal), self._goal)
         settled = stamp - self._goal_since >= self._settings.settling_time
         if settled:
             self._count_in(error, uncompensated)
@@ -137,6 +137,3 @@ class WallMeasurement:
         return {'disturbance_rms': disturbance, 'residual_rms': residual,
                 'attenuation_db': attenuation, 'samples': self.count}
 
-
-def _difference(a: Pose, b: Pose) -> Pose:
-    return Pose(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
