@@ -4,14 +4,14 @@ import math
 
 import pytest
 
-from facade_manipulator.control.contact import Contact, WallWrench
+from facade_manipulator.control.contact import Contact
 from facade_manipulator.control.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.control.lateral import LateralSettings
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Pose, Wrench
 
 NOW = 1000.0
-PRESSED = WallWrench(3.0, -30.0, 0.5)
+PRESSED = Wrench(3.0, -30.0, 0.5)
 REFERENCE = Pose(0.1, 0.25, 0.3)
 NO_EXCESS = Pose(0.0, 0.0, 0.0)
 
@@ -42,7 +42,7 @@ def test_every_axis_is_shifted_by_its_own_measurement():
     felt = contact()
     for k in range(1, 50):
         now = NOW + 0.01 * k
-        felt.take_wrench(now, now, WallWrench(0.0, -60.0, 0.5))
+        felt.take_wrench(now, now, Wrench(0.0, -60.0, 0.5))
         felt.take_lateral_offset(now, now, 0.02)
         shifted = felt.shift(now, now, 0.01, REFERENCE, NO_EXCESS)
     assert shifted.x > REFERENCE.x
@@ -52,8 +52,8 @@ def test_every_axis_is_shifted_by_its_own_measurement():
 
 
 @pytest.mark.parametrize(('stamp', 'wrench', 'reason'), [
-    (NOW, WallWrench(math.nan, 0.0, 0.0), 'not_finite'),
-    (NOW, WallWrench(0.0, 0.0, math.inf), 'not_finite'),
+    (NOW, Wrench(math.nan, 0.0, 0.0), 'not_finite'),
+    (NOW, Wrench(0.0, 0.0, math.inf), 'not_finite'),
     (NOW - 0.5, PRESSED, 'stale'),
     (NOW + 0.5, PRESSED, 'future'),
 ])

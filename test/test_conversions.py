@@ -7,16 +7,18 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.nodes.conversions import (
     carriages_from,
     diagnostic_status,
     planar_pose,
+    planar_wrench,
     pose_message,
     pose_stamped,
     require_frame,
     seconds,
     stamp,
+    wrench_stamped,
 )
 
 lengths = st.floats(-10.0, 10.0)
@@ -87,6 +89,19 @@ def test_a_stamped_pose_has_frame_and_stamp():
     message = pose_stamped('rail', 12.5, Pose(1.0, 2.0, 0.0))
     assert message.header.frame_id == 'rail'
     assert seconds(message.header.stamp) == 12.5
+
+
+@given(lengths, lengths, lengths)
+def test_a_wrench_survives_the_way_through_a_message(fx, fy, mz):
+    message = wrench_stamped('end_effector', 12.5, Wrench(fx, fy, mz))
+    assert planar_wrench(message) == (fx, fy, mz)
+    assert (message.header.frame_id, seconds(message.header.stamp)) == ('end_effector', 12.5)
+
+
+def test_what_a_wrench_has_out_of_the_plane_is_left_out():
+    message = wrench_stamped('end_effector', 0.0, Wrench(1.0, 2.0, 3.0))
+    message.wrench.force.z = message.wrench.torque.x = 9.0
+    assert planar_wrench(message) == (1.0, 2.0, 3.0)
 
 
 def test_a_diagnostic_status_holds_its_values_as_text():

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from facade_manipulator.control.blend import Blend, Course, NOWHERE
 from facade_manipulator.control.border import Border, BorderSettings
-from facade_manipulator.control.contact import Contact, WallWrench
+from facade_manipulator.control.contact import Contact
 from facade_manipulator.control.correction import Correction, CorrectionSettings, LONGEST_PAUSE
 from facade_manipulator.control.estimate import EstimateGate, EstimateSettings
 from facade_manipulator.control.following import Following, FollowingSettings
@@ -23,7 +23,7 @@ from facade_manipulator.control.lateral import LateralSettings
 from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.control.reference import Motion, Reference, ReferenceSettings
 from facade_manipulator.control.tracker import Tracker
-from facade_manipulator.kinematics import certify, Geometry, Pose
+from facade_manipulator.kinematics import certify, Geometry, Pose, Wrench
 from facade_manipulator.kinematics.planar import compose, inverse
 from facade_manipulator.parameters import check_parameters, parameter
 
@@ -232,7 +232,7 @@ class Compensator:
         """
         self.following.take(stamp, pose)
 
-    def take_wrench(self, now: float, stamp: float, wrench: WallWrench) -> None:
+    def take_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
         Learn from a wrench of the wall on the head, in the head's frame, at a stamp [s].
 

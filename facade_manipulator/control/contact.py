@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from facade_manipulator.control.impedance import (
     Impedance,
@@ -12,18 +11,10 @@ from facade_manipulator.control.impedance import (
 )
 from facade_manipulator.control.lateral import LateralRegulator, LateralSettings
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Pose, Wrench
 
 FUTURE_TOLERANCE = 0.02  # s
 CLOCK_STEP = 2.0  # s, older than that means that the clock was set back
-
-
-class WallWrench(NamedTuple):
-    """What the wall does to the head, in the head's frame: forces [N] and moment [N m]."""
-
-    fx: float
-    fy: float
-    mz: float
 
 
 class Contact:
@@ -51,9 +42,9 @@ class Contact:
         self._yaw = 0.0
         self._stamps: dict[str, float] = {}
 
-    def take_wrench(self, now: float, stamp: float, wrench: WallWrench) -> None:
+    def take_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
-        Learn from a wrench of the wall on the head, measured at a stamp [s].
+        Learn from a wrench of the wall on the head, in its frame, measured at a stamp [s].
 
         Raises
         ------

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 import math
 
-from facade_manipulator.control.contact import WallWrench
-from facade_manipulator.kinematics import Carriages, end_effector_force, Geometry, Pose
+from facade_manipulator.kinematics import Carriages, end_effector_force, Geometry, Pose, Wrench
 from facade_manipulator.parameters import check_parameters, parameter
 
 Triple = tuple[float, float, float]
@@ -32,7 +31,7 @@ class FrictionSettings:
 
 def contact_wrench(
     geometry: Geometry, friction: FrictionSettings, pose: Pose, velocities: Triple, forces: Triple
-) -> WallWrench:
+) -> Wrench:
     """
     Return what the wall does to the head: −Jᵀ(τ − friction), in the head's frame.
 
@@ -59,4 +58,4 @@ def contact_wrench(
             forces, velocities, friction.coulomb, friction.viscous, strict=True))
     fx, fy, mz = end_effector_force(geometry, pose, Carriages(*net))
     cosine, sine = math.cos(pose.theta), math.sin(pose.theta)
-    return WallWrench(-cosine * fx - sine * fy, sine * fx - cosine * fy, -mz)
+    return Wrench(-cosine * fx - sine * fy, sine * fx - cosine * fy, -mz)

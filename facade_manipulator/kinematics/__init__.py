@@ -10,7 +10,7 @@ from facade_manipulator.kinematics.batch import forward_kinematics_batch, invers
 from facade_manipulator.kinematics.certify import certify, check_carriages, MIN_CONDITIONING
 from facade_manipulator.kinematics.conditioning import local_conditioning_index
 from facade_manipulator.kinematics.forward import forward_kinematics
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Wrench
 from facade_manipulator.kinematics.inverse import inverse_kinematics
 from facade_manipulator.kinematics.jacobian import (
     carriage_velocity,
@@ -18,7 +18,6 @@ from facade_manipulator.kinematics.jacobian import (
     jacobian,
     parallel_singularity,
     platform_velocity,
-    Wrench,
 )
 from facade_manipulator.kinematics.modes import WorkingMode
 

@@ -1,4 +1,4 @@
-"""What the mechanism is, and the two places it can be described in: pose and carriages."""
+"""What the mechanism is, where it is (pose, carriages), and what acts on it (wrench)."""
 
 from __future__ import annotations
 
@@ -24,6 +24,14 @@ class Carriages(NamedTuple):
     q1: float
     q2: float
     q3: float
+
+
+class Wrench(NamedTuple):
+    """Forces along x and y and moment about z [N, N, N m]; who names one says on whom."""
+
+    fx: float
+    fy: float
+    mz: float
 
 
 @dataclass(frozen=True)

@@ -14,25 +14,16 @@ singularity that the paper does not mention: the platform can move with all carr
 from __future__ import annotations
 
 import struct
-from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.errors import SingularityError
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Wrench
 from facade_manipulator.kinematics.inverse import Links, links
 from facade_manipulator.kinematics.modes import WorkingMode
 
 _empty = np.empty
 _pack_matrix = struct.Struct('9d').pack_into
-
-
-class Wrench(NamedTuple):
-    """Planar force on the end effector: along the rail, towards the façade, about z [N, N m]."""
-
-    fx: float
-    fy: float
-    mz: float
 
 
 def jacobian(

@@ -22,14 +22,15 @@ from facade_manipulator.control.compensation import (
     CompensatorSettings,
     DEFAULTS,
 )
-from facade_manipulator.control.contact import WallWrench
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
 from facade_manipulator.nodes.conversions import (
     END_EFFECTOR,
     FACADE,
+    node_time,
     planar_pose,
+    planar_wrench,
     pose_stamped,
     RAIL,
     require_frame,
@@ -123,7 +124,7 @@ class CompensatorNode(Node):
             pose = planar_pose(message.pose.pose, 'disturbance')
             variances = [float(message.pose.covariance[i]) for i in VARIANCES]
             self._compensator.take_estimate(
-                self._now(), seconds(message.header.stamp), pose, variances)
+                node_time(self), seconds(message.header.stamp), pose, variances)
         except ManipulatorError as error:
             self._refusals.add(error)
 
@@ -136,12 +137,10 @@ class CompensatorNode(Node):
             self._refusals.add(error)
 
     def _take_wrench(self, message: WrenchStamped) -> None:
-        wrench = message.wrench
         try:
             require_frame(message.header.frame_id, END_EFFECTOR, 'contact_wrench')
             self._compensator.take_wrench(
-                self._now(), seconds(message.header.stamp),
-                WallWrench(wrench.force.x, wrench.force.y, wrench.torque.z))
+                node_time(self), seconds(message.header.stamp), planar_wrench(message))
         except ManipulatorError as error:
             self._refusals.add(error)
 
@@ -149,12 +148,12 @@ class CompensatorNode(Node):
         try:
             require_frame(message.header.frame_id, END_EFFECTOR, 'lateral_offset')
             self._compensator.take_lateral_offset(
-                self._now(), seconds(message.header.stamp), message.point.x)
+                node_time(self), seconds(message.header.stamp), message.point.x)
         except ManipulatorError as error:
             self._refusals.add(error)
 
     def _update(self) -> None:
-        now = self._now()
+        now = node_time(self)
         try:
             corrected = self._compensator.update(now)
         except ManipulatorError as error:
@@ -186,7 +185,7 @@ class CompensatorNode(Node):
 
     def _tare(self, _: Trigger.Request, response: Trigger.Response):
         try:
-            nominal = self._compensator.correction.tare(self._now())
+            nominal = self._compensator.correction.tare(node_time(self))
         except ManipulatorError as error:
             response.success, response.message = False, str(error)
             return response
@@ -195,10 +194,7 @@ class CompensatorNode(Node):
         return response
 
     def _components(self) -> list[DiagnosticStatus]:
-        return self._report.components(self._now(), self._refusals.values())
-
-    def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
+        return self._report.components(node_time(self), self._refusals.values())
 
 
 def main(args: list[str] | None = None) -> int:

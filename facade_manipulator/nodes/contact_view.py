@@ -14,6 +14,8 @@ from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.conversions import (
     carriages_from,
     END_EFFECTOR,
+    seconds,
+    wrench_stamped,
 )
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.parameters import check_parameters, parameter
@@ -68,9 +70,5 @@ class ContactView:
             self._geometry, self._friction, head,
             carriages_from(states.name, states.velocity, 'joint_states velocity'),
             carriages_from(states.name, states.effort, 'joint_states effort'))
-        message = WrenchStamped()
-        message.header.stamp = states.header.stamp
-        message.header.frame_id = END_EFFECTOR
-        message.wrench.force.x, message.wrench.force.y = wrench.fx, wrench.fy
-        message.wrench.torque.z = wrench.mz
-        self._publisher.publish(message)
+        self._publisher.publish(
+            wrench_stamped(END_EFFECTOR, seconds(states.header.stamp), wrench))

@@ -9,10 +9,11 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, Quaternion
+from geometry_msgs.msg import PoseStamped, Quaternion, WrenchStamped
+from rclpy.node import Node
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Carriages, Pose
+from facade_manipulator.kinematics import Carriages, Pose, Wrench
 
 PLANE_TOLERANCE = 1e-6
 TILT_TOLERANCE = 1e-3
@@ -32,6 +33,11 @@ LEVELS = {
 def seconds(stamp: Time) -> float:
     """Return a stamp in seconds; float64 resolves 0.24 µs at today's epoch."""
     return stamp.sec + stamp.nanosec * 1e-9
+
+
+def node_time(node: Node) -> float:
+    """Return the present time of a node's clock [s]."""
+    return node.get_clock().now().nanoseconds * 1e-9
 
 
 def stamp(time: float) -> Time:
@@ -151,6 +157,22 @@ def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
     message = PoseStamped(pose=pose_message(pose))
     message.header.frame_id = frame_id
     message.header.stamp = stamp(time)
+    return message
+
+
+def planar_wrench(message: WrenchStamped) -> Wrench:
+    """Return what a wrench has in the plane; what is not in it is no matter of the mechanism."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return Wrench(force.x, force.y, torque.z)
+
+
+def wrench_stamped(frame_id: str, time: float, wrench: Wrench) -> WrenchStamped:
+    """Return a planar wrench with frame and stamp [s]."""
+    message = WrenchStamped()
+    message.header.frame_id = frame_id
+    message.header.stamp = stamp(time)
+    message.wrench.force.x, message.wrench.force.y = wrench.fx, wrench.fy
+    message.wrench.torque.z = wrench.mz
     return message
 
 

@@ -11,11 +11,11 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.kinematics.planar import compose, inverse
-from facade_manipulator.nodes.conversions import planar_pose, seconds
+from facade_manipulator.nodes.conversions import planar_pose, planar_wrench, seconds
 from facade_manipulator.nodes.runtime import RELIABLE
-from facade_manipulator.simulation.facade import Facade, Wrench
+from facade_manipulator.simulation.facade import Facade
 
 PARTS = ('head_pose', 'wall_error', 'uncompensated_error')
 NEWEST = 30000  # samples kept whole: 5 min at 100 Hz
@@ -169,9 +169,7 @@ class Recorder:
         self._whole.append(sample)
 
     def _take_wrench(self, message: WrenchStamped) -> None:
-        force, torque = message.wrench.force, message.wrench.torque
-        self._wrenches.append(
-            (seconds(message.header.stamp), Wrench(force.x, force.y, torque.z)))
+        self._wrenches.append((seconds(message.header.stamp), planar_wrench(message)))
 
 
 def settled(times: np.ndarray, goals: np.ndarray, settling_time: float) -> np.ndarray:

@@ -25,6 +25,7 @@ from facade_manipulator.nodes.conversions import (
     diagnostic_status,
     END_EFFECTOR,
     FACADE,
+    node_time,
     planar_pose,
     pose_message,
     pose_stamped,
@@ -32,13 +33,14 @@ from facade_manipulator.nodes.conversions import (
     seconds,
     stamp,
     VARIANCES,
+    wrench_stamped,
 )
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
 from facade_manipulator.parameters import check_parameters, parameter
 from facade_manipulator.simulation.estimator import Delivery, SimulatedEstimator
-from facade_manipulator.simulation.facade import Facade, Wrench
+from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.scenario import load_scenario, Scenario
 from facade_manipulator.simulation.wall import WallMeasurement, WallSample
 
@@ -62,7 +64,7 @@ class GondolaSimulatorNode(Node):
         super().__init__('gondola_simulator', **kwargs)
         self._geometry = declare(self, Geometry, 'geometry')
         scenario = self._declare_scenario()
-        course, start = scenario.motion(), self._now()
+        course, start = scenario.motion(), node_time(self)
 
         def motion(time: float) -> Pose:
             return course(time - start)
@@ -100,7 +102,7 @@ class GondolaSimulatorNode(Node):
         self.create_service(Trigger, 'gondola_simulator/report', self._report)
 
     def _deliver(self) -> None:
-        for delivery in self._estimator.advance(self._now()):
+        for delivery in self._estimator.advance(node_time(self)):
             self._disturbance.publish(_estimate_message(delivery))
 
     def _take_goal(self, message: PoseStamped) -> None:
@@ -111,7 +113,7 @@ class GondolaSimulatorNode(Node):
         except ManipulatorError as error:
             self._refusals.add(error)
             return
-        self._wall.take_goal(self._now(), goal)
+        self._wall.take_goal(node_time(self), goal)
 
     def _take_joint_states(self, message: JointState) -> None:
         time = seconds(message.header.stamp)
@@ -132,7 +134,7 @@ class GondolaSimulatorNode(Node):
         if self._facade.settings.present and self._last is not None:
             velocity = sample.velocity_since(self._last)
             wrench = self._facade.contact(sample.head, velocity)
-            self._wrench.publish(_wrench_message(sample.time, wrench))
+            self._wrench.publish(wrench_stamped(END_EFFECTOR, sample.time, wrench))
         if self._sees_slip and sample.settled:
             message = PointStamped(point=Point(x=sample.lateral_offset))
             message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(sample.time)
@@ -148,9 +150,6 @@ class GondolaSimulatorNode(Node):
         return [diagnostic_status(
             'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._refusals.values()})]
 
-    def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
-
 
 def _estimate_message(delivery: Delivery) -> PoseWithCovarianceStamped:
     message = PoseWithCovarianceStamped()
@@ -161,14 +160,6 @@ def _estimate_message(delivery: Delivery) -> PoseWithCovarianceStamped:
     for index, variance in zip(VARIANCES, delivery.variances, strict=True):
         covariance[index] = variance
     message.pose.covariance = covariance
-    return message
-
-
-def _wrench_message(time: float, wrench: Wrench) -> WrenchStamped:
-    message = WrenchStamped()
-    message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(time)
-    message.wrench.force.x, message.wrench.force.y = wrench.fx, wrench.fy
-    message.wrench.torque.z = wrench.mz
     return message
 
 

@@ -18,21 +18,21 @@ from facade_manipulator.control.compensation import (
     CorrectedPose,
     DEFAULTS,
 )
-from facade_manipulator.control.contact import WallWrench
 from facade_manipulator.control.guard import MechanismGuard
 from facade_manipulator.control.limits import MotionLimits
 from facade_manipulator.control.setpoint_stream import GoalSettings, SetpointStream
 from facade_manipulator.control.setpoints import SetpointFollower, StreamSettings
-from facade_manipulator.errors import InputError, ManipulatorError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
     Carriages,
     forward_kinematics,
     Geometry,
     inverse_kinematics,
     Pose,
+    Wrench,
 )
 from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
-from facade_manipulator.simulation.facade import Facade, FacadeSettings, Wrench
+from facade_manipulator.simulation.facade import Facade, FacadeSettings
 from facade_manipulator.simulation.wall import WallMeasurement, WallSample, WallSettings
 
 START = 1000.0
@@ -144,8 +144,7 @@ class ClosedLoop:
             self._heed(self.compensator.take_head, sample.time,
                        forward_kinematics(self._geometry, step.actual))
             if self.settings.facade.present:
-                self._heed(self.compensator.take_wrench, self.now, sample.time,
-                           WallWrench(*step.wrench))
+                self._heed(self.compensator.take_wrench, self.now, sample.time, step.wrench)
             if self.settings.wall.slip_sensor and sample.settled:
                 self._heed(self.compensator.take_lateral_offset, self.now, sample.time,
                            sample.lateral_offset)
@@ -172,5 +171,5 @@ class ClosedLoop:
     def _heed(self, take: Callable, *arguments) -> None:
         try:
             take(*arguments)
-        except (InputError, ManipulatorError) as error:
+        except ManipulatorError as error:
             self.refusals.append(str(error))

@@ -9,10 +9,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
-from typing import NamedTuple
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.parameters import check_parameters, parameter
 
 ENDS = (-0.5, 0.5)
@@ -51,14 +50,6 @@ class FacadeSettings:
                 f'{len(self.step_heights)}')
 
 
-class Wrench(NamedTuple):
-    """What the wall does to the head, in the head's frame [N, N, N m]."""
-
-    fx: float
-    fy: float
-    mz: float
-
-
 NO_CONTACT = Wrench(0.0, 0.0, 0.0)
 
 
@@ -85,7 +76,7 @@ class Facade:
 
     def contact(self, head: Pose, velocity: Pose) -> Wrench:
         """
-        Return the wrench of the wall on the head.
+        Return the wrench of the wall on the head, in the head's frame.
 
         Parameters
         ----------
