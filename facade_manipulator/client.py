@@ -32,7 +32,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
-from facade_manipulator.nodes.conversions import planar_pose, pose_stamped, seconds
+from facade_manipulator.nodes.conversions import node_time, planar_pose, pose_stamped, seconds
 from facade_manipulator.nodes.runtime import LATCHED, LATEST, RELIABLE
 
 ANSWER_TIMEOUT = 5.0
@@ -116,7 +116,7 @@ class ManipulatorClient:
 
     def age(self, component: Component) -> float:
         """Return how long ago a component was heard of [s]."""
-        return self._now() - component.time
+        return node_time(self.node) - component.time
 
     def spin(self, duration: float) -> None:
         """Take what arrives for a while [s]."""
@@ -200,7 +200,7 @@ class ManipulatorClient:
             self._goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
         self.wait_until(self._all_take_goals, 'a compensator that takes goals')
         self.goal = pose
-        self._goals.publish(pose_stamped('facade', self._now(), pose))
+        self._goals.publish(pose_stamped('facade', node_time(self.node), pose))
 
     def solve(
         self, goal: Pose, start: Pose | None = None, spacing: float = 0.0
@@ -221,9 +221,10 @@ class ManipulatorClient:
             With the limit that a pose violates.
 
         """
-        request = GetPlan.Request(goal=pose_stamped('rail', self._now(), goal), tolerance=spacing)
+        now = node_time(self.node)
+        request = GetPlan.Request(goal=pose_stamped('rail', now, goal), tolerance=spacing)
         if start is not None:
-            request.start = pose_stamped('rail', self._now(), start)
+            request.start = pose_stamped('rail', now, start)
         self.goal_status = None
         plan = self.call(GetPlan, 'ik_service/solve', request).plan
         if not plan.poses:
@@ -250,14 +251,11 @@ class ManipulatorClient:
         return 0 < self.node.count_subscribers('goal_pose') <= (
             self._goals.get_subscription_count())
 
-    def _now(self) -> float:
-        return self.node.get_clock().now().nanoseconds * 1e-9
-
     def _trigger(self, name: str, timeout: float = ANSWER_TIMEOUT) -> str:
         return _sentence(name, self.call(Trigger, name, Trigger.Request(), timeout))
 
     def _change_state(self, transition: int, what: str, timeout: float = ANSWER_TIMEOUT) -> None:
-        begin = self._now()
+        begin = node_time(self.node)
         request = ChangeState.Request(transition=Transition(id=transition))
         if not self.call(ChangeState, 'driver/change_state', request, timeout).success:
             raise RequestRefusedError(f'{what}: {self._driver_reason(begin)}')

@@ -34,7 +34,13 @@ from facade_manipulator.drives.simulated_group import simulated_drives
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.nodes.conversions import CARRIAGES, carriages_from, seconds, stamp
+from facade_manipulator.nodes.conversions import (
+    CARRIAGES,
+    carriages_from,
+    node_time,
+    seconds,
+    stamp,
+)
 from facade_manipulator.nodes.deferred import Deferred
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
 from facade_manipulator.nodes.driver_diagnostics import (
@@ -228,10 +234,11 @@ class DriverNode(ManagedNode):
     def _take_setpoint(self, message: JointState) -> None:
         try:
             self._require_active()
-            self._follower.add(Setpoint(
+            setpoint = Setpoint(
                 seconds(message.header.stamp),
                 carriages_from(message.name, message.position, 'setpoint position'),
-                carriages_from(message.name, message.velocity, 'setpoint velocity')), self._now())
+                carriages_from(message.name, message.velocity, 'setpoint velocity'))
+            self._follower.add(setpoint, node_time(self))
         except ManipulatorError as error:
             self._refusals.add(error)
 
@@ -304,9 +311,6 @@ class DriverNode(ManagedNode):
             bus_status(snapshot),
             *(axis_status(axis) for axis in snapshot.axes),
         ]
-
-    def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
 
 
 def main(args: list[str] | None = None) -> int:

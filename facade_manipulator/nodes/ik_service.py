@@ -31,6 +31,7 @@ from facade_manipulator.nodes.conversions import (
     CARRIAGES,
     carriages_from,
     diagnostic_status,
+    node_time,
     planar_pose,
     pose_stamped,
     RAIL,
@@ -87,7 +88,7 @@ class IkServiceNode(Node):
         try:
             require_frame(message.header.frame_id, RAIL, 'corrected_pose')
             pose = planar_pose(message.pose, 'corrected_pose')
-            self._go_to(seconds(message.header.stamp) or self._now(), pose)
+            self._go_to(seconds(message.header.stamp) or node_time(self), pose)
         except ManipulatorError as error:
             self._approach.end()
             self._refuse(error)
@@ -103,11 +104,11 @@ class IkServiceNode(Node):
             self._follow(time, pose)
             return
         certify(self.geometry, pose, self.settings.min_conditioning)
-        self._approach.begin(self._now() + self.settings.lead, self._head, pose)
+        self._approach.begin(node_time(self) + self.settings.lead, self._head, pose)
         self._leading.reset()
 
     def _lead(self) -> None:
-        time = self._now() + self.settings.lead
+        time = node_time(self) + self.settings.lead
         try:
             pose = self._approach.pose(time)
             if pose is None:
@@ -182,9 +183,6 @@ class IkServiceNode(Node):
 
     def _components(self) -> list[DiagnosticStatus]:
         return [self._outcome_status()]
-
-    def _now(self) -> float:
-        return self.get_clock().now().nanoseconds * 1e-9
 
 
 def _setpoint_message(setpoint: Setpoint) -> JointState:

@@ -19,10 +19,10 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.conversions import (
     LEVELS,
+    node_time,
     planar_pose,
     pose_message,
     RAIL,
-    seconds,
 )
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE
@@ -123,11 +123,11 @@ class LinkageView:
                 self._keep('driver', status)
 
     def _keep(self, what: str, value: Any) -> None:
-        self._seen[what] = self._now(), value
+        self._seen[what] = node_time(self._node), value
 
     def _newest(self, what: str, oldest: float = OLDEST) -> Any:
         time, value = self._seen.get(what, (0.0, None))
-        return value if self._now() - time < oldest else None
+        return value if node_time(self._node) - time < oldest else None
 
     def _scene(self) -> Scene:
         driver: DiagnosticStatus | None = self._newest('driver', OLDEST_STATE)
@@ -145,9 +145,6 @@ class LinkageView:
         now = self._node.get_clock().now().to_msg()
         self._publisher.publish(MarkerArray(
             markers=[_marker(shape, now) for shape in picture]))
-
-    def _now(self) -> float:
-        return seconds(self._node.get_clock().now().to_msg())
 
 
 def _marker(shape: Shape, now) -> Marker:
