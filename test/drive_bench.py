@@ -9,7 +9,6 @@ from facade_manipulator.drives.cia402 import (
     Controlword,
     decode_state,
     Mode,
-    next_controlword,
     State,
 )
 from facade_manipulator.drives.emergency import decode_emergency
@@ -23,6 +22,11 @@ PERIOD = 0.01
 NMT_START, NMT_STOP, NMT_PREOP, NMT_RESET, NMT_RESET_COMMUNICATION = 1, 2, 128, 129, 130
 WRITE = {1: 0x2F, 2: 0x2B, 4: 0x23}
 CPM = AxisScale().counts_per_metre
+WAY_UP = {
+    State.SWITCH_ON_DISABLED: Controlword.SHUTDOWN,
+    State.READY_TO_SWITCH_ON: Controlword.SWITCH_ON,
+    State.SWITCHED_ON: Controlword.ENABLE_OPERATION,
+}
 
 CONFIGURATION = {
     (0x1016, 1): 127 << 16 | 150, (0x1017, 0): 50, (0x6007, 0): 3, (0x605A, 0): 6,
@@ -159,10 +163,10 @@ class Bench:
         return decode_state(self.status.statusword)
 
     def go(self, goal, cycles=20):
-        """Walk the state machine over the bus."""
+        """Walk the state machine up over the bus; down it is power off at once."""
         self.cycle(2)
         while self.state is not goal and cycles:
-            self.controlword = next_controlword(self.state, goal)
+            self.controlword = WAY_UP.get(self.state, Controlword.DISABLE_VOLTAGE)
             self.cycle(2)
             cycles -= 1
         assert self.state is goal

@@ -8,15 +8,11 @@ from facade_manipulator.drives.cia402 import (
     CONTROLWORDS,
     decode_command,
     decode_state,
-    next_controlword,
     State,
     STATUSWORDS,
     TRANSITIONS,
 )
 from facade_manipulator.errors import DriveStateError
-
-GOALS = (State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON,
-         State.OPERATION_ENABLED)
 
 # IEC 61800-7-201, tables "device control commands" and "state transitions", by their numbers
 COMMAND_BITS = (  # fault reset, enable operation, quick stop, enable voltage, switch on
@@ -97,49 +93,3 @@ def test_the_drive_cannot_be_enabled_from_a_fault_in_one_step():
     for command in Command:
         assert TRANSITIONS.get((State.FAULT, command)) in (None, State.SWITCH_ON_DISABLED)
         assert (State.FAULT_REACTION_ACTIVE, command) not in TRANSITIONS
-
-
-def walk(state, goal):
-    path = [state]
-    while state is not goal and len(path) < 10:
-        command = decode_command(next_controlword(state, goal))
-        state = TRANSITIONS.get((state, command), state)
-        path.append(state)
-    return path
-
-
-@pytest.mark.parametrize('goal', GOALS)
-@pytest.mark.parametrize('start', [*GOALS, State.QUICK_STOP_ACTIVE])
-def test_next_controlword_leads_to_the_goal_and_holds_it(start, goal):
-    path = walk(start, goal)
-    assert path[-1] is goal and len(path) <= 5
-    assert walk(goal, goal) == [goal]
-    assert TRANSITIONS.get((goal, decode_command(next_controlword(goal, goal))), goal) is goal
-
-
-def test_the_way_down_takes_every_rung():
-    assert walk(State.OPERATION_ENABLED, State.SWITCH_ON_DISABLED) == list(reversed(GOALS))
-
-
-def test_the_way_from_quick_stop_back_to_operation_passes_power_off():
-    assert State.SWITCH_ON_DISABLED in walk(State.QUICK_STOP_ACTIVE, State.OPERATION_ENABLED)
-
-
-@pytest.mark.parametrize('goal', GOALS)
-@pytest.mark.parametrize('state', [State.FAULT, State.FAULT_REACTION_ACTIVE,
-                                   State.NOT_READY_TO_SWITCH_ON])
-def test_next_controlword_never_leaves_a_fault(state, goal):
-    assert next_controlword(state, goal) == 0
-
-
-def test_quick_stop_is_commanded_from_every_state():
-    for state in State:
-        command = decode_command(next_controlword(state, State.QUICK_STOP_ACTIVE))
-        assert command is Command.QUICK_STOP
-
-
-@pytest.mark.parametrize('goal', [State.FAULT, State.FAULT_REACTION_ACTIVE,
-                                  State.NOT_READY_TO_SWITCH_ON])
-def test_a_goal_that_no_command_reaches_is_refused(goal):
-    with pytest.raises(DriveStateError, match=goal.value):
-        next_controlword(State.SWITCHED_ON, goal)

@@ -255,7 +255,7 @@ def test_profile_position_adds_a_relative_target_and_stays_within_the_limits():
 # --- torque
 
 def torque_for(force):
-    return AxisScale().to_torque(force)
+    return force / AxisScale().force_per_torque_unit
 
 
 def test_the_torque_is_friction_at_speed_and_mass_times_acceleration():

@@ -36,11 +36,6 @@ def test_a_speed_survives_the_drives_unit(scale, speed):
     assert scale.magnitude_to_units(speed) == abs(scale.speed_to_units(speed))
 
 
-@given(SCALES, st.floats(-1e4, 1e4))
-def test_a_force_survives_torque(scale, force):
-    assert scale.to_force(scale.to_torque(force)) == pytest.approx(force, rel=1e-9, abs=1e-9)
-
-
 @given(SCALES, st.floats(1e-3, 1.0))
 def test_the_direction_turns_position_speed_and_force_alike(scale, value):
     turned = dataclasses.replace(scale, direction=-scale.direction)

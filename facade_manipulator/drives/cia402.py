@@ -157,15 +157,6 @@ _COMMAND_OF_BITS = {
     for bits in range(0x100) if bits & mask == value
 }
 
-# the way up to operation enabled and down again, with the controlword that holds each rung
-_LADDER = (
-    (State.SWITCH_ON_DISABLED, Controlword.DISABLE_VOLTAGE),
-    (State.READY_TO_SWITCH_ON, Controlword.SHUTDOWN),
-    (State.SWITCHED_ON, Controlword.SWITCH_ON),
-    (State.OPERATION_ENABLED, Controlword.ENABLE_OPERATION),
-)
-_RUNG = {state: rung for rung, (state, _) in enumerate(_LADDER)}
-
 
 def decode_state(statusword: int) -> State:
     """
@@ -187,35 +178,3 @@ def decode_state(statusword: int) -> State:
 def decode_command(controlword: int) -> Command:
     """Return the command that a controlword gives; every controlword gives exactly one."""
     return _COMMAND_OF_BITS[controlword & 0xFF]
-
-
-def next_controlword(state: State, goal: State) -> int:
-    """
-    Return the controlword that brings a drive one step closer to a goal state.
-
-    Going down it takes the same rungs as going up. It never leaves a fault (resetting is an
-    operator's decision, see `Controlword.FAULT_RESET`), and out of quick stop it goes through
-    switch on disabled, never straight back to operation.
-
-    Parameters
-    ----------
-    state : State
-        State the drive is in.
-    goal : State
-        Switch on disabled, ready to switch on, switched on, operation enabled or quick stop
-        active.
-
-    Raises
-    ------
-    DriveStateError
-        No controlword leads to the goal.
-
-    """
-    if goal is State.QUICK_STOP_ACTIVE:
-        return Controlword.QUICK_STOP
-    if goal not in _RUNG:
-        raise DriveStateError(f'no controlword leads a drive to the state {goal.value}')
-    here, there = _RUNG.get(state, 0), _RUNG[goal]
-    if state not in _RUNG:
-        return Controlword.DISABLE_VOLTAGE
-    return _LADDER[here + (there > here) - (there < here)][1]

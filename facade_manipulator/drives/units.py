@@ -121,10 +121,6 @@ class AxisScale:
         """Return the carriage force in N of a torque in thousandths of the rated torque."""
         return torque * self.force_per_torque_unit
 
-    def to_torque(self, force: float) -> float:
-        """Return the torque, in thousandths of the rated torque, that balances a force in N."""
-        return force / self.force_per_torque_unit
-
 
 def _rounded(quantity: str, value: float, unit: str) -> int:
     if not math.isfinite(value):
