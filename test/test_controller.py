@@ -24,13 +24,13 @@ from support import wait_until
 from facade_manipulator.drives import pdo
 from facade_manipulator.drives.cia402 import Controlword, State, Status
 from facade_manipulator.drives.controller import DriveController
+from facade_manipulator.drives.nmt import NmtState
 from facade_manipulator.drives.profile import load_profile
 from facade_manipulator.drives.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.simulated_drive import Identity, SimulatedDrive
 from facade_manipulator.drives.simulated_faults import FrameLoss
 from facade_manipulator.drives.simulated_group import simulated_drives
 from facade_manipulator.drives.simulated_motor import SimulationSettings
-from facade_manipulator.drives.simulated_network import NmtState
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import (
     BusError,

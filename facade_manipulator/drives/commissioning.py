@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
 import threading
 import time
 from typing import NamedTuple
@@ -30,7 +29,8 @@ from facade_manipulator.drives.configuration import (
     verify_objects,
     write_objects,
 )
-from facade_manipulator.drives.monitor import AxisMonitor, NmtState
+from facade_manipulator.drives.monitor import AxisMonitor
+from facade_manipulator.drives.nmt import NmtCommand, NmtState
 from facade_manipulator.drives.pdo import NMT_COB_ID
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.settings import ControllerSettings
@@ -41,15 +41,6 @@ from facade_manipulator.errors import (
     DriveStateError,
     DriveTimeoutError,
 )
-
-
-class NmtCommand(IntEnum):
-    """Network management commands."""
-
-    START = 0x01
-    STOP = 0x02
-    ENTER_PRE_OPERATIONAL = 0x80
-    RESET_NODE = 0x81
 
 
 def send_nmt(bus: CanBus, command: NmtCommand, node_id: int) -> None:

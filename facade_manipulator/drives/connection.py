@@ -9,9 +9,10 @@ import can
 
 from facade_manipulator.drives.bus import CanBus
 from facade_manipulator.drives.cause import Cause
-from facade_manipulator.drives.commissioning import Commissioning, Drive, NmtCommand, send_nmt
+from facade_manipulator.drives.commissioning import Commissioning, Drive, send_nmt
 from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.network import PumpedNetwork, SdoChannel
+from facade_manipulator.drives.nmt import NmtCommand
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.settings import ControllerSettings
 from facade_manipulator.drives.stream import Stream

@@ -7,8 +7,6 @@ there. Times are on the monotonic clock [s]. What was never heard is None.
 
 from __future__ import annotations
 
-from enum import IntEnum
-
 from facade_manipulator.drives.axis import Feedback
 from facade_manipulator.drives.cause import Cause, CONFIGURE_REMEDY
 from facade_manipulator.drives.cia402 import Status
@@ -19,6 +17,7 @@ from facade_manipulator.drives.emergency import (
     is_error_reset,
     Reaction,
 )
+from facade_manipulator.drives.nmt import NmtState
 from facade_manipulator.drives.pdo import (
     ConditionFrame,
     decode_tpdo1,
@@ -33,15 +32,6 @@ SYNC_TOLERANCE = 0.001
 HOME_TOLERANCE = 2  # counts
 JUMP_MARGIN = 2.0
 JUMP_NOISE = 0.001  # m
-
-
-class NmtState(IntEnum):
-    """What a heartbeat says; 0 is the boot-up message."""
-
-    BOOT_UP = 0
-    STOPPED = 4
-    OPERATIONAL = 5
-    PRE_OPERATIONAL = 127
 
 
 class AxisMonitor:
@@ -169,7 +159,7 @@ class AxisMonitor:
         state = data[0] & 0x7F
         self.nmt_state = state
         self.heartbeat_time = time
-        if state == NmtState.BOOT_UP:
+        if state == NmtState.INITIALISING:
             return self._boot()
         if state != NmtState.OPERATIONAL:
             return self._supervised(

@@ -12,7 +12,7 @@ from pathlib import Path
 import canopen
 
 from facade_manipulator.drives.bus import CanBus, Frame
-from facade_manipulator.drives.pdo import sdo_response_cob_id
+from facade_manipulator.drives.pdo import sdo_request_cob_id, sdo_response_cob_id
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
 
 SDO_FRAME_LENGTH = 8
@@ -75,7 +75,7 @@ class SdoChannel:
         self.node_id = node_id
         dictionary = canopen.import_od(str(eds), node_id) if eds else canopen.ObjectDictionary()
         self._client = canopen.sdo.SdoClient(
-            0x600 + node_id, sdo_response_cob_id(node_id), dictionary)
+            sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
         self._client.network = network
         self._client.RESPONSE_TIMEOUT = RESPONSE_TIMEOUT
         network.subscribers[self._client.tx_cobid] = [self._take]

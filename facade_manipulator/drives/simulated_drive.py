@@ -16,10 +16,11 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from facade_manipulator.drives.cia402 import State, Status
+from facade_manipulator.drives.nmt import NmtState
 from facade_manipulator.drives.profile import DriveProfile
 from facade_manipulator.drives.simulated_axis import SAFE_TORQUE_OFF, SimulatedAxis
 from facade_manipulator.drives.simulated_motor import SimulatedMotor, SimulationSettings
-from facade_manipulator.drives.simulated_network import ErrorHistory, NmtState
+from facade_manipulator.drives.simulated_network import ErrorHistory
 from facade_manipulator.drives.simulated_node import SimulatedNode
 from facade_manipulator.drives.simulated_objects import ObjectStore
 from facade_manipulator.drives.units import AxisScale

@@ -1,47 +1,21 @@
 """
-Network management of a simulated drive: NMT states, heartbeats both ways, the error history.
+What a simulated drive keeps of the network: heartbeats both ways, the error history.
 
 References
 ----------
-CiA 301, NMT slave, heartbeat producer and consumer, emergency object, objects 1001h and 1003h.
+CiA 301, heartbeat producer and consumer, emergency object, objects 1001h and 1003h.
 
 """
 
 from __future__ import annotations
 
 from collections import deque
-from enum import IntEnum
 import math
 
 from canopen import SdoAbortedError
 
+from facade_manipulator.drives.pdo import heartbeat_cob_id
 from facade_manipulator.drives.simulated_objects import INVALID_VALUE, ObjectStore
-
-
-class NmtState(IntEnum):
-    """State of a node, with its code in the heartbeat."""
-
-    INITIALISING = 0x00
-    STOPPED = 0x04
-    OPERATIONAL = 0x05
-    PRE_OPERATIONAL = 0x7F
-
-
-class NmtCommand(IntEnum):
-    """Command of the NMT master."""
-
-    START = 0x01
-    STOP = 0x02
-    ENTER_PRE_OPERATIONAL = 0x80
-    RESET_NODE = 0x81
-    RESET_COMMUNICATION = 0x82
-
-
-NMT_TRANSITIONS = {
-    NmtCommand.START: NmtState.OPERATIONAL,
-    NmtCommand.STOP: NmtState.STOPPED,
-    NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
-}
 
 # which bit of the error register 1001 a code sets besides the generic one; narrow masks first
 _ERROR_REGISTER = (
@@ -116,7 +90,7 @@ class HeartbeatConsumer:
         """COB-ID of the watched heartbeat, None if none is watched."""
         entry = self._values[0x1016, 1]
         node, time_out = entry >> 16 & 0xFF, entry & 0xFFFF
-        return 0x700 + node if time_out and 0 < node < 0x80 else None
+        return heartbeat_cob_id(node) if time_out and 0 < node < 0x80 else None
 
     def hear(self, now: float) -> bool:
         """Note a heartbeat; tell whether the master had counted as dead."""

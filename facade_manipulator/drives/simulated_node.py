@@ -15,6 +15,7 @@ from typing import Any
 
 from facade_manipulator.drives import pdo
 from facade_manipulator.drives.emergency import Emergency, encode_emergency
+from facade_manipulator.drives.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
 from facade_manipulator.drives.profile import Quirks
 from facade_manipulator.drives.simulated_axis import SimulatedAxis
 from facade_manipulator.drives.simulated_faults import Frame, FrameFilter, FrameLoss
@@ -22,9 +23,6 @@ from facade_manipulator.drives.simulated_network import (
     ErrorHistory,
     HeartbeatConsumer,
     HeartbeatProducer,
-    NMT_TRANSITIONS,
-    NmtCommand,
-    NmtState,
 )
 from facade_manipulator.drives.simulated_objects import (
     COMMUNICATION_OBJECTS,

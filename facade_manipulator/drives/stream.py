@@ -14,11 +14,12 @@ from facade_manipulator.drives import pdo
 from facade_manipulator.drives.bus import BusCongestedError, CanBus, Frame
 from facade_manipulator.drives.cause import BUS_REMEDY, Cause, COMPUTER_REMEDY, TARGET_REMEDY
 from facade_manipulator.drives.cia402 import Controlword
-from facade_manipulator.drives.commissioning import Hearing, NmtCommand, send_nmt
+from facade_manipulator.drives.commissioning import Hearing, send_nmt
 from facade_manipulator.drives.cycle import cycle_clock
 from facade_manipulator.drives.group import Command, Group
-from facade_manipulator.drives.monitor import AxisMonitor, NmtState
+from facade_manipulator.drives.monitor import AxisMonitor
 from facade_manipulator.drives.network import PumpedNetwork, SDO_FRAME_LENGTH
+from facade_manipulator.drives.nmt import NmtCommand, NmtState
 from facade_manipulator.drives.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
 from facade_manipulator.drives.settings import ControllerSettings
 from facade_manipulator.drives.targets import Targets

@@ -1,0 +1,39 @@
+"""
+Network management as tables: states of a node, commands of the master, what leads where.
+
+References
+----------
+CiA 301: network management, boot-up protocol, heartbeat protocol.
+
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class NmtState(IntEnum):
+    """State of a node, as its heartbeat tells it; 0 is the boot-up message."""
+
+    INITIALISING = 0x00
+    STOPPED = 0x04
+    OPERATIONAL = 0x05
+    PRE_OPERATIONAL = 0x7F
+
+
+class NmtCommand(IntEnum):
+    """Command of the master."""
+
+    START = 0x01
+    STOP = 0x02
+    ENTER_PRE_OPERATIONAL = 0x80
+    RESET_NODE = 0x81
+    RESET_COMMUNICATION = 0x82
+
+
+# where a command leads; the two resets lead through a boot
+NMT_TRANSITIONS = {
+    NmtCommand.START: NmtState.OPERATIONAL,
+    NmtCommand.STOP: NmtState.STOPPED,
+    NmtCommand.ENTER_PRE_OPERATIONAL: NmtState.PRE_OPERATIONAL,
+}
