@@ -1,19 +1,27 @@
 """What is believed of the estimator and what is refused."""
 
 from dataclasses import replace
+import itertools
 import math
 
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.control.estimate import EstimateGate, EstimateSettings
+from facade_manipulator.control.estimate import (
+    Estimate,
+    EstimateGate,
+    EstimateMean,
+    EstimateSettings,
+    LEARNING_PERIOD,
+)
 from facade_manipulator.errors import InputError, ParameterError
 from facade_manipulator.kinematics import Pose
 
 SETTINGS = EstimateSettings()
 NOW = 1000.0
 STILL = Pose(0.0, 0.0, 0.0)
+VARIANCES = Pose(1e-6, 1e-6, 3e-6)
 
 
 def refusal(gate, now, stamp, pose):
@@ -107,3 +115,49 @@ def test_a_variance_too_good_to_be_true_is_raised():
 def test_settings_out_of_range_are_refused(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         replace(SETTINGS, **change)
+
+
+def estimates(*stamps):
+    """Return one estimate per stamp, which says its number."""
+    return [Estimate(NOW + stamp, Pose(float(k), 0.0, -float(k)), VARIANCES)
+            for k, stamp in enumerate(stamps)]
+
+
+def learnt(given):
+    mean = EstimateMean()
+    return [one for one in map(mean.add, given) if one is not None]
+
+
+@pytest.mark.parametrize('rate', [20.0, 50.0, 60.0])
+def test_an_estimate_that_comes_in_its_time_is_learnt_as_it_is(rate):
+    given = estimates(*(k / rate for k in range(20)))
+    assert learnt(given) == given
+
+
+def test_of_faster_estimates_the_mean_is_learnt():
+    first, second = learnt(estimates(0.0, 0.004, 0.008, 0.012, 0.016))
+    assert first.stamp == NOW
+    assert second.stamp == pytest.approx(NOW + 0.010)
+    assert second.pose == pytest.approx((2.5, 0.0, -2.5))
+    assert second.variances == pytest.approx([v / 4 for v in VARIANCES])
+
+
+@given(st.lists(st.floats(0.001, 0.1), min_size=1, max_size=60))
+def test_whatever_their_rate_means_follow_closely_and_in_order(steps):
+    mean, last = EstimateMean(), -math.inf
+    for estimate in estimates(*itertools.accumulate(steps)):
+        one = mean.add(estimate)
+        if one is not None:
+            assert last < one.stamp <= estimate.stamp
+            assert estimate.stamp - one.stamp < 2 * LEARNING_PERIOD
+            last = one.stamp
+
+
+def test_what_was_kept_before_a_silence_is_in_no_mean():
+    *_, last = learnt(estimates(0.0, 0.01, 5.0))
+    assert last == estimates(0.0, 0.01, 5.0)[-1]
+
+
+def test_with_the_clock_set_back_the_next_estimate_is_learnt_at_once():
+    *_, last = learnt(estimates(0.0, 0.01, -100.0))
+    assert last == estimates(0.0, 0.01, -100.0)[-1]

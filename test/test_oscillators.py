@@ -64,3 +64,16 @@ def test_a_batch_is_propagated_as_its_members_are():
     for index in np.ndindex(3, 2):
         assert moved[index] == pytest.approx(oscillators.propagate(batch[index], 0.3))
         assert steps[index] == pytest.approx(oscillators.transition(batch[index], 0.3))
+
+
+@given(
+    st.lists(states, min_size=3, max_size=3).map(np.array), st.floats(-0.2, 1.0),
+    st.floats(-0.02, 0.02), st.floats(0.0, 1.0))
+def test_the_series_of_an_oscillation_is_its_motion(batch, interval, elapsed, weight):
+    coefficients = oscillators.taylor_coefficients(
+        batch, interval, np.full((3, 2), weight), 6)
+    moved = oscillators.propagate(batch, interval + elapsed)
+    expected = weight * moved[:, oscillators.PLACES].sum(axis=-1)
+    fastest = oscillators.amplitudes(batch).sum(axis=-1) * 0.6 ** 7 / 5040.0
+    assert np.polyval(coefficients[::-1], elapsed) == pytest.approx(
+        expected, abs=2.0 * fastest.max() + 1e-15)

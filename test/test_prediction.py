@@ -1,11 +1,13 @@
 """How well the disturbance is foretold, and what happens where it cannot be."""
 
+import copy
 from dataclasses import replace
 import math
 
 import numpy as np
 import pytest
 
+from facade_manipulator.control.estimate import Estimate, EstimateMean
 from facade_manipulator.control.prediction import DisturbancePredictor, PredictionSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
@@ -90,6 +92,35 @@ def test_a_wrong_variance_does_no_great_harm(noise, share):
     assert rms(errors, 10.0, 20.0)[0] < share * 0.072
 
 
+def rms_of_means(rate):
+    """Return the errors of learning each estimate, and of learning means."""
+    random, mean = np.random.default_rng(0), EstimateMean()
+    single, averaged = DisturbancePredictor(SETTINGS), DisturbancePredictor(SETTINGS)
+    errors = []
+    for stamp in np.arange(1000.0, 1012.0, 1.0 / rate):
+        noise = NOISE * random.standard_normal(3)
+        measured = Pose(*(m(stamp) + n for m, n in zip(BREEZE, noise, strict=True)))
+        single.update(stamp, measured, VARIANCES)
+        estimate = mean.add(Estimate(stamp, measured, VARIANCES))
+        if estimate is not None:
+            averaged.update(*estimate)
+        truth = [motion(stamp + HORIZON) for motion in BREEZE]
+        errors.append([np.subtract(predictor.predict(stamp + HORIZON).place, truth)
+                       for predictor in (single, averaged)])
+    return np.sqrt((np.array(errors[len(errors) // 2:]) ** 2).mean(axis=0))
+
+
+@pytest.mark.parametrize('rate', [100.0, 200.0])
+def test_means_of_fast_estimates_teach_what_each_of_them_would(rate):
+    single, averaged = rms_of_means(rate)
+    assert (averaged < 1.15 * single).all()
+
+
+def test_at_50_hz_every_estimate_is_learnt_as_it_is():
+    single, averaged = rms_of_means(50.0)
+    assert (averaged == single).all()
+
+
 def test_a_standing_gondola_gives_its_place_and_little_noise():
     motions = (lambda _: 0.05, still, still)
     predictor, errors = learn(motions, 10.0)
@@ -102,6 +133,17 @@ def test_the_velocity_is_the_derivative_of_the_place():
     before, after = (predictor.predict(time + step).place for step in (-1e-4, 1e-4))
     expected = [(b - a) / 2e-4 for a, b in zip(before, after, strict=True)]
     assert predictor.predict(time).velocity == pytest.approx(expected, abs=2e-3)
+
+
+@pytest.mark.parametrize('frequency', [0.3, 2.0, 5.5])
+def test_a_prediction_does_not_depend_on_what_was_asked_before(frequency):
+    asked, _ = learn((sines((0.02, frequency, 0.0)), *BREEZE[1:]), 5.0)
+    for time in asked.stamp + np.arange(0.0, 0.3, 0.0013):
+        course, afresh = asked.predict(time), copy.deepcopy(asked)
+        afresh.predict(time + 1.0)
+        expected = afresh.predict(time)
+        assert course.place == pytest.approx(tuple(expected.place), abs=1e-7)
+        assert course.velocity == pytest.approx(tuple(expected.velocity), abs=2e-5)
 
 
 def test_the_first_estimate_is_believed_as_it_is():

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from facade_manipulator.kinematics import Pose
 
 QUICKEST = 1e-3
+DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 NOWHERE = Pose(0.0, 0.0, 0.0)
 
 
@@ -19,15 +20,14 @@ class Course(NamedTuple):
 
     def plus(self, other: Course) -> Course:
         """Return the sum, component by component."""
-        return Course(
-            Pose(*(a + b for a, b in zip(self.place, other.place, strict=True))),
-            Pose(*(a + b for a, b in zip(self.velocity, other.velocity, strict=True))))
+        if other is AT_REST:
+            return self
+        return Course(_sum(self.place, other.place), _sum(self.velocity, other.velocity))
 
     def minus(self, other: Course) -> Course:
         """Return the difference, component by component."""
         return Course(
-            Pose(*(a - b for a, b in zip(self.place, other.place, strict=True))),
-            Pose(*(a - b for a, b in zip(self.velocity, other.velocity, strict=True))))
+            _change(self.place, other.place), _change(self.velocity, other.velocity))
 
 
 AT_REST = Course(NOWHERE, NOWHERE)
@@ -53,8 +53,7 @@ class Blend:
 
     def clear(self) -> None:
         """Forget the remainder."""
-        self._start = 0.0
-        self._axes: list[tuple[float, float, float]] = []
+        self._start = self._end = -math.inf
 
     def begin(self, time: float, difference: Course, constant: float) -> None:
         """
@@ -74,14 +73,15 @@ class Blend:
         self._axes = [
             _remainder(*axis, max(constant, QUICKEST))
             for axis in zip(*difference, self._acceleration, strict=True)]
+        self._end = time + DEAD_AFTER * max(constant for _, _, constant in self._axes)
 
     def at(self, time: float) -> Course:
         """Return the remainder at a time [s]."""
-        if not self._axes:
+        if time > self._end:
             return AT_REST
         elapsed = max(time - self._start, 0.0)
-        values = [_decayed(*axis, elapsed) for axis in self._axes]
-        return Course(Pose(*(p for p, _ in values)), Pose(*(v for _, v in values)))
+        x, y, theta = [_decayed(*axis, elapsed) for axis in self._axes]
+        return Course(Pose(x[0], y[0], theta[0]), Pose(x[1], y[1], theta[1]))
 
 
 def _remainder(
@@ -100,3 +100,11 @@ def _decayed(
     decay = math.exp(-elapsed / constant)
     place += slope * elapsed
     return place * decay, (slope - place / constant) * decay
+
+
+def _sum(a: Pose, b: Pose) -> Pose:
+    return Pose(a.x + b.x, a.y + b.y, a.theta + b.theta)
+
+
+def _change(a: Pose, b: Pose) -> Pose:
+    return Pose(a.x - b.x, a.y - b.y, a.theta - b.theta)

@@ -13,7 +13,7 @@ import enum
 import math
 
 from facade_manipulator.control.blend import AT_REST, Blend, Course, NOWHERE
-from facade_manipulator.control.estimate import Estimate
+from facade_manipulator.control.estimate import Estimate, EstimateMean
 from facade_manipulator.control.plain_prediction import make_predictor
 from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.errors import ManipulatorError
@@ -80,6 +80,7 @@ class Correction:
     def __init__(self, settings: CorrectionSettings, prediction: PredictionSettings) -> None:
         self.settings = settings
         self.predictor = make_predictor(prediction)
+        self._mean = EstimateMean()
         self.enabled = settings.enabled
         self.mode = Mode.UNHEARD if settings.enabled else Mode.DISABLED
         self._nominal = NOWHERE
@@ -89,7 +90,10 @@ class Correction:
         self._smooth = Blend(settings.blend_acceleration)
 
     def take(self, estimate: Estimate) -> None:
-        """Learn from a believed estimate."""
+        """Learn from a believed estimate, from several at once where they come fast."""
+        estimate = self._mean.add(estimate)
+        if estimate is None:
+            return
         smooth = self.mode is Mode.ACTIVE and self._time is not None
         self.predictor.update(estimate.stamp, estimate.pose, estimate.variances)
         if smooth:
@@ -170,8 +174,8 @@ class Correction:
         """Return the course with what is left of its predecessors."""
         if self._time is None:
             return AT_REST
-        rest = self._fade.at(self._time).plus(self._smooth.at(self._time))
-        return rest if self.mode is not Mode.ACTIVE else rest.plus(self._predicted())
+        rest = self._smooth.at(self._time).plus(self._fade.at(self._time))
+        return rest if self.mode is not Mode.ACTIVE else self._predicted().plus(rest)
 
     def _predicted(self) -> Course:
         course = self.predictor.predict(self._time)

@@ -12,6 +12,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import check_parameters, parameter
 
 UNITS = Pose('m', 'm', 'rad')
+LEARNING_PERIOD = 0.015  # s, well below what a gondola needs to move: 3 Hz lose 0.3 %
 
 
 @dataclass(frozen=True)
@@ -155,3 +156,39 @@ class EstimateGate:
         if not 0.0 < variance < math.inf:
             return unknown * unknown
         return max(variance, self.settings.least_noise ** 2)
+
+
+class EstimateMean:
+    """
+    Average estimates that come faster than there is anything to learn from each.
+
+    Learning costs many times what averaging does. An estimate that comes a `LEARNING_PERIOD` or
+    more after the last one goes through as it is.
+    """
+
+    def __init__(self) -> None:
+        self._kept: list[Estimate] = []
+        self._begin = -math.inf
+
+    def add(self, estimate: Estimate) -> Estimate | None:
+        """Return the mean of the estimates of a period at its end, else None."""
+        elapsed = estimate.stamp - self._begin
+        if not 0.0 <= elapsed < 2.0 * LEARNING_PERIOD:  # what was kept is too old by now
+            self._kept.clear()
+        self._kept.append(estimate)
+        if 0.0 <= elapsed < LEARNING_PERIOD:
+            return None
+        self._begin = estimate.stamp
+        kept, self._kept = self._kept, []
+        return kept[0] if len(kept) == 1 else mean_estimate(kept)
+
+
+def mean_estimate(estimates: Sequence[Estimate]) -> Estimate:
+    """Return the mean of estimates with independent noise, of about the same variance."""
+    count = len(estimates)
+    stamps, poses, variances = zip(*estimates, strict=True)
+    first = stamps[0]
+    return Estimate(
+        first + sum(stamp - first for stamp in stamps) / count,
+        Pose(*(sum(axis) / count for axis in zip(*poses, strict=True))),
+        Pose(*(sum(axis) / count ** 2 for axis in zip(*variances, strict=True))))

@@ -58,16 +58,16 @@ class FilterBank:
             Measured place on each axis and the variance of its noise.
 
         """
-        predicted = oscillators.propagate(self.states, interval)
-        step = oscillators.transition(self.states, interval)
+        predicted, step = oscillators.propagate_with_transition(self.states, interval)
         covariance = step @ self._covariances @ step.swapaxes(-1, -2)
         covariance += oscillators.process_covariance(self.states, interval, self._noise)
-        projected = covariance @ oscillators.OBSERVATION
-        spread = projected @ oscillators.OBSERVATION + variances[:, None]
+        projected = oscillators.observe(covariance)
+        spread = oscillators.observe(projected) + variances[:, None]
         gain = projected / spread[..., None]
         innovation = values[:, None] - oscillators.observe(predicted)
-        self.states = predicted + gain * innovation[..., None]
+        predicted += gain * innovation[..., None]
         covariance -= gain[..., :, None] * projected[..., None, :]
+        self.states = predicted
         self._covariances = 0.5 * (covariance + covariance.swapaxes(-1, -2))
         self._bound_frequencies()
 
@@ -99,6 +99,5 @@ class FilterBank:
 
     def _bound_frequencies(self) -> None:
         frequencies = self.states[..., oscillators.FREQUENCIES]
-        np.clip(
-            frequencies, oscillators.LOWEST_FREQUENCY, oscillators.HIGHEST_FREQUENCY,
-            out=frequencies)
+        np.maximum(frequencies, oscillators.LOWEST_FREQUENCY, out=frequencies)
+        np.minimum(frequencies, oscillators.HIGHEST_FREQUENCY, out=frequencies)

@@ -20,13 +20,24 @@ OFFSET = 0
 PLACES = slice(1, None, 3)
 VELOCITIES = slice(2, None, 3)
 FREQUENCIES = slice(3, None, 3)
-OBSERVATION = np.array([1.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0])
 DAMPING_RATIO = 0.005
 LOWEST_FREQUENCY = 0.2
 HIGHEST_FREQUENCY = 40.0
 
-_FIRST = np.arange(1, STATE_SIZE, 3)
-_DIAGONAL = np.arange(STATE_SIZE)
+# Elements of both oscillations in matrices whose rows are laid end to end: a slice of these is a
+# view, several times cheaper than picking elements.
+_DIAGONAL = slice(0, None, STATE_SIZE + 1)
+
+
+def _block(row: int, column: int) -> slice:
+    """Return the slice of an element of both (p, v, ω) blocks."""
+    first = STATE_SIZE * (1 + row) + 1 + column
+    return slice(first, None, 3 * (STATE_SIZE + 1))
+
+
+_PP, _PV, _PW = (_block(0, column) for column in range(3))
+_VP, _VV, _VW = (_block(1, column) for column in range(3))
+_WW = _block(2, 2)
 
 
 class ProcessNoise(NamedTuple):
@@ -50,8 +61,12 @@ class ProcessNoise(NamedTuple):
 
 
 def observe(states: np.ndarray) -> np.ndarray:
-    """Return the place on the axis [m or rad]: the offset and both oscillations."""
-    return states @ OBSERVATION
+    """
+    Return the place on the axis [m or rad]: the offset and both oscillations.
+
+    Of rows of a covariance it is the covariance with that place.
+    """
+    return states[..., OFFSET] + states[..., 1] + states[..., 4]
 
 
 def propagate(states: np.ndarray, interval: float) -> np.ndarray:
@@ -69,45 +84,79 @@ def propagate(states: np.ndarray, interval: float) -> np.ndarray:
     numpy.ndarray, shape (..., 7)
 
     """
-    places, velocities = states[..., PLACES], states[..., VELOCITIES]
-    frequencies = states[..., FREQUENCIES]
-    cosine, sine = _rotation(frequencies, interval)
-    moved = states.copy()
-    moved[..., PLACES] = cosine * places + sine / frequencies * velocities
-    moved[..., VELOCITIES] = cosine * velocities - frequencies * sine * places
-    return moved
+    return _moved(states, *_rotation(states[..., FREQUENCIES], interval))
 
 
 def transition(states: np.ndarray, interval: float) -> np.ndarray:
     """Return the derivative of `propagate` with respect to the state, shape (..., 7, 7)."""
+    return propagate_with_transition(states, interval)[1]
+
+
+def propagate_with_transition(
+    states: np.ndarray, interval: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return what `propagate` and `transition` return."""
     p, v, w = states[..., PLACES], states[..., VELOCITIES], states[..., FREQUENCIES]
     cosine, sine = _rotation(w, interval)
-    matrix = np.zeros((*states.shape, STATE_SIZE))
-    matrix[..., _DIAGONAL, _DIAGONAL] = 1.0
-    i, j, k = _FIRST, _FIRST + 1, _FIRST + 2
-    matrix[..., i, i] = matrix[..., j, j] = cosine
-    matrix[..., i, j] = sine / w
-    matrix[..., j, i] = -w * sine
+    matrix = np.zeros((*states.shape[:-1], STATE_SIZE * STATE_SIZE))
+    matrix[..., _DIAGONAL] = 1.0
+    matrix[..., _PP] = matrix[..., _VV] = cosine
+    matrix[..., _PV] = shift = sine / w
+    matrix[..., _VP] = -w * sine
     dcosine = -interval * (sine + DAMPING_RATIO * cosine)
     dsine = interval * (cosine - DAMPING_RATIO * sine)
-    matrix[..., i, k] = dcosine * p + (dsine - sine / w) / w * v
-    matrix[..., j, k] = dcosine * v - (sine + w * dsine) * p
-    return matrix
+    matrix[..., _PW] = dcosine * p + (dsine - shift) / w * v
+    matrix[..., _VW] = dcosine * v - (sine + w * dsine) * p
+    return _moved(states, cosine, sine), matrix.reshape((*states.shape, STATE_SIZE))
 
 
 def process_covariance(
     states: np.ndarray, interval: float, noise: ProcessNoise
 ) -> np.ndarray:
     """Return the covariance that the process noise adds over an interval, shape (..., 7, 7)."""
-    matrix = np.zeros((*states.shape, STATE_SIZE))
-    i, j, k = _FIRST, _FIRST + 1, _FIRST + 2
+    frequencies = states[..., FREQUENCIES]
+    matrix = np.zeros((*states.shape[:-1], STATE_SIZE * STATE_SIZE))
     acceleration = noise.acceleration[..., None] * interval
-    matrix[..., OFFSET, OFFSET] = noise.offset * interval
-    matrix[..., i, i] = acceleration * (interval * interval / 3.0)
-    matrix[..., i, j] = matrix[..., j, i] = acceleration * (interval / 2.0)
-    matrix[..., j, j] = acceleration
-    matrix[..., k, k] = noise.frequency * interval * states[..., FREQUENCIES] ** 2
-    return matrix
+    matrix[..., OFFSET] = noise.offset * interval
+    matrix[..., _PP] = acceleration * (interval * interval / 3.0)
+    matrix[..., _PV] = matrix[..., _VP] = acceleration * (interval / 2.0)
+    matrix[..., _VV] = acceleration
+    matrix[..., _WW] = noise.frequency * interval * frequencies * frequencies
+    return matrix.reshape((*states.shape, STATE_SIZE))
+
+
+def taylor_coefficients(
+    states: np.ndarray, interval: float, weights: np.ndarray, degree: int
+) -> np.ndarray:
+    """
+    Expand the weighted sum of all oscillations of an axis about a time.
+
+    An oscillation is the real part of (p − i v/ω) exp((i − ζ) ω t): each derivative is the one
+    before times (i − ζ) ω.
+
+    Parameters
+    ----------
+    states : numpy.ndarray, shape (axes, ..., 7)
+    interval : float
+        Time from the states to the centre of the expansion [s].
+    weights : numpy.ndarray, shape (axes, ..., 2)
+        Of each oscillation.
+    degree : int
+
+    Returns
+    -------
+    numpy.ndarray, shape (degree + 1, axes)
+        Coefficients of 1, t, t² …, t counted from the centre.
+
+    """
+    frequencies = states[..., FREQUENCIES]
+    rate = (1j - DAMPING_RATIO) * frequencies
+    terms = np.empty((degree + 1, *rate.shape), complex)
+    terms[0] = states[..., PLACES] - 1j * states[..., VELOCITIES] / frequencies
+    terms[0] *= weights * np.exp(interval * rate)
+    np.divide(rate, np.arange(1, degree + 1).reshape(-1, *(1,) * rate.ndim), out=terms[1:])
+    np.multiply.accumulate(terms, axis=0, out=terms)
+    return terms.real.reshape(degree + 1, len(states), -1).sum(axis=-1)
 
 
 def amplitudes(states: np.ndarray) -> np.ndarray:
@@ -141,3 +190,12 @@ def _rotation(frequencies: np.ndarray, interval: float) -> tuple[np.ndarray, np.
     phase = frequencies * interval
     decay = np.exp(-DAMPING_RATIO * phase)
     return decay * np.cos(phase), decay * np.sin(phase)
+
+
+def _moved(states: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
+    places, velocities = states[..., PLACES], states[..., VELOCITIES]
+    frequencies = states[..., FREQUENCIES]
+    moved = states.copy()
+    moved[..., PLACES] = cosine * places + sine / frequencies * velocities
+    moved[..., VELOCITIES] = cosine * velocities - frequencies * sine * places
+    return moved
