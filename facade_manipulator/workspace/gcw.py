@@ -17,7 +17,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics.conditioning import check_characteristic_length
 from facade_manipulator.kinematics.geometry import Geometry
 from facade_manipulator.kinematics.jacobian import branch_number
-from facade_manipulator.workspace.maps import index_of, intervals_of, link_arrays
+from facade_manipulator.workspace.maps import index_of, link_arrays
 
 BLOCK = 1 << 14  # (y, θ) cells worked at once: a dozen arrays of 128 KiB
 
@@ -78,17 +78,12 @@ def count_poses(
     """
     _check(grid, threshold)
     check_characteristic_length(characteristic_length)
-    symmetric = geometry.stroke[0] == -geometry.stroke[1]
-    y = grid_y(geometry, grid)[:, None]
-    total = np.zeros(3, np.int64)
+    y = grid_y(geometry, grid)
+    counts = np.zeros(3)  # exact for whole numbers of this size
     for theta in _theta_blocks(geometry, grid, len(y)):
-        at = link_arrays(geometry, y, theta)
-        count = _count_x(geometry, grid.x, at)
-        # A negative angle exchanges the links; on a symmetric stroke it mirrors x, no more.
-        mirrored = count if symmetric else _count_x(geometry, grid.x, mirror(at))
-        count += np.where(theta > 0.0, mirrored, 0)
-        total += _sums(geometry, at, count, threshold, characteristic_length)
-    return PoseCount(*total.tolist())
+        at = closed_links(geometry, y, theta)
+        counts += _count_block(geometry, grid.x, at, threshold, characteristic_length)
+    return PoseCount(*map(int, counts))
 
 
 def grid_y(geometry: Geometry, grid: Grid) -> np.ndarray:
@@ -110,10 +105,20 @@ def grid_theta(geometry: Geometry, grid: Grid) -> np.ndarray:
     return theta[reachable & (room >= 0.0)]
 
 
-def mirror(at: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-    """Links at −θ from those at θ."""
-    sine, cosine, height1, height2, projection1, projection2 = at
-    return -sine, cosine, height2, height1, projection2, projection1
+def closed_links(
+    geometry: Geometry, y: np.ndarray, theta: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """
+    Links of the poses (y, θ) that reach, order and gap allow, in one dimension.
+
+    A third of the paper's grid is left, and the rest need not be worked at.
+    """
+    sine, cosine, *arrays = link_arrays(geometry, y[:, None], theta)
+    room = geometry.platform_half_length * cosine - np.maximum(*arrays[2:])
+    with np.errstate(invalid='ignore'):  # NaN is out of reach
+        cells = np.flatnonzero((room >= geometry.carriage_gap) & (room > 0.0))
+    columns = cells % len(theta)
+    return sine[columns], cosine[columns], *(array.ravel()[cells] for array in arrays)
 
 
 def _theta_blocks(geometry: Geometry, grid: Grid, rows: int) -> Iterator[np.ndarray]:
@@ -123,31 +128,36 @@ def _theta_blocks(geometry: Geometry, grid: Grid, rows: int) -> Iterator[np.ndar
         yield theta[start:start + columns]
 
 
-def _count_x(geometry: Geometry, step: float, at: tuple[np.ndarray, ...]) -> np.ndarray:
-    """Count the multiples of `step` in the x-interval of every (y, θ)."""
-    lower, upper = intervals_of(geometry, at)
-    reachable = ~np.isnan(lower)
-    span = (geometry.platform_half_length * at[1] + np.zeros_like(lower))[reachable]
-    projection1, projection2 = at[4][reachable], at[5][reachable]
+def _count_block(
+    geometry: Geometry, step: float, at: tuple[np.ndarray, ...], threshold: float,
+    characteristic_length: float,
+) -> tuple[float, float, float]:
+    """Count poses at θ and −θ: all, the good ones, those beyond N = 0."""
+    sine, cosine, _, _, projection1, projection2 = at
+    span = geometry.platform_half_length * cosine
+    count = mirrored = _count_x(geometry, step, span, projection1, projection2)
+    # A negative angle exchanges the links; on a symmetric stroke it mirrors x, no more.
+    if geometry.stroke[0] != -geometry.stroke[1]:
+        mirrored = _count_x(geometry, step, span, projection2, projection1)
+    count = count + (sine > 0.0) * mirrored
+    good = index_of(geometry, at, characteristic_length) >= threshold
+    return count.sum(), count @ good, count @ (branch_number(at) <= 0.0)
+
+
+def _count_x(
+    geometry: Geometry, step: float, span: np.ndarray, projection1: np.ndarray,
+    projection2: np.ndarray,
+) -> np.ndarray:
+    """Count the multiples of `step` in the x-interval of every pose."""
     least, greatest = geometry.stroke
-    first = np.ceil(lower[reachable] / step)
-    last = np.floor(upper[reachable] / step)
+    first = np.ceil((least + span - projection1) / step)
+    last = np.floor((greatest - span + projection2) / step)
     # Rounding may put an end one point off: eqs 7-8 against the stroke decide.
     first -= (first - 1.0) * step - span + projection1 >= least
     first += first * step - span + projection1 < least
     last += (last + 1.0) * step + span - projection2 <= greatest
     last -= last * step + span - projection2 > greatest
-    count = np.zeros(lower.shape, np.int64)
-    count[reachable] = np.maximum(0.0, last - first + 1.0)
-    return count
-
-
-def _sums(
-    geometry: Geometry, at: tuple[np.ndarray, ...], count: np.ndarray, threshold: float,
-    characteristic_length: float,
-) -> tuple[int, int, int]:
-    good = index_of(geometry, at, characteristic_length) >= threshold
-    return count.sum(), count[good].sum(), count[branch_number(at) <= 0.0].sum()
+    return np.maximum(0.0, last - first + 1.0)
 
 
 def _check(grid: Grid, threshold: float) -> None:
