@@ -67,6 +67,15 @@ def test_another_frame_is_refused_naming_both():
         require_frame('map', 'rail', 'goal')
 
 
+@given(st.lists(st.text(max_size=50), max_size=20).map('\n'.join))
+def test_what_a_stranger_calls_things_stays_one_short_line(text):
+    for refuse in (lambda: require_frame(f'{text}!', 'rail', 'goal'),
+                   lambda: carriages_from([text] * 99, [0.0] * 99, 'p')):
+        with pytest.raises(InputError) as refusal:
+            refuse()
+        assert len(str(refusal.value)) < 350 and str(refusal.value).isprintable()
+
+
 @given(st.permutations(['q1', 'q2', 'q3']))
 def test_carriages_are_found_by_name_in_any_order(names):
     values = {'q1': -0.1, 'q2': 0.2, 'q3': 0.3}
@@ -74,9 +83,9 @@ def test_carriages_are_found_by_name_in_any_order(names):
 
 
 @pytest.mark.parametrize('names, values, sentence', [
-    (['q1', 'q2'], [0.0, 0.0], 'names q1, q2, expected each of q1, q2, q3 once'),
-    (['q1', 'q2', 'q2'], [0.0] * 3, 'names q1, q2, q2'),
-    ([], [], 'names nothing'),
+    (['q1', 'q2'], [0.0, 0.0], r"names \['q1', 'q2'\], expected each of q1, q2, q3 once"),
+    (['q1', 'q2', 'q2'], [0.0] * 3, r"names \['q1', 'q2', 'q2'\]"),
+    ([], [], r'names \[\]'),
     (['q1', 'q2', 'q3'], [0.0, 0.0], '2 values for 3 names'),
     (['q1', 'q2', 'q3'], [0.0, math.nan, 0.0], 'of q2 = nan is not a finite number'),
 ])

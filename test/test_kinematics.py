@@ -1,6 +1,6 @@
 import math
 
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from mechanism import (
     DESIGN,
@@ -13,7 +13,7 @@ from mechanism import (
 )
 import pytest
 
-from facade_manipulator.errors import LimitError, UnreachableError
+from facade_manipulator.errors import LimitError, SingularityError, UnreachableError
 from facade_manipulator.kinematics import (
     assembly_modes,
     Carriages,
@@ -177,3 +177,25 @@ def test_numbers_that_are_not_finite_are_value_errors_naming_the_coordinate(bad,
     for solve in (forward_kinematics, assembly_modes):
         with pytest.raises(ValueError, match=f'{Carriages._fields[place]} = {bad}'):
             solve(DESIGN, Carriages(*values))
+
+
+@pytest.mark.filterwarnings('error')
+@given(st.tuples(*[st.floats(allow_nan=False, allow_infinity=False)] * 3))
+@example((1.7e308, 1.7e308, -1.7e308))
+@example((-0.7, -1.7e308, 0.0))
+@example((0.0, 1.4e-313, 5e-324))
+def test_no_number_is_so_large_or_small_that_the_answer_is_not_one(values):
+    carriages = Carriages(*values)
+    for mode in assembly_modes(DESIGN, carriages):
+        assert all(map(math.isfinite, mode))
+    try:
+        assert all(map(math.isfinite, forward_kinematics(DESIGN, carriages)))
+    except UnreachableError as error:
+        assert math.isfinite(error.bound)
+    except SingularityError:
+        pass
+
+
+def test_carriages_out_of_all_reach_are_refused_naming_how_far_they_are_apart():
+    with pytest.raises(UnreachableError, match='= 1001 m is above the bound 400 m'):
+        forward_kinematics(DESIGN, Carriages(-1000.0, 1.0, 0.0))

@@ -7,13 +7,14 @@ from math import atan2, cos, hypot, isfinite, sin, sqrt
 import numpy as np
 
 from facade_manipulator.errors import SingularityError
-from facade_manipulator.kinematics.closure import cubic, newton_step
+from facade_manipulator.kinematics.closure import cubic, FARTHEST, newton_step
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 
 _ROOT_TOLERANCE = 1e-6  # on the imaginary part and on cos θ: double roots split by √eps
 _CLOSURE_TOLERANCE = 1e-10  # of the lengths: decides which candidate is real
 _SAME_TOLERANCE = 1e-7  # of y/l and θ: two candidates that are one mode
 _POLISH_STEPS = 4
+_NEGLIGIBLE = 1e-30  # of the greatest coefficient: its root lies far beyond |cos θ| = 1
 
 
 def assembly_modes(geometry: Geometry, carriages: Carriages) -> list[Pose]:
@@ -38,10 +39,12 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> list[Pose]:
 
     """
     q1, q2, q3 = carriages
-    if not isfinite(q1 + q2 + q3):
+    if not all(map(isfinite, carriages)):
         raise not_finite(Carriages(q1, q2, q3))
     left, right = q1 - q3, q2 - q3
     modes: list[Pose] = []
+    if abs(left) + abs(right) > FARTHEST:
+        return modes
     for y, theta in _candidates(geometry, left, right):
         y, theta = _polish(geometry, left, right, y, theta)
         if _closes(geometry, left, right, y, theta) and not _contains(geometry, modes, y, theta):
@@ -54,7 +57,7 @@ def _candidates(geometry: Geometry, left: float, right: float) -> list[tuple[flo
     f0, f1, f2, f3, square = cubic(geometry, left, right)
     half = geometry.platform_half_length
     found = []
-    for root in np.roots([-f3, f2, -f1, f0]):
+    for root in _roots(-f3, f2, -f1, f0):
         cosine = 1.0 - root.real
         if abs(root.imag) > _ROOT_TOLERANCE or abs(cosine) > 1.0 + _ROOT_TOLERANCE:
             continue
@@ -66,6 +69,12 @@ def _candidates(geometry: Geometry, left: float, right: float) -> list[tuple[flo
             sine = -sine
         found += [(y, atan2(sine, cosine)), (-y, atan2(-sine, cosine))]
     return found
+
+
+def _roots(*coefficients: float) -> np.ndarray:
+    """Return the roots of a polynomial; its leading coefficients may be next to nothing."""
+    least = _NEGLIGIBLE * max(map(abs, coefficients))
+    return np.roots([c if abs(c) > least else 0.0 for c in coefficients])
 
 
 def _polish(

@@ -15,6 +15,8 @@ from __future__ import annotations
 from facade_manipulator.errors import SingularityError
 from facade_manipulator.kinematics.geometry import Geometry
 
+FARTHEST = 400.0  # m, |q1 - q3| + |q2 - q3| of the largest geometry; its powers cannot overflow
+
 
 def cubic(
     geometry: Geometry, left: float, right: float

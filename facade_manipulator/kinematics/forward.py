@@ -11,9 +11,9 @@ from __future__ import annotations
 
 from math import atan2, cos, isfinite, sin, sqrt
 
-from facade_manipulator.errors import UnreachableError
+from facade_manipulator.errors import ParameterError, UnreachableError
 from facade_manipulator.kinematics.assembly import assembly_modes
-from facade_manipulator.kinematics.closure import cubic, newton_step
+from facade_manipulator.kinematics.closure import cubic, FARTHEST, newton_step
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 from facade_manipulator.kinematics.jacobian import parallel_singularity
 
@@ -50,14 +50,23 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
 
     """
     q1, q2, q3 = carriages
-    if not isfinite(q1 + q2 + q3):
-        raise not_finite(Carriages(q1, q2, q3))
     left, right = q1 - q3, q2 - q3
+    if not abs(left) + abs(right) <= FARTHEST:  # nor is NaN
+        raise _not_joinable(Carriages(q1, q2, q3))
     if right <= left:
         y, theta = _crossed(geometry, Carriages(q1, q2, q3))
     else:
         y, theta = _solve(geometry, left, right)
     return _new_tuple(Pose, (q3, y, theta))
+
+
+def _not_joinable(carriages: Carriages) -> ParameterError | UnreachableError:
+    """Say why no mechanism joins these carriages."""
+    q1, q2, q3 = carriages
+    if not all(map(isfinite, carriages)):
+        return not_finite(carriages)
+    apart = abs(q1 - q3) + abs(q2 - q3)
+    return UnreachableError('|q1 - q3| + |q2 - q3|', apart, FARTHEST, 'm', 'above')
 
 
 def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
+from reprlib import repr as quoted  # a sentence stays one, whatever a stranger sends
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -58,7 +59,7 @@ def require_frame(frame_id: str, expected: str, what: str) -> None:
 
     """
     if frame_id != expected:
-        raise InputError('frame', f"{what} is in frame '{frame_id}', expected '{expected}'")
+        raise InputError('frame', f"{what} is in frame {quoted(frame_id)}, expected '{expected}'")
 
 
 def planar_pose(message: PoseMessage, what: str) -> Pose:
@@ -134,7 +135,7 @@ def carriages_from(
         raise InputError('names', f'{what} has {len(values)} values for {len(names)} names')
     if sorted(names) != sorted(CARRIAGES):
         raise InputError(
-            'names', f'{what} names {", ".join(names) or "nothing"}, '
+            'names', f'{what} names {quoted(list(names))}, '
             f'expected each of {", ".join(CARRIAGES)} once')
     ordered = [values[names.index(name)] for name in CARRIAGES]
     for name, value in zip(CARRIAGES, ordered, strict=True):
