@@ -241,7 +241,7 @@ def test_the_process_needs_no_ros():
     (['--interface', 'socketcan', '--channel', 'nosuchcan0'], 3, 'nosuchcan0'),
     (['--interface', 'carrier_pigeon'], 3, 'carrier_pigeon'),
     (['--interface', 'virtual', '--profile', 'nothing'], 2, 'drive profile nothing'),
-    (['--interface', 'virtual', '--node-ids', '1', '2', '200'], 2, 'node id = 200'),
+    (['--interface', 'virtual', '--node-ids', '1', '2', '200'], 2, 'node_id = 200'),
     (['--interface', 'virtual', '--start-positions', '0', '0'], 2, '2 values for 3 node ids'),
     (['--interface', 'virtual', '--lead', '0'], 2, 'lead = 0 m'),
     (['--interface', 'virtual', '--lag', 'nan'], 2, 'lag'),

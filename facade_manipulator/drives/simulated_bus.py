@@ -11,10 +11,11 @@ import can
 
 from facade_manipulator.drives.simulated_drive import SimulatedDrive
 from facade_manipulator.drives.simulated_faults import Frame
+from facade_manipulator.errors import BusError
 
 _LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 0.5  # s: after an error of the bus
-_BUS_ERRORS = (can.CanError, OSError, ValueError)
+_BUS_ERRORS = (can.CanError, OSError, ValueError, BusError)
 
 
 class DriveSimulator:
@@ -29,7 +30,7 @@ class DriveSimulator:
     drives : sequence of SimulatedDrive
         The drives.
     reopen : callable, optional
-        Returns a new bus after the old one has failed, or raises one of python-can's errors.
+        Returns a new bus after the old one has failed, or raises a BusError.
 
     Attributes
     ----------

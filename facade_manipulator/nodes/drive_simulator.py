@@ -8,28 +8,27 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import Field, fields, replace
+from dataclasses import Field, fields
 import logging
 import signal
 import sys
 import threading
 from typing import Any
 
-import can
-
-from facade_manipulator.drives.profile import load_profile
+from facade_manipulator.drives.link import BusSettings, open_bus
+from facade_manipulator.drives.settings import AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.simulated_bus import DriveSimulator
-from facade_manipulator.drives.simulated_drive import Identity, SimulatedDrive
+from facade_manipulator.drives.simulated_drive import SimulatedDrive
+from facade_manipulator.drives.simulated_group import simulated_drives
 from facade_manipulator.drives.simulated_motor import SimulationSettings
 from facade_manipulator.drives.units import AxisScale
 from facade_manipulator.errors import BusError, ManipulatorError
 from facade_manipulator.parameters import METADATA_KEY
 
-HOME = (-0.1, 0.1, 0.0)  # m: q1, q2, q3 of the home pose, where the machine is parked
 USAGE_ERROR, BUS_ERROR = 2, 3
 
-_PER_DRIVE = {'start_position'}
-_FROM_PROFILE = {'velocity_unit'}
+# settings that the options give for each drive, or that its profile knows
+_NO_OPTIONS = {'start_position', 'direction', 'velocity_unit'}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -56,37 +55,16 @@ def _refuse(sentence: str, status: int) -> int:
 
 def _simulate(options: argparse.Namespace, stopping: threading.Event) -> None:
     drives = make_drives(options)
-    simulator = DriveSimulator(open_bus(options), drives, reopen=lambda: _bus(options))
+    bus = BusSettings(**_chosen(options, BusSettings))
+    simulator = DriveSimulator(open_bus(bus), drives, reopen=lambda: open_bus(bus))
     try:
         with simulator:
             nodes = ', '.join(str(node_id) for node_id in options.node_ids)
-            print(f'drive_simulator: nodes {nodes} on {options.interface} {options.channel}',
+            print(f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}',
                   flush=True)
             stopping.wait()
     finally:
         simulator.bus.shutdown()
-
-
-def _bus(options: argparse.Namespace) -> can.BusABC:
-    return can.Bus(interface=options.interface, channel=options.channel)
-
-
-def open_bus(options: argparse.Namespace) -> can.BusABC:
-    """
-    Open the bus.
-
-    Raises
-    ------
-    BusError
-        It does not exist or cannot be opened.
-
-    """
-    try:
-        return _bus(options)
-    except (can.CanError, OSError, ValueError) as error:
-        raise BusError(
-            f'the CAN channel {options.channel} of interface {options.interface} cannot be '
-            f'opened: {error}') from None
 
 
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
@@ -99,21 +77,22 @@ def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
         An option is out of range.
 
     """
-    profile = load_profile(options.profile)
-    scale = AxisScale(**_chosen(options, AxisScale))
+    scale = _chosen(options, AxisScale)
     settings = SimulationSettings(**_chosen(options, SimulationSettings))
     count = len(options.node_ids)
-    return [
-        SimulatedDrive(
-            node_id, profile, replace(scale, direction=direction),
-            Identity(options.vendor_id, options.product_code, 1, serial),
-            replace(settings, start_position=start))
+    axes = [
+        AxisSettings(**{
+            **scale, 'node_id': node_id, 'profile': options.profile, 'direction': direction,
+            'vendor_id': options.vendor_id, 'product_code': options.product_code,
+            'serial_number': serial, 'home_position': start,
+            'lower_limit': settings.lower_stop, 'upper_limit': settings.upper_stop})
         for node_id, direction, serial, start in zip(
             options.node_ids,
             _one_each('directions', options.directions, count),
             _one_each('serial-numbers', options.serial_numbers or options.node_ids, count),
             _one_each('start-positions', options.start_positions, count), strict=True)
     ]
+    return simulated_drives(axes, settings)
 
 
 def _one_each(name: str, values: Sequence[Any], count: int) -> Sequence[Any]:
@@ -147,20 +126,20 @@ def _parser() -> argparse.ArgumentParser:
         prog='drive_simulator', description='Simulated CiA 402 drives on a CAN bus.',
         formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     add = parser.add_argument
-    add('--interface', default='socketcan', help='python-can interface')
-    add('--channel', default='vcan0', help='channel of the interface')
     add('--profile', default='simulated', help='drive type: a file of config/drives')
     add('--node-ids', type=int, nargs='+', default=[1, 2, 3],
         help='one drive each; what follows has one value for each, or one for all')
-    add('--start-positions', type=float, nargs='+', default=list(HOME),
+    add('--start-positions', type=float, nargs='+',
+        default=[axis.home_position for axis in DEFAULT_AXES],
         help='where the carriages stand [m]')
     add('--directions', type=int, nargs='+', default=[1],
         help='-1: positive counts move the carriage to negative q')
     add('--serial-numbers', type=_number, nargs='+', help='default: the node ids')
     add('--vendor-id', type=_number, default=0, help='vendor of all drives')
     add('--product-code', type=_number, default=0, help='product code of all drives')
-    for settings in (AxisScale, SimulationSettings):
+    for settings in (BusSettings, AxisScale, SimulationSettings):
         _add_settings(parser, settings)
+    parser.set_defaults(interface='socketcan', channel='vcan0')
     return parser
 
 
@@ -170,7 +149,7 @@ def _number(text: str) -> int:
 
 def _add_settings(parser: argparse.ArgumentParser, settings: type) -> None:
     for item in fields(settings):
-        if item.name not in _PER_DRIVE | _FROM_PROFILE | {'direction'}:
+        if item.name not in _NO_OPTIONS:
             parser.add_argument(
                 '--' + item.name.replace('_', '-'), help=_help(item), default=item.default,
                 **_value_type(item))
