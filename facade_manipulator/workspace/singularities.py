@@ -87,7 +87,7 @@ def beyond_share(geometry: Geometry) -> Share:
 
 def studied_shares(stroke: tuple[float, float], gap: float) -> list[Share]:
     """Measure that share for designs along l + b = 0.7 m."""
-    return [beyond_share(Geometry(length, STUDIED_SUM - length, stroke, gap))
+    return [beyond_share(Geometry(length, round(STUDIED_SUM - length, 9), stroke, gap))
             for length in STUDIED_LENGTHS]
 
 
