@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 import threading
 
@@ -152,8 +153,9 @@ class Rig:
     def frames(self) -> list[can.Message]:
         """Return what the listener has heard since it was last asked."""
         heard = []
-        while (message := self.listener.recv(0.0)) is not None:
-            heard.append(message)
+        with suppress(can.CanOperationError):  # a socket tells once that the interface went down
+            while (message := self.listener.recv(0.0)) is not None:
+                heard.append(message)
         return heard
 
     def forge(self, cob_id: int, data: bytes) -> None:

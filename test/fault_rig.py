@@ -6,6 +6,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 import math
+import socket
 import threading
 import time
 
@@ -27,10 +28,12 @@ from facade_manipulator.kinematics import Geometry
 PATIENT = replace(SETTINGS, max_missed_cycles=5, hold_cycles=1, reopen_after=0.2)
 # for figures: the project's own bounds, but for the executor, for it is the test that runs in it
 EXACT = replace(PATIENT, max_missed_cycles=3, heartbeat_timeout=0.15)
+VCAN_RATE = 50  # Hz: a kernel in user mode takes its time for every frame
 SLOW_HOMING = tuple(
     replace(axis, homing_method=17, homing_speed=0.03) for axis in DEFAULT_AXES)
 AMPLITUDE, FREQUENCY, AHEAD = 0.03, 0.6, 0.06
-RESETS = 3  # a minute
+HEARD = 1 << 20  # bytes that wait to be read, where that is permitted
+SO_RCVBUFFORCE = 33
 
 Spoil = Callable[[Setpoint], Setpoint | None]
 
@@ -49,9 +52,10 @@ class StreamRig(Rig):
         super().__init__(channel, settings=settings, source=self.follower,
                          check_targets=guard, **details)
         self.settings = settings
-        self.clears = 0
         self.heard: list[can.Message] = []
         self.spoil: Spoil = _perfect
+        if self.interface == 'socketcan':
+            self._hear_what_matters()
         self._streaming = threading.Event()
         self._closed = threading.Event()
         self._streamer = threading.Thread(target=self._stream, daemon=True)
@@ -84,7 +88,7 @@ class StreamRig(Rig):
         return Setpoint(now, tuple(q + shift for q in self._base), (speed,) * 3)
 
     def _stream(self) -> None:
-        while not self._closed.wait(PATIENT.period):
+        while not self._closed.wait(self.settings.period):
             setpoint = self.spoil(self.setpoint()) if self._streaming.is_set() else None
             if setpoint is not None:
                 with suppress(ManipulatorError):  # what it refuses is what some rows are about
@@ -92,33 +96,54 @@ class StreamRig(Rig):
 
     # --- the bus
 
+    def _hear_what_matters(self) -> None:
+        """Let the kernel keep what is asked for until it is read."""
+        wanted = [pdo.SYNC_COB_ID]
+        for axis in self.axes:
+            wanted += pdo.RPDO1.cob_id(axis.node_id), pdo.emergency_cob_id(axis.node_id)
+        self.listener.set_filters([
+            {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False} for cob_id in wanted])
+        with suppress(PermissionError):
+            self.listener.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, HEARD)
+
     def listen(self) -> list[can.Message]:
         """Return what the listener has heard since it was last asked, and keep all."""
         frames = self.frames()
         self.heard += frames
         return frames
 
+    def overhear(self) -> None:
+        """From now on hear what the drives say even where the bus carries nothing."""
+        send = self.simulator._send
+
+        def say(frames) -> None:
+            now = time.time()
+            self.heard += [can.Message(now, cob_id, False, data=data) for cob_id, data in frames]
+            send(frames)
+
+        self.simulator._send = say
+
+    def overhear_no_more(self) -> None:
+        """Hear what is on the bus."""
+        self.simulator.__dict__.pop('_send', None)
+
     # --- situations
 
     def get_ready(self) -> None:
-        """Be inactive, with resets left."""
-        if self.state is not ControllerState.UNCONFIGURED and self.clears < RESETS:
-            return
-        if self.state is not ControllerState.UNCONFIGURED:
-            self.do('cleanup')
-        self.listen()
-        self.configure()
+        """Be inactive, with resets left: how many a minute takes is not the question here."""
+        if self.state is ControllerState.UNCONFIGURED:
+            self.configure()
+        self.controller._session.group._resets.clear()
 
     def configure(self) -> None:
         self.do('configure')
         self.assert_never_enabled()
-        self.clears = 0
         if not self.is_homing_rig:
             self.do('home')
+            self.listen()
 
     def clear(self) -> str:
         """Clear the faults; that gives no power."""
-        self.clears += 1
         answer = self.do('clear_faults')
         self.assert_never_enabled()
         return answer
@@ -141,9 +166,10 @@ def _inactive(rig: StreamRig) -> None:
 
 
 def _homing(rig: StreamRig) -> None:
-    rig.homing = rig.controller.home()
-    wait_until(lambda: rig.drive_states == [State.OPERATION_ENABLED] * 3
+    homing = rig.homing = rig.controller.home()
+    wait_until(lambda: homing.done() or rig.drive_states == [State.OPERATION_ENABLED] * 3
                and min(rig.speeds()) > 0.0, 'homing')
+    assert not homing.done(), homing.result()
 
 
 def _at_rest(rig: StreamRig) -> None:
@@ -159,6 +185,31 @@ def _moving(rig: StreamRig) -> None:
 
 
 SITUATIONS = {'inactive': _inactive, 'homing': _homing, 'at rest': _at_rest, 'moving': _moving}
+
+
+class OneRig:
+    """The rig in use, on any bus: shared by situations with the same axes, or given up."""
+
+    def __init__(
+        self, settings=PATIENT, interface: str = 'virtual', channel: str = 'faults',
+    ) -> None:
+        self._settings = settings if interface == 'virtual' else replace(settings, rate=VCAN_RATE)
+        self._bus = {'interface': interface, 'channel': channel}
+        self._rig: StreamRig | None = None
+
+    def get(self, situation: str) -> StreamRig:
+        """Return a rig for a situation."""
+        axes = SLOW_HOMING if situation == 'homing' else DEFAULT_AXES
+        if self._rig is None or axes is not self._rig.axes:
+            self.close()
+            self._rig = StreamRig(settings=self._settings, axes=axes, **self._bus)
+        return self._rig
+
+    def close(self) -> None:
+        """Give the rig up."""
+        rig, self._rig = self._rig, None
+        if rig is not None:
+            rig.close()
 
 
 def enables(frame: can.Message) -> bool:

@@ -2,32 +2,36 @@
 The fault table of the drives, proved row by row in every situation, with its reaction times.
 
 ``python test/fault_table.py --repeat 5`` prints them; `test_fault_matrix` runs each case once.
+With ``--interface socketcan --channel vcan0``, as root of a network namespace or as
+``python test/socketcan/vcan.py -- python test/fault_table.py …``, the bus is the kernel's.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 from pathlib import Path
 import statistics
 import sys
 import time
+import warnings
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent), str(HERE / 'socketcan')]
 
 import can  # noqa: E402
 from drive_rig import PATIENCE  # noqa: E402
-from fault_rig import enables, EXACT, SITUATIONS, SLOW_HOMING, Spoil, StreamRig  # noqa: E402
+from fault_rig import enables, EXACT, OneRig, SITUATIONS, Spoil, StreamRig  # noqa: E402
+import link  # noqa: E402
 import pytest  # noqa: E402
 from support import wait_until  # noqa: E402
 
 from facade_manipulator.control.setpoints import Activity  # noqa: E402
 from facade_manipulator.drives import pdo  # noqa: E402
 from facade_manipulator.drives.cia402 import Controlword, State  # noqa: E402
-from facade_manipulator.drives.settings import AXIS_NAMES, DEFAULT_AXES  # noqa: E402
+from facade_manipulator.drives.settings import AXIS_NAMES  # noqa: E402
 from facade_manipulator.drives.snapshot import ControllerState  # noqa: E402
 
 NODES = (1, 2, 3)
@@ -95,8 +99,25 @@ def _congest(rig: StreamRig) -> None:
     rig.buses[-1].send = full
 
 
+def _interface_down(rig: StreamRig) -> None:
+    rig.overhear()
+    link.clear_flags(rig.channel, link.IFF_UP)
+
+
+def _interface_congested(rig: StreamRig) -> None:
+    try:
+        link.plug(rig.channel)
+    except OSError as error:
+        pytest.skip(str(error))
+    rig.overhear()
+
+
 def mend(rig: StreamRig) -> None:
     """Remove every cause that a row may have left."""
+    if rig.interface == 'socketcan':
+        link.unplug(rig.channel)
+        link.set_flags(rig.channel, link.IFF_UP)
+        rig.overhear_no_more()
     rig.bus_is_missing = False
     with rig.simulator.access() as drives:
         for drive in drives:
@@ -216,6 +237,12 @@ ROWS = {
     'ENOBUFS': _bus(_congest, 'send queue is full'),
 }
 
+# what an interface of the kernel's can meet in earnest; bus-off is an error frame on either bus
+REAL = {
+    'link down': _bus(_interface_down, 'down'),
+    'ENOBUFS': _bus(_interface_congested, 'send queue is full'),
+}
+
 
 def prove(rig: StreamRig, name: str, situation: str) -> float | None:
     """
@@ -229,7 +256,7 @@ def prove(rig: StreamRig, name: str, situation: str) -> float | None:
     SITUATIONS[situation](rig)
     if name in SETPOINTS:
         return _prove_setpoint(rig, SETPOINTS[name], situation)
-    row = ROWS[name]
+    row = (REAL if rig.interface == 'socketcan' and name in REAL else ROWS)[name]
     rig.frames()
     rig.heard.clear()
     begin = time.time()
@@ -321,51 +348,37 @@ def cases() -> list[tuple[str, str]]:
     return [(name, situation) for situation in SITUATIONS for name in (*ROWS, *SETPOINTS)]
 
 
-def axes_for(situation: str) -> tuple:
-    """Return axes that home slowly where homing is to be met."""
-    return SLOW_HOMING if situation == 'homing' else DEFAULT_AXES
-
-
-def measure(repeat: int) -> dict[tuple[str, str], list[float]]:
+def measure(repeat: int, **bus: str) -> dict[tuple[str, str], list[float]]:
     """Prove each case a number of times and return the reaction times [s]."""
     results: dict[tuple[str, str], list[float]] = {case: [] for case in cases()}
-    for situation in SITUATIONS:
-        with closing_rig() as take_rig:
-            for name in (*ROWS, *SETPOINTS) * repeat:
-                seconds = _prove_patiently(take_rig, name, situation)
-                results[name, situation] += [] if seconds is None else [seconds]
+    rig = OneRig(EXACT, **bus)
+    try:
+        for name, situation in results:
+            results[name, situation] += _times(rig, name, situation, repeat)
+    finally:
+        rig.close()
     return results
 
 
-@contextmanager
-def closing_rig() -> Iterator[Callable[[str, bool], StreamRig]]:
-    """Give what returns the rig for a situation, or a new one; it is closed at the end."""
-    rigs: list[StreamRig] = []
-
-    def take(situation: str, new: bool = False) -> StreamRig:
-        if new:
-            rigs.pop().close()
-        if not rigs:
-            rigs.append(StreamRig(f'fault table, {situation}', EXACT, axes=axes_for(situation)))
-        return rigs[-1]
-
+def _times(rig: OneRig, name: str, situation: str, repeat: int) -> list[float]:
     try:
-        yield take
-    finally:
-        for rig in rigs:
-            rig.close()
+        times = [prove_patiently(rig, name, situation) for _ in range(repeat)]
+    except pytest.skip.Exception as reason:
+        print(f'{name}, {situation}: {reason}', file=sys.stderr)
+        return []
+    return [seconds for seconds in times if seconds is not None]
 
 
-def _prove_patiently(take_rig, name: str, situation: str) -> float | None:
+def prove_patiently(rig: OneRig, name: str, situation: str, tries: int = TRIES) -> float | None:
     """Try again, and say so: with bounds as narrow as the drives', a busy computer is a fault."""
-    for left in reversed(range(TRIES)):
-        try:
-            return prove(take_rig(situation), name, situation)
-        except (Exception, pytest.fail.Exception) as error:
-            print(f'{name}, {situation}, again: {error}', file=sys.stderr)
-            if not left:
-                raise
-            take_rig(situation, True)
+    try:
+        return prove(rig.get(situation), name, situation)
+    except BaseException as error:
+        rig.close()
+        if tries == 1 or not isinstance(error, (Exception, pytest.fail.Exception)):
+            raise
+        warnings.warn(f'{name}, {situation}, again: {error}', stacklevel=2)
+    return prove_patiently(rig, name, situation, tries - 1)
 
 
 def table(results: dict[tuple[str, str], list[float]]) -> str:
@@ -380,7 +393,7 @@ def table(results: dict[tuple[str, str], list[float]]) -> str:
 
 def _cell(times: list[float]) -> str:
     if not times:
-        return 'nothing moves'
+        return '–'
     return f'{1e3 * statistics.median(times):.1f} / {1e3 * max(times):.1f}'
 
 
@@ -388,7 +401,10 @@ def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--repeat', type=int, default=5, help='how often each case is proved')
-    print(table(measure(parser.parse_args().repeat)))
+    parser.add_argument('--interface', default='virtual', help='of python-can')
+    parser.add_argument('--channel', default='faults', help='such as vcan0')
+    options = parser.parse_args()
+    print(table(measure(options.repeat, interface=options.interface, channel=options.channel)))
     return 0
 
 

@@ -8,6 +8,7 @@ run).
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import json
 import os
@@ -25,6 +26,7 @@ MOUNTS = (('proc', '/proc'), ('sysfs', '/sys'), ('tmpfs', '/dev'), ('devpts', '/
           ('tmpfs', '/dev/shm'), ('tmpfs', '/dev/tmp'))
 MODULES = ('net/can/can', 'net/can/can-raw', 'net/can/can-bcm', 'drivers/net/can/dev/can-dev',
            'drivers/net/can/vcan')
+OPTIONAL_MODULES = ('net/sched/sch_plug',)
 FINIT_MODULE = 313  # system call number on x86-64
 POWER_OFF = 0x4321FEDC
 
@@ -49,6 +51,9 @@ def prepare_and_run(order: dict) -> int:
     open_terminal()
     for module in MODULES:
         load_module(Path(order['modules'], f'{module}.ko'))
+    for module in OPTIONAL_MODULES:
+        with contextlib.suppress(OSError):
+            load_module(Path(order['modules'], f'{module}.ko'))
     link.bring_up()
     status = run(order['command'], order['environment'], order['directory'])
     termios.tcdrain(1)

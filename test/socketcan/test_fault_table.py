@@ -1,0 +1,27 @@
+"""
+The fault table once more, on a bus of the kernel's: every row while moving, some of them always.
+
+``python vcan.py -- python ../fault_table.py --interface socketcan --channel vcan0`` is the whole.
+"""
+
+from __future__ import annotations
+
+from fault_rig import OneRig
+from fault_table import cases, prove_patiently
+import pytest
+
+TRIES = 3  # the kernel's SYNC does not wait for a machine that is too slow for once
+ALWAYS = {'position lost 7380', 'TPDO missing', 'unexpected boot-up', 'link down', 'ENOBUFS'}
+
+
+@pytest.fixture(scope='module')
+def one_rig():
+    made = OneRig(interface='socketcan', channel='vcan0')
+    yield made
+    made.close()
+
+
+@pytest.mark.parametrize(('row', 'situation'), [
+    (row, situation) for row, situation in cases() if situation == 'moving' or row in ALWAYS])
+def test_the_fault_table_holds_on_a_real_bus(one_rig, vcan0, row, situation):
+    prove_patiently(one_rig, row, situation, TRIES)
