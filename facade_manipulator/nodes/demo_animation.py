@@ -17,7 +17,8 @@ from facade_manipulator.kinematics.linkage import joints
 from facade_manipulator.kinematics.planar import compose, inverse
 from facade_manipulator.nodes.demo_record import Course
 from facade_manipulator.simulation.facade import Facade, FacadeSettings
-from facade_manipulator.simulation.pictures import GOAL, SCALES, WITH, WITHOUT
+from facade_manipulator.simulation.pictures import GOAL, WITH, WITHOUT
+from facade_manipulator.simulation.wall import SCALES
 
 FRAMES, FRAME_PERIOD = 120, 0.1  # 12 s as fast as they went
 TRAIL = 3.0
@@ -163,5 +164,5 @@ def _draw_wall(panel: Axes, wall: FacadeSettings) -> None:
 
 
 def _triple(pose: np.ndarray) -> str:
-    x, y, theta = SCALES * pose
+    x, y, theta = np.multiply(SCALES, pose)
     return f'{x:+7.1f} {y:+7.1f} mm {theta:+6.2f}°'

@@ -20,12 +20,11 @@ from facade_manipulator.simulation.pictures import (
     label,
     LOWEST,
     save,
-    SCALES,
     TITLES,
-    UNITS,
     WITH,
     WITHOUT,
 )
+from facade_manipulator.simulation.wall import SCALES, UNITS
 
 TOO_SHORT = 'too short for figures: no goal stood long enough'
 

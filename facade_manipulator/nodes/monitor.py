@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.client import Component, ManipulatorClient
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.nodes.conversions import planar_pose
+from facade_manipulator.nodes.conversions import CARRIAGES, planar_pose
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE
 
 REFRESH_PERIOD = 0.25
@@ -39,7 +39,6 @@ POSES = {
 }
 LASTING = ('goal_pose',)  # sent once
 PROFILES = {'goal_pose': LATEST, 'corrected_pose': LATEST}
-AXES = ('q1', 'q2', 'q3')
 # what is told of a component beside its sentence: diagnostic key, and how it is written
 DETAILS = {
     'driver: operation': (
@@ -130,7 +129,7 @@ def _pose_table(observer: Observer) -> Table:
 def _carriage_table(observer: Observer) -> Table:
     table = _table(
         'carriage', '>position [mm]', '>speed [mm/s]', '>force [N]', '>lag [mm]', 'drive')
-    for name in AXES:
+    for name in CARRIAGES:
         component = observer.client.component(f'driver: {name}')
         behind = _number(observer.value(f'driver: {name}', 'following error [m]'))
         table.add_row(
@@ -152,7 +151,7 @@ def _motion(observer: Observer, name: str) -> tuple[str, str, str]:
 def _component_table(observer: Observer) -> Table:
     table = _table('component', 'state', 'so far')
     components = observer.client.components
-    others = sorted(set(components) - set(DETAILS) - {f'driver: {name}' for name in AXES})
+    others = sorted(set(components) - set(DETAILS) - {f'driver: {name}' for name in CARRIAGES})
     for name in (*DETAILS, *others):
         if name in components:
             component = components[name]

@@ -30,8 +30,8 @@ from facade_manipulator.simulation.scenario import (
     scenario_names,
 )
 from facade_manipulator.simulation.sway import Sway, SwaySettings
+from facade_manipulator.simulation.wall import AXES, SCALES, UNITS
 
-AXES = Pose._fields
 HEAD_START = 1.0
 CONTACT_BEGINS = 8.0
 SWEEP = (0.05, 0.08, 0.12, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
@@ -42,7 +42,6 @@ MODELS = {
     'ratio_constant_acceleration': 'acceleration',
     'ratio_without_prediction': 'none',
 }
-STEP_UNITS = Pose(1e3, 1e3, 180.0 / math.pi)
 
 
 class Run(NamedTuple):
@@ -95,7 +94,7 @@ def judge(scenario: Scenario) -> tuple[dict, Run]:
 def largest_step(steps: list[Step]) -> dict[str, float]:
     """Return the most by which the head on the wall leaves its velocity in one cycle."""
     heads = np.array([step.sample.head for step in steps])
-    most = abs(np.diff(heads, 2, axis=0)).max(axis=0) * STEP_UNITS
+    most = abs(np.diff(heads, 2, axis=0)).max(axis=0) * SCALES
     return dict(zip(('x_mm', 'y_mm', 'theta_deg'), most.tolist(), strict=True))
 
 
@@ -159,13 +158,13 @@ def table(results: dict) -> Iterator[str]:
                    f'{force["most"]:.1f} N')
         step = result['max_step']
         yield (f'{name:16}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
-               f'{step["theta_deg"]:.3f} deg in one cycle at most')
+               f'{step["theta_deg"]:.3f}° in one cycle at most')
     yield 'sweep: ' + '  '.join(
         f'{item["frequency_hz"]:g} Hz {100 * item["ratio"]:.0f}%' for item in results['sweep'])
 
 
 def _cells(axis: str, result: dict) -> str:
-    scale, unit = (180.0 / math.pi, 'deg') if axis == 'theta' else (1e3, 'mm')
+    scale, unit = getattr(SCALES, axis), getattr(UNITS, axis)
     return (f'{scale * result["disturbance_rms"]:9.3f} {unit:3}'
             f'{scale * result["residual_rms"]:7.3f} {unit:3}' + ''.join(
                 f'{100 * result[name]:{width}.2f}%'

@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from facade_manipulator.kinematics import Pose
 from facade_manipulator.simulation.closed_loop import Step
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.pictures import (
@@ -24,11 +23,11 @@ from facade_manipulator.simulation.pictures import (
     draw_spectra,
     label,
     save,
-    SCALES,
     TITLES,
     WITH,
     WITHOUT,
 )
+from facade_manipulator.simulation.wall import AXES, SCALES
 
 
 def draw_scenario(path: Path, name: str, steps: Sequence[Step], pressed: float | None) -> None:
@@ -77,7 +76,7 @@ def draw_sweep(path: Path, sweep: Sequence[dict]) -> None:
     figure = Figure(figsize=(8, 5), layout='constrained')
     panel = figure.add_subplot()
     frequencies = [item['frequency_hz'] for item in sweep]
-    for axis, title in zip(Pose._fields, TITLES, strict=True):
+    for axis, title in zip(AXES, TITLES, strict=True):
         panel.loglog(frequencies, [100.0 * item[axis] for item in sweep], marker='o', ms=4,
                      label=title.split(' [')[0])
     panel.axhline(100.0, color=WITHOUT, ls='--', lw=1.0)

@@ -15,8 +15,6 @@ from matplotlib.figure import Figure
 import numpy as np
 
 TITLES = ('x, along the wall [mm]', 'y, to the wall [mm]', 'θ, yaw [°]')
-UNITS = ('mm', 'mm', '°')
-SCALES = np.array([1e3, 1e3, 180.0 / math.pi])
 WITHOUT, WITH, GOAL = '#999999', '#0072b2', '#d55e00'
 DOTS_PER_INCH = 110
 LOWEST, HIGHEST = 0.02, 10.0  # Hz, between which spectra are drawn

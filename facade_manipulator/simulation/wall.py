@@ -12,6 +12,8 @@ from facade_manipulator.kinematics.planar import compose, difference
 from facade_manipulator.parameters import check_parameters, parameter
 
 AXES = Pose._fields
+UNITS = Pose('mm', 'mm', '°')  # in which people read an axis
+SCALES = Pose(1e3, 1e3, math.degrees(1.0))  # from m and rad to them
 
 
 @dataclass(frozen=True)
