@@ -17,10 +17,11 @@ LAYERS = {
     'errors': set(),
     'parameters': {'errors'},
     'resources': set(),
+    'files': set(),
     'kinematics': BASE,
-    'workspace': BASE | {'kinematics', 'resources'},
+    'workspace': BASE | {'kinematics', 'resources', 'files'},
     'control': BASE | {'kinematics'},
-    'drives': BASE | {'resources'},
+    'drives': BASE | {'resources', 'files'},
     'simulation': BASE | {'kinematics', 'control', 'resources'},
 }
 ROS_LAYERS = {'nodes', 'client'}  # these may import everything

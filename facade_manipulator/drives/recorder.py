@@ -9,7 +9,6 @@ was commanded and did, and the causes.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import suppress
 import csv
 from dataclasses import dataclass
 import io
@@ -25,6 +24,7 @@ import zipfile
 from facade_manipulator.drives import pdo
 from facade_manipulator.drives.settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.errors import InputError
+from facade_manipulator.files import whole
 from facade_manipulator.parameters import check_parameters, parameter
 
 _RECORD = struct.Struct('<dHB8s')
@@ -209,8 +209,6 @@ class FaultRecorder:
             self._write_archive(path, frames_of(memory), causes)
             self._drop_oldest(path.parent)
         except OSError as error:
-            with suppress(OSError):
-                path.with_suffix('.partial').unlink(missing_ok=True)
             self.last_outcome = f'the record of the fault could not be written: {error}'
             _log.error(self.last_outcome)
         else:
@@ -221,12 +219,10 @@ class FaultRecorder:
         self, path: Path, frames: list[Recorded], causes: tuple[str, ...]
     ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix('.partial')
-        with zipfile.ZipFile(partial, 'w', zipfile.ZIP_DEFLATED) as archive:
+        with whole(path) as draft, zipfile.ZipFile(draft, 'w', zipfile.ZIP_DEFLATED) as archive:
             archive.writestr('causes.txt', '\n'.join(causes) + '\n')
             archive.writestr('candump.log', ''.join(candump_lines(frames, self._channel)))
             archive.writestr('axes.csv', axis_table(frames, self._axes))
-        partial.replace(path)
 
     def _drop_oldest(self, folder: Path) -> None:
         records = sorted(folder.glob(_PATTERN))

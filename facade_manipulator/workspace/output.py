@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: written beside their place, then renamed."""
+"""Where the study writes: refused before any work, complete or as it was before."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import shutil
 import tempfile
 
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.files import whole
 
 
 @contextmanager
@@ -24,22 +25,16 @@ def json_file(path: Path) -> Iterator[dict]:
         Before the block, if the file cannot be written.
 
     """
-    try:
-        if path.is_dir():
-            raise IsADirectoryError('it is a directory')
-        handle, name = tempfile.mkstemp(prefix=f'.{path.name}.', dir=path.parent)
-    except OSError as error:
-        raise _unwritable(path, error) from error
-    try:
+    with whole(path) as draft:
+        try:
+            if path.is_dir():
+                raise IsADirectoryError('it is a directory')
+            draft.touch()
+        except OSError as error:
+            raise _unwritable(path, error) from error
         content: dict = {}
         yield content
-        with open(handle, 'w', encoding='utf-8') as file:
-            json.dump(content, file, indent=2, allow_nan=False)
-            file.write('\n')
-        os.chmod(name, 0o666 & ~_umask())
-        os.replace(name, path)
-    finally:
-        Path(name).unlink(missing_ok=True)
+        draft.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', encoding='utf-8')
 
 
 @contextmanager
@@ -72,9 +67,3 @@ def folder(path: Path) -> Iterator[Path]:
 
 def _unwritable(path: Path, error: OSError) -> ParameterError:
     return ParameterError(f'{path} cannot be written: {error.strerror or error}')
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -1,0 +1,24 @@
+"""Files that appear whole or not at all, whatever happens while they are written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """
+    Lend the path of a draft beside a file; it takes the file's name when the block ends well.
+
+    A draft that is not completed goes; what had the name before stays.
+
+    """
+    draft = path.with_name(f'.{path.name}.part')
+    try:
+        yield draft
+        draft.replace(path)
+    finally:
+        with suppress(OSError):
+            draft.unlink(missing_ok=True)
