@@ -9,8 +9,7 @@ ends, however it ends.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 import json
 import math
 import os
@@ -24,28 +23,25 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
-from rich.live import Live
-from rich.padding import Padding
 from rich.progress import Progress
-from rich.progress_bar import ProgressBar
 from std_srvs.srv import Trigger
 import yaml
 
 from facade_manipulator import config_path
 from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.demo_record import Recorder
 from facade_manipulator.nodes.demo_report import (
-    AXES,
     draw,
     PICTURES,
     remove_pictures,
+    summarise,
     SUMMARY,
-    UNITS,
     write_json,
 )
-from facade_manipulator.nodes.monitor import Observer, render
+from facade_manipulator.nodes.demo_view import live_view, summary_lines
+from facade_manipulator.nodes.monitor import Observer
 from facade_manipulator.nodes.processes import NodeProcesses
 from facade_manipulator.nodes.runtime import USAGE_ERROR
 from facade_manipulator.simulation.scenario import (
@@ -121,7 +117,7 @@ class Demo:
         self.client.spin(FIRST_GOAL_AFTER)
         begin = time.monotonic()
         shown = -math.inf
-        with _view(self.console) as show:
+        with live_view(self.console, self.observer, self.options.duration) as show:
             while (elapsed := time.monotonic() - begin) < self.options.duration:
                 self._require_moving_drives()
                 self._send_due_goal(elapsed)
@@ -129,7 +125,7 @@ class Demo:
                 self.processes.check()
                 if self.console.is_terminal or elapsed - shown >= LINE_PERIOD:
                     shown = elapsed
-                    show(self, elapsed)
+                    show(elapsed)
 
     def _require_moving_drives(self) -> None:
         """End the demo with the driver's own reason once the drives have stopped."""
@@ -147,9 +143,9 @@ class Demo:
         reply = self.client.call(Trigger, 'gondola_simulator/report', Trigger.Request())
         measured = json.loads(reply.message)
         self.client.spin(1.2)  # the nodes' last counters come within a second
-        summary = self._summary(measured, duration)
+        summary = summarise(measured, self.observer, duration)
         write_json(self.output / SUMMARY, summary)
-        self.console.print(*_lines(summary), *_giving_way(self.scenario), sep='\n')
+        self.console.print(*summary_lines(summary, self.scenario), sep='\n')
         return summary
 
     def _draw(self, summary: dict) -> None:
@@ -165,38 +161,6 @@ class Demo:
                 progress.update(task, completed=share)
         written = (name for name in (SUMMARY, *PICTURES) if (self.output / name).exists())
         self.console.print(f'written in {self.output}/: {", ".join(written)}')
-
-    def _summary(self, measured: dict, duration: float) -> dict:
-        kept = ('disturbance_rms', 'residual_rms', 'attenuation_db')
-        count = self.observer.count
-        return {
-            'axes': {axis: {key: measured['axes'][axis][key] for key in kept} for axis in AXES},
-            'duration_s': round(duration, 3),
-            'pipeline_latency_ms': self._latency(),
-            'bus_cycles': count('driver: bus', 'cycles'),
-            'missed_cycles': count('driver: bus', 'missed cycles'),
-            'refused_goals': count('ik_service: goal', 'refused'),
-            'drive_faults': count('driver: operation', 'drive faults'),
-        }
-
-    def _latency(self) -> dict[str, float | None]:
-        """
-        From the compensator's decision to the SYNC at which the drives take the target.
-
-        The compensator stamps its poses a horizon ahead of the decision, and the driver tells how
-        much of it was left (margin) when it chose the target of a cycle.
-        """
-        operation = 'driver: operation'
-        horizon = self.observer.value('compensator: correction', 'horizon [ms]')
-        ahead = self.observer.value(operation, 'targets ahead of their SYNC [ms]')
-        margins = {
-            'p50': self.observer.value(operation, 'setpoint margin p50 [ms]'),
-            'p99': self.observer.value(operation, 'setpoint margin p1 [ms]'),
-        }
-        return {
-            name: round(float(horizon) - float(ahead) - float(margin), 3)
-            if horizon and ahead and margin else None
-            for name, margin in margins.items()}
 
     def _stop(self) -> None:
         try:
@@ -238,69 +202,6 @@ def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
               for name, value in compensator_parameters(scenario).items()}
     path.write_text(yaml.safe_dump({'/**/compensator': {'ros__parameters': values}}))
     return path
-
-
-@contextmanager
-def _view(console: Console) -> Iterator:
-    """Show a live table in a terminal, one line every few seconds elsewhere."""
-    if not console.is_terminal:
-        yield lambda demo, elapsed: console.print(_line(demo, elapsed))
-        return
-    with Live(console=console, auto_refresh=False, transient=True) as live:
-        yield lambda demo, elapsed: live.update(_table(demo, elapsed), refresh=True)
-
-
-def _table(demo: Demo, elapsed: float):
-    view = render(demo.observer, f'{elapsed:5.1f} s of {demo.options.duration:g} s   '
-                  f'{demo.observer.refused()} rejections   (Ctrl-C stops the drives first)')
-    bar = ProgressBar(total=demo.options.duration, completed=elapsed)
-    view.renderables.insert(1, Padding(bar))  # a bar alone does not end its line
-    return view
-
-
-def _line(demo: Demo, elapsed: float) -> str:
-    poses = demo.observer.poses
-    columns = (
-        ('goal', demo.client.goal),
-        ('disturbance', poses.get('gondola_simulator/uncompensated_error')),
-        ('error', poses.get('gondola_simulator/wall_error')),
-    )
-    cells = [f'{name} {_triple(pose)}' for name, pose in columns]
-    cells.append(f'{demo.observer.count("driver: bus", "cycles")} cycles')
-    cells.append(f'{demo.observer.refused()} rejections')
-    return f'{elapsed:5.1f} s  ' + '  '.join(cells)
-
-
-def _triple(pose: Pose | None) -> str:
-    if pose is None:
-        return '-'
-    return f'{1e3 * pose.x:+7.1f} {1e3 * pose.y:+6.1f} mm {math.degrees(pose.theta):+5.2f}°'
-
-
-def _lines(summary: dict) -> list[str]:
-    lines = [f'{"":8}{"uncompensated":>16}{"compensated":>16}{"attenuation":>14}   (RMS)']
-    for axis, result in summary['axes'].items():
-        unit, scale = UNITS[axis]
-        lines.append(f'{axis:8}' + ''.join(
-            f'{_cell(value, factor, name):>{width}}' for value, factor, name, width in (
-                (result['disturbance_rms'], scale, unit, 16),
-                (result['residual_rms'], scale, unit, 16),
-                (result['attenuation_db'], 1.0, 'dB', 14))))
-    lines.append(
-        f'{summary["bus_cycles"]} bus cycles, {summary["missed_cycles"]} missed, '
-        f'{summary["drive_faults"]} drive faults, {summary["refused_goals"]} goals refused')
-    return lines
-
-
-def _giving_way(scenario: Scenario) -> list[str]:
-    compensator = scenario.compensator
-    axes = [axis for axis, impedance in (
-        ('y', compensator.impedance), ('theta', compensator.yaw_impedance)) if impedance.enabled]
-    return [f'{axis} gives way to the wall: its error is no fault' for axis in axes]
-
-
-def _cell(value: float | None, factor: float, unit: str) -> str:
-    return '-' if value is None else f'{factor * value:.3g} {unit}'
 
 
 def _options(args: list[str] | None) -> argparse.Namespace:

@@ -3,33 +3,67 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 import json
-import math
 from pathlib import Path
 from typing import Any
 
+from facade_manipulator.files import whole
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.demo_record import Recorder
+from facade_manipulator.nodes.monitor import Observer
 from facade_manipulator.simulation.scenario import Scenario
+from facade_manipulator.simulation.wall import AXES
 
-AXES = ('x', 'y', 'theta')
-UNITS = {'x': ('mm', 1e3), 'y': ('mm', 1e3), 'theta': ('°', math.degrees(1.0))}
+KEPT = ('disturbance_rms', 'residual_rms', 'attenuation_db')  # of each axis
 SUMMARY = 'summary.json'
 TIME_COURSES, SPECTRUM, PATH, FORCE, LINKAGE = PICTURES = (
     'time_courses.png', 'spectrum.png', 'path.png', 'force.png', 'linkage.gif')
 LEAST_SAMPLES = 10
 
 
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """Give a draft to write; it gets its name when it is complete and goes when it is not."""
-    draft = path.with_suffix('.part')
-    try:
-        yield draft
-        draft.replace(path)
-    finally:
-        draft.unlink(missing_ok=True)
+def summarise(measured: dict, observer: Observer, duration: float) -> dict:
+    """
+    Return what summary.json holds of a run.
+
+    Parameters
+    ----------
+    measured : dict
+        Report of the gondola simulator.
+    observer : Observer
+        Knows the last counters of the nodes.
+    duration : float
+        Of the strokes [s].
+
+    """
+    return {
+        'axes': {axis: {key: measured['axes'][axis][key] for key in KEPT} for axis in AXES},
+        'duration_s': round(duration, 3),
+        'pipeline_latency_ms': _latency(observer),
+        'bus_cycles': observer.count('driver: bus', 'cycles'),
+        'missed_cycles': observer.count('driver: bus', 'missed cycles'),
+        'refused_goals': observer.count('ik_service: goal', 'refused'),
+        'drive_faults': observer.count('driver: operation', 'drive faults'),
+    }
+
+
+def _latency(observer: Observer) -> dict[str, float | None]:
+    """
+    From the compensator's decision to the SYNC at which the drives take the target.
+
+    The compensator stamps its poses a horizon ahead of the decision, and the driver tells how
+    much of it was left (margin) when it chose the target of a cycle.
+    """
+    operation = 'driver: operation'
+    horizon = observer.value('compensator: correction', 'horizon [ms]')
+    ahead = observer.value(operation, 'targets ahead of their SYNC [ms]')
+    margins = {
+        'p50': observer.value(operation, 'setpoint margin p50 [ms]'),
+        'p99': observer.value(operation, 'setpoint margin p1 [ms]'),
+    }
+    return {
+        name: round(float(horizon) - float(ahead) - float(margin), 3)
+        if horizon and ahead and margin else None
+        for name, margin in margins.items()}
 
 
 def write_json(path: Path, content: Any) -> None:
