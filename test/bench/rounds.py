@@ -63,10 +63,21 @@ class Worker:
         self._process.wait(PATIENCE)
 
     def round(self) -> float:
-        """Return the seconds of one item."""
+        """
+        Return the seconds of one item.
+
+        Raises
+        ------
+        RuntimeError
+            The contender has failed meanwhile.
+
+        """
         self._process.stdin.write('round\n')
         self._process.stdin.flush()
-        return self._answer()['seconds']
+        answer = self._answer()
+        if 'seconds' not in answer:
+            raise RuntimeError(f'{self.contender.name} {answer["missing"]}')
+        return answer['seconds']
 
     def _answer(self) -> dict:
         line = self._process.stdout.readline()
