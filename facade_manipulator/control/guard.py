@@ -7,11 +7,12 @@ from dataclasses import replace
 from facade_manipulator.errors import CarriageGapError
 from facade_manipulator.kinematics import (
     Carriages,
-    certify,
     check_carriages,
     forward_kinematics,
     Geometry,
 )
+from facade_manipulator.kinematics.certify import check_branch
+from facade_manipulator.kinematics.inverse import links
 
 ROUNDING = 1e-6
 NEIGHBOURS = ((0, 2), (2, 1), (0, 1))
@@ -50,8 +51,8 @@ class MechanismGuard:
         """
         carriages = Carriages(*positions)
         check_carriages(self._geometry, carriages)
-        pose = forward_kinematics(self._geometry, carriages)
-        certify(self._geometry, pose, min_conditioning=0.0)
+        # Its carriages are these, so of `certify` only reach and branch are left.
+        check_branch(links(self._geometry, forward_kinematics(self._geometry, carriages)))
 
 
 class HomingGuard:

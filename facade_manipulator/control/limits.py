@@ -59,7 +59,7 @@ class Motion(NamedTuple):
     @property
     def at_rest(self) -> bool:
         """Tell whether no carriage moves."""
-        return max(map(abs, self.velocity)) < AT_REST_SPEED
+        return _greatest(self.velocity) < AT_REST_SPEED
 
 
 class PathLimiter:
@@ -171,20 +171,22 @@ class PathLimiter:
         return planned
 
     def _direct(self, motion: Motion, target: Triple) -> Motion:
-        rate = 1.0 / self.period
-        velocity = tuple(
-            (t - p) * rate for t, p in zip(target, motion.position, strict=True))
-        acceleration = tuple(
-            (n - v) * rate for n, v in zip(velocity, motion.velocity, strict=True))
-        return Motion(target, velocity, acceleration)
+        return Motion(
+            target,
+            velocity := self._rates(motion.position, target),
+            self._rates(motion.velocity, velocity))
+
+    def _rates(self, before: Triple, after: Triple) -> Triple:
+        """Return how fast values change within a period; spelt out, it runs thrice a cycle."""
+        rate, (a1, a2, a3), (b1, b2, b3) = 1.0 / self.period, before, after
+        return (b1 - a1) * rate, (b2 - a2) * rate, (b3 - a3) * rate
 
     def _allowed(self, before: Motion, after: Motion) -> bool:
         limits = self.limits
-        change = max(
-            abs(a - b) for a, b in zip(after.acceleration, before.acceleration, strict=True))
-        return (max(map(abs, after.velocity)) <= limits.speed
-                and max(map(abs, after.acceleration)) <= limits.acceleration
-                and change <= limits.jerk * self.period)
+        jerk = self._rates(before.acceleration, after.acceleration)
+        return (_greatest(after.velocity) <= limits.speed
+                and _greatest(after.acceleration) <= limits.acceleration
+                and _greatest(jerk) <= limits.jerk)
 
     def _meets(self, before: Motion, after: Motion, velocity: Triple) -> bool:
         """Tell whether a motion with a mean velocity arrives with a velocity, about."""
@@ -195,7 +197,7 @@ class PathLimiter:
                 after.velocity, before.velocity, velocity, strict=True))
 
     def _feed_forward(self, velocity: Triple) -> Triple:
-        fastest = max(map(abs, velocity))
+        fastest = _greatest(velocity)
         share = min(1.0, FEED_FORWARD_SHARE * self.limits.speed / fastest) if fastest else 1.0
         return tuple(share * v for v in velocity)
 
@@ -205,6 +207,10 @@ class PathLimiter:
         output = self._output
         return Motion(
             tuple(output.new_position), tuple(output.new_velocity), tuple(output.new_acceleration))
+
+
+def _greatest(values: Triple) -> float:
+    return max(map(abs, values))
 
 
 def _require(result: Result) -> None:

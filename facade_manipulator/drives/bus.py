@@ -192,6 +192,7 @@ class CanBus:
 
         """
         message = can.Message(arbitration_id=cob_id, data=data, is_extended_id=False)
+        message.data = data  # the virtual bus copies deeply: a bytearray costs it as much again
         try:
             with self._sending:
                 self._bus.send(message)

@@ -26,11 +26,11 @@ from facade_manipulator.drives.operation import Operation
 from facade_manipulator.drives.plans import Phase
 from facade_manipulator.drives.realtime import request_realtime
 from facade_manipulator.drives.recorder import FaultRecorder
-from facade_manipulator.drives.report import axis_snapshot
+from facade_manipulator.drives.report import Record
 from facade_manipulator.drives.service_operations import CLOSING_TIMEOUT
 from facade_manipulator.drives.session import HomingCheck, Session
 from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, Triple
-from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState, nothing_known
+from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.targets import TargetSource
 from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
@@ -109,7 +109,8 @@ class DriveController:
         self._wake = threading.Event()
         self._refused: tuple[str, ...] = ()
         self._closed = False
-        self._snapshot = nothing_known(tuple(axis.node_id for axis in axes))
+        self._publish(time.monotonic())
+        self._shown = self._record, self._record.snapshot()
         self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
         self._thread.start()
 
@@ -161,9 +162,18 @@ class DriveController:
         """Show that the caller's executor is alive; powered drives stop without."""
         self._session.beaten = time.monotonic()
 
+    @property
+    def state(self) -> ControllerState:
+        """What the controller is doing, for less than the whole snapshot."""
+        return self._record.state
+
     def snapshot(self) -> ControllerSnapshot:
-        """Return the newest state of controller and axes."""
-        return self._snapshot
+        """Return the newest state of controller and axes, the same one until the next cycle."""
+        record, (shown, snapshot) = self._record, self._shown
+        if record is not shown:
+            snapshot = record.snapshot()
+            self._shown = record, snapshot
+        return snapshot
 
     def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> None:
         """Power the drives off in order, or stop them, then fall silent; waits for it."""
@@ -196,7 +206,8 @@ class DriveController:
         self._refuse_rest()
 
     def _turn(self) -> None:
-        self._take_requests()
+        if self._requests:
+            self._take_requests()
         if self._closed:
             return
         session = self._session
@@ -205,10 +216,12 @@ class DriveController:
         else:
             session.connection.stream.pump()
         now = time.monotonic()
-        session.watch_recovery(now)
+        if session.lost is not None:
+            session.watch_recovery(now)
         if session.recorder is not None:
-            session.recorder.watch(tuple(map(str, session.causes)), now)
-        self._poll(now)
+            session.recorder.watch(session.causes, now)
+        if self._operation is not None:
+            self._poll(now)
         if session.group is None or session.lost is not None:
             self._publish(now)
 
@@ -246,8 +259,6 @@ class DriveController:
                 f'{request.name} is not possible while {present.name} is under way')
 
     def _poll(self, now: float) -> None:
-        if self._operation is None:
-            return
         try:
             sentence = self._operation.poll(now)
         except ManipulatorError as error:
@@ -308,33 +319,32 @@ class DriveController:
         self._notify()
 
     def _publish(self, now: float) -> None:
-        session = self._session
-        causes = session.causes
-        targets = session.targets.positions or (None, None, None)
-        clock = session.connection.stream.clock if session.connection is not None else None
-        self._snapshot = ControllerSnapshot(
-            state=self._state,
-            stamp=clock.sync_stamp if clock is not None and clock.sync_stamp else None,
-            axes=tuple(
-                axis_snapshot(monitor, target, now)
-                for monitor, target in zip(session.monitors, targets, strict=True)),
-            cause=causes[0].sentence if causes else '',
+        """Note what a snapshot is made of once somebody asks for it."""
+        session, causes = self._session, self._session.causes
+        clock = bus = None
+        if session.connection is not None:
+            clock, bus = session.connection.stream.clock, session.connection.bus
+        self._record = Record(
+            state=self._present_state(),
+            now=now,
+            stamp=clock.sync_stamp if clock is not None else 0.0,
+            monitors=session.monitors,
+            told=tuple([monitor.told for monitor in session.monitors]),
+            targets=session.targets.positions,
+            causes=causes,
             next_step=session.group.severest_cause.remedy if causes else '',
-            further_causes=tuple(cause.sentence for cause in causes[1:]),
-            notes=self._refused + session.notes + self._record_note,
-            cycle=session.cycle_statistics,
-            bus=session.bus_statistics,
+            notes=self._notes(),
+            clock=clock,
+            bus=bus,
             bus_error=session.lost.sentence if session.lost is not None else '',
             bus_load=session.bus_load,
         )
 
-    @property
-    def _record_note(self) -> tuple[str, ...]:
-        recorder = self._session.recorder
-        return (recorder.last_outcome,) if recorder and recorder.last_outcome else ()
+    def _notes(self) -> tuple[str, ...]:
+        notes, recorder = self._refused + self._session.notes, self._session.recorder
+        return (*notes, recorder.last_outcome) if recorder and recorder.last_outcome else notes
 
-    @property
-    def _state(self) -> ControllerState:
+    def _present_state(self) -> ControllerState:
         session = self._session
         if self._closed:
             return ControllerState.CLOSED

@@ -75,6 +75,7 @@ class Group:
         self._max_resets = max_resets
         self._resets: deque[float] = deque(maxlen=max_resets)
         self._homing: HomingSequence | None = None
+        self._seen: tuple[Feedback, ...] = ()
         self._steppers = tuple(AxisStepper(name) for name in names)
         self._enable = plans.enable_plan(hold_cycles)
         self._begin(plans.OFF, now)
@@ -221,6 +222,9 @@ class Group:
         step. Never raises for what a drive does.
 
         """
+        if self._is_unchanged(feedback):
+            return self.commands
+        self._seen = feedback
         self._cycles += 1
         phase, step = self._plan[0]
         bits, failures = [], []
@@ -239,6 +243,10 @@ class Group:
             self._proceed(now)
         return self._commands(bits)
 
+    def _is_unchanged(self, feedback: tuple[Feedback, ...]) -> bool:
+        """Tell whether all is done, nothing comes next, and no drive says anything else."""
+        return self.is_settled and len(self._plan) == 1 and feedback == self._seen
+
     def _may_proceed(self, phase: Phase) -> bool:
         return len(self._plan) > 1 and (phase is not Phase.HOMING or self._homing.done)
 
@@ -252,8 +260,7 @@ class Group:
     @property
     def commands(self) -> tuple[Command, ...]:
         """What to command now; `step` may add bits to it."""
-        controlword = self._plan[0][1].controlword
-        return (Command(controlword, self._mode),) * len(self._steppers)
+        return self._present
 
     def _commands(self, bits: list[int]) -> tuple[Command, ...]:
         if self.phase is not Phase.HOMING:
@@ -315,6 +322,7 @@ class Group:
         self.is_settled = False
         phase, step = plan[0]
         self._mode = self._mode if step.mode is None else step.mode
+        self._present = (Command(step.controlword, self._mode),) * len(self._steppers)
         self._deadline = now + self._timeouts.get(phase, self._step_timeout)
         for stepper in self._steppers:
             stepper.begin(step, self._deadline)

@@ -7,6 +7,8 @@ there. Times are on the monotonic clock [s]. What was never heard is None.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from facade_manipulator.drives.axis import Feedback
 from facade_manipulator.drives.cause import Cause, CONFIGURE_REMEDY
 from facade_manipulator.drives.cia402 import Status
@@ -32,6 +34,21 @@ SYNC_TOLERANCE = 0.001
 HOME_TOLERANCE = 2  # counts
 JUMP_MARGIN = 2.0
 JUMP_NOISE = 0.001  # m
+_NOTHING_TOLD = StatusFrame(0, 0, 0)
+
+
+class Told(NamedTuple):
+    """What one drive has told by now, in its own units; see `AxisMonitor`."""
+
+    status: StatusFrame | None
+    motion: MotionFrame | None
+    condition: ConditionFrame | None
+    homed: bool
+    error_code: int
+    nmt_state: int | None
+    heartbeat_time: float | None
+    missed: int
+    serial_number: int | None
 
 
 class AxisMonitor:
@@ -65,6 +82,10 @@ class AxisMonitor:
         self.missed_in_a_row = 0
         self._settings = settings
         self._home_counts = axis.to_counts(axis.home_position)
+        # in the drive's own units, so that a cycle converts nothing
+        counts_per_metre = abs(axis.counts_per_metre)
+        self._rest_speed = counts_per_metre * axis.velocity_units_per_count * settings.rest_speed
+        self._least_jump = counts_per_metre * _jump_bound(axis, settings.period)
         self._supervised_since: float | None = None
         self._status_time = 0.0
 
@@ -79,16 +100,17 @@ class AxisMonitor:
         return self.axis.to_metres(self.status.position_counts) if self.status else None
 
     @property
-    def velocity(self) -> float | None:
-        """Actual velocity [m/s]."""
-        return self.axis.speed_to_metres(self.motion.velocity) if self.motion else None
+    def told(self) -> Told:
+        """All of it, to be looked at later."""
+        return Told(
+            self.status, self.motion, self.condition, self.homed, self.error_code,
+            self.nmt_state, self.heartbeat_time, self.missed, self.serial_number)
 
     @property
     def feedback(self) -> Feedback:
         """What the group's state machine needs; a drive that told nothing is in no state."""
-        status = self.status or StatusFrame(0, 0, 0)
-        velocity = self.velocity
-        at_rest = velocity is not None and abs(velocity) < self._settings.rest_speed
+        status = self.status or _NOTHING_TOLD
+        at_rest = self.motion is not None and abs(self.motion.velocity) < self._rest_speed
         return Feedback(
             status.statusword, status.mode, at_rest, self.error_code,
             abs(status.position_counts - self._home_counts) <= HOME_TOLERANCE)
@@ -120,9 +142,11 @@ class AxisMonitor:
         self.is_fresh = time >= sync_time - SYNC_TOLERANCE
         if before is None or not self.homed:
             return None
-        jump = abs(self.axis.to_metres(self.status.position_counts - before.position_counts))
-        bound = JUMP_NOISE + JUMP_MARGIN * self.axis.max_speed * max(
-            elapsed, self._settings.period)
+        counts = abs(self.status.position_counts - before.position_counts)
+        if counts <= self._least_jump:
+            return None
+        jump = abs(self.axis.to_metres(counts))
+        bound = _jump_bound(self.axis, max(elapsed, self._settings.period))
         if jump <= bound:
             return None
         self.homed = False
@@ -209,3 +233,8 @@ class AxisMonitor:
         if self._supervised_since is None:
             return None
         return Cause(sentence, axis=self.name, **details)
+
+
+def _jump_bound(axis: AxisSettings, elapsed: float) -> float:
+    """Return how far a carriage can seem to move in a time [m]."""
+    return JUMP_NOISE + JUMP_MARGIN * axis.max_speed * elapsed

@@ -22,6 +22,7 @@ from typing import NamedTuple
 import zipfile
 
 from facade_manipulator.drives import pdo
+from facade_manipulator.drives.cause import Cause
 from facade_manipulator.drives.settings import AXIS_NAMES, AxisSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.files import whole
@@ -173,7 +174,7 @@ class FaultRecorder:
         self._axes = axes
         self._channel = channel
         self._ring = FrameRing(round(settings.duration * settings.frame_rate))
-        self._causes: list[str] = []
+        self._causes: tuple[Cause | str, ...] = ()
         self._due: float | None = None
 
     @property
@@ -185,7 +186,7 @@ class FaultRecorder:
         """Keep a frame; called for each that is received or sent."""
         self._ring.add(stamp, cob_id, data)
 
-    def watch(self, causes: tuple[str, ...], now: float) -> None:
+    def watch(self, causes: tuple[Cause | str, ...], now: float) -> None:
         """
         Begin a record when there are causes where there were none; write it when it is due.
 
@@ -194,11 +195,13 @@ class FaultRecorder:
         """
         if causes and not self._causes and self.is_on:
             self._due = now + self._settings.aftermath
-        self._causes = list(causes) or ([] if self._due is None else self._causes)
+        if causes or self._due is None:
+            self._causes = causes
         if self._due is not None and now >= self._due:
             self._due = None
             threading.Thread(
-                target=self._write, args=(self._ring.copy(), tuple(self._causes), time.time()),
+                target=self._write,
+                args=(self._ring.copy(), tuple(map(str, self._causes)), time.time()),
                 name='drive fault record', daemon=True).start()
 
     def _write(self, memory: bytes, causes: tuple[str, ...], stamp: float) -> None:

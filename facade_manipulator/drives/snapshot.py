@@ -1,4 +1,4 @@
-"""What the controller shows of itself: immutable, replaced whole once a cycle."""
+"""What the controller shows of itself: immutable, of one cycle."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import NamedTuple
 from facade_manipulator.drives.bus import BusStatistics
 from facade_manipulator.drives.cia402 import State
 from facade_manipulator.drives.cycle import CycleStatistics
-from facade_manipulator.drives.settings import AXIS_NAMES, Triple
+from facade_manipulator.drives.settings import Triple
 
 
 class ControllerState(Enum):
@@ -142,9 +142,3 @@ class ControllerSnapshot(NamedTuple):
         """Names of the axes that must be homed."""
         return tuple(axis.name for axis in self.axes if not axis.homed)
 
-
-def nothing_known(node_ids: tuple[int, ...]) -> ControllerSnapshot:
-    """Return the snapshot before anything was heard."""
-    axes = tuple(
-        AxisSnapshot(name, node_id) for name, node_id in zip(AXIS_NAMES, node_ids, strict=True))
-    return ControllerSnapshot(ControllerState.UNCONFIGURED, None, axes)

@@ -71,6 +71,7 @@ class Stream:
         self._unsent = 0
         self._pumped = self._read_until = time.monotonic()
         self._forced: set[str] = set()
+        self._command_ids = tuple(pdo.RPDO1.cob_id(m.axis.node_id) for m in monitors)
         self._routes = self._make_routes()
         bus.listen_to(tuple(self._routes))
 
@@ -162,12 +163,15 @@ class Stream:
             The bus is gone.
 
         """
-        frame = self._bus.receive(self._next_event() - time.monotonic())
-        self._watch_pauses(time.monotonic())
-        self._read_until = self._pumped if frame is None else frame.time
-        if frame is not None:
-            self._dispatch(frame)
+        frame = self._bus.receive(self._time_to_next_event(time.monotonic()))
         now = time.monotonic()
+        self._watch_pauses(now)
+        if frame is None:
+            self._read_until = now
+        else:
+            self._read_until = frame.time
+            self._dispatch(frame)
+            now = time.monotonic()
         if self.speaks and now >= self._next_heartbeat:
             self._send_heartbeat(now)
         if self.group is not None:
@@ -182,21 +186,27 @@ class Stream:
                 f'the control loop stood still for {1e3 * pause:.0f} ms, '
                 f'bound {1e3 * bound:.0f} ms', COMPUTER_REMEDY))
 
-    def _next_event(self) -> float:
-        latest = time.monotonic() + LONGEST_WAIT
-        if self.speaks:
-            latest = min(latest, self._next_heartbeat)
-        return latest if self.group is None else min(latest, self.clock.next_event)
+    def _time_to_next_event(self, now: float) -> float:
+        event = now + LONGEST_WAIT
+        if self.speaks and self._next_heartbeat < event:
+            event = self._next_heartbeat
+        if self.group is not None and self.clock.next_event < event:
+            event = self.clock.next_event
+        return event - now
 
     def _turn(self, now: float, all_read: bool) -> None:
-        answers = sum(monitor.is_fresh for monitor in self._monitors)
-        if self.clock.step_due(now, answers, len(self._monitors), all_read):
+        clock = self.clock
+        if clock.is_open and clock.step_due(
+                now, self._answers(), len(self._monitors), all_read):
             self._step(now)
-        if self.clock.sync_due(now, all_read):
+        if clock.sync_due(now, all_read):
             self._send_sync()
 
+    def _answers(self) -> int:
+        return [monitor.is_fresh for monitor in self._monitors].count(True)
+
     def _step(self, now: float) -> None:
-        in_time = self.clock.finish(now, all(monitor.is_fresh for monitor in self._monitors))
+        in_time = self.clock.finish(now, self._answers() == len(self._monitors))
         for monitor in self._monitors:
             monitor.end_cycle()
         group = self.group
@@ -210,21 +220,23 @@ class Stream:
         self._on_cycle(now)
 
     def _feedback(self) -> tuple:
-        feedback = tuple(monitor.feedback for monitor in self._monitors)
+        feedback = tuple([monitor.feedback for monitor in self._monitors])
         if self.group.phase is Phase.RAMPING and not self._targets.source.at_rest:
             return tuple(one._replace(at_rest=False) for one in feedback)
         return feedback
 
     def _causes(self, now: float) -> list[Cause]:
-        causes = list(self._supervise(now))
-        if self.group.phase not in STOPPED_PHASES:
-            causes += self._silences() + self._own_failures()
-        return causes
+        causes = self._supervise(now)
+        if self.group.phase in STOPPED_PHASES:
+            return causes
+        return [*causes, *self._silences(), *self._own_failures()]
 
     def _silences(self) -> list[Cause]:
         """Blame the bus rather than each drive when all have fallen silent together."""
         heard_until = self._read_until  # what still waits to be read may tell of them
-        causes = [cause for cause in (m.silence(heard_until) for m in self._monitors) if cause]
+        causes = [
+            cause for monitor in self._monitors
+            if (cause := monitor.silence(heard_until)) is not None]
         if len(causes) == len(self._monitors):
             return [Cause(f'no drive answers any more: {causes[0].sentence}', BUS_REMEDY)]
         return causes
@@ -246,7 +258,7 @@ class Stream:
         self, commands: tuple[Command, ...], now: float
     ) -> tuple[Command, ...]:
         """Choose the targets; a source that fails stops the group instead."""
-        actual = tuple(m.status.position_counts if m.status else 0 for m in self._monitors)
+        actual = tuple([m.status.position_counts if m.status else 0 for m in self._monitors])
         latch_time = self.clock.sync_stamp + 2.0 * self._settings.period + self._settings.drive_lag
         try:
             self._targets.choose(self.group.phase, commands[0], actual, latch_time)
@@ -280,10 +292,9 @@ class Stream:
         self._send(pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
 
     def _send_commands(self, commands: tuple[Command, ...]) -> None:
-        for monitor, command, target in zip(
-                self._monitors, commands, self._targets.counts, strict=True):
-            data = pdo.encode_rpdo1(command.controlword, command.mode, target)
-            self._send(pdo.RPDO1.cob_id(monitor.axis.node_id), data)
+        for cob_id, command, target in zip(
+                self._command_ids, commands, self._targets.counts, strict=True):
+            self._send(cob_id, pdo.encode_rpdo1(command.controlword, command.mode, target))
 
     def _send(self, cob_id: int, data: bytes = b'') -> None:
         """Send a frame; a queue that is full now may be free in the next cycle."""
@@ -298,6 +309,8 @@ class Stream:
 
     def _force_disobedient(self) -> None:
         """Take drives that go on in spite of a quick stop out of operation by NMT, once each."""
+        if self.group.disobedient == self._forced:
+            return
         for monitor in self._monitors:
             if monitor.name in self.group.disobedient - self._forced:
                 send_nmt(self._bus, NmtCommand.STOP, monitor.axis.node_id)

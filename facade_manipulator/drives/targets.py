@@ -137,23 +137,24 @@ class Targets:
         for number, target in enumerate(targets):
             self._require_sane(number, target)
         self._check(targets)
-        self._counts = tuple(
-            axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True))
+        self._counts = tuple([
+            axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True)])
         self._positions = tuple(targets)
 
     def _require_sane(self, number: int, target: float) -> None:
-        name, axis = f'target of {self._names[number]}', self._axes[number]
+        axis, step = self._axes[number], abs(target - self._positions[number])
+        if (axis.lower_limit - ROUNDING <= target <= axis.upper_limit + ROUNDING
+                and step <= self._largest_steps[number] + ROUNDING):
+            return
+        name = f'target of {self._names[number]}'
         if not math.isfinite(target):
             raise InputError('not_finite', f'{name} = {target} m is not a finite number')
         if target < axis.lower_limit - ROUNDING:
             raise StrokeLimitError(name, target, axis.lower_limit, 'm', 'below')
         if target > axis.upper_limit + ROUNDING:
             raise StrokeLimitError(name, target, axis.upper_limit, 'm', 'above')
-        step = abs(target - self._positions[number])
-        if step > self._largest_steps[number] + ROUNDING:
-            raise SetpointLimitError(
-                f'step of the {name} in one cycle', step, self._largest_steps[number], 'm',
-                'above')
+        raise SetpointLimitError(
+            f'step of the {name} in one cycle', step, self._largest_steps[number], 'm', 'above')
 
 
 def require_inside(names: tuple[str, ...], axes: tuple[AxisSettings, ...], actual: Triple) -> None:

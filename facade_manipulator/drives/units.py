@@ -129,4 +129,4 @@ def _rounded(quantity: str, value: float, unit: str) -> int:
         raise LimitError(quantity, value, INT32_MAX, unit, 'above')
     if value < INT32_MIN:
         raise LimitError(quantity, value, INT32_MIN, unit, 'below')
-    return max(INT32_MIN, min(INT32_MAX, round(value)))
+    return round(value)

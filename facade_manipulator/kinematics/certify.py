@@ -7,7 +7,7 @@ from math import sqrt
 from facade_manipulator.errors import CarriageGapError, SingularityError, StrokeLimitError
 from facade_manipulator.kinematics.conditioning import squared_index
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
-from facade_manipulator.kinematics.inverse import links
+from facade_manipulator.kinematics.inverse import Links, links
 from facade_manipulator.kinematics.jacobian import branch_number
 
 # With lengths in m, the order of the carriages alone keeps the design above 0.07 near the rail.
@@ -62,14 +62,27 @@ def certify(
     _check_gap(geometry, span - projection1, span - projection2)
     q1, q2 = x - span + projection1, x + span - projection2
     _check_stroke(geometry, q1, q2)
-    number = branch_number(at)
-    if number <= 0.0:
-        raise SingularityError(
-            'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')
+    check_branch(at)
     index = sqrt(squared_index(at, geometry.platform_half_length / characteristic_length))
     if index < min_conditioning:
         raise SingularityError('conditioning index', index, min_conditioning, '', 'below')
     return Carriages(q1, q2, x)
+
+
+def check_branch(at: Links) -> None:
+    """
+    Check that links are on the machine's branch, before the parallel singularity.
+
+    Raises
+    ------
+    SingularityError
+        If N ≤ 0.
+
+    """
+    number = branch_number(at)
+    if number <= 0.0:
+        raise SingularityError(
+            'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')
 
 
 def check_carriages(geometry: Geometry, carriages: Carriages) -> None:

@@ -220,7 +220,7 @@ class DriverNode(ManagedNode):
 
     def _clear_faults(self) -> Future:
         """Reset the drives' faults; where there is only a halt, end it."""
-        if self._controller.snapshot().state is ControllerState.HALTED:
+        if self._controller.state is ControllerState.HALTED:
             return self._controller.activate()
         return self._controller.clear_faults()
 
@@ -243,7 +243,7 @@ class DriverNode(ManagedNode):
             self._refusals.add(error)
 
     def _require_active(self) -> None:
-        state = self._controller.snapshot().state
+        state = self._controller.state
         if state is not ControllerState.ACTIVE:
             raise InputError(
                 state.value, f'setpoint refused: the drives are {state.value}, not active')
@@ -254,7 +254,7 @@ class DriverNode(ManagedNode):
             self._stop_by_software('software_stop was set')
 
     def _stop_by_software(self, cause: str) -> None:
-        if self._controller.snapshot().state in POWERED_STATES:
+        if self._controller.state in POWERED_STATES:
             self._controller.stop(cause)
 
     def _supervise(self) -> None:
