@@ -92,8 +92,22 @@ def test_a_scenario_that_is_not_there_is_refused_and_the_known_ones_are_told():
         load_scenario('tornado')
 
 
-def test_a_recording_beside_the_scenario_moves_the_gondola(tmp_path):
-    (tmp_path / 'wind.csv').write_text(
-        'time,x,y,theta\n0,0,0,0\n1,0.1,0,0\n2,0.1,0,0\n3,0.1,0,0\n')
-    scenario = make_scenario({'mission': {'motion': 'recording', 'recording': 'wind.csv'}})
-    assert scenario.motion(tmp_path)(1.5).x == pytest.approx(0.1, abs=1e-3)
+RECORDED = 'time,x,y,theta\n0,0,0,0\n1,0.1,0,0\n2,0.1,0,0\n3,0.1,0,0\n'
+
+
+def recorded_scenario(folder, recording):
+    path = folder / 'mine.yaml'
+    path.write_text(f'mission: {{motion: recording, recording: {recording}}}')
+    return load_scenario(str(path))
+
+
+def test_a_recording_is_found_beside_its_scenario_or_by_its_whole_path(tmp_path):
+    (tmp_path / 'wind.csv').write_text(RECORDED)
+    for recording in ('wind.csv', tmp_path / 'wind.csv'):
+        motion = recorded_scenario(tmp_path, recording).motion()
+        assert motion(1.5).x == pytest.approx(0.1, abs=1e-3)
+
+
+def test_a_recording_that_is_not_there_is_refused_by_its_path(tmp_path):
+    with pytest.raises(ParameterError, match=f'recording {tmp_path}/calm.csv cannot be read'):
+        recorded_scenario(tmp_path, 'calm.csv').motion()

@@ -8,7 +8,7 @@ default. The section ``compensator`` holds sections of the compensator's own set
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -39,7 +39,8 @@ class MissionSettings:
     description: str = parameter('', 'What happens')
     motion: str = parameter(
         'sway', 'What moves the gondola', choices=('sway', 'wind', 'recording'))
-    recording: str = parameter('', 'CSV file of a recorded disturbance, beside the scenario')
+    recording: str = parameter(
+        '', "CSV file of a recorded disturbance, in the scenario's file relative to that")
     duration: float = parameter(
         60.0, 'How long the scenario lasts', unit='s', minimum=1.0, maximum=3600.0)
     goal_period: float = parameter(
@@ -75,16 +76,23 @@ class Scenario(NamedTuple):
     wall: WallSettings = WallSettings()
     compensator: CompensatorSettings = DEFAULTS
 
-    def motion(self, folder: Path | None = None) -> Motion:
-        """Return the disturbance as a function of the time since the start [s]."""
-        return MOTIONS[self.mission.motion](self, folder or config_path(FOLDER))
+    def motion(self) -> Motion:
+        """
+        Return the disturbance as a function of the time since the start [s].
+
+        Raises
+        ------
+        ParameterError
+            If a recording moves the gondola and cannot be read.
+
+        """
+        return MOTIONS[self.mission.motion](self)
 
 
-MOTIONS: dict[str, Callable[[Scenario, Path], Motion]] = {
-    'sway': lambda scenario, _: Sway(scenario.sway).at,
-    'wind': lambda scenario, _: Gondola(scenario.gondola, scenario.wind).at,
-    'recording': lambda scenario, folder: load_recording(
-        folder / scenario.mission.recording).at,
+MOTIONS: dict[str, Callable[[Scenario], Motion]] = {
+    'sway': lambda scenario: Sway(scenario.sway).at,
+    'wind': lambda scenario: Gondola(scenario.gondola, scenario.wind).at,
+    'recording': lambda scenario: load_recording(Path(scenario.mission.recording)).at,
 }
 
 
@@ -147,7 +155,13 @@ def make_scenario(sections: Sections) -> Scenario:
 
 def load_scenario(name: str) -> Scenario:
     """Return a scenario by its name or file; see `scenario_file` and `read_sections`."""
-    return make_scenario(read_sections(scenario_file(name)))
+    path = scenario_file(name).resolve()
+    scenario = make_scenario(read_sections(path))
+    mission = scenario.mission
+    if not mission.recording:
+        return scenario
+    return scenario._replace(
+        mission=replace(mission, recording=str(path.parent / mission.recording)))
 
 
 def compensator_parameters(scenario: Scenario) -> dict[str, Any]:
