@@ -12,11 +12,11 @@ REQUIRES = [
     'numpy>=1.26,<3',  # batch kinematics and filters; Ubuntu 24.04 has 1.26
     'python-can>=4.3,<5',  # moves frames on SocketCAN and on the virtual bus
     'canopen>=2.4.1,<3',  # object dictionary (EDS), SDO, NMT, heartbeat, EMCY
-    'ruckig>=0.14,<1',  # jerk-limited reference towards a goal pose
+    'ruckig>=0.14,<1',  # jerk-limited ways: the reference on the wall, the carriages' limits
     'PyYAML>=6,<7',  # drive profiles and scenarios
-    'rich>=13,<16',  # the demo's and the monitor's live table
+    'rich>=13,<16',  # tables in the terminal: demo, monitor, study
     'Pillow>=9,<14',  # the demo's animation
-    'matplotlib>=3.6,<4',  # the demo's time courses, the study's figures
+    'matplotlib>=3.6,<4',  # pictures of demo, bench and study
 ]
 EXTRAS = {
     'build': ['setuptools>=68,<80'],  # installs this package into .venv; colcon wants it below 80
