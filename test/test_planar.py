@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.kinematics.planar import compose, difference, inverse, wrap_angle
+from facade_manipulator.kinematics.planar import (
+    add,
+    compose,
+    difference,
+    inverse,
+    subtract,
+    wrap_angle,
+)
 
 NOWHERE = Pose(0.0, 0.0, 0.0)
 coordinates = st.floats(-10.0, 10.0)
@@ -55,3 +62,8 @@ def test_a_difference_takes_the_shorter_way_round(a, b):
     assert (b.x + change.x, b.y + change.y) == pytest.approx((a.x, a.y), abs=1e-12)
     assert abs(change.theta) <= math.pi
     assert math.cos(b.theta + change.theta) == pytest.approx(math.cos(a.theta), abs=1e-12)
+
+
+@given(poses, poses)
+def test_offsets_add_axis_by_axis_and_no_angle_is_wrapped(a, b):
+    assert add(b, subtract(a, b)) == pytest.approx(tuple(a), abs=1e-12)

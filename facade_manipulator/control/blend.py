@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.planar import add, subtract
 
 QUICKEST = 1e-3
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
@@ -22,12 +23,12 @@ class Course(NamedTuple):
         """Return the sum, component by component."""
         if other is AT_REST:
             return self
-        return Course(_sum(self.place, other.place), _sum(self.velocity, other.velocity))
+        return Course(add(self.place, other.place), add(self.velocity, other.velocity))
 
     def minus(self, other: Course) -> Course:
         """Return the difference, component by component."""
         return Course(
-            _change(self.place, other.place), _change(self.velocity, other.velocity))
+            subtract(self.place, other.place), subtract(self.velocity, other.velocity))
 
 
 AT_REST = Course(NOWHERE, NOWHERE)
@@ -100,11 +101,3 @@ def _decayed(
     decay = math.exp(-elapsed / constant)
     place += slope * elapsed
     return place * decay, (slope - place / constant) * decay
-
-
-def _sum(a: Pose, b: Pose) -> Pose:
-    return Pose(a.x + b.x, a.y + b.y, a.theta + b.theta)
-
-
-def _change(a: Pose, b: Pose) -> Pose:
-    return Pose(a.x - b.x, a.y - b.y, a.theta - b.theta)

@@ -24,7 +24,7 @@ from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.control.reference import Motion, Reference, ReferenceSettings
 from facade_manipulator.control.tracker import Tracker
 from facade_manipulator.kinematics import certify, Geometry, Pose, Wrench
-from facade_manipulator.kinematics.planar import compose, inverse
+from facade_manipulator.kinematics.planar import add, compose, inverse, subtract
 from facade_manipulator.parameters import check_parameters, parameter
 
 BORDER_TIME = 0.2  # s, time constant of the way to a new border
@@ -187,8 +187,7 @@ class Compensator:
         border, last = Border(self.geometry, settings), self._last
         if last is not None:  # lead from the pose inside the old border to that inside the new
             rest = self._rest.at(last.time).place
-            led = Pose(*(p + e - r for p, e, r in zip(
-                last.pose, last.excess, rest, strict=True)))
+            led = subtract(add(last.pose, last.excess), rest)
             here, there = Course(last.pose, NOWHERE), Course(border.lead_in(led).pose, NOWHERE)
             self._rest.begin(last.time, here.minus(there), BORDER_TIME)
         self._border = border
@@ -295,7 +294,7 @@ class Compensator:
         tracked = self._tracker.step(time, wanted)
         inside = self._border.lead_in(tracked, math.tan(disturbance.theta))
         rest = self._rest.at(time).place
-        pose = Pose(*(p + r for p, r in zip(inside.pose, rest, strict=True)))
+        pose = add(inside.pose, rest)
         self.following.publish(time, pose)
         return CorrectedPose(
             time, pose, reference, shifted, disturbance, inside.excess, self._tracker.behind)
@@ -308,6 +307,5 @@ class Compensator:
         head = self.following.head(now)
         start = self.goal
         if head is not None:
-            place, shift = compose(disturbance, head), self.contact.present
-            start = Pose(*(a - b for a, b in zip(place, shift, strict=True)))
+            start = subtract(compose(disturbance, head), self.contact.present)
         self._reference.anchor(aim, Motion(start), self.goal)

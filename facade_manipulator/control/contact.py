@@ -12,6 +12,7 @@ from facade_manipulator.control.impedance import (
 from facade_manipulator.control.lateral import LateralRegulator, LateralSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.kinematics.planar import add
 
 FUTURE_TOLERANCE = 0.02  # s
 CLOCK_STEP = 2.0  # s, older than that means that the clock was set back
@@ -96,7 +97,7 @@ class Contact:
         self.lateral.step(now, interval, excess.x)
         self.press.step(now, time, interval, excess.y)
         self.turn.step(now, time, interval, excess.theta)
-        shifted = Pose(*(a + b for a, b in zip(reference, self.present, strict=True)))
+        shifted = add(reference, self.present)
         self._yaw = shifted.theta
         return shifted
 

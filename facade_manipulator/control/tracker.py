@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.planar import subtract
 
 BRAKING_SHARE = 0.5
 
@@ -32,7 +33,7 @@ class Tracker:
     @property
     def behind(self) -> Pose:
         """How far the target is ahead [m, m, rad]; 0 while the limits allow to follow."""
-        return Pose(*(t - p for t, p in zip(self._target, self._place, strict=True)))
+        return subtract(self._target, self._place)
 
     def reset(self) -> None:
         """Begin anew at the next target."""

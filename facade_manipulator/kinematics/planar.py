@@ -17,6 +17,16 @@ def difference(a: Pose, b: Pose) -> Pose:
     return Pose(a.x - b.x, a.y - b.y, wrap_angle(a.theta - b.theta))
 
 
+def add(a: Pose, b: Pose) -> Pose:
+    """Return the sum axis by axis, θ without wrapping: a pose and an offset from it."""
+    return Pose(a.x + b.x, a.y + b.y, a.theta + b.theta)
+
+
+def subtract(a: Pose, b: Pose) -> Pose:
+    """Return the offset of a from b axis by axis, θ without wrapping."""
+    return Pose(a.x - b.x, a.y - b.y, a.theta - b.theta)
+
+
 def compose(a: Pose, b: Pose) -> Pose:
     """
     Compose two poses: the pose `b`, given in the frame whose pose is `a`.
