@@ -16,14 +16,16 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 
+from facade_manipulator.control.blend import NOWHERE
 from facade_manipulator.control.border import Border
 from facade_manipulator.control.compensation import (
     Compensator,
     CompensatorSettings,
+    CorrectedPose,
     DEFAULTS,
 )
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
 from facade_manipulator.nodes.conversions import (
     END_EFFECTOR,
@@ -35,6 +37,7 @@ from facade_manipulator.nodes.conversions import (
     RAIL,
     require_frame,
     seconds,
+    set_pose_stamped,
     VARIANCES,
 )
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
@@ -67,20 +70,28 @@ class CompensatorNode(Node):
         self._compensator = Compensator(geometry, self.settings)
         self._refusals = Refusals(self)
         self._report = CompensatorReport(self._compensator)
-        self._follower: Callable[[PoseStamped], None] | None = None
+        self._follower: Callable[[float, Pose], None] | None = None
         self._corrected = self.create_publisher(PoseStamped, 'corrected_pose', LATEST)
         self._reference = self.create_publisher(PoseStamped, 'compensator/reference', RELIABLE)
+        self._corrected_message = pose_stamped(RAIL, 0.0, NOWHERE)  # sent again and again
+        self._reference_message = pose_stamped(FACADE, 0.0, NOWHERE)
         self._subscribe()
         self.create_service(SetBool, 'compensator/enable', self._enable)
         self.create_service(Trigger, 'compensator/tare', self._tare)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(1.0 / rate, self._update)
 
-    def hand_to(self, follower: Callable[[PoseStamped], None]) -> None:
+    def hand_to(self, follower: Callable[[float, Pose], None]) -> None:
         """
         Hand corrected poses to a node of the same process, which subscribes to them as well.
 
         That saves the way through the middleware; the topic goes on for everybody else.
+
+        Parameters
+        ----------
+        follower : callable
+            Takes the time that a pose is meant for [s] and the pose.
+
         """
         self._follower = follower
 
@@ -160,19 +171,23 @@ class CompensatorNode(Node):
             self._refusals.add(error)
             return
         if corrected is not None:
-            self._send(pose_stamped(RAIL, corrected.time, corrected.pose))
+            self._send(corrected)
             self._report.note(now, corrected)
-            self._reference.publish(pose_stamped(FACADE, corrected.time, corrected.reference))
         if self._report.changed(now):
             self._diagnostics.publish()
 
-    def _send(self, message: PoseStamped) -> None:
-        if self._follower is None:
-            self._corrected.publish(message)
-            return
-        self._follower(message)
-        if self._corrected.get_subscription_count() > 1:  # somebody listens beside the follower
-            self._corrected.publish(message)
+    def _send(self, corrected: CorrectedPose) -> None:
+        """Send what somebody listens to, the corrected pose first."""
+        time, followers = corrected.time, 0
+        if self._follower is not None:
+            self._follower(time, corrected.pose)
+            followers = 1
+        if self._corrected.get_subscription_count() > followers:
+            set_pose_stamped(self._corrected_message, time, corrected.pose)
+            self._corrected.publish(self._corrected_message)
+        if self._reference.get_subscription_count() > 0:
+            set_pose_stamped(self._reference_message, time, corrected.reference)
+            self._reference.publish(self._reference_message)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response):
         correction = self._compensator.correction

@@ -43,9 +43,14 @@ class CompensatorReport:
         self._last = corrected
         self._published += 1
         for what in HOLDS:
-            for axis, amount in zip(Pose._fields, getattr(corrected, what), strict=True):
-                if abs(amount) > LEAST_TOLD:
-                    self._held_until[what, axis] = now + TOLD_FOR
+            amounts = getattr(corrected, what)
+            if max(amounts) > LEAST_TOLD or min(amounts) < -LEAST_TOLD:
+                self._note_held(what, amounts, now + TOLD_FOR)
+
+    def _note_held(self, what: str, amounts: Pose, until: float) -> None:
+        for axis, amount in zip(Pose._fields, amounts, strict=True):
+            if abs(amount) > LEAST_TOLD:
+                self._held_until[what, axis] = until
 
     def changed(self, now: float) -> bool:
         """Tell whether level or sentence are others than last told."""
@@ -72,7 +77,9 @@ class CompensatorReport:
         return LEVELS[mode], mode.value
 
     def _held_back(self, now: float) -> str:
-        """Return what holds back which axes, empty if nothing does."""
+        """Return what holds back which axes, empty if nothing ever did."""
+        if not self._held_until:
+            return ''
         parts = []
         for what, text in HOLDS.items():
             axes = [axis for axis in Pose._fields

@@ -43,9 +43,15 @@ def node_time(node: Node) -> float:
 
 def stamp(time: float) -> Time:
     """Return seconds since the epoch as a stamp."""
-    whole = math.floor(time)
-    nanosec = int((time - whole) * 1e9)
-    return Time(sec=whole, nanosec=nanosec)
+    message = Time()
+    set_stamp(message, time)
+    return message
+
+
+def set_stamp(message: Time, time: float) -> None:
+    """Set a stamp to seconds since the epoch."""
+    message.sec = whole = math.floor(time)
+    message.nanosec = int((time - whole) * 1e9)
 
 
 def require_frame(frame_id: str, expected: str, what: str) -> None:
@@ -147,18 +153,30 @@ def carriages_from(
 def pose_message(pose: Pose) -> PoseMessage:
     """Return a planar pose as a message."""
     message = PoseMessage()
-    message.position.x, message.position.y = float(pose.x), float(pose.y)
-    message.orientation.z = math.sin(0.5 * pose.theta)
-    message.orientation.w = math.cos(0.5 * pose.theta)
+    set_planar_pose(message, pose)
     return message
 
 
 def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
     """Return a planar pose with frame and stamp [s]."""
-    message = PoseStamped(pose=pose_message(pose))
+    message = PoseStamped()
     message.header.frame_id = frame_id
-    message.header.stamp = stamp(time)
+    set_pose_stamped(message, time, pose)
     return message
+
+
+def set_pose_stamped(message: PoseStamped, time: float, pose: Pose) -> None:
+    """Give a message that is sent again and again another stamp [s] and planar pose."""
+    set_stamp(message.header.stamp, time)
+    set_planar_pose(message.pose, pose)
+
+
+def set_planar_pose(message: PoseMessage, pose: Pose) -> None:
+    """Set what a planar pose has of a message."""
+    position, orientation = message.position, message.orientation
+    position.x, position.y = float(pose.x), float(pose.y)
+    orientation.z = math.sin(0.5 * pose.theta)
+    orientation.w = math.cos(0.5 * pose.theta)
 
 
 def planar_wrench(message: WrenchStamped) -> Wrench:

@@ -11,13 +11,13 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.control.approach import Approach
+from facade_manipulator.control.blend import NOWHERE
 from facade_manipulator.control.reference import ReferenceSettings
 from facade_manipulator.control.setpoint_stream import (
     certified_path,
     GoalSettings,
     SetpointStream,
 )
-from facade_manipulator.control.setpoints import Setpoint
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
     Carriages,
@@ -37,7 +37,8 @@ from facade_manipulator.nodes.conversions import (
     RAIL,
     require_frame,
     seconds,
-    stamp,
+    set_planar_pose,
+    set_stamp,
 )
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
 from facade_manipulator.nodes.linkage import LinkageView
@@ -47,6 +48,7 @@ from facade_manipulator.nodes.workspace_map import WorkspaceMap
 
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01
+SAME_TIME = 1e-5  # s: stamps are cut to nanoseconds, floats hold a quarter of a microsecond
 
 
 class IkServiceNode(Node):
@@ -64,6 +66,9 @@ class IkServiceNode(Node):
         self._outcome = ('ok', 'no goal yet')
         self._setpoint_count = 0
         self._head: Pose | None = None
+        self._setpoint_message = JointState(name=CARRIAGES)  # sent again and again
+        self._setpoint_message.header.frame_id = RAIL
+        self._head_message = pose_stamped(RAIL, 0.0, NOWHERE)
         self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
         self._heads = self.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
         self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
@@ -84,19 +89,25 @@ class IkServiceNode(Node):
         self._approach.change_settings(settings)
 
     def take_goal(self, message: PoseStamped) -> None:
-        """Follow a pose of corrected_pose; the compensator may hand it over itself."""
+        """Follow a pose of corrected_pose."""
         try:
             require_frame(message.header.frame_id, RAIL, 'corrected_pose')
             pose = planar_pose(message.pose, 'corrected_pose')
             self._go_to(seconds(message.header.stamp) or node_time(self), pose)
         except ManipulatorError as error:
-            self._approach.end()
-            self._refuse(error)
+            self._give_up(error)
+
+    def take_pose(self, time: float, pose: Pose) -> None:
+        """Follow a pose meant for a time [s], handed over by a compensator in this process."""
+        try:
+            self._go_to(time, pose)
+        except ManipulatorError as error:
+            self._give_up(error)
 
     def _go_to(self, time: float, pose: Pose) -> None:
         """Follow a goal of a stream; lead the head to one that comes alone."""
         pause = time - self._last_goal_time
-        if pause == 0.0:  # handed over before, and now heard on the topic
+        if abs(pause) < SAME_TIME:  # handed over before, and now heard on the topic
             return
         self._last_goal_time = time
         if self._head is None or pause <= self.settings.stream_gap:
@@ -116,13 +127,19 @@ class IkServiceNode(Node):
             else:
                 self._follow(time, pose)
         except ManipulatorError as error:
-            self._approach.end()
-            self._refuse(error)
+            self._give_up(error)
+
+    def _give_up(self, error: ManipulatorError) -> None:
+        self._approach.end()
+        self._refuse(error)
 
     def _follow(self, time: float, pose: Pose) -> None:
         setpoint = self._stream.setpoint(time, pose)
         self._setpoint_count += 1
-        self._setpoints.publish(_setpoint_message(setpoint))
+        message = self._setpoint_message
+        set_stamp(message.header.stamp, setpoint.time)
+        message.position, message.velocity = setpoint.position, setpoint.velocity
+        self._setpoints.publish(message)
         self._accept('following the goals')
 
     def _take_joint_states(self, message: JointState) -> None:
@@ -133,7 +150,9 @@ class IkServiceNode(Node):
             self._head = None
             self._refusals.add(error)
             return
-        self._heads.publish(pose_stamped(RAIL, seconds(message.header.stamp), self._head))
+        self._head_message.header.stamp = message.header.stamp
+        set_planar_pose(self._head_message.pose, self._head)
+        self._heads.publish(self._head_message)
         try:
             self._contact.publish(message, self._head)
         except ManipulatorError as error:
@@ -183,14 +202,6 @@ class IkServiceNode(Node):
 
     def _components(self) -> list[DiagnosticStatus]:
         return [self._outcome_status()]
-
-
-def _setpoint_message(setpoint: Setpoint) -> JointState:
-    message = JointState(
-        name=CARRIAGES, position=setpoint.position, velocity=setpoint.velocity)
-    message.header.stamp = stamp(setpoint.time)
-    message.header.frame_id = RAIL
-    return message
 
 
 def _actuator_pose(header, point: Carriages) -> PoseStamped:

@@ -12,7 +12,7 @@ from facade_manipulator.nodes.runtime import run
 def make_nodes(**kwargs) -> list[Node]:
     """Make both nodes, corrected poses going straight from one to the other."""
     compensator, ik_service = CompensatorNode(**kwargs), IkServiceNode(**kwargs)
-    compensator.hand_to(ik_service.take_goal)
+    compensator.hand_to(ik_service.take_pose)
     return [compensator, ik_service]
 
 
