@@ -1,11 +1,12 @@
-"""The client's goals: none is lost, none goes nowhere."""
+"""The client: no goal is lost, and a request is answered with the node's own sentence."""
 
 from __future__ import annotations
 
 from geometry_msgs.msg import PoseStamped
 import pytest
+from support import DEADLINE
 
-from facade_manipulator.client import ManipulatorClient, NoAnswerError
+from facade_manipulator.client import ManipulatorClient, NoAnswerError, RequestRefusedError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.runtime import LATEST
 
@@ -32,6 +33,16 @@ def test_a_goal_that_nobody_takes_is_an_error(client, monkeypatch):
     with pytest.raises(NoAnswerError, match='a compensator that takes goals: not within 0.1 s'):
         client.send_goal(GOAL)
     assert client.goal is None
+
+
+def test_the_compensation_is_asked_for_by_its_names_and_its_refusal_is_raised(
+        client, start_process):
+    start_process('facade_manipulator.nodes.compensator', '--ros-args', '-r', '__ns:=/gondola_1')
+    client.wait_until(lambda: client.component('compensator: correction'), 'it', DEADLINE)
+    assert 'fades out' in client.enable_compensation(False)
+    assert 'fades in' in client.enable_compensation()
+    with pytest.raises(RequestRefusedError, match='compensator/tare: cannot tare without'):
+        client.tare()
 
 
 def test_one_who_only_looks_publishes_nothing_of_the_machine(client):
