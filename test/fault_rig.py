@@ -6,13 +6,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 import math
-import socket
 import threading
 import time
 
 import can
 from drive_rig import Rig, SETTINGS
-from support import wait_until
+from support import hear_much, wait_until
 
 from facade_manipulator.control.guard import MechanismGuard
 from facade_manipulator.control.limits import MotionLimits
@@ -32,8 +31,6 @@ VCAN_RATE = 50  # Hz: a kernel in user mode takes its time for every frame
 SLOW_HOMING = tuple(
     replace(axis, homing_method=17, homing_speed=0.03) for axis in DEFAULT_AXES)
 AMPLITUDE, FREQUENCY, AHEAD = 0.03, 0.6, 0.06
-HEARD = 1 << 20  # bytes that wait to be read, where that is permitted
-SO_RCVBUFFORCE = 33
 
 Spoil = Callable[[Setpoint], Setpoint | None]
 
@@ -103,8 +100,7 @@ class StreamRig(Rig):
             wanted += pdo.RPDO1.cob_id(axis.node_id), pdo.emergency_cob_id(axis.node_id)
         self.listener.set_filters([
             {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False} for cob_id in wanted])
-        with suppress(PermissionError):
-            self.listener.socket.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, HEARD)
+        hear_much(self.listener.socket)
 
     def listen(self) -> list[can.Message]:
         """Return what the listener has heard since it was last asked, and keep all."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+import socket
 import time
 
 import pytest
 
 DEADLINE = 20.0
+SO_RCVBUFFORCE = 33
+MUCH = 8 << 20  # bytes
 
 
 def wait_until(
@@ -24,3 +28,15 @@ def wait_until(
         else:
             step()
     return value
+
+
+def hear_much(raw: socket.socket) -> None:
+    """Let a socket keep more than some 250 frames for its reader, where that is permitted."""
+    with suppress(PermissionError):
+        raw.setsockopt(socket.SOL_SOCKET, SO_RCVBUFFORCE, MUCH)
+
+
+def period_of(stamps: Sequence[float]) -> float:
+    """Return the period of a kernel's timer, which a busy machine delays but never hurries."""
+    steps = sorted(after - before for before, after in zip(stamps, stamps[1:], strict=False))
+    return steps[len(steps) // 4]

@@ -1,12 +1,18 @@
-"""Fixture: a vcan0 that is up, such as ``python vcan.py -- python -m pytest …`` finds."""
+"""Fixtures: a vcan0 that is up, such as ``vcan.py`` provides, and the stack's processes on it."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
+from listener import Listener
 import pytest
+import rclpy
+from stack import bring_up, DRIVER, hurry, PATIENCE
+from support import wait_until
 from vcan import MISSING
+
+from facade_manipulator.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')
 IFF_UP = 0x1
@@ -19,3 +25,46 @@ def vcan0() -> str:
         pytest.skip(os.environ.get(MISSING, 'no vcan0 here: run make test'))
     assert int(FLAGS.read_text(), 16) & IFF_UP, 'vcan0 is down: sudo ip link set vcan0 up'
     return 'vcan0'
+
+
+@pytest.fixture
+def listener(vcan0):
+    """Listen to all frames."""
+    made = Listener(vcan0)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def drives(vcan0, start_process):
+    """Start three simulated drives."""
+    process = start_process(
+        'facade_manipulator.nodes.drive_simulator', '--channel', vcan0, preexec_fn=hurry)
+    wait_until(lambda: 'nodes 1, 2, 3' in process.log.read_text(), 'the drive simulator', 60.0)
+    return process
+
+
+@pytest.fixture
+def driver(drives, start_process, request):
+    """Start the driver, patient with this machine unless the test says otherwise."""
+    marker = request.node.get_closest_marker('driver')
+    parameters = marker.args if marker else PATIENCE
+    return start_process(
+        'facade_manipulator.nodes.driver', '--ros-args', *DRIVER,
+        *(word for parameter in parameters for word in ('-p', parameter)))
+
+
+@pytest.fixture
+def client(ros_domain):
+    """Give an operator's client."""
+    rclpy.init(domain_id=ros_domain)
+    with ManipulatorClient() as made:
+        yield made
+    rclpy.try_shutdown()
+
+
+@pytest.fixture
+def active(driver, client):
+    """Bring the drives up as an operator does: configure, home, activate."""
+    bring_up(client)
+    return client

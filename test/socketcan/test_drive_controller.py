@@ -1,21 +1,22 @@
-"""The drive controller on a real SocketCAN bus: SYNC of the kernel, the interface down and up."""
+"""The drive controller on a real SocketCAN bus, with SYNC of the kernel."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+import time
 
 from drive_rig import at_rest, moving, Rig, SETTINGS
-from link import set_flags
+from link import IFF_UP, set_flags
 import pytest
-from support import wait_until
+from support import hear_much, period_of, wait_until
 from test_drive_simulator import switch
 
 from facade_manipulator.drives.cia402 import State
 from facade_manipulator.drives.link import BusSettings, open_bus
+from facade_manipulator.drives.pdo import SYNC_COB_ID
 from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import BusError
 
-IFF_UP = 0x1
 PERIOD = 0.02
 
 
@@ -23,6 +24,7 @@ PERIOD = 0.02
 def rig(vcan0):
     settings = replace(SETTINGS, rate=50, reopen_after=0.3)
     made = Rig(vcan0, interface='socketcan', settings=settings)
+    hear_much(made.listener.socket)
     yield made
     set_flags(vcan0, IFF_UP)
     made.close()
@@ -31,12 +33,17 @@ def rig(vcan0):
 def test_the_kernel_sends_sync_at_its_period(rig):
     at_rest(rig)
     rig.frames()
-    rig.cycles(20)  # a socket keeps no more than some 250 frames
-    stamps = [frame.timestamp for frame in rig.frames() if frame.arbitration_id == 0x080]
-    steps = [b - a for a, b in zip(stamps, stamps[1:], strict=False)]
-    assert len(steps) >= 15
-    assert sum(steps) / len(steps) == pytest.approx(PERIOD, rel=0.05)  # one late frame in 20
-    assert rig.controller.snapshot().cycle.skipped == 0
+    stamps = []
+
+    def take():
+        stamps.extend(frame.timestamp for frame in rig.frames() if is_sync(frame))
+        return len(stamps) > 40
+    wait_until(take, '40 SYNC frames')
+    assert period_of(stamps) == pytest.approx(PERIOD, rel=0.1)
+
+
+def is_sync(frame):
+    return frame.arbitration_id == SYNC_COB_ID
 
 
 def test_a_day_on_a_real_bus(rig):
@@ -53,21 +60,10 @@ def test_sync_falls_silent_with_the_controller(rig):
     at_rest(rig)
     rig.controller.close()
     rig.frames()
-    assert rig.listener.recv(3 * PERIOD) is None or all(
-        frame.arbitration_id != 0x080 for frame in rig.frames())
-
-
-def test_an_interface_that_goes_down_and_comes_back_leaves_the_drives_stopped(rig, vcan0):
-    moving(rig)
-    switch(vcan0, up=False)
-    rig.until(ControllerState.BUS_LOST)
-    assert 'down' in rig.controller.snapshot().bus_error
-    wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states,
-               'the drives to miss the heartbeat')
-    switch(vcan0, up=True)
-    rig.until(ControllerState.STOPPED)
-    assert State.OPERATION_ENABLED not in rig.drive_states
-    rig.do('clear_faults', 'activate')
+    end = time.monotonic() + 5.0 * PERIOD
+    while (left := end - time.monotonic()) > 0.0:
+        heard = rig.listener.recv(left)
+        assert heard is None or not is_sync(heard)
 
 
 def test_an_interface_that_is_down_at_the_start_is_said(vcan0):

@@ -2,47 +2,37 @@
 
 from __future__ import annotations
 
-import fcntl
 import signal
-import socket
 import struct
 
-from link import SIOCGIFFLAGS, SIOCSIFFLAGS
+from link import clear_flags, IFF_UP, set_flags
+from listener import Listener
 import pytest
-from support import wait_until
+from support import DEADLINE, wait_until
 
 MODULE = 'facade_manipulator.nodes.drive_simulator'
-FRAME = struct.Struct('<IB3x8s')
 REQUEST = struct.pack('<BHB4x', 0x40, 0x1000, 0)  # SDO upload of the device type
 ANSWER = bytes.fromhex('4300100092010200')
-IFF_UP = 0x1
 
 
-class Master:
-    """A raw socket that may find its interface down."""
-
-    def __init__(self, interface):
-        self.socket = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-        self.socket.bind((interface,))
-        self.socket.setblocking(False)
-        self.frames = []
+class Master(Listener):
+    """A listener that asks, and may find its interface down."""
 
     def ask(self, node):
         """Send an SDO request; tell whether an answer to one has come."""
         try:
-            self.socket.send(FRAME.pack(0x600 + node, 8, REQUEST))
-            while True:
-                cob_id, length, data = FRAME.unpack(self.socket.recv(FRAME.size))
-                self.frames.append((cob_id, data[:length]))
+            self.send(0x600 + node, REQUEST)
+            self.read()
         except OSError:
-            return (0x580 + node, ANSWER) in self.frames
+            pass  # the interface is down
+        return (0x580 + node, ANSWER) in [frame[1:] for frame in self.frames]
 
 
 @pytest.fixture
 def master(vcan0):
     made = Master(vcan0)
     yield made
-    made.socket.close()
+    made.close()
 
 
 @pytest.fixture
@@ -53,15 +43,10 @@ def simulator(vcan0, start_process):
 
 
 def switch(interface, up):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as control:
-        request = struct.pack('16sH14x', interface.encode(), 0)
-        flags, = struct.unpack_from('H', fcntl.ioctl(control, SIOCGIFFLAGS, request), 16)
-        flags = flags | IFF_UP if up else flags & ~IFF_UP
-        try:
-            fcntl.ioctl(control, SIOCSIFFLAGS,
-                        struct.pack('16sH14x', interface.encode(), flags))
-        except PermissionError:
-            pytest.skip(f'no permission to switch {interface} down')
+    try:
+        (set_flags if up else clear_flags)(interface, IFF_UP)
+    except PermissionError:
+        pytest.skip(f'no permission to switch {interface} {"up" if up else "down"}')
 
 
 def test_every_drive_answers_on_the_real_bus(simulator, master):
@@ -86,13 +71,13 @@ def test_sigterm_ends_it_while_the_interface_is_down(simulator, vcan0):
     switch(vcan0, up=False)
     try:
         simulator.send_signal(signal.SIGTERM)
-        assert simulator.wait(10) == 0
+        assert simulator.wait(DEADLINE) == 0
     finally:
         switch(vcan0, up=True)
 
 
 def test_an_interface_that_does_not_exist_is_one_sentence(vcan0, start_process):
     process = start_process(MODULE, '--channel', 'vcan77')
-    assert process.wait(20) == 3
+    assert process.wait(DEADLINE) == 3
     said = process.log.read_text()
     assert 'vcan77' in said and said.count('\n') == 1
