@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import json
 from pathlib import Path
 from typing import Any
@@ -100,22 +100,12 @@ def draw(
 
     """
     # matplotlib comes in here, so that the nodes' start does not wait for it
-    from facade_manipulator.nodes import demo_animation, demo_pictures
+    from facade_manipulator.nodes import demo_animation
 
     course = recorder.newest()
     if len(course.times) < LEAST_SAMPLES:
         return
-    times, forces = recorder.forces()
-    pictures = {
-        TIME_COURSES: lambda draft: demo_pictures.draw_time_courses(
-            draft, recorder.whole(), summary['axes']),
-        SPECTRUM: lambda draft: demo_pictures.draw_spectrum(draft, course),
-        PATH: lambda draft: demo_pictures.draw_paths(draft, course),
-    }
-    if len(times):
-        pictures[FORCE] = lambda draft: demo_pictures.draw_pressing(
-            draft, times, forces, _desired(scenario))
-    for done, (name, picture) in enumerate(pictures.items()):
+    for done, (name, picture) in enumerate(_pictures(recorder, summary, scenario).items()):
         yield 0.1 * done
         with whole(folder / name) as draft:
             picture(draft)
@@ -126,6 +116,26 @@ def draw(
     with whole(folder / LINKAGE) as draft:
         demo_animation.save(draft, images)
     yield 1.0
+
+
+def _pictures(
+    recorder: Recorder, summary: dict, scenario: Scenario
+) -> dict[str, Callable[[Path], None]]:
+    """Return what draws each picture into a file, by its name."""
+    from facade_manipulator.nodes import demo_pictures
+
+    course = recorder.newest()
+    times, forces = recorder.forces()
+    pictures = {
+        TIME_COURSES: lambda draft: demo_pictures.draw_time_courses(
+            draft, recorder.whole(), summary['axes']),
+        SPECTRUM: lambda draft: demo_pictures.draw_spectrum(draft, course),
+        PATH: lambda draft: demo_pictures.draw_paths(draft, course),
+    }
+    if len(times):
+        pictures[FORCE] = lambda draft: demo_pictures.draw_pressing(
+            draft, times, forces, _desired(scenario))
+    return pictures
 
 
 def _desired(scenario: Scenario) -> float | None:

@@ -58,7 +58,8 @@ def draw_scenario(path: Path, name: str, steps: Sequence[Step], pressed: float |
         panel = figure.add_subplot(grid[i, 0])
         draw_course(panel, times, SCALES[i] * uncompensated[:, i], SCALES[i] * errors[:, i])
         label(panel, 'time [s]' if i == 2 else '', title)
-    figure.axes[0].legend(loc='upper right', ncols=2, fontsize=8)
+    figure.axes[0].legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=2, fontsize=8,
+                          frameon=False)
     draw_path(figure.add_subplot(grid[0, 1]),
               heads[settled], errors[settled], uncompensated[settled])
     (frequencies, without), (_, error) = (
