@@ -1,0 +1,89 @@
+"""
+Publish setpoints a thousand times a second of which one in twenty is good.
+
+``python bad_setpoints.py SECONDS`` lets the good ones go to and fro from the home position by up
+to `REACH`; of the bad ones those that only their time betrays lie `NEAR_BY` behind it.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+import sys
+import time
+
+from builtin_interfaces.msg import Time
+import rclpy
+from sensor_msgs.msg import JointState
+
+from facade_manipulator.nodes.conversions import stamp
+from facade_manipulator.nodes.runtime import LATEST
+
+HOME = (-0.1, 0.1, 0.0)
+NAMES = ('q1', 'q2', 'q3')
+PERIOD, GOOD_ONE_IN = 0.001, 20
+REACH, FREQUENCY, AHEAD = 0.04, 0.5, 0.06
+NEAR_BY, FAR_AWAY = -0.04, -0.3
+NOTHING = (math.nan, math.inf, -math.inf)
+
+
+def good(now: float, begin: float) -> JointState:
+    """Make the setpoint of a smooth course."""
+    angle = 2.0 * math.pi * FREQUENCY * (now - begin)
+    speed = REACH * math.pi * FREQUENCY * math.sin(angle)
+    return setpoint(now, 0.5 * REACH * (1.0 - math.cos(angle)), (speed,) * 3)
+
+
+def setpoint(when: float, shift: float, velocity=(0.0,) * 3, names=NAMES) -> JointState:
+    """Make a setpoint with all carriages shifted from home."""
+    message = JointState(
+        name=names, position=[q + shift for q in HOME][:len(names)], velocity=velocity)
+    message.header.stamp = stamp(when)
+    return message
+
+
+def bad(rng: random.Random, now: float) -> list[JointState]:
+    """Make setpoints that must not be followed, each for another reason."""
+    nothing = rng.choice(NOTHING)
+    lame = [0.0, 0.0, 0.0]
+    lame[rng.randrange(3)] = nothing
+    never = setpoint(now, NEAR_BY)
+    never.header.stamp = rng.choice((
+        Time(sec=2**31 - 1, nanosec=2**32 - 1), Time(sec=-2**31), Time()))
+    return [
+        setpoint(now - rng.uniform(1.0, 100.0), NEAR_BY),  # stale
+        setpoint(now + rng.uniform(2.0, 100.0), NEAR_BY),  # in the future
+        never,
+        setpoint(now, nothing),
+        setpoint(now, NEAR_BY, lame),
+        setpoint(now - 0.1, FAR_AWAY),  # unordered
+        setpoint(now, FAR_AWAY),  # a jump
+        setpoint(now, 0.9),  # beyond the rail
+        setpoint(now, NEAR_BY, names=('q1', 'q2')),
+        setpoint(now, NEAR_BY, names=('q1', 'q2', 'q2')),
+        setpoint(now, NEAR_BY, (0.0,) * 7),
+        JointState(),
+    ]
+
+
+def main(seconds: float) -> None:
+    """Publish, then say how many there were."""
+    rclpy.init()
+    node = rclpy.create_node('stranger')
+    publisher = node.create_publisher(JointState, 'joint_setpoints', LATEST)
+    while not publisher.get_subscription_count():
+        time.sleep(0.01)
+    rng, number, begin = random.Random(0), 0, time.time()
+    while (now := time.time()) < begin + seconds:
+        if number % GOOD_ONE_IN:
+            publisher.publish(rng.choice(bad(rng, now + AHEAD)))
+        else:
+            publisher.publish(good(now + AHEAD, begin + AHEAD))
+        number += 1
+        time.sleep(max(0.0, begin + number * PERIOD - time.time()))
+    print(f'{number} setpoints in {time.time() - begin:.2f} s', flush=True)
+    rclpy.try_shutdown()
+
+
+if __name__ == '__main__':
+    main(float(sys.argv[1]))
