@@ -180,3 +180,34 @@ def test_the_histogram_holds_every_step(ages):
     statistics = clock.statistics
     assert sum(statistics.lateness) == statistics.cycles == statistics.incomplete == len(ages)
     assert len(statistics.lateness) == len(LATENESS_BOUNDS) + 1
+
+
+# --- stamps without jitter
+
+@given(st.lists(st.floats(-0.1, 0.1), min_size=2, max_size=50), st.floats(1e9, 2e9))
+def test_jitter_of_sync_hardly_reaches_the_even_stamps(jitter, start):
+    clock = sent()
+    stamps = []
+    for number, share in enumerate([0.0, *jitter]):
+        clock.begin(T * number, start + T * (number + share))
+        clock.finish(T * (number + 0.1), complete=True)
+        stamps.append(clock.even_stamp)
+    for before, after in zip(stamps, stamps[1:], strict=False):
+        assert after - before == pytest.approx(T, abs=0.02 * T)
+
+
+@pytest.mark.parametrize('moved', [0.4, 7.4, -3.6, 1e5 + 0.3])
+def test_a_sync_at_another_place_and_a_clock_that_was_set_are_believed_at_once(moved):
+    clock = sent()
+    clock.begin(0.0, 100.0)
+    clock.finish(0.1 * T, complete=True)
+    clock.begin(T, 100.0 + moved * T)
+    assert clock.even_stamp == pytest.approx(100.0 + moved * T, abs=1e-9)
+
+
+def test_periods_without_sync_leave_the_even_stamps_in_step():
+    clock = heard()
+    for number in (0, 1, 4, 5):
+        clock.hear(T * number, 100.0 + T * number)
+        clock.finish(T * (number + 0.1), complete=True)
+        assert clock.even_stamp == pytest.approx(100.0 + T * number, abs=1e-9)

@@ -19,6 +19,8 @@ COMPANY = 0.3  # of the period: how long after a late first answer the others ma
 PATIENCE = 3.0  # for any answer to our SYNC: rather is this computer late than all drives dead
 SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
 SYNC_TOO_EARLY = 0.5
+JITTER = 0.25  # of the period: a SYNC that is farther from its place has another place
+JITTER_SHARE = 0.05  # of it that is believed
 LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 
 
@@ -60,8 +62,9 @@ class CycleClock:
     """
     What both kinds of clock share: one step per SYNC, and the counters.
 
-    `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `is_open` says
-    whether its step is still to come.
+    `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `even_stamp` is the
+    stamp without jitter: targets for instants that jitter would ask the carriages for jumps of
+    speed. `is_open` says whether the step of the SYNC is still to come.
 
     Parameters
     ----------
@@ -75,7 +78,7 @@ class CycleClock:
     def __init__(self, period: float) -> None:
         self.period = period
         self.sync_time = 0.0
-        self.sync_stamp = 0.0
+        self.sync_stamp = self.even_stamp = 0.0
         self.late_in_a_row = 0
         self.overdue_in_a_row = 0
         self.is_open = False
@@ -98,8 +101,17 @@ class CycleClock:
 
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp
+        self.even_stamp = self._evened(stamp)
         self._answers_due = time + self._patience * self.period
         self.is_open = True
+
+    def _evened(self, stamp: float) -> float:
+        """Return a stamp moved to a whole number of periods after the last, jitter apart."""
+        periods = round((stamp - self.even_stamp) / self.period)
+        error = stamp - self.even_stamp - periods * self.period
+        if not self.even_stamp or abs(error) > JITTER * self.period:
+            return stamp
+        return self.even_stamp + periods * self.period + JITTER_SHARE * error
 
     def _close(self, now: float, complete: bool) -> bool:
         """Count the cycle at its step; return whether the step is early enough."""

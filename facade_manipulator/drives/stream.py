@@ -259,7 +259,7 @@ class Stream:
     ) -> tuple[Command, ...]:
         """Choose the targets; a source that fails stops the group instead."""
         actual = tuple([m.status.position_counts if m.status else 0 for m in self._monitors])
-        latch_time = self.clock.sync_stamp + 2.0 * self._settings.period + self._settings.drive_lag
+        latch_time = self.clock.even_stamp + 2.0 * self._settings.period + self._settings.drive_lag
         try:
             self._targets.choose(self.group.phase, commands[0], actual, latch_time)
         except ManipulatorError as error:
