@@ -33,10 +33,14 @@ PATIENCE = 60.0
 
 
 class Estimator(Inputs):
-    """Disturbances and goals, with the times at which they were sent."""
+    """
+    Disturbances and goals, with the times at which they were sent.
+
+    A little off the rate of the others, so that every phase between them occurs alike.
+    """
 
     def __init__(self, rate: float) -> None:
-        super().__init__(rate)
+        super().__init__(0.97 * rate)
         self.sent: list[float] = []
 
     def _sway(self) -> None:

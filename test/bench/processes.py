@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import ctypes
 import json
 import os
@@ -78,24 +79,35 @@ class Processes:
     def measure(self, counted: list[str], listener: str, warm_up: float, duration: float) -> Load:
         """Return latencies at the listener and the CPU of some processes over a time."""
         ear = self.running[listener]
-        deadline = time.monotonic() + READY_WITHIN
-        while not _listen(ear, 0.2) and time.monotonic() < deadline:
-            continue
+        until(lambda: listen(ear, 0.2))
         time.sleep(warm_up)
         before, begin = self.cpu(counted), time.monotonic()
-        latencies = _listen(ear, duration)
+        latencies = listen(ear, duration)
         cpu = (self.cpu(counted) - before) / (time.monotonic() - begin)
-        if len(latencies) < 2:
-            raise RuntimeError(f'{listener} heard {len(latencies)} messages in {duration:g} s')
-        cuts = quantiles(latencies, n=100)
-        return Load(cuts[49], cuts[98], cpu)
+        return load(latencies, cpu)
 
     def cpu(self, names: list[str]) -> float:
         """Return the processor time that processes have used [s]."""
         return sum(cpu_of(self.running[name].pid) for name in names)
 
 
-def _listen(ear: subprocess.Popen, duration: float) -> list[float]:
+def load(latencies: list[float], cpu: float) -> Load:
+    """Return what latencies [s] and a CPU share amount to."""
+    if len(latencies) < 2:
+        raise RuntimeError(f'{len(latencies)} messages were heard')
+    cuts = quantiles(latencies, n=100)
+    return Load(cuts[49], cuts[98], cpu)
+
+
+def until(heard: Callable[[], bool]) -> None:
+    """Wait for the first messages, not for ever."""
+    deadline = time.monotonic() + READY_WITHIN
+    while not heard() and time.monotonic() < deadline:
+        continue
+
+
+def listen(ear: subprocess.Popen, duration: float) -> list:
+    """Return what a process tells of a time: of a listener the latencies [s]."""
     say(ear, 'begin')
     time.sleep(duration)
     say(ear, 'end')

@@ -55,7 +55,8 @@ class CompensatorRelay(Node):
     def _relay(self) -> None:
         self._message.header.stamp = stamp(time.time() + HORIZON)
         self._corrected.publish(self._message)
-        self._reference.publish(self._message)
+        if self._reference.get_subscription_count() > 0:
+            self._reference.publish(self._message)
 
 
 class IkRelay(Node):
@@ -131,6 +132,34 @@ class Poses(Inputs):
             'rail', now + HORIZON, Pose(0.02 * math.sin(now), PLACE.y, 0.0)))
 
 
+class Setpoints(Node):
+    """An ik_service's output for the driver alone: a sway about where the carriages stand."""
+
+    def __init__(self, rate: float) -> None:
+        super().__init__('setpoints')
+        self._begin = time.time()
+        self._home: tuple[float, ...] = ()
+        self._message = JointState(name=CARRIAGES)
+        self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
+        self.create_subscription(JointState, 'joint_states', self._stand, RELIABLE)
+        self.create_timer(1.0 / rate, self._tell)
+
+    def _stand(self, message: JointState) -> None:
+        if not self._home:
+            self._begin, self._home = time.time(), tuple(message.position)
+
+    def _tell(self) -> None:
+        if not self._home:
+            return
+        now = time.time()
+        phase = now - self._begin
+        shift, speed = 0.005 * (1.0 - math.cos(phase)), 0.005 * math.sin(phase)
+        self._message.header.stamp = stamp(now + HORIZON)
+        self._message.position = [place + shift for place in self._home]
+        self._message.velocity = (speed,) * 3
+        self._setpoints.publish(self._message)
+
+
 class Listener(Node):
     """Measures how late messages are: now less the instant at which their sender began."""
 
@@ -157,6 +186,7 @@ ROLES = {
     'ik_relay': IkRelay,
     'inputs': Inputs,
     'poses': Poses,
+    'setpoints': Setpoints,
     'hear_poses': lambda _: Listener('corrected_pose', PoseStamped),
     'hear_setpoints': lambda _: Listener('joint_setpoints', JointState),
 }
