@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 import gc
 import signal
 import sys
-from threading import Event
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -23,28 +22,29 @@ RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
 LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
-USAGE_ERROR = 2
+SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 LONGEST_WAIT = 0.2  # s, after which a signal is seen on a node where nothing happens
 
 
 def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None) -> int:
     """
-    Spin the nodes until SIGINT, SIGTERM or a shutdown; return the process's exit status.
+    Spin the nodes until SIGINT or SIGTERM; return the process's exit status.
 
     A `ManipulatorError` while the nodes are made, such as a parameter out of range, is one
-    sentence on stderr and exit status 2. A node with a method ``close`` is closed first, while
+    sentence on stderr and exit status 2; so is the end of ROS without a signal, with status 1:
+    no node ends in silence. A node with a method ``close`` is closed first, while
     ROS still runs: rclpy's own signal handlers would end ROS before, under a waiting executor.
     """
-    stopping = Event()
+    received: list[int] = []
     for number in STOP_SIGNALS:
-        signal.signal(number, lambda *_: stopping.set())
+        signal.signal(number, lambda number, _: received.append(number))
     nodes: Sequence[Node] = ()
     try:
         nodes = _start(make_nodes, args)
-        _spin(nodes, stopping)
+        _spin(nodes, received)
     except ExternalShutdownException:
-        return 0
+        pass
     except ManipulatorError as error:
         print(f'refused to start: {error}', file=sys.stderr)
         return USAGE_ERROR
@@ -56,6 +56,9 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
         rclpy.try_shutdown()
         for number in STOP_SIGNALS:  # a second one now would look as if the node had died
             signal.signal(number, signal.SIG_IGN)
+    if not received:
+        print('ended, though by no signal: ROS was shut down in this process', file=sys.stderr)
+        return SHUT_DOWN
     return 0
 
 
@@ -68,12 +71,12 @@ def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> 
         raise ManipulatorError(str(error)) from error
 
 
-def _spin(nodes: Sequence[Node], stopping: Event) -> None:
+def _spin(nodes: Sequence[Node], received: list[int]) -> None:
     executor = choose_executor()
     for node in nodes:
         executor.add_node(node)
     gc.freeze()  # what start-up made stays: no collection has to look at it again
-    while rclpy.ok() and not stopping.is_set():
+    while not received and rclpy.ok():
         executor.spin_once(timeout_sec=LONGEST_WAIT)
 
 
