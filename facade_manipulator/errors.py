@@ -51,6 +51,32 @@ class InputError(ManipulatorError):
         super().__init__(sentence)
         self.reason = reason
 
+    @staticmethod
+    def not_finite(what: str, value: float, unit: str = '') -> InputError:
+        """Return the refusal of a number that is none, ready to be raised."""
+        suffix = f' {unit}' if unit else ''
+        return InputError(
+            'not_finite', f'{what} = {value}{suffix} is not a finite number')
+
+    @staticmethod
+    def stale(what: str, age: float, bound: float) -> InputError:
+        """Return the refusal of what is older than its bound [s], ready to be raised."""
+        return InputError('stale', f'{what} is {age:.3f} s old, bound {bound:g} s')
+
+    @staticmethod
+    def from_future(what: str, lead: float, bound: float) -> InputError:
+        """Return the refusal of what was measured later than now [s], ready to be raised."""
+        return InputError(
+            'future', f'{what} is {lead:.3f} s from the future, bound {bound:g} s: are the '
+            'clocks synchronised?')
+
+    @staticmethod
+    def out_of_order(what: str, behind: float) -> InputError:
+        """Return the refusal of what came after something newer [s], ready to be raised."""
+        return InputError(
+            'out_of_order', f'{what} is {behind:.3f} s older than the one before, expected a '
+            'newer one')
+
 
 class LimitError(ManipulatorError):
     """

@@ -107,16 +107,12 @@ class Contact:
     ) -> None:
         for name, value in values.items():
             if not math.isfinite(value):
-                raise InputError('not_finite', f'{what} {name} = {value} is not a finite number')
+                raise InputError.not_finite(f'{what} {name}', value)
         if now - stamp > longest_age:
-            raise InputError(
-                'stale', f'{what} is {now - stamp:.3f} s old, bound {longest_age:g} s')
+            raise InputError.stale(what, now - stamp, longest_age)
         if stamp - now > FUTURE_TOLERANCE:
-            raise InputError(
-                'future', f'{what} is {stamp - now:.3f} s from the future, bound '
-                f'{FUTURE_TOLERANCE:g} s: are the clocks synchronised?')
-        if 0.0 <= self._stamps.get(what, -math.inf) - stamp <= CLOCK_STEP:
-            raise InputError(
-                'out_of_order', f'{what} is {self._stamps[what] - stamp:.3f} s older than the '
-                'one before, expected a newer one')
+            raise InputError.from_future(what, stamp - now, FUTURE_TOLERANCE)
+        behind = self._stamps.get(what, -math.inf) - stamp
+        if 0.0 <= behind <= CLOCK_STEP:
+            raise InputError.out_of_order(what, behind)
         self._stamps[what] = stamp

@@ -121,8 +121,7 @@ class EstimateGate:
         for name, value, bound, unit in zip(
                 Pose._fields, pose, self._largest, UNITS, strict=True):
             if not math.isfinite(value):
-                raise InputError(
-                    'not_finite', f'disturbance {name} = {value} is not a finite number')
+                raise InputError.not_finite(f'disturbance {name}', value)
             if abs(value) > bound:
                 raise InputError(
                     'range', f'disturbance {name} = {value:.4g} {unit} is beyond '
@@ -130,18 +129,13 @@ class EstimateGate:
 
     def _check_age(self, age: float) -> None:
         if age > self.settings.longest_age:
-            raise InputError(
-                'stale', f'disturbance is {age:.3f} s old, bound {self.settings.longest_age:g} s')
+            raise InputError.stale('disturbance', age, self.settings.longest_age)
         if age < -self.settings.future_tolerance:
-            raise InputError(
-                'future', f'disturbance is {-age:.3f} s from the future, bound '
-                f'{self.settings.future_tolerance:g} s: are the clocks synchronised?')
+            raise InputError.from_future('disturbance', -age, self.settings.future_tolerance)
 
     def _check_order(self, elapsed: float) -> None:
         if elapsed <= 0.0:
-            raise InputError(
-                'out_of_order', f'disturbance is {-elapsed:.3f} s older than the one before, '
-                'expected a newer one')
+            raise InputError.out_of_order('disturbance', -elapsed)
 
     def _check_jump(self, elapsed: float, pose: Pose) -> None:
         for name, value, last, bound, unit in zip(

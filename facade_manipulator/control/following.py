@@ -79,9 +79,7 @@ class Following:
 
         """
         if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
-            raise InputError(
-                'out_of_order', f'end_effector_pose is {self._head[0] - stamp:.3f} s older than '
-                'the one before, expected a newer one')
+            raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
         interval = 0.0 if self._head is None else max(stamp - self._head[0], 0.0)
         self._head = stamp, head
         planned = self._planned(stamp)

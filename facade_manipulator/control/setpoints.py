@@ -256,9 +256,7 @@ class SetpointFollower:
         ):
             for carriage, value in zip(CARRIAGES, values, strict=True):
                 if not math.isfinite(value):
-                    raise InputError(
-                        'not_finite', f'setpoint {name} of {carriage} = {value} {unit} '
-                        'is not a finite number')
+                    raise InputError.not_finite(f'setpoint {name} of {carriage}', value, unit)
 
     def _require_timely(
         self, setpoint: Setpoint, now: float, stream: tuple[Setpoint, ...]

@@ -148,7 +148,7 @@ class Targets:
             return
         name = f'target of {self._names[number]}'
         if not math.isfinite(target):
-            raise InputError('not_finite', f'{name} = {target} m is not a finite number')
+            raise InputError.not_finite(name, target, 'm')
         if target < axis.lower_limit - ROUNDING:
             raise StrokeLimitError(name, target, axis.lower_limit, 'm', 'below')
         if target > axis.upper_limit + ROUNDING:

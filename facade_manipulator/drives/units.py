@@ -124,7 +124,7 @@ class AxisScale:
 
 def _rounded(quantity: str, value: float, unit: str) -> int:
     if not math.isfinite(value):
-        raise InputError('not_finite', f'{quantity} = {value} {unit} is not a finite number')
+        raise InputError.not_finite(quantity, value, unit)
     if value > INT32_MAX:
         raise LimitError(quantity, value, INT32_MAX, unit, 'above')
     if value < INT32_MIN:

@@ -92,7 +92,7 @@ def planar_pose(message: PoseMessage, what: str) -> Pose:
     }
     for name, value in numbers.items():
         if not math.isfinite(value):
-            raise InputError('not_finite', f'{what} {name} = {value} is not a finite number')
+            raise InputError.not_finite(f'{what} {name}', value)
     _require_planar(position.z, q, what)
     return Pose(position.x, position.y, _yaw(q))
 
@@ -146,7 +146,7 @@ def carriages_from(
     ordered = [values[names.index(name)] for name in CARRIAGES]
     for name, value in zip(CARRIAGES, ordered, strict=True):
         if not math.isfinite(value):
-            raise InputError('not_finite', f'{what} of {name} = {value} is not a finite number')
+            raise InputError.not_finite(f'{what} of {name}', value)
     return tuple(ordered)
 
 
