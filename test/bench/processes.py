@@ -11,8 +11,9 @@ import signal
 from statistics import quantiles
 import subprocess
 import sys
+import tempfile
 import time
-from typing import NamedTuple
+from typing import IO, NamedTuple
 
 from rounds import HERE, SOURCE
 
@@ -39,11 +40,16 @@ class Processes:
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONPATH': str(SOURCE)}
         self._namespace = namespace
         self.running: dict[str, subprocess.Popen] = {}
+        self._logs: dict[str, IO[str]] = {}
 
     def __enter__(self) -> Processes:
         return self
 
     def __exit__(self, *_) -> None:
+        for key, process in self.running.items():
+            if process.poll() is not None:
+                print(f'  {key} ended by itself, exit status {process.returncode}: '
+                      f'{self._last_line(key)}')
         for process in self.running.values():
             process.send_signal(signal.SIGINT)
         for process in self.running.values():
@@ -52,6 +58,13 @@ class Processes:
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+        for log in self._logs.values():
+            log.close()
+
+    def _last_line(self, key: str) -> str:
+        self._logs[key].seek(0)
+        lines = self._logs[key].read().strip().splitlines() or ['no word of it']
+        return lines[-1]
 
     def node(self, name: str, *parameters: str, namespace: str = '') -> subprocess.Popen:
         """Start a node of the package."""
@@ -71,9 +84,10 @@ class Processes:
         return self._start(name, [str(HERE / f'{name}.py'), *arguments])
 
     def _start(self, key: str, arguments: list[str]) -> subprocess.Popen:
+        self._logs[key] = tempfile.TemporaryFile('w+')
         self.running[key] = subprocess.Popen(
             [sys.executable, *arguments], env=self._environment, stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+            stdout=subprocess.PIPE, stderr=self._logs[key], text=True)
         return self.running[key]
 
     def measure(self, counted: list[str], listener: str, warm_up: float, duration: float) -> Load:
@@ -111,7 +125,10 @@ def listen(ear: subprocess.Popen, duration: float) -> list:
     say(ear, 'begin')
     time.sleep(duration)
     say(ear, 'end')
-    return json.loads(ear.stdout.readline())
+    line = ear.stdout.readline()
+    if not line:
+        raise ChildProcessError('the process that listens has ended')
+    return json.loads(line)
 
 
 def say(process: subprocess.Popen, word: str) -> None:
