@@ -226,7 +226,8 @@ def _watch(client: ManipulatorClient, namespace: str) -> None:
     with Live(console=Console(), auto_refresh=False) as live:
         while rclpy.ok():
             client.spin(REFRESH_PERIOD)
-            live.update(render(observer, headline), refresh=True)
+            # a last, empty line: the terminal writes ^C where the view ends, and may break there
+            live.update(Group(render(observer, headline), Text()), refresh=True)
 
 
 if __name__ == '__main__':
