@@ -2,6 +2,7 @@ import ctypes
 import gc
 import os
 import sys
+import threading
 
 import pytest
 
@@ -31,8 +32,31 @@ def test_a_granted_priority_says_nothing(monkeypatch):
     asked = []
     monkeypatch.setattr(os, 'sched_setscheduler', lambda *wish: asked.append(wish))
     assert request_realtime(ControllerSettings(realtime_priority=50)) == []
-    assert asked[0][1] == os.SCHED_FIFO
+    assert asked[0][1] == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     assert asked[0][2].sched_priority == 50
+
+
+def test_what_the_control_thread_starts_has_no_priority():
+    policies = []
+
+    def note():
+        policies.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
+
+    def control():
+        if not request_realtime(ControllerSettings(realtime_priority=1)):
+            note()
+            in_thread(note)
+
+    in_thread(control)
+    if not policies:
+        pytest.skip('SCHED_FIFO is not permitted here')
+    assert policies == [os.SCHED_FIFO, os.SCHED_OTHER]
+
+
+def in_thread(work):
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
 
 
 def test_a_cpu_that_does_not_exist_is_told():

@@ -30,8 +30,10 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
 
 
 def _schedule(priority: int) -> list[str]:
+    """Ask for SCHED_FIFO, not for the threads that this one starts: they work at leisure."""
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        os.sched_setscheduler(
+            0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
         return [f'SCHED_FIFO with priority {priority} is refused ({error.strerror}): grant it '
                 'with "@realtime - rtprio 99" in /etc/security/limits.d, or sudo setcap '
