@@ -113,7 +113,8 @@ def render(observer: Observer, headline: str) -> Group:
     """Return the view of this moment; it fits a terminal of 80 by 24."""
     return Group(
         Text(headline, style='bold'), _pose_table(observer), _carriage_table(observer),
-        _component_table(observer))
+        _component_table(observer),
+        Text())  # an empty line: the terminal writes ^C where the view ends, and may break there
 
 
 def _pose_table(observer: Observer) -> Table:
@@ -226,8 +227,7 @@ def _watch(client: ManipulatorClient, namespace: str) -> None:
     with Live(console=Console(), auto_refresh=False) as live:
         while rclpy.ok():
             client.spin(REFRESH_PERIOD)
-            # a last, empty line: the terminal writes ^C where the view ends, and may break there
-            live.update(Group(render(observer, headline), Text()), refresh=True)
+            live.update(render(observer, headline), refresh=True)
 
 
 if __name__ == '__main__':
