@@ -209,7 +209,8 @@ def _options(args: list[str] | None) -> argparse.Namespace:
         prog='demo', description='Run the whole stack with simulated drives on a swaying gondola.')
     parser.add_argument('--duration', type=_duration, default=30.0, metavar='S',
                         help='how long the strokes last, in s (default 30)')
-    parser.add_argument('--scenario', default='', help='wind and wall: a name in config/scenarios')
+    parser.add_argument('--scenario', default='',
+                        help='wind and wall: a name in config/scenarios, or a file')
     parser.add_argument('--output', default='demo_report', metavar='DIR',
                         help='folder of the report (default demo_report)')
     parser.add_argument('--namespace', default='demo', help='namespace of the nodes')
