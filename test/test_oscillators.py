@@ -38,7 +38,7 @@ def test_the_transition_is_the_derivative_of_the_motion(state, interval):
 
 @given(states)
 def test_no_time_changes_nothing(state):
-    assert np.array_equal(oscillators.propagate(state, 0.0), state)
+    assert oscillators.propagate(state, 0.0) == pytest.approx(state, rel=1e-15, abs=0.0)
     assert np.allclose(oscillators.transition(state, 0.0), np.eye(oscillators.STATE_SIZE))
 
 
@@ -55,6 +55,12 @@ def test_each_opinion_has_its_own_noise_on_every_axis():
     batch = np.tile(oscillators.initial_state(0.0, (1.0, 2.0)), (3, 3, 1))
     velocities = oscillators.process_covariance(batch, 0.1, noise)[..., 2, 2]
     assert velocities == pytest.approx(np.tile([0.1, 0.2, 0.3], (3, 1)))
+
+
+@given(states, intervals)
+def test_the_place_after_a_time_is_that_of_the_propagated_state(state, interval):
+    expected = oscillators.observe(oscillators.propagate(state, interval))
+    assert oscillators.place_after(state, interval) == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_batch_is_propagated_as_its_members_are():

@@ -4,7 +4,8 @@ The model of one axis of the disturbance: an offset and two slightly damped osci
 A gondola on cables is a double pendulum: seen along one axis it swings about a slowly wandering
 offset in two modes. The state of one axis is (offset, p, v, ω, p, v, ω): the place, the velocity
 and the angular frequency of each oscillation; what is measured is offset + Σ p. The frequencies
-belong to the state, so the extended Kalman filter adapts them. All functions work on arrays
+belong to the state, so the extended Kalman filter adapts them. An oscillation is the real part of
+the phasor p − i v/ω, which turns as exp((i − ζ) ω t) does. All functions work on arrays
 whose last axis is the state and broadcast over the leading ones.
 """
 
@@ -23,6 +24,8 @@ FREQUENCIES = slice(3, None, 3)
 DAMPING_RATIO = 0.005
 LOWEST_FREQUENCY = 0.2
 HIGHEST_FREQUENCY = 40.0
+
+_RATE = 1j - DAMPING_RATIO  # of a phasor, by its frequency
 
 # Elements of both oscillations in matrices whose rows are laid end to end: a slice of these is a
 # view, several times cheaper than picking elements.
@@ -84,7 +87,14 @@ def propagate(states: np.ndarray, interval: float) -> np.ndarray:
     numpy.ndarray, shape (..., 7)
 
     """
-    return _moved(states, *_rotation(states[..., FREQUENCIES], interval))
+    frequencies = states[..., FREQUENCIES]
+    return _moved(states, _phasors(states) * _turn(frequencies, interval))
+
+
+def place_after(states: np.ndarray, interval: float) -> np.ndarray:
+    """Return the place on the axis that `propagate` and `observe` would give."""
+    turned = _phasors(states) * _turn(states[..., FREQUENCIES], interval)
+    return states[..., OFFSET] + turned.real.sum(axis=-1)
 
 
 def transition(states: np.ndarray, interval: float) -> np.ndarray:
@@ -96,18 +106,18 @@ def propagate_with_transition(
     states: np.ndarray, interval: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what `propagate` and `transition` return."""
-    p, v, w = states[..., PLACES], states[..., VELOCITIES], states[..., FREQUENCIES]
-    cosine, sine = _rotation(w, interval)
+    frequencies, turn = states[..., FREQUENCIES], _turn(states[..., FREQUENCIES], interval)
+    phasors = _phasors(states)
+    turned = phasors * turn
+    by_frequency = (_RATE * interval) * turned - turn * (1j * phasors.imag / frequencies)
     matrix = np.zeros((*states.shape[:-1], STATE_SIZE * STATE_SIZE))
     matrix[..., _DIAGONAL] = 1.0
-    matrix[..., _PP] = matrix[..., _VV] = cosine
-    matrix[..., _PV] = shift = sine / w
-    matrix[..., _VP] = -w * sine
-    dcosine = -interval * (sine + DAMPING_RATIO * cosine)
-    dsine = interval * (cosine - DAMPING_RATIO * sine)
-    matrix[..., _PW] = dcosine * p + (dsine - shift) / w * v
-    matrix[..., _VW] = dcosine * v - (sine + w * dsine) * p
-    return _moved(states, cosine, sine), matrix.reshape((*states.shape, STATE_SIZE))
+    matrix[..., _PP] = matrix[..., _VV] = turn.real
+    matrix[..., _PV] = turn.imag / frequencies
+    matrix[..., _VP] = -frequencies * turn.imag
+    matrix[..., _PW] = by_frequency.real
+    matrix[..., _VW] = -frequencies * by_frequency.imag - turned.imag
+    return _moved(states, turned), matrix.reshape((*states.shape, STATE_SIZE))
 
 
 def process_covariance(
@@ -131,8 +141,7 @@ def taylor_coefficients(
     """
     Expand the weighted sum of all oscillations of an axis about a time.
 
-    An oscillation is the real part of (p − i v/ω) exp((i − ζ) ω t): each derivative is the one
-    before times (i − ζ) ω.
+    Each derivative is the one before times (i − ζ) ω.
 
     Parameters
     ----------
@@ -150,10 +159,9 @@ def taylor_coefficients(
 
     """
     frequencies = states[..., FREQUENCIES]
-    rate = (1j - DAMPING_RATIO) * frequencies
+    rate = _RATE * frequencies
     terms = np.empty((degree + 1, *rate.shape), complex)
-    terms[0] = states[..., PLACES] - 1j * states[..., VELOCITIES] / frequencies
-    terms[0] *= weights * np.exp(interval * rate)
+    terms[0] = weights * _phasors(states) * _turn(frequencies, interval)
     np.divide(rate, np.arange(1, degree + 1).reshape(-1, *(1,) * rate.ndim), out=terms[1:])
     np.multiply.accumulate(terms, axis=0, out=terms)
     return terms.real.reshape(degree + 1, len(states), -1).sum(axis=-1)
@@ -186,16 +194,16 @@ def initial_covariance(
     return np.diag(deviation ** 2)
 
 
-def _rotation(frequencies: np.ndarray, interval: float) -> tuple[np.ndarray, np.ndarray]:
-    phase = frequencies * interval
-    decay = np.exp(-DAMPING_RATIO * phase)
-    return decay * np.cos(phase), decay * np.sin(phase)
+def _phasors(states: np.ndarray) -> np.ndarray:
+    return states[..., PLACES] - 1j * (states[..., VELOCITIES] / states[..., FREQUENCIES])
 
 
-def _moved(states: np.ndarray, cosine: np.ndarray, sine: np.ndarray) -> np.ndarray:
-    places, velocities = states[..., PLACES], states[..., VELOCITIES]
-    frequencies = states[..., FREQUENCIES]
+def _turn(frequencies: np.ndarray, interval: float) -> np.ndarray:
+    return np.exp((_RATE * interval) * frequencies)
+
+
+def _moved(states: np.ndarray, phasors: np.ndarray) -> np.ndarray:
     moved = states.copy()
-    moved[..., PLACES] = cosine * places + sine / frequencies * velocities
-    moved[..., VELOCITIES] = cosine * velocities - frequencies * sine * places
+    moved[..., PLACES] = phasors.real
+    moved[..., VELOCITIES] = -states[..., FREQUENCIES] * phasors.imag
     return moved

@@ -210,7 +210,7 @@ class DisturbancePredictor:
         while self.stamp - past[1][0] >= horizon:
             past.popleft()
         stamp, states, mean = past[0]
-        foretold = oscillators.observe(oscillators.propagate(states, self.stamp - stamp))
+        foretold = oscillators.place_after(states, self.stamp - stamp)
         errors = values[:, None] - np.column_stack([foretold, mean])
         memory = min(self.settings.memory, self.stamp - self.since - horizon + interval)
         share = interval / max(memory, interval)
