@@ -16,7 +16,7 @@ from facade_manipulator.nodes.compensator_report import HOLDS
 
 PACKAGE = Path(facade_manipulator.__file__).parent
 README = PACKAGE.parent / 'README.md'
-OF_A_STOP = ('Cause', '_supervised', '_stop_by_software')
+OF_A_STOP = ('Cause', '_supervised', '_stop_drives')
 
 if not README.is_file():
     pytest.skip('the README stands in the source tree alone', allow_module_level=True)

@@ -11,14 +11,12 @@ from __future__ import annotations
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
-import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import State
 from rclpy.logging import get_logging_directory
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from facade_manipulator.control.guard import HomingGuard, MechanismGuard
@@ -52,6 +50,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
 from facade_manipulator.nodes.managed import ManagedNode
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
+from facade_manipulator.nodes.software_stop import SoftwareStop
 from facade_manipulator.parameters import check_parameters, parameter
 
 SUPERVISION_PERIOD = 0.02
@@ -98,7 +97,6 @@ class DriverNode(ManagedNode):
         self._controller = self._make_controller()
         self._closer = ThreadPoolExecutor(max_workers=1)
         self._refusals = Refusals(self)
-        self._stop_heard: float | None = None
         self._published_stamp: float | None = None
         self._drive_faults = 0
         self._was_stopped = False
@@ -160,7 +158,7 @@ class DriverNode(ManagedNode):
     def _offer(self) -> None:
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
         self.create_subscription(JointState, 'joint_setpoints', self._take_setpoint, LATEST)
-        self.create_subscription(Bool, 'software_stop', self._take_software_stop, LATEST)
+        self._software_stop = SoftwareStop(self, self._stop_by_software)
         for name, start in (
             ('home', self._controller.home),
             ('halt', self._controller.halt),
@@ -248,11 +246,6 @@ class DriverNode(ManagedNode):
             raise InputError(
                 state.value, f'setpoint refused: the drives are {state.value}, not active')
 
-    def _take_software_stop(self, message: Bool) -> None:
-        self._stop_heard = time.monotonic()
-        if message.data:
-            self._stop_by_software('software_stop was set')
-
     def _stop_by_software(self, cause: str) -> None:
         if self._controller.state in POWERED_STATES:
             self._controller.stop(cause)
@@ -260,21 +253,11 @@ class DriverNode(ManagedNode):
     def _supervise(self) -> None:
         self._controller.beat()
         snapshot = self._controller.snapshot()
-        self._watch_software_stop()
+        self._software_stop.watch(self._settings.software_stop_timeout)
         self._note_stop(snapshot)
         if snapshot.state not in ACTIVE_STATES:
             self.fall_back()
         self._diagnostics.publish_change()
-
-    def _watch_software_stop(self) -> None:
-        if self._stop_heard is None:
-            return
-        silence, bound = (
-            time.monotonic() - self._stop_heard, self._settings.software_stop_timeout)
-        if silence > bound:
-            self._stop_heard = None
-            self._stop_by_software(
-                f'software_stop has been silent for {silence:.2f} s, bound {bound:g} s')
 
     def _note_stop(self, snapshot: ControllerSnapshot) -> None:
         is_stopped = snapshot.state is ControllerState.STOPPED
