@@ -11,6 +11,7 @@ lifecycle backwards by itself: carriages to rest, power off, bus closed.
 from pathlib import Path
 
 from ament_index_python.packages import get_package_prefix, PackageNotFoundError
+from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
@@ -21,7 +22,6 @@ from launch_ros.events.lifecycle import ChangeState
 from lifecycle_msgs.msg import Transition
 
 from facade_manipulator import config_path
-from launch import LaunchDescription
 
 PACKAGE = 'facade_manipulator'
 DRIVER_PATIENCE = '15.0'  # s: it ramps down, powers off and closes the bus before it ends
