@@ -80,6 +80,26 @@ class IkRelay(Node):
         self._heads.publish(self._head)
 
 
+class DeploymentRelay(IkRelay):
+    """Both in one callback: what the way through one process costs with nothing decided."""
+
+    def __init__(self, rate: float) -> None:
+        super().__init__(rate)
+        for message_type, topic, qos in (
+                (PoseStamped, 'goal_pose', LATEST), (PoseStamped, 'end_effector_pose', RELIABLE),
+                (PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)):
+            self.create_subscription(message_type, topic, self._hear, qos)
+        self._pose = pose_stamped('rail', 0.0, PLACE)
+        self.create_timer(1.0 / rate, self._tick)
+
+    def _hear(self, message) -> None:
+        """Do nothing with it."""
+
+    def _tick(self) -> None:
+        self._pose.header.stamp = stamp(time.time() + HORIZON)
+        self._relay(self._pose)
+
+
 class Inputs(Node):
     """Supervisor, estimator and driver as far as the nodes hear them; they move, but little."""
 
@@ -184,6 +204,7 @@ class Listener(Node):
 ROLES = {
     'compensator_relay': CompensatorRelay,
     'ik_relay': IkRelay,
+    'deployment_relay': DeploymentRelay,
     'inputs': Inputs,
     'poses': Poses,
     'setpoints': Setpoints,
