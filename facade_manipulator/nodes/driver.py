@@ -37,7 +37,7 @@ from facade_manipulator.nodes.conversions import (
     carriages_from,
     node_time,
     seconds,
-    stamp,
+    set_stamp,
 )
 from facade_manipulator.nodes.deferred import Deferred
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
@@ -46,6 +46,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
     bus_status,
     finding_status,
     operation_status,
+    outcome,
 )
 from facade_manipulator.nodes.managed import ManagedNode
 from facade_manipulator.nodes.parameters import declare
@@ -101,6 +102,8 @@ class DriverNode(ManagedNode):
         self._drive_faults = 0
         self._was_stopped = False
         self._last_failure = ''
+        self._told: tuple = ()
+        self._states_message = JointState(name=CARRIAGES)  # sent again and again
         self._offer()
 
     def transition_jobs(self):
@@ -257,7 +260,10 @@ class DriverNode(ManagedNode):
         self._note_stop(snapshot)
         if snapshot.state not in ACTIVE_STATES:
             self.fall_back()
-        self._diagnostics.publish_change()
+        told = outcome(snapshot, self._last_failure)
+        if told != self._told:
+            self._told = told
+            self._diagnostics.publish_change()
 
     def _note_stop(self, snapshot: ControllerSnapshot) -> None:
         is_stopped = snapshot.state is ControllerState.STOPPED
@@ -274,11 +280,11 @@ class DriverNode(ManagedNode):
         if snapshot.unhomed:  # its encoder counts from anywhere: that is no carriage position
             return
         self._published_stamp = snapshot.stamp
-        message = JointState(
-            name=CARRIAGES, position=positions,
-            velocity=[axis.velocity or 0.0 for axis in snapshot.axes],
-            effort=[axis.force or 0.0 for axis in snapshot.axes])
-        message.header.stamp = stamp(snapshot.stamp)
+        message = self._states_message
+        set_stamp(message.header.stamp, snapshot.stamp)
+        message.position = positions
+        message.velocity = [axis.velocity or 0.0 for axis in snapshot.axes]
+        message.effort = [axis.force or 0.0 for axis in snapshot.axes]
         self._joint_states.publish(message)
 
     def _components(self) -> list[DiagnosticStatus]:
