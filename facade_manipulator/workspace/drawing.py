@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-import math
 from typing import NamedTuple
 
 import matplotlib
@@ -17,6 +16,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator.kinematics.geometry import Geometry, Pose
+from facade_manipulator.kinematics.linkage import Joints, joints
 
 COLOUR_MAP = 'viridis'  # even in lightness, safe for the colour-blind, and in grey
 # Okabe and Ito's colours, told apart by every eye.
@@ -65,28 +65,29 @@ def label(axes: Axes, x: str, y: str, title: str = '') -> None:
 
 def draw_mechanism(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     """Draw rail, carriages, links and platform of a pose in mm, names beside the joints."""
-    b1, b2, a1, a2 = joints(geometry, pose)
-    a3, p = np.array([pose.x, 0.0]), np.array([pose.x, pose.y])
-    reach = max(abs(a1[0] - pose.x), abs(a2[0] - pose.x), geometry.platform_half_length)
+    at = _joints(geometry, pose)
+    reach = max(*(abs(joint[0] - pose.x) for joint in at), geometry.platform_half_length)
     axes.plot([-1.25 * reach * MILLIMETRES, 1.25 * reach * MILLIMETRES], [0.0, 0.0],
               color=PALE, linewidth=5.0, solid_capstyle='butt', zorder=1)
     for start, end, colour, width in (
-            (a1, b1, BLUE, 2.4), (a2, b2, BLUE, 2.4), (b1, b2, ORANGE, 4.0), (a3, p, GREY, 1.2)):
+            (at.a1, at.b1, BLUE, 2.4), (at.a2, at.b2, BLUE, 2.4), (at.b1, at.b2, ORANGE, 4.0),
+            (at.a3, at.p, GREY, 1.2)):
         axes.plot(*zip(start * MILLIMETRES, end * MILLIMETRES, strict=True),
                   color=colour, linewidth=width, solid_capstyle='round', zorder=2)
-    for place, name, marker in ((a1, 'A1', 's'), (a2, 'A2', 's'), (a3, 'A3', 's'),
-                                (b1, 'B1', 'o'), (b2, 'B2', 'o'), (p, 'P', 'o')):
-        below = name.startswith('A') or place[1] < 0.0
-        axes.plot(*(place * MILLIMETRES), marker, color=BLACK, markersize=4.5, zorder=3)
-        axes.annotate(name, place * MILLIMETRES, xytext=(0, -15 if below else 8),
+    for name, place in at._asdict().items():
+        on_rail = name.startswith('a')
+        below = on_rail or place[1] < 0.0
+        axes.plot(*(place * MILLIMETRES), 's' if on_rail else 'o', color=BLACK, markersize=4.5,
+                  zorder=3)
+        axes.annotate(name.upper(), place * MILLIMETRES, xytext=(0, -15 if below else 8),
                       textcoords='offset points', ha='center', fontsize=8.0)
     axes.set_aspect('equal', adjustable='datalim')
 
 
 def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     """Draw the lines of both links and the rail's parallel through P, which meet where N = 0."""
-    b1, b2, a1, a2 = joints(geometry, pose)
-    for joint, carriage in ((b1, a1), (b2, a2)):
+    at = _joints(geometry, pose)
+    for joint, carriage in ((at.b1, at.a1), (at.b2, at.a2)):
         share = (pose.y - carriage[1]) / (joint[1] - carriage[1])
         meeting = carriage + share * (joint - carriage)
         axes.plot(*zip(carriage * MILLIMETRES, meeting * MILLIMETRES, strict=True),
@@ -96,10 +97,7 @@ def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     axes.plot(*(meeting * MILLIMETRES), 'o', color=GREEN, markersize=5.0, zorder=3)
 
 
-def joints(geometry: Geometry, pose: Pose) -> tuple[np.ndarray, ...]:
-    """Return B1, B2, A1 and A2 of a pose [m], the far edge included."""
-    arm = geometry.platform_half_length * np.array([math.cos(pose.theta), math.sin(pose.theta)])
-    centre = np.array([pose.x, pose.y])
-    b1, b2 = centre - arm, centre + arm
-    s1, s2 = (math.sqrt(max(0.0, geometry.link_length ** 2 - b[1] ** 2)) for b in (b1, b2))
-    return b1, b2, np.array([b1[0] + s1, 0.0]), np.array([b2[0] - s2, 0.0])
+def _joints(geometry: Geometry, pose: Pose) -> Joints:
+    """Return the joints as arrays; the far edge from so near that no line moves by 1 µm."""
+    inside = pose._replace(y=(1.0 - 1e-12) * pose.y)
+    return Joints(*map(np.array, joints(geometry, inside)))
