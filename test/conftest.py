@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 
 from hypothesis import HealthCheck, settings
 import pytest
@@ -109,6 +110,29 @@ def ros(ros_domain):
     yield session
     session.close()
     rclpy.try_shutdown()
+
+
+@pytest.fixture
+def make_rig(request):
+    """Make drive controllers with simulated drives on a virtual bus, as `drive_rig.Rig` does."""
+    from drive_rig import Rig
+
+    rigs = []
+
+    def make(**details):
+        rigs.append(Rig(f'{request.node.name}-{len(rigs)}', **details))
+        return rigs[-1]
+
+    yield make
+    for rig in rigs:
+        rig.close()
+    assert not [t for t in threading.enumerate() if t.name == 'drive control']
+
+
+@pytest.fixture
+def rig(make_rig):
+    """Make one drive controller with simulated drives on a virtual bus."""
+    return make_rig()
 
 
 @pytest.fixture

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import replace
 import threading
 
 import can
+import pytest
 from support import wait_until
 
 from facade_manipulator.drives.cia402 import State
@@ -23,7 +23,6 @@ HOME = (-0.1, 0.1, 0.0)
 SETTINGS = ControllerSettings(
     own_garbage_collection=False, boot_timeout=0.5, hold_cycles=3, watchdog_timeout=1.0,
     max_missed_cycles=10, heartbeat_timeout=0.5)
-STRICT = replace(SETTINGS, watchdog_timeout=0.1, max_missed_cycles=3, heartbeat_timeout=0.15)
 MOVING = 0.1  # m/s
 
 
@@ -179,3 +178,4 @@ def moving(rig: Rig) -> None:
 
 
 SITUATIONS = {'inactive': inactive, 'at rest': at_rest, 'moving': moving}
+situations = pytest.mark.parametrize('situation', SITUATIONS)

@@ -16,7 +16,6 @@ from pathlib import Path
 import statistics
 import sys
 import time
-import warnings
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE / 'socketcan')]
@@ -26,7 +25,7 @@ from drive_rig import PATIENCE  # noqa: E402
 from fault_rig import enables, EXACT, OneRig, SITUATIONS, Spoil, StreamRig  # noqa: E402
 import link  # noqa: E402
 import pytest  # noqa: E402
-from support import wait_until  # noqa: E402
+from support import patiently, wait_until  # noqa: E402
 
 from facade_manipulator.control.setpoints import Activity  # noqa: E402
 from facade_manipulator.drives import pdo  # noqa: E402
@@ -370,15 +369,14 @@ def _times(rig: OneRig, name: str, situation: str, repeat: int) -> list[float]:
 
 
 def prove_patiently(rig: OneRig, name: str, situation: str, tries: int = TRIES) -> float | None:
-    """Try again, and say so: with bounds as narrow as the drives', a busy computer is a fault."""
-    try:
-        return prove(rig.get(situation), name, situation)
-    except BaseException as error:
-        rig.close()
-        if tries == 1 or not isinstance(error, (Exception, pytest.fail.Exception)):
+    """Prove again with a new rig: where bounds are narrow, a busy computer is a fault."""
+    def once() -> float | None:
+        try:
+            return prove(rig.get(situation), name, situation)
+        except BaseException:
+            rig.close()
             raise
-        warnings.warn(f'{name}, {situation}, again: {error}', stacklevel=2)
-    return prove_patiently(rig, name, situation, tries - 1)
+    return patiently(once, tries=tries)
 
 
 def table(results: dict[tuple[str, str], list[float]]) -> str:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 import socket
 import time
+import warnings
 
 import pytest
 
@@ -28,6 +29,20 @@ def wait_until(
         else:
             step()
     return value
+
+
+def patiently(
+    action: Callable[[], object], mend: Callable[[], object] = bool,
+    errors: tuple[type[BaseException], ...] = (Exception, pytest.fail.Exception), tries: int = 3,
+) -> object:
+    """Return what an action does; try again, saying so, where the machine was too slow for it."""
+    for _ in range(tries - 1):
+        try:
+            return action()
+        except errors as error:
+            warnings.warn(f'again: {error}', stacklevel=2)
+            mend()
+    return action()
 
 
 def hear_much(raw: socket.socket) -> None:

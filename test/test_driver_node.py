@@ -27,6 +27,7 @@ SIMULATED = (
     # the machine of the tests may be busy; that such time-outs act is the controller's tests'
     Parameter('controller.heartbeat_timeout', value=1.0),
     Parameter('controller.watchdog_timeout', value=1.0),
+    Parameter('controller.max_missed_cycles', value=10),
 )
 
 
@@ -99,7 +100,7 @@ def bench(ros):
 
 def test_the_drives_follow_a_stream_of_setpoints_and_joint_states_tell_where_they_are(bench):
     bench.bring_up()
-    bench.stream_to(0.05)
+    bench.stream_to(0.04)  # within reach from anywhere on the way, should the stream pause
     newest = bench.states[-1]
     assert list(newest.name) == ['q1', 'q2', 'q3']
     assert len(newest.velocity) == len(newest.effort) == 3
@@ -241,7 +242,8 @@ def test_an_active_driver_ends_cleanly_on_a_signal(ros_domain, start_process, nu
 
     process = start_process(
         'facade_manipulator.nodes.driver', '--ros-args', '-p', 'simulate_drives:=true',
-        '-p', 'controller.heartbeat_timeout:=1.0', '-p', 'controller.watchdog_timeout:=1.0')
+        '-p', 'controller.heartbeat_timeout:=1.0', '-p', 'controller.watchdog_timeout:=1.0',
+        '-p', 'controller.max_missed_cycles:=10')
     rclpy.init(domain_id=ros_domain)
     try:
         with ManipulatorClient() as client:

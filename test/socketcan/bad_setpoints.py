@@ -1,19 +1,20 @@
 """
-Publish setpoints a thousand times a second of which one in twenty is good.
+Publish setpoints a thousand times a second of which one in twenty is good, until ended.
 
-``python bad_setpoints.py SECONDS`` lets the good ones go to and fro from the home position by up
-to `REACH`; of the bad ones those that only their time betrays lie `NEAR_BY` behind it.
+The good ones go to and fro from the home position by up to `REACH`; of the bad ones those that
+only their time betrays lie `NEAR_BY` behind it.
 """
 
 from __future__ import annotations
 
 import math
 import random
-import sys
+import signal
 import time
 
 from builtin_interfaces.msg import Time
 import rclpy
+from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.nodes.conversions import stamp
@@ -21,7 +22,7 @@ from facade_manipulator.nodes.runtime import LATEST
 
 HOME = (-0.1, 0.1, 0.0)
 NAMES = ('q1', 'q2', 'q3')
-PERIOD, GOOD_ONE_IN = 0.001, 20
+PERIOD, GOOD_ONE_IN, TELL_EVERY = 0.001, 20, 500
 REACH, FREQUENCY, AHEAD = 0.04, 0.5, 0.06
 NEAR_BY, FAR_AWAY = -0.04, -0.3
 NOTHING = (math.nan, math.inf, -math.inf)
@@ -66,24 +67,26 @@ def bad(rng: random.Random, now: float) -> list[JointState]:
     ]
 
 
-def main(seconds: float) -> None:
-    """Publish, then say how many there were."""
-    rclpy.init()
+def main() -> None:
+    """Publish, and say now and then how many there were."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('stranger')
     publisher = node.create_publisher(JointState, 'joint_setpoints', LATEST)
     while not publisher.get_subscription_count():
         time.sleep(0.01)
     rng, number, begin = random.Random(0), 0, time.time()
-    while (now := time.time()) < begin + seconds:
+    while True:
+        now = time.time()
         if number % GOOD_ONE_IN:
             publisher.publish(rng.choice(bad(rng, now + AHEAD)))
         else:
             publisher.publish(good(now + AHEAD, begin + AHEAD))
         number += 1
+        if number % TELL_EVERY == 0:
+            print(f'{number} setpoints in {time.time() - begin:.2f} s', flush=True)
         time.sleep(max(0.0, begin + number * PERIOD - time.time()))
-    print(f'{number} setpoints in {time.time() - begin:.2f} s', flush=True)
-    rclpy.try_shutdown()
 
 
 if __name__ == '__main__':
-    main(float(sys.argv[1]))
+    main()

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from contextlib import suppress
 import os
 import re
-import warnings
 
 import pytest
+from support import patiently
 
 from facade_manipulator.client import ManipulatorClient, RequestRefusedError
 
@@ -21,7 +21,6 @@ DRIVER = (
     '-p', 'q1.home_position:=-0.1', '-p', 'q2.home_position:=0.1', '-p', 'q3.home_position:=0.0',
 )
 PATIENCE = ('controller.heartbeat_timeout:=1.0', 'controller.watchdog_timeout:=1.0')
-TRIES = 3
 
 
 def hurry() -> None:
@@ -30,18 +29,13 @@ def hurry() -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
 
 
-def bring_up(client: ManipulatorClient, tries: int = TRIES) -> None:
-    """Power the drives on; once more where this machine was too slow for their time-outs."""
-    try:
+def bring_up(client: ManipulatorClient) -> None:
+    """Power the drives on as an operator does; again where this machine was too slow for it."""
+    def up() -> None:
         client.configure()
         client.home()
         client.activate()
-    except RequestRefusedError as error:
-        if tries == 1:
-            raise
-        warnings.warn(f'again: {error}', stacklevel=2)
-        come_down(client)
-        bring_up(client, tries - 1)
+    patiently(up, lambda: come_down(client), (RequestRefusedError,))
 
 
 def come_down(client: ManipulatorClient) -> None:

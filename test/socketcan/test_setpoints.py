@@ -8,16 +8,17 @@ from bad_setpoints import HOME, NEAR_BY, REACH
 import can
 from command_watch import CommandWatch
 from listener import Frame, NODES
-import pytest
 from stack import PERIOD
 from support import wait_until
 
+from facade_manipulator.client import ManipulatorClient
 from facade_manipulator.drives.pdo import rpdo_cob_id
 from facade_manipulator.drives.settings import DEFAULT_AXES
 
 HERE = Path(__file__).resolve().parent
-SECONDS = 4.0
+ENOUGH = 500
 EXTRAPOLATED = 0.02  # m, where a busy machine interrupts the good ones for a moment
+TOLD = ('refused', 'cycles', 'missed', 'skipped')
 REASONS = ('stale', 'future', 'not_finite', 'out_of_order', 'names', 'stroke')
 
 
@@ -31,27 +32,36 @@ def judge(frames: list[Frame]) -> CommandWatch:
     return watch
 
 
+def values_of(client: ManipulatorClient, name: str) -> dict[str, str]:
+    """Return what /diagnostics last told of a component of the driver."""
+    component = client.component(f'driver: {name}')
+    return {item.key: item.value for item in component.status.values} if component else {}
+
+
 def test_of_bad_setpoints_at_a_kilohertz_none_reaches_a_drive(
         active, driver, listener, start_process):
-    stranger = start_process('bad_setpoints', str(SECONDS), env={'PYTHONPATH': str(HERE)})
-    wait_until(lambda: stranger.poll() is not None, 'the last setpoint', 60.0,
-               step=lambda: (active.spin(0.05), listener.read()))
-    assert stranger.returncode == 0, stranger.log.read_text()
-    watch = judge(listener.frames)
-    operation, bus = (
-        {item.key: item.value for item in active.component(f'driver: {name}').status.values}
-        for name in ('operation', 'bus'))
-    print(stranger.log.read_text(), {key: value for key, value in operation.items()
-                                     if key.startswith('refused')},
-          {key: bus[key] for key in ('cycles', 'missed cycles', 'skipped SYNCs')},
-          watch.least, watch.greatest)
+    stranger = start_process('bad_setpoints', env={'PYTHONPATH': str(HERE)})
+
+    def tell():
+        active.spin(0.05)
+        listener.read()
+
+    def all_refused():
+        told = values_of(active, 'operation')
+        return int(told.get('refused', 0)) >= ENOUGH and all(
+            f'refused: {reason}' in told for reason in REASONS)
+    wait_until(all_refused, 'refusals for every reason', 60.0, step=tell)
+    wait_until(lambda: max(judge(listener.frames).greatest[0] - HOME[0], 0.0) > 0.5 * REACH,
+               'the carriages to follow the good ones', 60.0, step=tell)
+    watch = judge(listener.read())
+    print(stranger.log.read_text(), watch.least, watch.greatest, *(
+        f'{key}: {value}' for name in ('operation', 'bus')
+        for key, value in values_of(active, name).items() if key.startswith(TOLD)), sep='\n')
     assert watch.complaints == []
     for home, least, greatest in zip(HOME, watch.least, watch.greatest, strict=True):
         assert home - EXTRAPOLATED <= least
-        assert greatest == pytest.approx(home + REACH, abs=EXTRAPOLATED)
+        assert greatest <= home + REACH + EXTRAPOLATED
     assert EXTRAPOLATED < -NEAR_BY
-    for reason in REASONS:
-        assert int(operation[f'refused: {reason}']) > 0, reason
     assert active.driver_state() == 'active'
     assert driver.poll() is None
     assert 'Traceback' not in driver.log.read_text()
