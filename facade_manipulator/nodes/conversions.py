@@ -139,15 +139,16 @@ def carriages_from(
     """
     if len(values) != len(names):
         raise InputError('names', f'{what} has {len(values)} values for {len(names)} names')
-    if sorted(names) != sorted(CARRIAGES):
-        raise InputError(
-            'names', f'{what} names {quoted(list(names))}, '
-            f'expected each of {", ".join(CARRIAGES)} once')
-    ordered = [values[names.index(name)] for name in CARRIAGES]
-    for name, value in zip(CARRIAGES, ordered, strict=True):
+    if tuple(names) != CARRIAGES:  # any order will do, but it costs
+        if sorted(names) != sorted(CARRIAGES):
+            raise InputError(
+                'names', f'{what} names {quoted(list(names))}, '
+                f'expected each of {", ".join(CARRIAGES)} once')
+        values = [values[names.index(name)] for name in CARRIAGES]
+    for name, value in zip(CARRIAGES, values, strict=True):
         if not math.isfinite(value):
             raise InputError.not_finite(f'{what} of {name}', value)
-    return tuple(ordered)
+    return tuple(values)
 
 
 def pose_message(pose: Pose) -> PoseMessage:
