@@ -6,12 +6,13 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
 
 help:  ## Show the targets
+	@echo 'make TARGET [NAME=value]; whichever comes first sets up what all of them need.'
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 20
 
 setup:  ## Make .venv with everything in it (the other targets do this by themselves)
 	@.ci/setup-venv
 
-demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (DURATION=30 SCENARIO=…)
+demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (DURATION=30 SCENARIO=gusty)
 	@$(IN_VENV) exec python -m facade_manipulator.nodes.demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
 
