@@ -38,6 +38,15 @@ def bring_up(client: ManipulatorClient) -> None:
     patiently(up, lambda: come_down(client), (RequestRefusedError,))
 
 
+def go_on(client: ManipulatorClient) -> None:
+    """Activate after a stop; from the beginning where this machine was too slow for it."""
+    def begin_anew() -> None:
+        come_down(client)
+        client.configure()
+        client.home()
+    patiently(client.activate, begin_anew, (RequestRefusedError,))
+
+
 def come_down(client: ManipulatorClient) -> None:
     """Leave the drives without power and the bus closed, whatever the driver is doing."""
     ways = {'active': client.deactivate, 'inactive': client.cleanup}

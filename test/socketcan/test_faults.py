@@ -16,7 +16,7 @@ import can
 from command_watch import CommandWatch
 from listener import Listener
 import pytest
-from stack import assert_says, bring_up, come_down, DRIVER, PERIOD
+from stack import assert_says, bring_up, come_down, DRIVER, go_on, PERIOD
 from support import hear_much, wait_until
 from test_drive_simulator import switch
 
@@ -170,7 +170,7 @@ def test_a_frozen_driver_is_missed_in_time_and_enables_nothing_when_it_thaws(
     assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
     assert watcher.states() == [State.QUICK_STOP_ACTIVE] * 3
     assert 'the control loop stood still' in active.clear_faults()
-    active.activate()
+    go_on(active)
 
 
 def test_an_executor_that_hangs_stops_the_drives_in_time(drives, start_process, client, watcher):
@@ -219,7 +219,7 @@ def test_an_interface_that_goes_and_comes_back_leaves_the_driver_inactive(
     thawed = time.time()
     wait_until(lambda: cleared(active), 'clear_faults to be possible', 30.0)
     assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
-    active.activate()
+    go_on(active)
     wait_until_enabled(watcher)
 
 
