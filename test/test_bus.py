@@ -106,7 +106,8 @@ def test_a_time_stamp_of_a_clock_that_was_set_does_not_move_the_frame(pair):
 
 @pytest.mark.parametrize('error', [
     can.CanOperationError('Failed to transmit', errno.ENOBUFS),
-    can.CanOperationError('Transmit buffer full')])
+    can.CanOperationError('Transmit buffer full'),
+    BlockingIOError(errno.EAGAIN, 'Resource temporarily unavailable')])
 def test_a_full_queue_is_told_from_a_lost_bus(error):
     with pytest.raises(BusCongestedError, match='no node acknowledges'):
         CanBus(FailingBus(error)).send(0x80)

@@ -1,9 +1,9 @@
 """
 A CAN bus of our own: frames in and out, SYNC, error frames, statistics.
 
-python-can moves the frames. Its Notifier is not used, because that thread dies on a link error
-and stays dead: whoever owns a `CanBus` calls `CanBus.receive` and meets every error as a
-`BusError`.
+python-can opens the bus and has the kernel send SYNC; `port` moves the frames. python-can's
+Notifier is not used, because that thread dies on a link error and stays dead: whoever owns a
+`CanBus` calls `CanBus.receive` and meets every error as a `BusError`.
 
 References
 ----------
@@ -24,9 +24,9 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 
 from facade_manipulator.drives.pdo import SYNC_COB_ID
+from facade_manipulator.drives.port import Kind, MAX_COB_ID, port_of, Received
 from facade_manipulator.errors import BusError
 
-MAX_COB_ID = 0x7FF
 LATEST_STAMP_AGE = 10.0
 
 
@@ -90,6 +90,9 @@ _DOWN = {
 }
 
 
+_FULL = (errno.ENOBUFS, errno.EAGAIN)  # the interface's queue, the socket's
+
+
 def condition_of(cob_id: int, data: bytes) -> Condition | None:
     """Return the controller's condition that an error frame tells, None if it tells none."""
     for error_class, condition in _ERROR_CLASSES:
@@ -118,6 +121,7 @@ class CanBus:
     ) -> None:
         self.has_kernel_sync = isinstance(bus, SocketcanBus)
         self._bus = bus
+        self._port = port_of(bus)
         self._tap = tap
         self._sending = Lock()
         self._sync_task: can.CyclicSendTaskABC | None = None
@@ -163,21 +167,19 @@ class CanBus:
 
         """
         try:
-            message = self._bus.recv(max(0.0, timeout))
+            received = self._port.receive(max(0.0, timeout))
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f'{self}: {_reason(error)}') from error
-        if message is None:
+        if received is None:
             return None
-        if message.is_error_frame:
-            return self._note_error(message)
-        if message.is_extended_id or message.is_remote_frame or message.is_fd:
-            self._ignored += 1
+        kind, cob_id, data, stamp = received
+        if kind is not Kind.DATA:
+            self._set_aside(received)
             return None
         self._received += 1
-        frame = _frame(message)
         if self._tap is not None:
-            self._tap(frame.stamp, frame.cob_id, frame.data)
-        return frame
+            self._tap(stamp, cob_id, data)
+        return Frame(cob_id, data, _monotonic(stamp), stamp)
 
     def send(self, cob_id: int, data: bytes = b'') -> None:
         """
@@ -191,11 +193,9 @@ class CanBus:
             The interface is down or gone.
 
         """
-        message = can.Message(arbitration_id=cob_id, data=data, is_extended_id=False)
-        message.data = data  # the virtual bus copies deeply: a bytearray costs it as much again
         try:
             with self._sending:
-                self._bus.send(message)
+                self._port.send(cob_id, data)
         except (can.CanError, OSError, ValueError) as error:
             raise self._send_error(error) from error
         self._sent += 1
@@ -229,12 +229,15 @@ class CanBus:
         self.stop_sync()
         _quietly(self._bus.shutdown)
 
-    def _note_error(self, message: can.Message) -> None:
+    def _set_aside(self, received: Received) -> None:
+        """Count what is no frame for us; note what the controller reports of itself."""
+        if received.kind is Kind.OTHER:
+            self._ignored += 1
+            return
         self._error_frames += 1
-        data = bytes(message.data)
-        condition = condition_of(message.arbitration_id, data)
-        if message.arbitration_id & _CONTROLLER_PROBLEM and len(data) > 1:
-            self._overflows += bool(data[1] & _ERROR_OVERFLOW)
+        condition = condition_of(received.cob_id, received.data)
+        if received.cob_id & _CONTROLLER_PROBLEM and len(received.data) > 1:
+            self._overflows += bool(received.data[1] & _ERROR_OVERFLOW)
         if condition is not None:
             self._condition = condition
         if condition is Condition.OFF:
@@ -242,20 +245,19 @@ class CanBus:
 
     def _send_error(self, error: Exception) -> BusError:
         code = _code(error)
-        if code == errno.ENOBUFS or (code is None and 'full' in str(error).lower()):
+        if code in _FULL or (code is None and 'full' in str(error).lower()):
             return BusCongestedError(
                 f'{self}: the send queue is full, no node acknowledges frames '
                 '(power of the drives, wiring, bit rate)')
         return BusError(f'{self}: {_reason(error)}')
 
 
-def _frame(message: can.Message) -> Frame:
-    """Move the time stamp, which is the system clock's, to the monotonic clock."""
-    age = time.time() - message.timestamp
+def _monotonic(stamp: float) -> float:
+    """Move a time stamp, which is the system clock's, to the monotonic clock."""
+    age = time.time() - stamp
     if not 0.0 <= age < LATEST_STAMP_AGE:
         age = 0.0  # the system clock was set meanwhile
-    return Frame(
-        message.arbitration_id, bytes(message.data), time.monotonic() - age, message.timestamp)
+    return time.monotonic() - age
 
 
 def _code(error: Exception) -> int | None:

@@ -212,10 +212,9 @@ class DriveController:
             return
         session = self._session
         if session.connection is None:
-            self._idle()
+            now = self._idle()
         else:
-            session.connection.stream.pump()
-        now = time.monotonic()
+            now = session.connection.stream.pump()
         if session.lost is not None:
             session.watch_recovery(now)
         if session.recorder is not None:
@@ -225,7 +224,7 @@ class DriveController:
         if session.group is None or session.lost is not None:
             self._publish(now)
 
-    def _idle(self) -> None:
+    def _idle(self) -> float:
         lost = self._session.lost
         wait = IDLE_WAIT if lost is None else lost.next_try - time.monotonic()
         if wait > 0.0 and not self._requests:
@@ -234,6 +233,7 @@ class DriveController:
         now = time.monotonic()
         if lost is not None and now >= lost.next_try:
             self._session.try_to_reopen(now)
+        return now
 
     def _take_requests(self) -> None:
         while self._requests and not self._closed:

@@ -153,9 +153,9 @@ class Stream:
         for monitor in self._monitors:
             monitor.end_supervision()
 
-    def pump(self) -> None:
+    def pump(self) -> float:
         """
-        Wait for the next frame or deadline and do what it brings.
+        Wait for the next frame or deadline and do what it brings; return when that was [s].
 
         Raises
         ------
@@ -171,11 +171,11 @@ class Stream:
         else:
             self._read_until = frame.time
             self._dispatch(frame)
-            now = time.monotonic()
         if self.speaks and now >= self._next_heartbeat:
             self._send_heartbeat(now)
         if self.group is not None:
             self._turn(now, all_read=frame is None)
+        return now
 
     def _watch_pauses(self, now: float) -> None:
         """Blame this computer, not a drive, when this loop has not run: frames wait unread."""
