@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from command_watch import CommandWatch  # noqa: E402
 from fault_rig import SITUATIONS, StreamRig  # noqa: E402
-from fuzz import complaints, run_all, SWITCH_INTERVAL  # noqa: E402
+from fuzz import complaints, run_all, take_precedence  # noqa: E402
 
 from facade_manipulator.drives.recorder import FaultRecorder, RecorderSettings  # noqa: E402
 from facade_manipulator.drives.settings import ControllerSettings, DEFAULT_AXES  # noqa: E402
@@ -89,7 +89,7 @@ def main() -> int:
     parser.add_argument('--duration', type=float, default=600.0, help='of the soak [s]')
     parser.add_argument('--frames', type=int, default=1_000_000, help='of the fuzzer')
     options = parser.parse_args()
-    sys.setswitchinterval(SWITCH_INTERVAL)
+    take_precedence()
     with tempfile.TemporaryDirectory() as folder, complaints() as said:
         recorder = FaultRecorder(
             RecorderSettings(directory=folder, duration=RECORD), DEFAULT_AXES, 'soak')
