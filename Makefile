@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-compensation demo test soak study lint clean
+.PHONY: help setup bench bench-vcan bench-compensation demo test soak study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
@@ -28,6 +28,11 @@ study: setup  ## Study the design: figures and tables in workspace_report/ (STUD
 bench: setup  ## Measure performance beside what else one could use (QUICK=1: under a minute)
 	@.ci/setup-bench
 	@$(IN_VENV) exec python test/bench $(if $(QUICK),--quick) $(BENCH_ARGS)
+
+bench-vcan: setup  ## Measure the CAN cycle on a vcan, of user-mode Linux where the kernel has none
+	@$(IN_VENV) exec python test/socketcan/vcan.py -- python test/bench --sections bus \
+	  --can socketcan:vcan0 --can-rate $(or $(RATE),125) --output bench_report/vcan \
+	  $(if $(QUICK),--quick) $(BENCH_ARGS)
 
 bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.simulation.bench $(BENCH_ARGS)

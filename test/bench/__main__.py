@@ -33,8 +33,9 @@ def main() -> int:
     parser.add_argument('--output', type=Path, default=Path('bench_report'))
     parser.add_argument('--rounds', type=int, help='rounds of each comparison')
     parser.add_argument('--can', default='virtual:bench', help='bus of the section bus')
+    parser.add_argument('--can-rate', default='500', help='cycles per second on it')
     options = parser.parse_args()
-    os.environ['BENCH_CAN'] = options.can
+    os.environ |= {'BENCH_CAN': options.can, 'BENCH_CAN_RATE': options.can_rate}
     rounds = options.rounds or ROUNDS['quick' if options.quick else 'full']
     rows, growth, failed = [], {}, []
     for name in options.sections:

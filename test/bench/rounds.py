@@ -99,7 +99,8 @@ def time_in_turns(
     Return the median seconds of one item, by contender.
 
     A contender that cannot run is left out with a line, one whose answer differs from the first
-    one's is named.
+    one's is named. All of them wait for their turn in processes that do nothing meanwhile; what
+    cannot wait, because it has threads or uses a bus, takes `time_one_by_one`.
     """
     times: dict[str, list[float]] = {}
     with ExitStack() as stack:
@@ -112,6 +113,23 @@ def time_in_turns(
         for number in range(rounds):
             for worker in workers[number % len(workers):] + workers[:number % len(workers)]:
                 times.setdefault(worker.contender.name, []).append(worker.round())
+    return {name: median(values) for name, values in times.items()}
+
+
+def time_one_by_one(
+    contenders: Iterable[Contender], rounds: int, quick: bool
+) -> dict[str, float]:
+    """Return the same of contenders that are started for each round and ended after it."""
+    contenders = list(contenders)
+    times: dict[str, list[float]] = {}
+    for number in range(rounds):
+        first = number % len(contenders)
+        for contender in contenders[first:] + contenders[:first]:
+            with Worker(contender, quick) as worker:
+                if 'missing' in worker.ready:
+                    print(f'  skipped {contender.name}: {worker.ready["missing"]}')
+                else:
+                    times.setdefault(contender.name, []).append(worker.round())
     return {name: median(values) for name, values in times.items()}
 
 
