@@ -120,7 +120,7 @@ class GondolaSimulatorNode(Node):
         try:
             carriages = carriages_from(message.name, message.position, 'joint_states position')
             sample = self._wall.take_carriages(time, Carriages(*carriages))
-        except (ManipulatorError, ValueError) as error:
+        except ManipulatorError as error:
             self._refusals.add(error)
             return
         self._head.publish(pose_stamped(FACADE, time, sample.head))

@@ -146,7 +146,7 @@ class IkServiceNode(Node):
         try:
             carriages = carriages_from(message.name, message.position, 'joint_states position')
             self._head = forward_kinematics(self.geometry, Carriages(*carriages))
-        except (ManipulatorError, ValueError) as error:
+        except ManipulatorError as error:
             self._head = None
             self._refusals.add(error)
             return
