@@ -27,7 +27,7 @@ import fetch
 HERE = Path(__file__).resolve().parent
 CACHE = HERE.parents[1] / '.venv' / 'uml'
 MEMORY = 1 << 30
-TIMEOUT = 420.0
+TIMEOUT = 600.0
 # The kernel and the processes that carry the guest's own are one group; when our end of its
 # standard input closes, because we ended in whatever way, the group is killed.
 LAUNCH = 'exec 3<&0; (read -r _ <&3; kill -KILL 0) & exec "$@" </dev/null 3<&-'
