@@ -62,6 +62,24 @@ def test_the_carriages_follow_the_stream_between_its_points():
     assert made.activity is Activity.FOLLOWING
 
 
+@pytest.mark.parametrize(('ahead', 'is_smooth'), [(0.06, True), (0.03, False)])
+def test_mean_velocities_make_no_jerks_once_later_setpoints_are_known(ahead, is_smooth):
+    period, interval = PERIOD / 5, PERIOD
+    made = SetpointFollower(StreamSettings(), LIMITS, period, inside)
+    made.reset(HOME)
+    for k in range(1500):
+        now = k * period
+        if k % 5 == 0:
+            here, before = sine(now + ahead, 0.2), sine(now + ahead - interval, 0.2)
+            mean = tuple((b - a) / interval for a, b in zip(
+                before.position, here.position, strict=True))
+            made.add(here._replace(velocity=mean), now)
+        if k == 500:
+            made.limited_cycles = 0
+        made.sample(now + 0.02)
+    assert (made.limited_cycles == 0) is is_smooth
+
+
 def test_a_silent_stream_brakes_to_rest_and_holds():
     made = follower()
     run(made, 0.0, 1.0)

@@ -2,8 +2,9 @@
 The driver's view of the setpoint stream: checked on arrival, interpolated and limited each cycle.
 
 Setpoints carry the instant they are meant for. Between two of them the carriages follow a cubic
-Hermite curve, shortly beyond the newest one its velocity, and after that they brake and hold:
-a stream that falls silent never moves anything.
+curve, shortly beyond the newest one its velocity, and after that they brake and hold: a stream
+that falls silent never moves anything. The velocity at a setpoint is its sender's until later ones
+are known: then it becomes the one that leaves no jump in the acceleration.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from threading import Lock
 from typing import NamedTuple
 
 from facade_manipulator.control.limits import Motion, MotionLimits, PathLimiter, Triple
+from facade_manipulator.control.spline import inner_slopes
 from facade_manipulator.errors import (
     InputError,
     ManipulatorError,
@@ -29,6 +31,7 @@ from facade_manipulator.parameters import check_parameters, parameter
 
 CARRIAGES = Carriages._fields
 KEPT_MARGINS = 1000
+MOST_SMOOTHED = 8  # setpoints at once: each further one has a quarter of the effect
 
 
 class Setpoint(NamedTuple):
@@ -37,6 +40,15 @@ class Setpoint(NamedTuple):
     time: float
     position: Triple
     velocity: Triple
+
+
+class Knot(NamedTuple):
+    """A setpoint on the course: the velocity with which it is passed, and the sender's own."""
+
+    time: float
+    position: Triple
+    velocity: Triple
+    told: Triple
 
 
 @dataclass(frozen=True)
@@ -112,7 +124,7 @@ class SetpointFollower:
         self.change_limits(limits)
         self._check = check
         self._motion: Motion | None = None
-        self._stream: tuple[Setpoint, ...] = ()
+        self._stream: tuple[Knot, ...] = ()
         self._writing = Lock()
         self._sampled = self._newest = -math.inf
         self._activity = Activity.HOLDING
@@ -171,7 +183,7 @@ class SetpointFollower:
             stream = self._current_stream(now)
             self._require_timely(setpoint, now, stream)
             self._require_near(setpoint, stream)
-            self._stream = (*stream, setpoint)
+            self._stream = self._smoothed((*stream, Knot(*setpoint, setpoint.velocity)))
 
     def sample(self, latch_time: float) -> Triple:
         """
@@ -208,13 +220,37 @@ class SetpointFollower:
             self._newest = newest
             self.margins.append(newest - latch_time)
 
-    def _current_stream(self, now: float) -> tuple[Setpoint, ...]:
+    def _current_stream(self, now: float) -> tuple[Knot, ...]:
         """Return what is still of use: nothing of a silent stream, one point before now."""
         stream = self._stream
         if not stream or now - stream[-1].time > self.settings.stale_after:
             return ()
         passed = bisect_right(stream, min(self._sampled, now), key=lambda item: item.time)
         return stream[max(0, passed - 1):]
+
+    def _smoothed(self, stream: tuple[Knot, ...]) -> tuple[Knot, ...]:
+        """Choose velocities without a jump of acceleration, beyond what is being followed."""
+        passed = bisect_right(stream, self._sampled, key=lambda item: item.time)
+        begin = max(passed, len(stream) - MOST_SMOOTHED)
+        ahead = stream[begin:]
+        if len(ahead) < 3:
+            return stream
+        times, positions, velocities, _ = zip(*ahead, strict=True)
+        slopes = inner_slopes(times, positions, velocities[0], velocities[-1])
+        inner = [
+            knot._replace(velocity=self._near(knot.told, slope, knot.time - before.time))
+            for before, knot, slope in zip(ahead, ahead[1:-1], slopes, strict=False)]
+        return (*stream[:begin + 1], *inner, stream[-1])
+
+    def _near(self, told: Triple, wanted: Triple, interval: float) -> Triple:
+        """
+        Return a wanted velocity as far from the one told as the acceleration may have led.
+
+        Senders tell the mean velocity since the setpoint before.
+        """
+        most = 0.5 * self._limiter.limits.acceleration * interval
+        return tuple([
+            min(max(v, t - most), t + most) for v, t in zip(wanted, told, strict=True)])
 
     def _target(self, time: float) -> tuple[Triple, Triple] | None:
         stream = self._stream
@@ -259,7 +295,7 @@ class SetpointFollower:
                     raise InputError.not_finite(f'setpoint {name} of {carriage}', value, unit)
 
     def _require_timely(
-        self, setpoint: Setpoint, now: float, stream: tuple[Setpoint, ...]
+        self, setpoint: Setpoint, now: float, stream: tuple[Knot, ...]
     ) -> None:
         age = now - setpoint.time
         if not age <= self.settings.oldest:
@@ -275,7 +311,7 @@ class SetpointFollower:
                 'out_of_order', f'setpoint is {newest - setpoint.time:.3g} s earlier than '
                 'the one before it, or of the same time')
 
-    def _require_near(self, setpoint: Setpoint, stream: tuple[Setpoint, ...]) -> None:
+    def _require_near(self, setpoint: Setpoint, stream: tuple[Knot, ...]) -> None:
         if self._motion is None:
             raise InputError('inactive', 'setpoint refused: the driver holds no position')
         start = stream[-1].position if stream else self._motion.position
@@ -286,14 +322,14 @@ class SetpointFollower:
                     self.settings.first_step, 'm', 'above')
 
 
-def _extrapolate(last: Setpoint, time: float) -> tuple[Triple, Triple]:
+def _extrapolate(last: Knot, time: float) -> tuple[Triple, Triple]:
     ahead = time - last.time
     position = tuple(
         p + ahead * v for p, v in zip(last.position, last.velocity, strict=True))
     return position, last.velocity
 
 
-def _interpolate(a: Setpoint, b: Setpoint, time: float) -> tuple[Triple, Triple]:
+def _interpolate(a: Knot, b: Knot, time: float) -> tuple[Triple, Triple]:
     """Evaluate the cubic Hermite curve from a to b and its derivative."""
     h = b.time - a.time
     u = (time - a.time) / h
