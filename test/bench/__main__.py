@@ -12,6 +12,7 @@ from pathlib import Path
 import sys
 import time
 
+from bottleneck import add_bottlenecks
 import ros
 import sections
 import table
@@ -44,16 +45,21 @@ def main() -> int:
         begin = time.monotonic()
         try:
             found, grown = SECTIONS[name](rounds, options.quick)
-        except (RuntimeError, OSError, ValueError) as error:
-            print(f'{name} failed: {error}', file=sys.stderr)
+        except Exception as error:  # the other sections take minutes each
+            print(f'{name} failed: {type(error).__name__}: {error}', file=sys.stderr)
             failed.append(name)
             continue
         print(f'{name}: {time.monotonic() - begin:.0f} s', flush=True)
         rows += found
         growth |= grown
+        table.write(rows, options.output)
     table.show(rows)
     path = table.write(rows, options.output)
     table.draw(rows, growth, path.with_suffix('.png'))
+    add_bottlenecks(growth)
+    for title, one in growth.items():
+        print(f'{title}, what it meets first: {one["bottleneck"]}')
+    table.write_whole(growth, options.output / 'growth.json')
     print(f'\n{path} and {path.with_suffix(".png")} written')
     return 1 if failed else 0
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
+from typing import Any
 
 GOAL_HEADS = ('name', 'ours', 'competitor', 'ratio', 'goal', 'met')
 FACTORS = {'us': 1e6, 'ns': 1e9, 'ms': 1e3, 's': 1.0, '%': 100.0, 'MiB': 1.0, 'mm': 1.0,
@@ -87,13 +88,18 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def write(rows: list[Row], folder: Path) -> Path:
-    """Write bench.json whole or not at all; return its path."""
-    folder.mkdir(parents=True, exist_ok=True)
+    """Write bench.json; return its path."""
     path = folder / 'bench.json'
-    draft = path.with_suffix('.part')
-    draft.write_text(json.dumps([asdict(row) for row in rows], indent=2) + '\n')
-    draft.replace(path)
+    write_whole([asdict(row) for row in rows], path)
     return path
+
+
+def write_whole(content: Any, path: Path) -> None:
+    """Write JSON whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_suffix('.part')
+    draft.write_text(json.dumps(content, indent=2) + '\n')
+    draft.replace(path)
 
 
 def draw(rows: list[Row], growth: dict[str, dict[str, list]], path: Path) -> None:
