@@ -174,6 +174,7 @@ class FaultRecorder:
         self._axes = axes
         self._channel = channel
         self._ring = FrameRing(round(settings.duration * settings.frame_rate))
+        self.add = self._ring.add  # keeps a frame: called for each that is received or sent
         self._causes: tuple[Cause | str, ...] = ()
         self._due: float | None = None
 
@@ -181,10 +182,6 @@ class FaultRecorder:
     def is_on(self) -> bool:
         """Tell whether there is a folder to write to."""
         return bool(self._settings.directory)
-
-    def add(self, stamp: float, cob_id: int, data: bytes) -> None:
-        """Keep a frame; called for each that is received or sent."""
-        self._ring.add(stamp, cob_id, data)
 
     def watch(self, causes: tuple[Cause | str, ...], now: float) -> None:
         """
