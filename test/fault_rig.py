@@ -50,6 +50,7 @@ class StreamRig(Rig):
                          check_targets=guard, **details)
         self.settings = settings
         self.heard: list[can.Message] = []
+        self.mends: list[Callable[[], object]] = []
         self.spoil: Spoil = _perfect
         if self.interface == 'socketcan':
             self._hear_what_matters()
@@ -59,6 +60,7 @@ class StreamRig(Rig):
         self._streamer.start()
 
     def close(self) -> None:
+        self.mend()
         self._closed.set()
         self._streamer.join()
         super().close()
@@ -118,10 +120,12 @@ class StreamRig(Rig):
             send(frames)
 
         self.simulator._send = say
+        self.mends.append(lambda: self.simulator.__dict__.pop('_send'))
 
-    def overhear_no_more(self) -> None:
-        """Hear what is on the bus."""
-        self.simulator.__dict__.pop('_send', None)
+    def mend(self) -> None:
+        """Undo what was done to the interface, and to how it is heard."""
+        while self.mends:
+            self.mends.pop()()
 
     # --- situations
 

@@ -9,7 +9,8 @@ With ``--interface socketcan --channel vcan0``, as root of a network namespace o
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 import math
 from pathlib import Path
@@ -99,24 +100,31 @@ def _congest(rig: StreamRig) -> None:
 
 
 def _interface_down(rig: StreamRig) -> None:
+    with _permission():
+        link.clear_flags(rig.channel, link.IFF_UP)
+    rig.mends.append(lambda: link.set_flags(rig.channel, link.IFF_UP))
     rig.overhear()
-    link.clear_flags(rig.channel, link.IFF_UP)
 
 
 def _interface_congested(rig: StreamRig) -> None:
-    try:
+    with _permission():
         link.plug(rig.channel)
+    rig.mends.append(lambda: link.unplug(rig.channel))
+    rig.overhear()
+
+
+@contextmanager
+def _permission() -> Iterator[None]:
+    """Skip what this user or this kernel does not do to an interface."""
+    try:
+        yield
     except OSError as error:
         pytest.skip(str(error))
-    rig.overhear()
 
 
 def mend(rig: StreamRig) -> None:
     """Remove every cause that a row may have left."""
-    if rig.interface == 'socketcan':
-        link.unplug(rig.channel)
-        link.set_flags(rig.channel, link.IFF_UP)
-        rig.overhear_no_more()
+    rig.mend()
     rig.bus_is_missing = False
     with rig.simulator.access() as drives:
         for drive in drives:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 import fcntl
 import os
 import socket
@@ -43,9 +42,8 @@ def plug(interface: str) -> None:
 
 
 def unplug(interface: str) -> None:
-    """Let the interface take frames again; harmless where nothing is plugged."""
-    with suppress(FileNotFoundError):
-        ask(RTM_DELQDISC, 0, queueing_of(interface), f'the kernel does not unplug {interface}')
+    """Let the interface take frames again."""
+    ask(RTM_DELQDISC, 0, queueing_of(interface), f'the kernel does not unplug {interface}')
 
 
 def queueing_of(interface: str) -> bytes:
