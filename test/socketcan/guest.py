@@ -43,7 +43,7 @@ class GuestUnavailableError(Exception):
     """User-mode Linux cannot be had, or does not start, on this machine."""
 
 
-def run_in_guest(command: list[str], timeout: float = TIMEOUT) -> int:
+def run_in_guest(command: list[str], timeout: float | None = TIMEOUT) -> int:
     """
     Boot a guest, run a command in it and return its exit status.
 

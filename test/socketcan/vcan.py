@@ -27,15 +27,20 @@ PROBE_TIMEOUT = 20.0
 MISSING = 'FACADE_MANIPULATOR_NO_VCAN'
 
 
-def run(command: list[str]) -> tuple[str, int]:
-    """Run a command beside a vcan0; return where that was and its exit status."""
+def run(command: list[str], timeout: float | None = guest.TIMEOUT) -> tuple[str, int]:
+    """
+    Run a command beside a vcan0; return where that was and its exit status.
+
+    A guest that takes longer than `timeout` [s] is an error.
+
+    """
     for namespace in NAMESPACES if shutil.which('unshare') else ():
         if _succeeds([*namespace, *INSIDE, 'true']):
             return 'a network namespace', call([*namespace, *INSIDE, *command])
     if INTERFACE.exists():
         return 'vcan0 of this machine', call(command)
     try:
-        return 'user-mode Linux', guest.run_in_guest(command)
+        return 'user-mode Linux', guest.run_in_guest(command, timeout)
     except guest.GuestUnavailableError as error:
         reason = f'the kernel has no vcan and user-mode Linux cannot be had: {error}'
     print(f'\n!!! NO SOCKETCAN TESTS: {reason}\n', flush=True)
@@ -72,7 +77,7 @@ def main() -> int:
     if sys.argv[1:2] == ['--inside']:
         _run_inside(sys.argv[2:])
     try:
-        return run(sys.argv[sys.argv.index('--') + 1:])[1]
+        return run(sys.argv[sys.argv.index('--') + 1:], timeout=None)[1]
     except guest.GuestError as error:
         sys.exit(f'guest: {error}')
 
