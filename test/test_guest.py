@@ -90,7 +90,7 @@ def test_a_machine_with_no_room_has_no_guest(monkeypatch, run, guest):
 def test_the_tests_run_without_a_vcan_and_are_told_why(monkeypatch, guest, capfd):
     import vcan
 
-    def unavailable(command):
+    def unavailable(*_):
         raise guest.GuestUnavailableError('no such thing')
 
     monkeypatch.setattr(guest, 'run_in_guest', unavailable)
