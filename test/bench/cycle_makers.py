@@ -258,7 +258,8 @@ class Driver:
         from facade_manipulator.drives.simulated_group import simulated_drives
         from facade_manipulator.kinematics import Geometry
 
-        logging.getLogger('canopen').setLevel(logging.ERROR)
+        # an object that a drive is asked for while it boots is asked for again
+        logging.getLogger('canopen').setLevel(logging.CRITICAL)
         settings = ControllerSettings(
             rate=RATE, boot_timeout=PATIENCE, watchdog_timeout=1.0, max_missed_cycles=10,
             heartbeat_timeout=0.5)
