@@ -31,7 +31,7 @@ from facade_manipulator.parameters import check_parameters, parameter
 
 CARRIAGES = Carriages._fields
 KEPT_MARGINS = 1000
-MOST_SMOOTHED = 8  # setpoints at once: each further one has a quarter of the effect
+MOST_SMOOTHED = 5  # setpoints at once: each further one has a quarter of the effect
 
 
 class Setpoint(NamedTuple):
@@ -230,6 +230,8 @@ class SetpointFollower:
 
     def _smoothed(self, stream: tuple[Knot, ...]) -> tuple[Knot, ...]:
         """Choose velocities without a jump of acceleration, beyond what is being followed."""
+        if len(stream) < 3 or stream[-1].time - stream[-2].time < 1.5 * self._period:
+            return stream  # hardly a cycle falls between setpoints
         passed = bisect_right(stream, self._sampled, key=lambda item: item.time)
         begin = max(passed, len(stream) - MOST_SMOOTHED)
         ahead = stream[begin:]
