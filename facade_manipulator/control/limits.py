@@ -78,10 +78,8 @@ class PathLimiter:
         self.limits = limits
         self.period = period
         self._planner = Ruckig(3, period)
-        self._plan = InputParameter(3)
-        self._plan.synchronization = Synchronization.Phase
-        self._plan.max_acceleration = [limits.acceleration] * 3
-        self._plan.max_jerk = [limits.jerk] * 3
+        self._chase = _plan(limits, ControlInterface.Position)
+        self._brake = _plan(limits, ControlInterface.Velocity)
         self._output = OutputParameter(3)
         self._trajectory = Trajectory(3)
         self._relative: Motion | None = None
@@ -123,14 +121,9 @@ class PathLimiter:
                   for p, t, w in zip(motion.position, target, frame, strict=True)),
             tuple(v - w for v, w in zip(motion.velocity, frame, strict=True)),
             motion.acceleration))
-        plan = self._plan
-        plan.control_interface = ControlInterface.Position
-        plan.current_position, plan.current_velocity, plan.current_acceleration = (
-            map(list, relative))
-        plan.target_position = plan.target_velocity = [0.0] * 3
-        plan.max_velocity = [self.limits.speed - w for w in frame]
-        plan.min_velocity = [-self.limits.speed - w for w in frame]
-        self._relative = step = self._step()
+        self._chase.max_velocity = [self.limits.speed - w for w in frame]
+        self._chase.min_velocity = [-self.limits.speed - w for w in frame]
+        self._relative = step = self._step(_begin(self._chase, relative))
         return Motion(
             tuple(e + t for e, t in zip(step.position, target, strict=True)),
             tuple(e + w for e, w in zip(step.velocity, frame, strict=True)),
@@ -139,25 +132,12 @@ class PathLimiter:
     def brake(self, motion: Motion) -> Motion:
         """Return the motion one period later on the way to rest, all axes braking together."""
         self._is_catching_up = True
-        self._plan_brake(motion)
-        return self._step()
+        return self._step(_begin(self._brake, motion))
 
     def rest_position(self, motion: Motion) -> Triple:
         """Return where the carriages come to rest when they brake now [m]."""
-        self._plan_brake(motion)
-        result = self._planner.calculate(self._plan, self._trajectory)
-        _require(result)
+        _require(self._planner.calculate(_begin(self._brake, motion), self._trajectory))
         return tuple(self._trajectory.at_time(self._trajectory.duration)[0])
-
-    def _plan_brake(self, motion: Motion) -> None:
-        plan = self._plan
-        plan.control_interface = ControlInterface.Velocity
-        plan.current_position = list(motion.position)
-        plan.current_velocity = list(motion.velocity)
-        plan.current_acceleration = list(motion.acceleration)
-        plan.target_velocity = [0.0] * 3
-        plan.max_velocity = [self.limits.speed] * 3
-        plan.min_velocity = None
 
     def _continued(self, relative: Motion) -> Motion:
         """Return the planned motion if it is the present one: a new plan would bend the path."""
@@ -201,12 +181,30 @@ class PathLimiter:
         share = min(1.0, FEED_FORWARD_SHARE * self.limits.speed / fastest) if fastest else 1.0
         return tuple(share * v for v in velocity)
 
-    def _step(self) -> Motion:
-        result = self._planner.update(self._plan, self._output)
-        _require(result)
+    def _step(self, plan: InputParameter) -> Motion:
+        _require(self._planner.update(plan, self._output))
         output = self._output
         return Motion(
             tuple(output.new_position), tuple(output.new_velocity), tuple(output.new_acceleration))
+
+
+def _plan(limits: MotionLimits, interface: ControlInterface) -> InputParameter:
+    """Return a plan to come to rest at zero, or just to rest."""
+    plan = InputParameter(3)
+    plan.control_interface = interface
+    plan.synchronization = Synchronization.Phase
+    plan.target_position = plan.target_velocity = [0.0] * 3
+    plan.max_velocity = [limits.speed] * 3
+    plan.max_acceleration = [limits.acceleration] * 3
+    plan.max_jerk = [limits.jerk] * 3
+    return plan
+
+
+def _begin(plan: InputParameter, motion: Motion) -> InputParameter:
+    """Let a plan begin at a motion."""
+    plan.current_position, plan.current_velocity, plan.current_acceleration = (
+        map(list, motion))
+    return plan
 
 
 def _greatest(values: Triple) -> float:
