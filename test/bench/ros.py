@@ -47,16 +47,16 @@ WHY = {  # of goals missed
 TIMES = {True: (0.3, 0.8), False: (1.0, 2.0)}  # warm-up and duration by quick [s]
 
 
-def run(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:
-    """Measure one layout once more if a process of it ends by itself."""
+def again(measure: Callable[..., Load], *arguments) -> Load:
+    """Measure once more where a process has ended by itself or nothing was heard."""
     try:
-        return run_once(layout, is_ours, rate, quick)
-    except OSError as error:
-        print(f'  {layout.listener}: {error}, measured again')
-        return run_once(layout, is_ours, rate, quick)
+        return measure(*arguments)
+    except (OSError, RuntimeError) as error:
+        print(f'  {error}: measured again')
+        return measure(*arguments)
 
 
-def run_once(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:
+def run(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:
     """Measure one layout; the listener stands in the driver's place and counts in a deployment."""
     executor = 'events' if is_ours else layout.executor
     with Processes(DOMAIN) as processes:
@@ -82,7 +82,7 @@ def beside(layout: Layout, rate: float, rounds: int, quick: bool) -> tuple[Load,
 
 def medians(measure: Callable[[bool], Load], rounds: int) -> tuple[Load, Load]:
     """Measure ours and the other in turns; return the medians of both."""
-    turns = [(measure(True), measure(False)) for _ in range(rounds)]
+    turns = [(again(measure, True), again(measure, False)) for _ in range(rounds)]
     return tuple(
         Load(*(median(values) for values in zip(*side, strict=True)))
         for side in zip(*turns, strict=True))
@@ -137,8 +137,8 @@ def _both(name: str, ours: Load, relay: Load, goal_id: str, goals: tuple[str, st
 
 def growth(rounds: int, quick: bool) -> tuple[list[Row], dict]:
     """How the deployment's cost grows with the rate and with the number of manipulators."""
-    by_rate = [run(DEPLOYMENT, True, rate, quick) for rate in (50.0, *RATES, 1000.0)]
-    by_count = [manipulators(count, quick) for count in MANIPULATORS]
+    by_rate = [again(run, DEPLOYMENT, True, rate, quick) for rate in (50.0, *RATES, 1000.0)]
+    by_count = [again(manipulators, count, quick) for count in MANIPULATORS]
     rows = [alone(f'{count} manipulators at 100 Hz: {what}', value, unit)
             for count, load in zip(MANIPULATORS, by_count, strict=True)
             for what, value, unit in (('p50', load.p50, 'us'), ('p99', load.p99, 'us'),
