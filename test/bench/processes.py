@@ -49,7 +49,7 @@ class Processes:
         for key, process in self.running.items():
             if process.poll() is not None:
                 print(f'  {key} ended by itself, exit status {process.returncode}: '
-                      f'{self._last_line(key)}')
+                      f'{self.last_line(key)}')
         for process in self.running.values():
             process.send_signal(signal.SIGINT)
         for process in self.running.values():
@@ -61,7 +61,8 @@ class Processes:
         for log in self._logs.values():
             log.close()
 
-    def _last_line(self, key: str) -> str:
+    def last_line(self, key: str) -> str:
+        """Return the last that a process said."""
         self._logs[key].seek(0)
         lines = self._logs[key].read().strip().splitlines() or ['no word of it']
         return lines[-1]
