@@ -1,4 +1,5 @@
 import math
+import sys
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -87,6 +88,22 @@ def test_a_chase_catches_a_moving_target_and_then_follows_it_exactly():
         motion = follow(limiter, motion, target, velocity)
         exact = exact + 1 if motion.position == target else 0
     assert exact > 100
+
+
+small = st.floats(-1e-12, 1e-12)
+
+
+@given(speed=st.floats(-0.49, 0.49), apart=st.tuples(small, small, small),
+       sign=st.sampled_from((-1.0, 1.0)), beyond=st.tuples(*[st.integers(-4, 4)] * 3))
+def test_an_acceleration_that_rounding_has_put_beyond_its_limit_does_not_end_the_way(
+        speed, apart, sign, beyond):
+    limiter = PathLimiter(LIMITS, PERIOD)
+    acceleration = tuple(
+        sign * LIMITS.acceleration * (1.0 + n * sys.float_info.epsilon) for n in beyond)
+    motion = Motion((-0.1, 0.1, 0.0), tuple(speed + a for a in apart), acceleration)
+    limiter.rest_position(motion)
+    assert within_limits(motion, limiter.brake(motion))
+    limiter.chase(motion, (-0.05, 0.15, 0.05), (0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize('name, value', [

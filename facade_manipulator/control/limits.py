@@ -9,6 +9,7 @@ duration for all three axes, so that the head turns no corner that the stream do
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 from typing import NamedTuple
 
 from ruckig import (
@@ -28,6 +29,7 @@ Triple = tuple[float, float, float]
 AT_REST_SPEED = 1e-5
 FEED_FORWARD_SHARE = 0.8
 PLAN_TOLERANCE = 1e-9
+ROUNDING = 1e-9  # relative
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,7 @@ class PathLimiter:
             motion.acceleration))
         self._chase.max_velocity = [self.limits.speed - w for w in frame]
         self._chase.min_velocity = [-self.limits.speed - w for w in frame]
-        self._relative = step = self._step(_begin(self._chase, relative))
+        self._relative = step = self._step(_begin(self._chase, relative, self.limits.acceleration))
         return Motion(
             tuple(e + t for e, t in zip(step.position, target, strict=True)),
             tuple(e + w for e, w in zip(step.velocity, frame, strict=True)),
@@ -132,11 +134,12 @@ class PathLimiter:
     def brake(self, motion: Motion) -> Motion:
         """Return the motion one period later on the way to rest, all axes braking together."""
         self._is_catching_up = True
-        return self._step(_begin(self._brake, motion))
+        return self._step(_begin(self._brake, motion, self.limits.acceleration))
 
     def rest_position(self, motion: Motion) -> Triple:
         """Return where the carriages come to rest when they brake now [m]."""
-        _require(self._planner.calculate(_begin(self._brake, motion), self._trajectory))
+        plan = _begin(self._brake, motion, self.limits.acceleration)
+        _require(self._planner.calculate(plan, self._trajectory))
         return tuple(self._trajectory.at_time(self._trajectory.duration)[0])
 
     def _continued(self, relative: Motion) -> Motion:
@@ -200,10 +203,18 @@ def _plan(limits: MotionLimits, interface: ControlInterface) -> InputParameter:
     return plan
 
 
-def _begin(plan: InputParameter, motion: Motion) -> InputParameter:
-    """Let a plan begin at a motion."""
-    plan.current_position, plan.current_velocity, plan.current_acceleration = (
-        map(list, motion))
+def _begin(plan: InputParameter, motion: Motion, most: float) -> InputParameter:
+    """
+    Let a plan begin at a motion.
+
+    Of an acceleration that rounding has put beyond the limit ruckig makes no plan at all; of one
+    that is far beyond it, because the limit has been lowered, it does.
+
+    """
+    plan.current_position, plan.current_velocity = map(list, motion[:2])
+    plan.current_acceleration = [
+        math.copysign(most, a) if most < abs(a) < most * (1.0 + ROUNDING) else a
+        for a in motion.acceleration]
     return plan
 
 
