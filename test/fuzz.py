@@ -41,7 +41,7 @@ COMMANDING = {cob_id for cob_id in OURS if cob_id & 0x780 in (0x000, 0x200, 0x60
     0x080, 0x77F}
 BURST = 0.005  # s
 SWITCH_INTERVAL = 0.0005  # s: what are computers of their own shares one interpreter here
-NICENESS = -10  # and whoever has a driver does not run it among compilers
+PRIORITY = 10  # as controller.realtime_priority, which other programs' load makes necessary
 
 
 class Verdict(NamedTuple):
@@ -236,6 +236,7 @@ class Fuzzer:
         rig.until(ControllerState.STOPPED, ControllerState.INACTIVE)
         rig.do('cleanup')
         mend(rig)
+        self._watch.take(rig.frames())
         rig.configure()
 
 
@@ -300,10 +301,10 @@ def fuzz_setpoints(rig: StreamRig, seconds: float, seed: int = 0) -> tuple[int, 
 # --- the long run
 
 def take_precedence() -> None:
-    """Share the interpreter finely, and the computer with nobody, where that is permitted."""
+    """Share the interpreter finely, and the processor with nobody, where that is permitted."""
     sys.setswitchinterval(SWITCH_INTERVAL)
-    with suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, NICENESS)
+    with suppress(PermissionError):  # for all threads that begin after this
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
 
 
 def share(verdict: Verdict) -> float:
