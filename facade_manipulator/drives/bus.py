@@ -24,7 +24,7 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 
 from facade_manipulator.drives.pdo import SYNC_COB_ID
-from facade_manipulator.drives.port import Kind, MAX_COB_ID, port_of, Received
+from facade_manipulator.drives.port import Kind, MAX_COB_ID, port_of
 from facade_manipulator.errors import BusError
 
 LATEST_STAMP_AGE = 10.0
@@ -174,7 +174,7 @@ class CanBus:
             return None
         kind, cob_id, data, stamp = received
         if kind is not Kind.DATA:
-            self._set_aside(received)
+            self._set_aside(kind, cob_id, data)
             return None
         self._received += 1
         if self._tap is not None:
@@ -229,15 +229,15 @@ class CanBus:
         self.stop_sync()
         _quietly(self._bus.shutdown)
 
-    def _set_aside(self, received: Received) -> None:
+    def _set_aside(self, kind: Kind, cob_id: int, data: bytes) -> None:
         """Count what is no frame for us; note what the controller reports of itself."""
-        if received.kind is Kind.OTHER:
+        if kind is Kind.OTHER:
             self._ignored += 1
             return
         self._error_frames += 1
-        condition = condition_of(received.cob_id, received.data)
-        if received.cob_id & _CONTROLLER_PROBLEM and len(received.data) > 1:
-            self._overflows += bool(received.data[1] & _ERROR_OVERFLOW)
+        condition = condition_of(cob_id, data)
+        if cob_id & _CONTROLLER_PROBLEM and len(data) > 1:
+            self._overflows += bool(data[1] & _ERROR_OVERFLOW)
         if condition is not None:
             self._condition = condition
         if condition is Condition.OFF:

@@ -217,8 +217,6 @@ class DriveController:
             now = session.connection.stream.pump()
         if session.lost is not None:
             session.watch_recovery(now)
-        if session.recorder is not None:
-            session.recorder.watch(session.causes, now)
         if self._operation is not None:
             self._poll(now)
         if session.group is None or session.lost is not None:
@@ -319,8 +317,10 @@ class DriveController:
         self._notify()
 
     def _publish(self, now: float) -> None:
-        """Note what a snapshot is made of once somebody asks for it."""
+        """Note what a snapshot is made of once somebody asks for it; record a fault."""
         session, causes = self._session, self._session.causes
+        if session.recorder is not None:
+            session.recorder.watch(causes, now)
         clock = bus = None
         if session.connection is not None:
             clock, bus = session.connection.stream.clock, session.connection.bus

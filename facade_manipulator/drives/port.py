@@ -16,7 +16,7 @@ from enum import Enum
 from select import select
 import socket
 import struct
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import can
 from can.interfaces.socketcan import SocketcanBus
@@ -37,13 +37,8 @@ class Kind(Enum):
     OTHER = 'other'
 
 
-class Received(NamedTuple):
-    """A frame, and when it came on the system clock [s]."""
-
-    kind: Kind
-    cob_id: int
-    data: bytes
-    stamp: float
+# kind, identifier, data, and when it came on the system clock [s]
+Received = tuple[Kind, int, bytes, float]
 
 
 class Port(Protocol):
@@ -77,8 +72,7 @@ class MessagePort:
             kind = Kind.ERROR
         elif message.is_extended_id or message.is_remote_frame or message.is_fd:
             kind = Kind.OTHER
-        return Received(
-            kind, message.arbitration_id, bytes(message.data), message.timestamp)
+        return kind, message.arbitration_id, bytes(message.data), message.timestamp
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send a frame; see `Port`."""
@@ -113,8 +107,7 @@ class SocketPort:
         elif identifier & (_EXTENDED | _REMOTE) or len(content) > _FRAME.size:
             kind = Kind.OTHER
         seconds, nanoseconds = _STAMP.unpack(stamp)
-        return Received(
-            kind, identifier & MAX_COB_ID, data[:length], seconds + 1e-9 * nanoseconds)
+        return kind, identifier & MAX_COB_ID, data[:length], seconds + 1e-9 * nanoseconds
 
     def send(self, cob_id: int, data: bytes) -> None:
         """Send a frame; see `Port`."""
