@@ -6,9 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from ruckig import Ruckig, RuckigError, Synchronization
 
 from facade_manipulator.control.reference import Motion, Reference, ReferenceSettings
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Pose
 
 SETTINGS = ReferenceSettings()
@@ -83,3 +84,33 @@ def test_a_stroke_of_a_quarter_metre_arrives_before_its_error_counts():
 def test_settings_that_make_no_sense_are_refused(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         ReferenceSettings(**values)
+
+
+class Reluctant:
+    """A planner that fails for some kinds of synchronisation, as ruckig does now and then."""
+
+    def __init__(self, *failing):
+        self._planner, self._failing = Ruckig(3), failing
+
+    def calculate(self, plan, trajectory):
+        if plan.synchronization in self._failing:
+            raise RuckigError('error in step 2')
+        return self._planner.calculate(plan, trajectory)
+
+
+def test_where_rounding_leaves_no_straight_path_there_is_another():
+    reference = planned(Pose(0.0, 0.25, 0.0), Pose(0.1, 0.2, 0.1))
+    reference._planner = Reluctant(Synchronization.Phase)
+    goal = Pose(0.0, 0.2, 0.0)
+    reference.retarget(100.1, goal)
+    assert reference.at(reference.arrival()).place == pytest.approx(tuple(goal), abs=1e-8)
+
+
+def test_a_goal_without_a_path_leaves_the_path_as_it_was():
+    reference = planned(Pose(0.0, 0.25, 0.0), Pose(0.1, 0.2, 0.1))
+    reference._planner = Reluctant(Synchronization.Phase, Synchronization.TimeIfNecessary)
+    before = reference.at(100.1)
+    with pytest.raises(ManipulatorError, match='no jerk-limited path'):
+        reference.retarget(100.1, Pose(0.0, 0.2, 0.0))
+    assert reference.at(100.1) == before
+    assert reference.goal == Pose(0.1, 0.2, 0.1)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
-from ruckig import InputParameter, Result, Ruckig, Synchronization, Trajectory
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
@@ -64,7 +65,6 @@ class Reference:
     def __init__(self, settings: ReferenceSettings) -> None:
         self._planner = Ruckig(len(Pose._fields))
         self._plan = InputParameter(len(Pose._fields))
-        self._plan.synchronization = Synchronization.Phase
         self.settings = settings
         self._trajectory = Trajectory(len(Pose._fields))
         self._start: float | None = None
@@ -96,12 +96,22 @@ class Reference:
         plan.target_position = list(goal)
         straight = not any(motion.velocity) and not any(motion.acceleration)
         self._limit([goal[i] - motion.place[i] if straight else 0.0 for i in range(len(goal))])
-        result = self._planner.calculate(plan, self._trajectory)
-        if result not in (Result.Working, Result.Finished):
+        trajectory = self._calculate()
+        if trajectory is None:
             raise ManipulatorError(
-                f'no jerk-limited path from {tuple(motion.place)} to {tuple(goal)} {UNITS}: '
-                f'{result}')
-        self._start, self.goal = time, goal
+                f'no jerk-limited path from {tuple(motion.place)} to {tuple(goal)} {UNITS}')
+        self._trajectory, self._start, self.goal = trajectory, time, goal
+
+    def _calculate(self) -> Trajectory | None:
+        """Return a path, straight unless rounding leaves ruckig none; None if there is none."""
+        trajectory = Trajectory(len(Pose._fields))
+        for synchronization in (Synchronization.Phase, Synchronization.TimeIfNecessary):
+            self._plan.synchronization = synchronization
+            with suppress(RuckigError):  # met where all that is left of a way is 1e-14
+                if self._planner.calculate(self._plan, trajectory) in (
+                        Result.Working, Result.Finished):
+                    return trajectory
+        return None
 
     def retarget(self, time: float, goal: Pose) -> None:
         """Plan to another goal from the motion at a time [s]; it must have been anchored."""
