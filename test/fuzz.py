@@ -231,11 +231,19 @@ class Fuzzer:
             self._missed[name] += getattr(cycle, name) - getattr(before, name)
 
     def _start_anew(self) -> None:
-        """Forged commands may have left anything in the drives: configure resets them."""
+        """
+        Park the carriages, for forged commands may have moved them, and configure again.
+
+        Whatever else was forged into the drives is gone with their reset.
+
+        """
         rig = self._rig
         rig.until(ControllerState.STOPPED, ControllerState.INACTIVE)
         rig.do('cleanup')
         mend(rig)
+        with rig.simulator.access() as drives:
+            for drive, axis in zip(drives, rig.axes, strict=True):
+                drive.motor.place(axis.home_position)
         self._watch.take(rig.frames())
         rig.configure()
 
