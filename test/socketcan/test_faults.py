@@ -228,13 +228,13 @@ def processor_time(pid: int) -> float:
 def test_an_interface_that_goes_and_comes_back_leaves_the_driver_inactive(
         active, driver, watcher, vcan0):
     make_sure_of_power(active, watcher)
-    before = notes(active)
+    before = record(active)
     switch(vcan0, up=False)
     try:
         active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
         assert_says(active, 'bus', 'down')
         # writing down a minute of frames is work, too
-        active.wait_until(lambda: notes(active) != before, 'the record of the fault', 30.0)
+        active.wait_until(lambda: record(active) != before, 'the record of the fault', 30.0)
         begin, used = time.monotonic(), processor_time(driver.pid)
         active.spin(2.0)
         used = (processor_time(driver.pid) - used) / (time.monotonic() - begin)
@@ -249,10 +249,11 @@ def test_an_interface_that_goes_and_comes_back_leaves_the_driver_inactive(
     wait_until_enabled(watcher)
 
 
-def notes(client) -> str:
-    """Return what the driver notes, of the record of a fault among others."""
+def record(client) -> list[str]:
+    """Return where the driver says that it has written down the last fault."""
     values = client.component('driver: operation').status.values
-    return next(item.value for item in values if item.key == 'notes')
+    return [path for item in values if item.key == 'notes'
+            for path in re.findall('recorded in (.*)', item.value)]
 
 
 def cleared(client) -> bool:
