@@ -33,13 +33,13 @@ def guest(monkeypatch, tmp_path):
 @pytest.fixture
 def run(guest):
     """Run a command in a guest whose kernel is this script."""
-    def run(script: str, timeout: float = 60.0) -> int:
+    def run(script: str, timeout: float = 60.0, silence: float = 60.0) -> int:
         kernel = guest.CACHE / 'root' / 'usr' / 'bin' / 'linux.uml'
         kernel.parent.mkdir(parents=True)
         kernel.write_text(TOLD + script)
         kernel.chmod(0o755)
         (guest.CACHE / 'root/usr/lib/uml/modules/6.1').mkdir(parents=True)
-        return guest.run_in_guest(['true'], timeout)
+        return guest.run_in_guest(['true'], timeout, silence)
 
     yield run
     assert not list(guest.CACHE.glob('guest_*')), 'a folder is left over'
@@ -63,6 +63,16 @@ def test_a_guest_that_dies_is_an_error_with_its_console(run, guest):
 def test_a_guest_that_does_not_end_is_stopped(run, guest):
     with pytest.raises(guest.GuestError, match='stopped after 0.5 s'):
         run(BANNER + 'sleep 600', timeout=0.5)
+
+
+def test_a_guest_that_stands_still_is_stopped_and_told_from_others(run, guest):
+    with pytest.raises(guest.GuestSilentError, match='(?s)nothing for 1.5 s.*Linux version'):
+        run(BANNER + 'echo hello >/proc/self/fd/$line; sleep 600', silence=1.5)
+
+
+def test_a_guest_that_talks_may_take_its_time(run):
+    talk = 'for i in 1 2 3 4 5 6; do echo $i >/proc/self/fd/$line; sleep 0.5; done; '
+    assert run(BANNER + talk + 'printf 0 >"$folder/status"', silence=2.0) == 0
 
 
 def test_a_guest_that_cannot_run_the_command_says_why(run, guest):

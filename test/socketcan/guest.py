@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 import json
+import math
 import os
 from pathlib import Path
 import shlex
@@ -21,6 +23,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 
 import fetch
 
@@ -28,6 +31,8 @@ HERE = Path(__file__).resolve().parent
 CACHE = HERE.parents[1] / '.venv' / 'uml'
 MEMORY = 1 << 30
 TIMEOUT = 600.0
+SILENCE = 120.0  # longer than any test; once in a long while a guest stands still for good
+POLL_PERIOD = 0.2
 # The kernel and the processes that carry the guest's own are one group; when our end of its
 # standard input closes, because we ended in whatever way, the group is killed.
 LAUNCH = 'exec 3<&0; (read -r _ <&3; kill -KILL 0) & exec "$@" </dev/null 3<&-'
@@ -39,18 +44,40 @@ class GuestError(Exception):
     """The guest panicked, died or took too long; the message ends with its console."""
 
 
+class GuestSilentError(GuestError):
+    """The guest stood still."""
+
+
 class GuestUnavailableError(Exception):
     """User-mode Linux cannot be had, or does not start, on this machine."""
 
 
-def run_in_guest(command: list[str], timeout: float | None = TIMEOUT) -> int:
+@dataclass
+class SerialLine:
+    """Where the guest writes to, and when it last did on the monotonic clock [s]."""
+
+    descriptor: int
+    heard: float = field(default_factory=time.monotonic)
+
+
+def run_in_guest(
+    command: list[str], timeout: float = TIMEOUT, silence: float = SILENCE
+) -> int:
     """
     Boot a guest, run a command in it and return its exit status.
+
+    Parameters
+    ----------
+    command : list of str
+    timeout, silence : float
+        How long the guest may take, and how long it may say nothing [s].
 
     Raises
     ------
     GuestUnavailableError
         There is no kernel for the guest, or no place for its memory, or it does not start.
+    GuestSilentError
+        It stood still.
     GuestError
         It started and then did not run the command to its end.
 
@@ -58,15 +85,28 @@ def run_in_guest(command: list[str], timeout: float | None = TIMEOUT) -> int:
     root = _fetch_kernel()
     with _work_folder() as folder, _serial_line() as line:
         _write_order(folder, root, command)
-        started = _start(folder, root, line)
+        started = _start(folder, root, line.descriptor)
         try:
-            started.wait(timeout)
-        except subprocess.TimeoutExpired:
-            raise GuestError(f'the guest was stopped after {timeout:g} s\n'
-                             f'{_console(folder)}') from None
+            error = _watch(started, line, timeout, silence)
         finally:
             _kill(started)
+        if error is not None:
+            raise type(error)(f'{error}\n{_console(folder)}')
         return _exit_status(folder, started.returncode)
+
+
+def _watch(
+    process: subprocess.Popen, line: SerialLine, timeout: float, silence: float
+) -> GuestError | None:
+    """Wait for the guest's end; return why it must be stopped, None where it ended."""
+    end = time.monotonic() + timeout
+    while time.monotonic() < end:
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(POLL_PERIOD)
+            return None
+        if time.monotonic() - line.heard > silence:
+            return GuestSilentError(f'the guest has said nothing for {silence:g} s')
+    return GuestError(f'the guest was stopped after {timeout:g} s')
 
 
 def _fetch_kernel() -> Path:
@@ -140,21 +180,23 @@ def _start(folder: Path, root: Path, line: int) -> subprocess.Popen:
 
 
 @contextmanager
-def _serial_line() -> Iterator[int]:
-    """Give a descriptor whose output goes to our standard output, to its end."""
+def _serial_line() -> Iterator[SerialLine]:
+    """Give a line whose output goes to our standard output, to its end."""
     read_end, write_end = os.pipe()
-    copier = threading.Thread(target=_copy, args=(read_end,))
+    line = SerialLine(write_end)
+    copier = threading.Thread(target=_copy, args=(read_end, line))
     copier.start()
     try:
-        yield write_end
+        yield line
     finally:
         os.close(write_end)
         copier.join()
 
 
-def _copy(descriptor: int) -> None:
-    with open(descriptor, 'rb', buffering=0) as serial_line:
-        while data := serial_line.read(4096):
+def _copy(descriptor: int, line: SerialLine) -> None:
+    with open(descriptor, 'rb', buffering=0) as read_end:
+        while data := read_end.read(4096):
+            line.heard = time.monotonic()
             sys.stdout.buffer.write(data)
             sys.stdout.flush()
 
@@ -189,7 +231,7 @@ def main() -> int:
     parser.add_argument('command', nargs='+', help='what to run, after --')
     arguments = parser.parse_args()
     try:
-        return run_in_guest(arguments.command, arguments.timeout)
+        return run_in_guest(arguments.command, arguments.timeout, math.inf)
     except (GuestError, GuestUnavailableError) as error:
         sys.exit(f'guest: {error}')
 

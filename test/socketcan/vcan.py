@@ -9,6 +9,7 @@ of them it says so loudly and runs the command all the same: the tests then skip
 from __future__ import annotations
 
 import ctypes
+import math
 import os
 from pathlib import Path
 import shutil
@@ -27,11 +28,14 @@ PROBE_TIMEOUT = 20.0
 MISSING = 'FACADE_MANIPULATOR_NO_VCAN'
 
 
-def run(command: list[str], timeout: float | None = guest.TIMEOUT) -> tuple[str, int]:
+def run(
+    command: list[str], timeout: float = guest.TIMEOUT, silence: float = guest.SILENCE
+) -> tuple[str, int]:
     """
     Run a command beside a vcan0; return where that was and its exit status.
 
-    A guest that takes longer than `timeout` [s] is an error.
+    A guest that takes longer than `timeout` or says nothing for longer than `silence` [s] is an
+    error.
 
     """
     for namespace in NAMESPACES if shutil.which('unshare') else ():
@@ -40,7 +44,7 @@ def run(command: list[str], timeout: float | None = guest.TIMEOUT) -> tuple[str,
     if INTERFACE.exists():
         return 'vcan0 of this machine', call(command)
     try:
-        return 'user-mode Linux', guest.run_in_guest(command, timeout)
+        return 'user-mode Linux', guest.run_in_guest(command, timeout, silence)
     except guest.GuestUnavailableError as error:
         reason = f'the kernel has no vcan and user-mode Linux cannot be had: {error}'
     print(f'\n!!! NO SOCKETCAN TESTS: {reason}\n', flush=True)
@@ -77,7 +81,7 @@ def main() -> int:
     if sys.argv[1:2] == ['--inside']:
         _run_inside(sys.argv[2:])
     try:
-        return run(sys.argv[sys.argv.index('--') + 1:], timeout=None)[1]
+        return run(sys.argv[sys.argv.index('--') + 1:], math.inf, math.inf)[1]
     except guest.GuestError as error:
         sys.exit(f'guest: {error}')
 
