@@ -197,5 +197,5 @@ def test_no_number_is_so_large_or_small_that_the_answer_is_not_one(values):
 
 
 def test_carriages_out_of_all_reach_are_refused_naming_how_far_they_are_apart():
-    with pytest.raises(UnreachableError, match='= 1001 m is above the bound 400 m'):
+    with pytest.raises(UnreachableError, match='from q3 = 1000 m is above the bound 200 m'):
         forward_kinematics(DESIGN, Carriages(-1000.0, 1.0, 0.0))

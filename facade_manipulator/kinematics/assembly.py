@@ -43,7 +43,7 @@ def assembly_modes(geometry: Geometry, carriages: Carriages) -> list[Pose]:
         raise not_finite(Carriages(q1, q2, q3))
     left, right = q1 - q3, q2 - q3
     modes: list[Pose] = []
-    if abs(left) + abs(right) > FARTHEST:
+    if max(abs(left), abs(right)) > FARTHEST:
         return modes
     for y, theta in _candidates(geometry, left, right):
         y, theta = _polish(geometry, left, right, y, theta)

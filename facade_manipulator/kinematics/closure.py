@@ -15,7 +15,7 @@ from __future__ import annotations
 from facade_manipulator.errors import SingularityError
 from facade_manipulator.kinematics.geometry import Geometry
 
-FARTHEST = 400.0  # m, |q1 - q3| + |q2 - q3| of the largest geometry; its powers cannot overflow
+FARTHEST = 200.0  # m, l + b of the largest geometry: what the links reach; no power overflows
 
 
 def cubic(

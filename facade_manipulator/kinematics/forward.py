@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from math import atan2, cos, isfinite, sin, sqrt
 
-from facade_manipulator.errors import ParameterError, UnreachableError
+from facade_manipulator.errors import UnreachableError
 from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.closure import cubic, FARTHEST, newton_step
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
@@ -51,22 +51,11 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     """
     q1, q2, q3 = carriages
     left, right = q1 - q3, q2 - q3
-    if not abs(left) + abs(right) <= FARTHEST:  # nor is NaN
-        raise _not_joinable(Carriages(q1, q2, q3))
-    if right <= left:
-        y, theta = _crossed(geometry, Carriages(q1, q2, q3))
-    else:
+    if -FARTHEST < left < right < FARTHEST:
         y, theta = _solve(geometry, left, right)
+    else:  # NaN among them
+        y, theta = _crossed(geometry, Carriages(q1, q2, q3))
     return _new_tuple(Pose, (q3, y, theta))
-
-
-def _not_joinable(carriages: Carriages) -> ParameterError | UnreachableError:
-    """Say why no mechanism joins these carriages."""
-    q1, q2, q3 = carriages
-    if not all(map(isfinite, carriages)):
-        return not_finite(carriages)
-    apart = abs(q1 - q3) + abs(q2 - q3)
-    return UnreachableError('|q1 - q3| + |q2 - q3|', apart, FARTHEST, 'm', 'above')
 
 
 def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:
@@ -133,6 +122,11 @@ def _other_working_mode(projection1: float, projection2: float) -> UnreachableEr
 def _crossed(geometry: Geometry, carriages: Carriages) -> tuple[float, float]:
     """Return (y, θ) of carriages that passed each other: there the cubic's roots change places."""
     q1, q2, q3 = carriages
+    if not all(map(isfinite, carriages)):
+        raise not_finite(carriages)
+    apart = max(abs(q1 - q3), abs(q2 - q3))
+    if apart > FARTHEST:
+        raise UnreachableError('distance of a carriage from q3', apart, FARTHEST, 'm', 'above')
     half = geometry.platform_half_length
     for _, y, theta in assembly_modes(geometry, carriages):
         inside = min(q1 - q3 + half * cos(theta), q3 - q2 + half * cos(theta)) > 0.0
