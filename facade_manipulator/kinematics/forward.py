@@ -9,12 +9,12 @@ never from acos, so nothing is lost near θ = 0; one Newton step on the links po
 
 from __future__ import annotations
 
-from math import atan2, cos, isfinite, sin, sqrt
+from math import atan2, cos, sin, sqrt
 
 from facade_manipulator.errors import UnreachableError
 from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.closure import cubic, FARTHEST, newton_step
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
 from facade_manipulator.kinematics.jacobian import parallel_singularity
 
 STEP_TOLERANCE = 1e-5  # such a step leaves its square, and the polish the square of that
@@ -122,14 +122,12 @@ def _other_working_mode(projection1: float, projection2: float) -> UnreachableEr
 def _crossed(geometry: Geometry, carriages: Carriages) -> tuple[float, float]:
     """Return (y, θ) of carriages that passed each other: there the cubic's roots change places."""
     q1, q2, q3 = carriages
-    if not all(map(isfinite, carriages)):
-        raise not_finite(carriages)
-    apart = max(abs(q1 - q3), abs(q2 - q3))
-    if apart > FARTHEST:
-        raise UnreachableError('distance of a carriage from q3', apart, FARTHEST, 'm', 'above')
     half = geometry.platform_half_length
     for _, y, theta in assembly_modes(geometry, carriages):
         inside = min(q1 - q3 + half * cos(theta), q3 - q2 + half * cos(theta)) > 0.0
         if y > 0.0 and inside and parallel_singularity(geometry, Pose(q3, y, theta)) > 0.0:
             return y, theta
+    apart = max(abs(q1 - q3), abs(q2 - q3))
+    if apart > FARTHEST:
+        raise UnreachableError('distance of a carriage from q3', apart, FARTHEST, 'm', 'above')
     raise UnreachableError('q2 - q1', q2 - q1, 0.0, 'm', 'not above')
