@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from link import IFF_UP
 from listener import Listener
 import pytest
 import rclpy
@@ -15,7 +16,6 @@ from vcan import MISSING
 from facade_manipulator.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')
-IFF_UP = 0x1
 
 
 @pytest.fixture
