@@ -17,11 +17,11 @@ import time
 
 import can
 from cycle_makers import Answers
-from pipeline_role import RelayDriver
+from pipeline_role import CHANNEL, real_driver, RelayDriver
 import rclpy
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from ros_roles import HORIZON, JOINT_STATES_PERIOD
+from ros_roles import JOINT_STATES_PERIOD
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.nodes.conversions import CARRIAGES
@@ -29,8 +29,6 @@ from facade_manipulator.nodes.executors import choose_executor
 from facade_manipulator.nodes.runtime import RELIABLE
 
 CYCLE_RATE = 500.0
-CHANNEL = '/bench/driver_bench'
-PATIENCE = 60.0
 
 
 class DriverRelay(RelayDriver):
@@ -44,29 +42,12 @@ class DriverRelay(RelayDriver):
         self.create_timer(JOINT_STATES_PERIOD, lambda: self._states.publish(self._message))
 
 
-def real_driver(taken: list) -> Node:
-    """Return the driver, active soon with drives that cost next to nothing."""
-    from facade_manipulator.nodes.driver import DriverNode
-
-    driver = DriverNode()
-    follower, controller = driver._follower, driver._controller
-    add = follower.add
-
-    def note(setpoint, now):
-        add(setpoint, now)
-        taken.append((setpoint.time - HORIZON, time.time()))
-
-    def bring_up():
-        for request in (controller.configure, controller.home, controller.activate):
-            print(request().result(PATIENCE), file=sys.stderr)
-        Answers(can.Bus(interface='virtual', channel=CHANNEL))
-        driver._simulator.stop()
-        driver._simulator.bus.shutdown()
-        driver._simulator = None
-        follower.add = note
-
-    Thread(target=bring_up, daemon=True).start()
-    return driver
+def answer_instead(driver: Node) -> None:
+    """Give an active driver drives that cost next to nothing."""
+    Answers(can.Bus(interface='virtual', channel=CHANNEL))
+    driver._simulator.stop()
+    driver._simulator.bus.shutdown()
+    driver._simulator = None
 
 
 def main() -> None:
@@ -76,7 +57,8 @@ def main() -> None:
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
     taken: list[tuple[float, float]] = []
     clock = time.pthread_getcpuclockid(get_ident())
-    driver = real_driver(taken) if sys.argv[1] == 'driver' else DriverRelay(taken)
+    is_real = sys.argv[1] == 'driver'
+    driver = real_driver(taken, answer_instead) if is_real else DriverRelay(taken)
     executor = choose_executor()
     executor.add_node(driver)
 

@@ -8,6 +8,7 @@ sends what it hears last once a cycle. Prints the latencies of each part after `
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections.abc import Callable
 import json
 import signal
 import sys
@@ -77,8 +78,10 @@ class RelayDriver(Node):
             time.sleep(max(0.0, due - time.monotonic()))
 
 
-def real_driver(heard: list) -> Node:
-    """Return the driver node, homed and active soon, that notes each setpoint it takes."""
+def real_driver(
+    heard: list, when_active: Callable[[Node], None] = lambda driver: None
+) -> Node:
+    """Return the driver node, homed and active soon, that then notes each setpoint it takes."""
     from facade_manipulator.nodes.driver import DriverNode
 
     driver = DriverNode()
@@ -89,11 +92,11 @@ def real_driver(heard: list) -> Node:
         add(setpoint, now)
         heard.append((setpoint.time - HORIZON, time.time()))
 
-    follower.add = note
-
     def bring_up():
         for request in (controller.configure, controller.home, controller.activate):
             print(request().result(PATIENCE), file=sys.stderr)
+        when_active(driver)
+        follower.add = note
 
     Thread(target=bring_up, daemon=True).start()
     return driver
