@@ -94,9 +94,10 @@ class Contact:
             By how much each axis was held back at the border of the workspace.
 
         """
-        self.lateral.step(now, interval, excess.x)
-        self.press.step(now, time, interval, excess.y)
-        self.turn.step(now, time, interval, excess.theta)
+        if not (self.lateral.idle and self.press.idle and self.turn.idle):
+            self.lateral.step(now, interval, excess.x)
+            self.press.step(now, time, interval, excess.y)
+            self.turn.step(now, time, interval, excess.theta)
         shifted = add(reference, self.present)
         self._yaw = shifted.theta
         return shifted

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from operator import le
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError
@@ -118,6 +119,8 @@ class EstimateGate:
         return self._last
 
     def _check_values(self, pose: Pose) -> None:
+        if all(map(le, map(abs, pose), self._largest)):
+            return
         for name, value, bound, unit in zip(
                 Pose._fields, pose, self._largest, UNITS, strict=True):
             if not math.isfinite(value):

@@ -117,6 +117,11 @@ class Impedance:
         self._measured_at = -math.inf
         self._offsets = History()
 
+    @property
+    def idle(self) -> bool:
+        """Whether a step would change nothing: switched off and back at the goal."""
+        return not self.settings.enabled and self.offset == 0.0 == self._velocity
+
     def take(self, stamp: float, force: float) -> None:
         """Learn from the force [N] or moment [N m] on the wall measured at a stamp [s]."""
         interval = max(stamp - self._measured_at, 0.0)

@@ -62,6 +62,11 @@ class LateralRegulator:
         self._measured_at = -math.inf
         self._measured = 0.0
 
+    @property
+    def idle(self) -> bool:
+        """Whether a step would change nothing: switched off and never on."""
+        return not self.settings.enabled and self.shift == self._integral == self._filtered == 0.0
+
     def take(self, stamp: float, offset: float) -> None:
         """Take where the head should be, seen from it along the wall, at a stamp [m, s]."""
         self._measured_at, self._measured = stamp, offset

@@ -101,6 +101,7 @@ class Reference:
             raise ManipulatorError(
                 f'no jerk-limited path from {tuple(motion.place)} to {tuple(goal)} {UNITS}')
         self._trajectory, self._start, self.goal = trajectory, time, goal
+        self._rest = Motion(*(Pose(*row) for row in trajectory.at_time(trajectory.duration)))
 
     def _calculate(self) -> Trajectory | None:
         """Return a path, straight unless rounding leaves ruckig none; None if there is none."""
@@ -119,7 +120,9 @@ class Reference:
 
     def at(self, time: float) -> Motion:
         """Return the motion at a time [s]; before the path begins its start, later its end."""
-        elapsed = min(max(time - self._start, 0.0), self._trajectory.duration)
+        elapsed = max(time - self._start, 0.0)
+        if elapsed >= self._trajectory.duration:
+            return self._rest
         return Motion(*(Pose(*row) for row in self._trajectory.at_time(elapsed)))
 
     def _limit(self, way: list[float]) -> None:
