@@ -4,7 +4,7 @@ The executor that every node's process runs in.
 rclpy's EventsExecutor hands a message on in a third of the processor time of the
 SingleThreadedExecutor, which builds a wait set for every event. It is experimental: in rclpy 7.1.6
 `spin()` without a time-out delivers nothing, and guard conditions are not supported. So it is
-spun by `spin_once` with a time-out, and only after it has shown that messages arrive.
+spun with a time-out, and only after it has shown that messages arrive.
 """
 
 from __future__ import annotations

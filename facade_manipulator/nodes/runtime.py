@@ -6,14 +6,15 @@ from collections.abc import Callable, Sequence
 import gc
 import signal
 import sys
-from threading import Event
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.nodes.executors import choose_executor
@@ -25,7 +26,8 @@ LATCHED = QoSProfile(
 
 SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-LONGEST_WAIT = 0.2  # s, after which a signal is seen on a node where nothing happens
+WATCH_PERIOD = 0.05  # s, in which a signal is seen on a node where nothing happens
+LONGEST_SPIN = 600.0  # s
 
 
 def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None) -> int:
@@ -77,10 +79,13 @@ def _spin(nodes: Sequence[Node], received: list[int]) -> None:
     for node in nodes:
         executor.add_node(node)
     gc.freeze()  # what start-up made stays: no collection has to look at it again
-    shut_down = Event()  # asking rclpy.ok() at every event would cost 3 % of a fast node's time
-    rclpy.get_default_context().on_shutdown(shut_down.set)
-    while not received and not shut_down.is_set():
-        executor.spin_once(timeout_sec=LONGEST_WAIT)
+    end = Future()
+    rclpy.get_default_context().on_shutdown(lambda: end.set_result(None))
+    nodes[0].create_timer(
+        WATCH_PERIOD, lambda: received and end.set_result(None),
+        clock=Clock(clock_type=ClockType.STEADY_TIME))  # simulated time may stand still
+    while not end.done():  # to come back from spin_once at every event costs 5 % of a fast node
+        executor.spin_until_future_complete(end, timeout_sec=LONGEST_SPIN)
 
 
 def _close(nodes: Sequence[Node]) -> None:
