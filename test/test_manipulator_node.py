@@ -5,9 +5,9 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import Carriages, Geometry, inverse_kinematics, Pose
-from facade_manipulator.nodes.conversions import planar_pose, pose_stamped, seconds
+from facade_manipulator.nodes.conversions import CARRIAGES, planar_pose, pose_stamped, seconds
 from facade_manipulator.nodes.manipulator import make_nodes
-from facade_manipulator.nodes.runtime import LATEST
+from facade_manipulator.nodes.runtime import LATEST, RELIABLE
 
 PLACE = Pose(0.02, 0.25, 0.0)
 
@@ -50,3 +50,32 @@ def test_a_pose_from_elsewhere_is_followed_as_well(ros, setpoints):
         return any(Carriages(*m.position) == pytest.approx(wanted) for m in setpoints)
 
     ros.until(followed, 'the pose to be followed')
+
+
+def test_the_course_begins_at_the_head_that_joint_states_tell(ros):
+    """The head goes from one node to the other past the topic, which has other listeners."""
+    for node in make_nodes():
+        ros.add(node)
+    tester = ros.node()
+    setpoints = ros.collect(tester, JointState, 'joint_setpoints', 100)
+    heads = ros.collect(tester, PoseStamped, 'end_effector_pose', 100)
+    states = tester.create_publisher(JointState, 'joint_states', RELIABLE)
+    goals = tester.create_publisher(PoseStamped, 'goal_pose', LATEST)
+    start = inverse_kinematics(Geometry(), PLACE._replace(x=-0.1))
+
+    def told():
+        message = JointState(name=CARRIAGES, position=start)
+        message.header.stamp = tester.get_clock().now().to_msg()
+        states.publish(message)
+        return heads
+
+    ros.until(told, 'the pose of the head')
+    assert planar_pose(heads[-1].pose, 'head') == pytest.approx(PLACE._replace(x=-0.1))
+
+    def followed():
+        told()
+        goals.publish(pose_stamped('facade', 0.0, PLACE))
+        return setpoints
+
+    ros.until(followed, 'setpoints')
+    assert Carriages(*setpoints[0].position) == pytest.approx(start, abs=0.01)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -16,12 +15,10 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 
-from facade_manipulator.control.blend import NOWHERE
 from facade_manipulator.control.border import Border
 from facade_manipulator.control.compensation import (
     Compensator,
     CompensatorSettings,
-    CorrectedPose,
     DEFAULTS,
 )
 from facade_manipulator.errors import ManipulatorError
@@ -31,18 +28,18 @@ from facade_manipulator.nodes.conversions import (
     END_EFFECTOR,
     FACADE,
     node_time,
+    planar,
     planar_pose,
     planar_wrench,
-    pose_stamped,
     RAIL,
     require_frame,
     seconds,
-    set_pose_stamped,
-    VARIANCES,
 )
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
 from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.pose_stream import PoseStream
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
+from facade_manipulator.nodes.wire import estimate_wire, pose_wire
 from facade_manipulator.parameters import check_parameters, parameter
 
 
@@ -70,30 +67,20 @@ class CompensatorNode(Node):
         self._compensator = Compensator(geometry, self.settings)
         self._refusals = Refusals(self)
         self._report = CompensatorReport(self._compensator)
-        self._follower: Callable[[float, Pose], None] | None = None
-        self._corrected = self.create_publisher(PoseStamped, 'corrected_pose', LATEST)
-        self._reference = self.create_publisher(PoseStamped, 'compensator/reference', RELIABLE)
-        self._corrected_message = pose_stamped(RAIL, 0.0, NOWHERE)  # sent again and again
-        self._reference_message = pose_stamped(FACADE, 0.0, NOWHERE)
+        self.corrected = PoseStream(self, 'corrected_pose', RAIL, LATEST)
+        self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
+        self._disturbance_wire = estimate_wire('disturbance', FACADE)
+        self._head_wire = pose_wire('end_effector_pose', RAIL)
         self._subscribe()
         self.create_service(SetBool, 'compensator/enable', self._enable)
         self.create_service(Trigger, 'compensator/tare', self._tare)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(1.0 / rate, self._update)
 
-    def hand_to(self, follower: Callable[[float, Pose], None]) -> None:
-        """
-        Hand corrected poses to a node of the same process, which subscribes to them as well.
-
-        That saves the way through the middleware; the topic goes on for everybody else.
-
-        Parameters
-        ----------
-        follower : callable
-            Takes the time that a pose is meant for [s] and the pose.
-
-        """
-        self._follower = follower
+    def see_heads_of(self, heads: PoseStream) -> None:
+        """Take the head's pose from a node of this process in place of the topic."""
+        self.destroy_subscription(self._heads)
+        heads.hand_to(self._see_head, subscribes=False)
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type):
         """Declare the settings of a part of the compensator, which may change while it runs."""
@@ -109,9 +96,9 @@ class CompensatorNode(Node):
         self.create_subscription(PoseStamped, 'goal_pose', self._take_goal, LATEST)
         self.create_subscription(
             PoseWithCovarianceStamped, 'disturbance', self._take_disturbance,
-            qos_profile_sensor_data)
-        self.create_subscription(
-            PoseStamped, 'end_effector_pose', self._take_head, RELIABLE)
+            qos_profile_sensor_data, raw=True)
+        self._heads = self.create_subscription(
+            PoseStamped, 'end_effector_pose', self._take_head, RELIABLE, raw=True)
         self.create_subscription(
             WrenchStamped, 'contact_wrench', self._take_wrench, qos_profile_sensor_data)
         self.create_subscription(
@@ -129,21 +116,24 @@ class CompensatorNode(Node):
         except ManipulatorError as error:
             self._refusals.add(error, 'goal_pose')
 
-    def _take_disturbance(self, message: PoseWithCovarianceStamped) -> None:
+    def _take_disturbance(self, data: bytes) -> None:
         try:
-            require_frame(message.header.frame_id, FACADE, 'disturbance')
-            pose = planar_pose(message.pose.pose, 'disturbance')
-            variances = [float(message.pose.covariance[i]) for i in VARIANCES]
+            time, (*pose, x, y, yaw) = self._disturbance_wire.read(data)
             self._compensator.take_estimate(
-                node_time(self), seconds(message.header.stamp), pose, variances)
+                node_time(self), time, planar(pose, 'disturbance'), (x, y, yaw))
         except ManipulatorError as error:
             self._refusals.add(error)
 
-    def _take_head(self, message: PoseStamped) -> None:
+    def _take_head(self, data: bytes) -> None:
         try:
-            require_frame(message.header.frame_id, RAIL, 'end_effector_pose')
-            self._compensator.take_head(
-                seconds(message.header.stamp), planar_pose(message.pose, 'end_effector_pose'))
+            time, pose = self._head_wire.read(data)
+            self._compensator.take_head(time, planar(pose, 'end_effector_pose'))
+        except ManipulatorError as error:
+            self._refusals.add(error)
+
+    def _see_head(self, time: float, pose: Pose) -> None:
+        try:
+            self._compensator.take_head(time, pose)
         except ManipulatorError as error:
             self._refusals.add(error)
 
@@ -171,23 +161,11 @@ class CompensatorNode(Node):
             self._refusals.add(error)
             return
         if corrected is not None:
-            self._send(corrected)
+            self.corrected.tell(corrected.time, corrected.pose)
+            self._reference.tell(corrected.time, corrected.reference)
             self._report.note(now, corrected)
         if self._report.changed(now):
             self._diagnostics.publish()
-
-    def _send(self, corrected: CorrectedPose) -> None:
-        """Send what somebody listens to, the corrected pose first."""
-        time, followers = corrected.time, 0
-        if self._follower is not None:
-            self._follower(time, corrected.pose)
-            followers = 1
-        if self._corrected.get_subscription_count() > followers:
-            set_pose_stamped(self._corrected_message, time, corrected.pose)
-            self._corrected.publish(self._corrected_message)
-        if self._reference.get_subscription_count() > 0:
-            set_pose_stamped(self._reference_message, time, corrected.reference)
-            self._reference.publish(self._reference_message)
 
     def _enable(self, request: SetBool.Request, response: SetBool.Response):
         correction = self._compensator.correction

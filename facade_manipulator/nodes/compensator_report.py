@@ -14,6 +14,7 @@ from facade_manipulator.nodes.conversions import diagnostic_status
 
 LEAST_TOLD = 1e-4
 TOLD_FOR = 1.0
+LOOK_PERIOD = 0.02
 LEVELS = {
     Mode.ACTIVE: 'ok', Mode.SETTLING: 'ok', Mode.DISABLED: 'warn', Mode.UNHEARD: 'warn',
     Mode.SILENT: 'error',
@@ -37,6 +38,7 @@ class CompensatorReport:
         self._published = 0
         self._held_until: dict[tuple[str, str], float] = {}
         self._told = ('', '')
+        self._next_look = -math.inf
 
     def note(self, now: float, corrected: CorrectedPose) -> None:
         """Note a corrected pose and what held it back."""
@@ -53,7 +55,10 @@ class CompensatorReport:
                 self._held_until[what, axis] = until
 
     def changed(self, now: float) -> bool:
-        """Tell whether level or sentence are others than last told."""
+        """Tell whether level or sentence are others than last told; looks now and then."""
+        if 0.0 < self._next_look - now <= LOOK_PERIOD:  # further off, the clock was set
+            return False
+        self._next_look = now + LOOK_PERIOD
         return self._outcome(now) != self._told
 
     def components(self, now: float, refusals: Mapping) -> list[DiagnosticStatus]:

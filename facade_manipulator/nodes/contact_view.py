@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-from sensor_msgs.msg import JointState
 
 from facade_manipulator.control.contact_estimate import contact_wrench, FrictionSettings
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.conversions import (
-    carriages_from,
+    CARRIAGES,
     END_EFFECTOR,
-    seconds,
+    require_finite,
     wrench_stamped,
 )
 from facade_manipulator.nodes.parameters import declare
@@ -54,21 +54,28 @@ class ContactView:
     def _change(self, friction: FrictionSettings) -> None:
         self._friction = friction
 
-    def publish(self, states: JointState, head: Pose) -> None:
+    def publish(
+        self, time: float, head: Pose, velocity: Sequence[float], effort: Sequence[float]
+    ) -> None:
         """
-        Publish the wrench at the stamp of joint states.
+        Publish the wrench at the time [s] of joint states.
+
+        Parameters
+        ----------
+        time : float
+        head : Pose
+        velocity, effort : sequence of float, shape (3,)
+            [m/s], [N].
 
         Raises
         ------
-        ManipulatorError
-            Velocity or effort are missing or not finite.
+        InputError
+            Velocity or effort are missing, so NaN, or not finite.
 
         """
         if self._publisher is None:
             return
-        wrench = contact_wrench(
-            self._geometry, self._friction, head,
-            carriages_from(states.name, states.velocity, 'joint_states velocity'),
-            carriages_from(states.name, states.effort, 'joint_states effort'))
-        self._publisher.publish(
-            wrench_stamped(END_EFFECTOR, seconds(states.header.stamp), wrench))
+        require_finite(CARRIAGES, velocity, 'joint_states velocity of')
+        require_finite(CARRIAGES, effort, 'joint_states effort of')
+        wrench = contact_wrench(self._geometry, self._friction, head, velocity, effort)
+        self._publisher.publish(wrench_stamped(END_EFFECTOR, time, wrench))

@@ -10,7 +10,7 @@ from typing import Any
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, Quaternion, WrenchStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.node import Node
 
 from facade_manipulator.errors import InputError
@@ -20,6 +20,8 @@ PLANE_TOLERANCE = 1e-6
 TILT_TOLERANCE = 1e-3
 NORM_TOLERANCE = 1e-3
 CARRIAGES = Carriages._fields
+POSE_NUMBERS = (
+    'x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')
 FACADE, RAIL, END_EFFECTOR = 'facade', 'rail', 'end_effector'  # the frames' names
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
 
@@ -38,7 +40,8 @@ def seconds(stamp: Time) -> float:
 
 def node_time(node: Node) -> float:
     """Return the present time of a node's clock [s]."""
-    return node.get_clock().now().nanoseconds * 1e-9
+    # the clock's own now() makes objects of it, which takes four times as long
+    return node.get_clock().handle.get_now().nanoseconds * 1e-9
 
 
 def stamp(time: float) -> Time:
@@ -85,20 +88,44 @@ def planar_pose(message: PoseMessage, what: str) -> Pose:
         With reason ``'not_finite'``, ``'quaternion'`` or ``'out_of_plane'``.
 
     """
+    return planar(pose_numbers(message), what)
+
+
+def pose_numbers(message: PoseMessage) -> tuple[float, ...]:
+    """Return the seven numbers of a pose, position [m] and quaternion."""
     position, q = message.position, message.orientation
-    numbers = {
-        'x': position.x, 'y': position.y, 'z': position.z,
-        'orientation.x': q.x, 'orientation.y': q.y, 'orientation.z': q.z, 'orientation.w': q.w,
-    }
-    for name, value in numbers.items():
+    return position.x, position.y, position.z, q.x, q.y, q.z, q.w
+
+
+def planar(numbers: Sequence[float], what: str) -> Pose:
+    """Return the planar pose of the seven numbers of a pose; else as `planar_pose`."""
+    require_finite(POSE_NUMBERS, numbers, what)
+    x, y, z, *q = numbers
+    _require_planar(z, *q, what)
+    return Pose(x, y, _yaw(*q[2:]))
+
+
+def require_finite(names: Sequence[str], values: Sequence[float], what: str) -> None:
+    """
+    Refuse what is no number.
+
+    Raises
+    ------
+    InputError
+        With reason ``'not_finite'``.
+
+    """
+    if all(map(math.isfinite, values)):
+        return
+    for name, value in zip(names, values, strict=True):
         if not math.isfinite(value):
             raise InputError.not_finite(f'{what} {name}', value)
-    _require_planar(position.z, q, what)
-    return Pose(position.x, position.y, _yaw(q))
 
 
-def _require_planar(z: float, q: Quaternion, what: str) -> None:
-    norm = math.sqrt(q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w)
+def _require_planar(
+    z: float, qx: float, qy: float, qz: float, qw: float, what: str
+) -> None:
+    norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise InputError(
             'quaternion',
@@ -106,16 +133,15 @@ def _require_planar(z: float, q: Quaternion, what: str) -> None:
     if abs(z) > PLANE_TOLERANCE:
         raise InputError(
             'out_of_plane', f'{what} z = {z:.6g} m is out of the plane z = 0 m')
-    tilt = 2.0 * math.hypot(q.x, q.y)
+    tilt = 2.0 * math.hypot(qx, qy)
     if tilt > TILT_TOLERANCE:
         raise InputError(
             'out_of_plane',
             f'{what} is tilted by {tilt:.6g} rad out of the plane, bound {TILT_TOLERANCE:g} rad')
 
 
-def _yaw(q: Quaternion) -> float:
-    yaw = 2.0 * math.atan2(q.z, q.w)
-    return math.remainder(yaw, math.tau)
+def _yaw(qz: float, qw: float) -> float:
+    return math.remainder(2.0 * math.atan2(qz, qw), math.tau)
 
 
 def carriages_from(
@@ -137,18 +163,24 @@ def carriages_from(
         With reason ``'names'`` or ``'not_finite'``.
 
     """
+    carriages = in_order(names, values, what)
+    require_finite(CARRIAGES, carriages, f'{what} of')
+    return carriages
+
+
+def in_order(
+    names: Sequence[str], values: Sequence[float], what: str
+) -> tuple[float, float, float]:
+    """Return the values of q1, q2 and q3, finite or not; else as `carriages_from`."""
     if len(values) != len(names):
         raise InputError('names', f'{what} has {len(values)} values for {len(names)} names')
-    if tuple(names) != CARRIAGES:  # any order will do, but it costs
-        if sorted(names) != sorted(CARRIAGES):
-            raise InputError(
-                'names', f'{what} names {quoted(list(names))}, '
-                f'expected each of {", ".join(CARRIAGES)} once')
-        values = [values[names.index(name)] for name in CARRIAGES]
-    for name, value in zip(CARRIAGES, values, strict=True):
-        if not math.isfinite(value):
-            raise InputError.not_finite(f'{what} of {name}', value)
-    return tuple(values)
+    if tuple(names) == CARRIAGES:  # any order will do, but it costs
+        return tuple(values)
+    if sorted(names) != sorted(CARRIAGES):
+        raise InputError(
+            'names', f'{what} names {quoted(list(names))}, '
+            f'expected each of {", ".join(CARRIAGES)} once')
+    return tuple(values[names.index(name)] for name in CARRIAGES)
 
 
 def pose_message(pose: Pose) -> PoseMessage:
@@ -162,22 +194,21 @@ def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
     """Return a planar pose with frame and stamp [s]."""
     message = PoseStamped()
     message.header.frame_id = frame_id
-    set_pose_stamped(message, time, pose)
-    return message
-
-
-def set_pose_stamped(message: PoseStamped, time: float, pose: Pose) -> None:
-    """Give a message that is sent again and again another stamp [s] and planar pose."""
     set_stamp(message.header.stamp, time)
     set_planar_pose(message.pose, pose)
+    return message
 
 
 def set_planar_pose(message: PoseMessage, pose: Pose) -> None:
     """Set what a planar pose has of a message."""
-    position, orientation = message.position, message.orientation
-    position.x, position.y = float(pose.x), float(pose.y)
-    orientation.z = math.sin(0.5 * pose.theta)
-    orientation.w = math.cos(0.5 * pose.theta)
+    position, q = message.position, message.orientation
+    position.x, position.y, _, _, _, q.z, q.w = map(float, planar_numbers(pose))
+
+
+def planar_numbers(pose: Pose) -> tuple[float, ...]:
+    """Return the seven numbers of a planar pose, position [m] and quaternion."""
+    half = 0.5 * pose.theta
+    return pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half)
 
 
 def planar_wrench(message: WrenchStamped) -> Wrench:

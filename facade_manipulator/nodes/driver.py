@@ -34,10 +34,7 @@ from facade_manipulator.errors import InputError, ManipulatorError, ParameterErr
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.conversions import (
     CARRIAGES,
-    carriages_from,
     node_time,
-    seconds,
-    set_stamp,
 )
 from facade_manipulator.nodes.deferred import Deferred
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
@@ -52,6 +49,7 @@ from facade_manipulator.nodes.managed import ManagedNode
 from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
 from facade_manipulator.nodes.software_stop import SoftwareStop
+from facade_manipulator.nodes.wire import setpoint_wire, states_wire
 from facade_manipulator.parameters import check_parameters, parameter
 
 SUPERVISION_PERIOD = 0.02
@@ -103,7 +101,7 @@ class DriverNode(ManagedNode):
         self._was_stopped = False
         self._last_failure = ''
         self._told: tuple = ()
-        self._states_message = JointState(name=CARRIAGES)  # sent again and again
+        self._setpoint_wire, self._states_wire = setpoint_wire(), states_wire()
         self._offer()
 
     def transition_jobs(self):
@@ -160,7 +158,8 @@ class DriverNode(ManagedNode):
 
     def _offer(self) -> None:
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
-        self.create_subscription(JointState, 'joint_setpoints', self._take_setpoint, LATEST)
+        self.create_subscription(
+            JointState, 'joint_setpoints', self._take_setpoint, LATEST, raw=True)
         self._software_stop = SoftwareStop(self, self._stop_by_software)
         for name, start in (
             ('home', self._controller.home),
@@ -232,14 +231,11 @@ class DriverNode(ManagedNode):
 
         return self._closer.submit(close)
 
-    def _take_setpoint(self, message: JointState) -> None:
+    def _take_setpoint(self, data: bytes) -> None:
         try:
             self._require_active()
-            setpoint = Setpoint(
-                seconds(message.header.stamp),
-                carriages_from(message.name, message.position, 'setpoint position'),
-                carriages_from(message.name, message.velocity, 'setpoint velocity'))
-            self._follower.add(setpoint, node_time(self))
+            time, (q1, q2, q3, *velocity) = self._setpoint_wire.read(data)
+            self._follower.add(Setpoint(time, (q1, q2, q3), tuple(velocity)), node_time(self))
         except ManipulatorError as error:
             self._refusals.add(error)
 
@@ -280,12 +276,10 @@ class DriverNode(ManagedNode):
         if snapshot.unhomed:  # its encoder counts from anywhere: that is no carriage position
             return
         self._published_stamp = snapshot.stamp
-        message = self._states_message
-        set_stamp(message.header.stamp, snapshot.stamp)
-        message.position = positions
-        message.velocity = [axis.velocity or 0.0 for axis in snapshot.axes]
-        message.effort = [axis.force or 0.0 for axis in snapshot.axes]
-        self._joint_states.publish(message)
+        self._joint_states.publish(self._states_wire.write(snapshot.stamp, (
+            *positions,
+            *(axis.velocity or 0.0 for axis in snapshot.axes),
+            *(axis.force or 0.0 for axis in snapshot.axes))))
 
     def _components(self) -> list[DiagnosticStatus]:
         snapshot = self._controller.snapshot()

@@ -11,7 +11,6 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.control.approach import Approach
-from facade_manipulator.control.blend import NOWHERE
 from facade_manipulator.control.reference import ReferenceSettings
 from facade_manipulator.control.setpoint_stream import (
     certified_path,
@@ -29,21 +28,20 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.conversions import (
     CARRIAGES,
-    carriages_from,
     diagnostic_status,
     node_time,
+    planar,
     planar_pose,
-    pose_stamped,
     RAIL,
+    require_finite,
     require_frame,
-    seconds,
-    set_planar_pose,
-    set_stamp,
 )
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
 from facade_manipulator.nodes.linkage import LinkageView
 from facade_manipulator.nodes.parameters import declare
+from facade_manipulator.nodes.pose_stream import PoseStream
 from facade_manipulator.nodes.runtime import LATCHED, LATEST, RELIABLE, run
+from facade_manipulator.nodes.wire import pose_wire, setpoint_wire, states_wire
 from facade_manipulator.nodes.workspace_map import WorkspaceMap
 
 ACTUATOR_SPACE = 'actuator_space'
@@ -66,14 +64,15 @@ class IkServiceNode(Node):
         self._outcome = ('ok', 'no goal yet')
         self._setpoint_count = 0
         self._head: Pose | None = None
-        self._setpoint_message = JointState(name=CARRIAGES)  # sent again and again
-        self._setpoint_message.header.frame_id = RAIL
-        self._head_message = pose_stamped(RAIL, 0.0, NOWHERE)
+        self._goal_wire = pose_wire('corrected_pose', RAIL)
+        self._states_wire, self._setpoint_wire = states_wire(), setpoint_wire()
         self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
-        self._heads = self.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
+        self.heads = PoseStream(self, 'end_effector_pose', RAIL, RELIABLE)
         self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
-        self.create_subscription(PoseStamped, 'corrected_pose', self.take_goal, LATEST)
-        self.create_subscription(JointState, 'joint_states', self._take_joint_states, RELIABLE)
+        self.create_subscription(
+            PoseStamped, 'corrected_pose', self._take_goal, LATEST, raw=True)
+        self.create_subscription(
+            JointState, 'joint_states', self._take_joint_states, RELIABLE, raw=True)
         self.create_service(GetPlan, 'ik_service/solve', self._solve)
         self._leading = self.create_timer(APPROACH_PERIOD, self._lead, autostart=False)
         self._contact = ContactView(self, self.geometry)
@@ -88,12 +87,10 @@ class IkServiceNode(Node):
     def _change_approach(self, settings: ReferenceSettings) -> None:
         self._approach.change_settings(settings)
 
-    def take_goal(self, message: PoseStamped) -> None:
-        """Follow a pose of corrected_pose."""
+    def _take_goal(self, data: bytes) -> None:
         try:
-            require_frame(message.header.frame_id, RAIL, 'corrected_pose')
-            pose = planar_pose(message.pose, 'corrected_pose')
-            self._go_to(seconds(message.header.stamp) or node_time(self), pose)
+            time, pose = self._goal_wire.read(data)
+            self._go_to(time or node_time(self), planar(pose, 'corrected_pose'))
         except ManipulatorError as error:
             self._give_up(error)
 
@@ -136,25 +133,23 @@ class IkServiceNode(Node):
     def _follow(self, time: float, pose: Pose) -> None:
         setpoint = self._stream.setpoint(time, pose)
         self._setpoint_count += 1
-        message = self._setpoint_message
-        set_stamp(message.header.stamp, setpoint.time)
-        message.position, message.velocity = setpoint.position, setpoint.velocity
-        self._setpoints.publish(message)
+        self._setpoints.publish(self._setpoint_wire.write(
+            setpoint.time, setpoint.position + setpoint.velocity))
         self._accept('following the goals')
 
-    def _take_joint_states(self, message: JointState) -> None:
+    def _take_joint_states(self, data: bytes) -> None:
         try:
-            carriages = carriages_from(message.name, message.position, 'joint_states position')
-            self._head = forward_kinematics(self.geometry, Carriages(*carriages))
+            time, numbers = self._states_wire.read(data)
+            position, velocity, effort = numbers[:3], numbers[3:6], numbers[6:]
+            require_finite(CARRIAGES, position, 'joint_states position of')
+            self._head = forward_kinematics(self.geometry, Carriages(*position))
         except ManipulatorError as error:
             self._head = None
             self._refusals.add(error)
             return
-        self._head_message.header.stamp = message.header.stamp
-        set_planar_pose(self._head_message.pose, self._head)
-        self._heads.publish(self._head_message)
+        self.heads.tell(time, self._head)
         try:
-            self._contact.publish(message, self._head)
+            self._contact.publish(time, self._head, velocity, effort)
         except ManipulatorError as error:
             self._refusals.add(error)
 

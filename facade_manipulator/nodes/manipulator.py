@@ -10,9 +10,10 @@ from facade_manipulator.nodes.runtime import run
 
 
 def make_nodes(**kwargs) -> list[Node]:
-    """Make both nodes, corrected poses going straight from one to the other."""
+    """Make both nodes, their poses going straight from one to the other."""
     compensator, ik_service = CompensatorNode(**kwargs), IkServiceNode(**kwargs)
-    compensator.hand_to(ik_service.take_pose)
+    compensator.corrected.hand_to(ik_service.take_pose, subscribes=True)
+    compensator.see_heads_of(ik_service.heads)
     return [compensator, ik_service]
 
 
