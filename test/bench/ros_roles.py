@@ -22,6 +22,7 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.nodes.conversions import CARRIAGES, pose_stamped, stamp
@@ -131,7 +132,7 @@ class Inputs(Node):
 
     def _tell_states(self) -> None:
         self._states.publish(JointState(
-            header=pose_stamped('rail', time.time(), PLACE).header, name=CARRIAGES,
+            header=Header(stamp=stamp(time.time())), name=CARRIAGES,
             position=self._carriages, velocity=(0.0,) * 3, effort=(0.0,) * 3))
 
     def _tell_goal(self) -> None:
