@@ -289,6 +289,8 @@ class SetpointFollower:
         return motion
 
     def _require_finite(self, setpoint: Setpoint) -> None:
+        if all(map(math.isfinite, setpoint.position + setpoint.velocity)):
+            return
         for name, values, unit in (
             ('position', setpoint.position, 'm'), ('velocity', setpoint.velocity, 'm/s'),
         ):

@@ -72,11 +72,13 @@ def run(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:
                 processes.node(name)
             else:
                 processes.node(name, f'rate:={rate}')
-        processes.role(layout.listener, executor, rate)
-        processes.role(layout.inputs, 'events', rate)
+        listener = layout.listener
         if layout in (DEPLOYMENT, EMPTY_DEPLOYMENT):
-            counted.append(layout.listener)
-        return processes.measure(counted, layout.listener, *TIMES[quick])
+            listener = 'hear_as_the_driver' if is_ours else listener
+            counted.append(listener)
+        processes.role(listener, executor, rate)
+        processes.role(layout.inputs, 'events', rate)
+        return processes.measure(counted, listener, *TIMES[quick])
 
 
 def beside(layout: Layout, rate: float, rounds: int, quick: bool) -> tuple[Load, Load]:

@@ -8,6 +8,7 @@ the line `begin` on stdin to the line `end`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import json
 import math
 import signal
@@ -25,9 +26,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
-from facade_manipulator.nodes.conversions import CARRIAGES, pose_stamped, stamp
+from facade_manipulator.nodes.conversions import (
+    CARRIAGES,
+    pose_stamped,
+    RAIL,
+    seconds,
+    stamp,
+)
 from facade_manipulator.nodes.executors import choose_executor
 from facade_manipulator.nodes.runtime import LATEST, RELIABLE
+from facade_manipulator.nodes.wire import setpoint_wire
 
 HORIZON = 0.06
 JOINT_STATES_PERIOD = 0.01
@@ -69,7 +77,9 @@ class IkRelay(Node):
         self._heads = self.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
         self.create_subscription(PoseStamped, 'corrected_pose', self._relay, LATEST)
         self.create_subscription(JointState, 'joint_states', self._relay_back, RELIABLE)
-        self._message = JointState(name=CARRIAGES, position=(0.0,) * 3, velocity=(0.0,) * 3)
+        self._message = JointState(
+            header=Header(frame_id=RAIL), name=CARRIAGES, position=(0.0,) * 3,
+            velocity=(0.0,) * 3)
         self._head = pose_stamped('rail', 0.0, PLACE)
 
     def _relay(self, message: PoseStamped) -> None:
@@ -160,7 +170,7 @@ class Setpoints(Node):
         super().__init__('setpoints')
         self._begin = time.time()
         self._home: tuple[float, ...] = ()
-        self._message = JointState(name=CARRIAGES)
+        self._message = JointState(header=Header(frame_id=RAIL), name=CARRIAGES)
         self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
         self.create_subscription(JointState, 'joint_states', self._stand, RELIABLE)
         self.create_timer(1.0 / rate, self._tell)
@@ -184,15 +194,17 @@ class Setpoints(Node):
 class Listener(Node):
     """Measures how late messages are: now less the instant at which their sender began."""
 
-    def __init__(self, topic: str, message_type) -> None:
+    def __init__(self, topic: str, message_type, read: Callable | None = None) -> None:
         super().__init__('listener')
         self._latencies: list[float] = []
-        self.create_subscription(message_type, topic, self._hear, LATEST)
+        self._read = read or (lambda message: (seconds(message.header.stamp), message))
+        self.create_subscription(
+            message_type, topic, self._hear, LATEST, raw=read is not None)
         Thread(target=self._obey, daemon=True).start()
 
     def _hear(self, message) -> None:
-        sent = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9 - HORIZON
-        self._latencies.append(time.time() - sent)
+        time_meant, _ = self._read(message)
+        self._latencies.append(time.time() - (time_meant - HORIZON))
 
     def _obey(self) -> None:
         for word in sys.stdin:
@@ -211,6 +223,8 @@ ROLES = {
     'setpoints': Setpoints,
     'hear_poses': lambda _: Listener('corrected_pose', PoseStamped),
     'hear_setpoints': lambda _: Listener('joint_setpoints', JointState),
+    'hear_as_the_driver': lambda _: Listener(
+        'joint_setpoints', JointState, setpoint_wire().read),
 }
 
 
