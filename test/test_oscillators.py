@@ -77,9 +77,9 @@ def test_a_batch_is_propagated_as_its_members_are():
     st.floats(-0.02, 0.02), st.floats(0.0, 1.0))
 def test_the_series_of_an_oscillation_is_its_motion(batch, interval, elapsed, weight):
     coefficients = oscillators.taylor_coefficients(
-        batch, interval, np.full((3, 2), weight), 6)
+        weight * oscillators.phasors(batch), batch[:, oscillators.FREQUENCIES], interval, 6)
     moved = oscillators.propagate(batch, interval + elapsed)
     expected = weight * moved[:, oscillators.PLACES].sum(axis=-1)
-    fastest = oscillators.amplitudes(batch).sum(axis=-1) * 0.6 ** 7 / 5040.0
+    fastest = np.abs(oscillators.phasors(batch)).sum(axis=-1) * 0.6 ** 7 / 5040.0
     assert np.polyval(coefficients[::-1], elapsed) == pytest.approx(
         expected, abs=2.0 * fastest.max() + 1e-15)

@@ -90,7 +90,7 @@ class FilterBank:
         state[oscillators.PLACES][:len(fit.places)] = fit.places
         state[oscillators.VELOCITIES][:len(fit.velocities)] = fit.velocities
         uncertain = max(variance, fit.unexplained)
-        power = oscillators.amplitudes(state) ** 2
+        power = np.abs(oscillators.phasors(state)) ** 2
         amplitude = np.sqrt(uncertain + SEEDED_SHARE * power)
         offset = np.sqrt(uncertain + SEEDED_SHARE * power.sum())
         self.states[axis, opinion] = state

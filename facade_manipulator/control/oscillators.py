@@ -88,12 +88,12 @@ def propagate(states: np.ndarray, interval: float) -> np.ndarray:
 
     """
     frequencies = states[..., FREQUENCIES]
-    return _moved(states, _phasors(states) * _turn(frequencies, interval))
+    return _moved(states, phasors(states) * _turn(frequencies, interval))
 
 
 def place_after(states: np.ndarray, interval: float) -> np.ndarray:
     """Return the place on the axis that `propagate` and `observe` would give."""
-    turned = _phasors(states) * _turn(states[..., FREQUENCIES], interval)
+    turned = phasors(states) * _turn(states[..., FREQUENCIES], interval)
     return states[..., OFFSET] + turned.real.sum(axis=-1)
 
 
@@ -107,9 +107,9 @@ def propagate_with_transition(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return what `propagate` and `transition` return."""
     frequencies, turn = states[..., FREQUENCIES], _turn(states[..., FREQUENCIES], interval)
-    phasors = _phasors(states)
-    turned = phasors * turn
-    by_frequency = (_RATE * interval) * turned - turn * (1j * phasors.imag / frequencies)
+    before = phasors(states)
+    turned = before * turn
+    by_frequency = (_RATE * interval) * turned - turn * (1j * before.imag / frequencies)
     matrix = np.zeros((*states.shape[:-1], STATE_SIZE * STATE_SIZE))
     matrix[..., _DIAGONAL] = 1.0
     matrix[..., _PP] = matrix[..., _VV] = turn.real
@@ -136,20 +136,19 @@ def process_covariance(
 
 
 def taylor_coefficients(
-    states: np.ndarray, interval: float, weights: np.ndarray, degree: int
+    phasors: np.ndarray, frequencies: np.ndarray, interval: float, degree: int
 ) -> np.ndarray:
     """
-    Expand the weighted sum of all oscillations of an axis about a time.
+    Expand the sum of all oscillations of an axis about a time.
 
     Each derivative is the one before times (i − ζ) ω.
 
     Parameters
     ----------
-    states : numpy.ndarray, shape (axes, ..., 7)
+    phasors, frequencies : numpy.ndarray, shape (axes, ...)
+        Of each oscillation [m or rad, rad/s].
     interval : float
-        Time from the states to the centre of the expansion [s].
-    weights : numpy.ndarray, shape (axes, ..., 2)
-        Of each oscillation.
+        Time from the phasors to the centre of the expansion [s].
     degree : int
 
     Returns
@@ -158,18 +157,18 @@ def taylor_coefficients(
         Coefficients of 1, t, t² …, t counted from the centre.
 
     """
-    frequencies = states[..., FREQUENCIES]
-    rate = _RATE * frequencies
+    axes = len(phasors)
+    rate = (_RATE * frequencies).reshape(axes, -1)
     terms = np.empty((degree + 1, *rate.shape), complex)
-    terms[0] = weights * _phasors(states) * _turn(frequencies, interval)
-    np.divide(rate, np.arange(1, degree + 1).reshape(-1, *(1,) * rate.ndim), out=terms[1:])
+    np.multiply(phasors.reshape(axes, -1), np.exp(interval * rate), out=terms[0])
+    np.divide(rate, np.arange(1, degree + 1)[:, None, None], out=terms[1:])
     np.multiply.accumulate(terms, axis=0, out=terms)
-    return terms.real.reshape(degree + 1, len(states), -1).sum(axis=-1)
+    return terms.real.sum(axis=-1)
 
 
-def amplitudes(states: np.ndarray) -> np.ndarray:
-    """Return the amplitude of each oscillation [m or rad], shape (..., 2)."""
-    return np.hypot(states[..., PLACES], states[..., VELOCITIES] / states[..., FREQUENCIES])
+def phasors(states: np.ndarray) -> np.ndarray:
+    """Return p − i v/ω of each oscillation [m or rad], shape (..., 2); its amplitude is |p|."""
+    return states[..., PLACES] - 1j * (states[..., VELOCITIES] / states[..., FREQUENCIES])
 
 
 def initial_state(offset: float, frequencies: Sequence[float]) -> np.ndarray:
@@ -194,16 +193,12 @@ def initial_covariance(
     return np.diag(deviation ** 2)
 
 
-def _phasors(states: np.ndarray) -> np.ndarray:
-    return states[..., PLACES] - 1j * (states[..., VELOCITIES] / states[..., FREQUENCIES])
-
-
 def _turn(frequencies: np.ndarray, interval: float) -> np.ndarray:
     return np.exp((_RATE * interval) * frequencies)
 
 
-def _moved(states: np.ndarray, phasors: np.ndarray) -> np.ndarray:
+def _moved(states: np.ndarray, turned: np.ndarray) -> np.ndarray:
     moved = states.copy()
-    moved[..., PLACES] = phasors.real
-    moved[..., VELOCITIES] = -states[..., FREQUENCIES] * phasors.imag
+    moved[..., PLACES] = turned.real
+    moved[..., VELOCITIES] = -states[..., FREQUENCIES] * turned.imag
     return moved

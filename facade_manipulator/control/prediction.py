@@ -122,6 +122,7 @@ class DisturbancePredictor:
         self.stamp: float | None = None
         self.since: float | None = None
         self._searched_axis = 0
+        self._room = np.array(settings.acceleration)[:, None, None]
         self._forget()
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
@@ -172,9 +173,10 @@ class DisturbancePredictor:
         the highest frequency of a state.
         """
         weights, states = self._weights[:, :-1], self._bank.states
+        phasors, frequencies = oscillators.phasors(states), states[..., oscillators.FREQUENCIES]
+        compensated = weights[..., None] * self._compensated_shares(phasors, frequencies)
         coefficients = oscillators.taylor_coefficients(
-            states, centre - self.stamp, weights[..., None] * self._compensated_shares(),
-            COURSE_DEGREE)
+            compensated * phasors, frequencies, centre - self.stamp, COURSE_DEGREE)
         coefficients[0] += (weights * states[..., oscillators.OFFSET]).sum(axis=-1)
         coefficients[0] += self._weights[:, -1] * self._mean
         return PolynomialCourse(centre, COURSE_REACH, coefficients[::-1].T.tolist())
@@ -211,7 +213,7 @@ class DisturbancePredictor:
             past.popleft()
         stamp, states, mean = past[0]
         foretold = oscillators.place_after(states, self.stamp - stamp)
-        errors = values[:, None] - np.column_stack([foretold, mean])
+        errors = values[:, None] - np.concatenate((foretold, mean[:, None]), axis=-1)
         memory = min(self.settings.memory, self.stamp - self.since - horizon + interval)
         share = interval / max(memory, interval)
         self._scores += share * (errors * errors - self._scores)
@@ -246,20 +248,17 @@ class DisturbancePredictor:
         lost = ripe & (self._scores[axis, :-1] > bound)
         return np.flatnonzero(lost[:-1]).tolist()
 
-    def _compensated_shares(self) -> np.ndarray:
+    def _compensated_shares(self, phasors: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
         """Return which share of each oscillation to compensate, shape (3, opinions, 2)."""
-        states, settings = self._bank.states, self.settings
-        frequencies = states[..., oscillators.FREQUENCIES]
-        demands = oscillators.amplitudes(states) * frequencies ** 2 + 1e-12
-        limits = _shares(demands, frequencies, settings.acceleration)
-        band = 2.0 - frequencies / (2.0 * math.pi * settings.bandwidth)
-        return np.clip(np.minimum(limits, band), 0.0, 1.0)
+        demands = np.abs(phasors) * (frequencies * frequencies) + 1e-12
+        limits = _shares(demands, frequencies, self._room)
+        band = 2.0 - frequencies / (2.0 * math.pi * self.settings.bandwidth)
+        return np.maximum(np.minimum(np.minimum(limits, band), 1.0), 0.0)
 
 
-def _shares(demands: np.ndarray, frequencies: np.ndarray, limits: tuple[float, ...]) -> np.ndarray:
-    """Return which share of two demands fits in the limit, the slower oscillation's first."""
-    room = np.array(limits)[:, None, None]
-    slower = (frequencies <= frequencies[..., ::-1]).astype(float)
-    slower[..., 1] = 1.0 - slower[..., 0]
+def _shares(demands: np.ndarray, frequencies: np.ndarray, room: np.ndarray) -> np.ndarray:
+    """Return which share of two demands fits in the room, the slower oscillation's first."""
+    slower = frequencies <= frequencies[..., ::-1]
+    slower[..., 1] = ~slower[..., 0]
     taken = np.minimum(demands, room) * slower
     return (room - taken[..., ::-1]) / demands
