@@ -135,9 +135,9 @@ def test_an_estimate_that_comes_in_its_time_is_learnt_as_it_is(rate):
 
 
 def test_of_faster_estimates_the_mean_is_learnt():
-    first, second = learnt(estimates(0.0, 0.004, 0.008, 0.012, 0.016))
+    first, second = learnt(estimates(0.0, 0.005, 0.010, 0.015, 0.020))
     assert first.stamp == NOW
-    assert second.stamp == pytest.approx(NOW + 0.010)
+    assert second.stamp == pytest.approx(NOW + 0.0125)
     assert second.pose == pytest.approx((2.5, 0.0, -2.5))
     assert second.variances == pytest.approx([v / 4 for v in VARIANCES])
 

@@ -13,7 +13,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import check_parameters, parameter
 
 UNITS = Pose('m', 'm', 'rad')
-LEARNING_PERIOD = 0.015  # s, well below what a gondola needs to move: 3 Hz lose 0.3 %
+LEARNING_PERIOD = 0.0165  # s, well below what a gondola needs to move: 3 Hz lose 0.4 %
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ LOST_NOISE = 1.5
 NOISE_IN_SCORE = 0.8
 SCORE_FLOOR = 0.02
 FIRST_SCORE = 1e-4
+JUDGE_PERIOD = 0.0245  # s: how well one foretells is not news at every estimate
 COURSE_REACH = 0.02  # s: asked from the last estimate to the next one, an expansion holds
 COURSE_DEGREE = 6
 
@@ -142,7 +143,6 @@ class DisturbancePredictor:
         """
         measured, noise = np.array(values), np.array(variances)
         if self.stamp is None or not 0.0 < stamp - self.stamp <= self.settings.longest_gap:
-            interval = 0.0
             self._start(stamp, measured)
         else:
             interval = stamp - self.stamp
@@ -151,7 +151,9 @@ class DisturbancePredictor:
             self._mean = self._mean + share * (measured - self._mean)
         self.stamp = stamp
         self._history.append((stamp, measured))
-        self._judge(interval, measured, noise)
+        self._past.append((stamp, self._bank.states, self._mean))
+        if stamp - self._judged >= JUDGE_PERIOD:
+            self._judge(measured, noise)
         self._search(noise)
         self._course = None
 
@@ -198,15 +200,15 @@ class DisturbancePredictor:
 
     def _start(self, stamp: float, values: np.ndarray) -> None:
         self._forget()
-        self.since = self._next_search = stamp
+        self.since = self._next_search = self._judged = stamp
         self._mean = values
         self._bank = FilterBank(
             values, self.settings.initial_frequencies(), self.settings.noise())
 
-    def _judge(self, interval: float, values: np.ndarray, noise: np.ndarray) -> None:
+    def _judge(self, values: np.ndarray, noise: np.ndarray) -> None:
         """Compare what the opinions said one horizon ago with what is now."""
         past, horizon = self._past, self.settings.judged_horizon
-        past.append((self.stamp, self._bank.states, self._mean))
+        interval, self._judged = self.stamp - self._judged, self.stamp
         if self.stamp - past[0][0] < horizon:
             return
         while self.stamp - past[1][0] >= horizon:
