@@ -12,6 +12,7 @@ from facade_manipulator.kinematics.planar import (
     compose,
     difference,
     inverse,
+    relative,
     subtract,
     wrap_angle,
 )
@@ -30,6 +31,12 @@ def same(pose):
 def test_a_pose_and_its_inverse_lead_back_from_either_side(a):
     assert compose(a, inverse(a)) == same(NOWHERE)
     assert compose(inverse(a), a) == same(NOWHERE)
+
+
+@given(poses, poses)
+def test_a_pose_seen_from_another_leads_back_to_itself(a, b):
+    assert compose(a, relative(a, b)) == same(b)
+    assert relative(a, b) == same(compose(inverse(a), b))
 
 
 @given(poses, poses, poses)

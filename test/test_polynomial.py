@@ -15,7 +15,7 @@ coefficients = st.lists(st.tuples(*[numbers] * 4), min_size=3, max_size=3)
 @given(coefficients, st.floats(-REACH, REACH))
 def test_place_and_velocity_are_the_polynomial_and_its_derivative(axes, elapsed):
     time = CENTRE + elapsed
-    course = PolynomialCourse(CENTRE, REACH, axes).at(time)
+    course = PolynomialCourse(CENTRE, REACH, list(zip(*axes, strict=True))).at(time)
     elapsed = time - CENTRE
     assert course.place == pytest.approx([np.polyval(axis, elapsed) for axis in axes])
     assert course.velocity == pytest.approx(
@@ -25,5 +25,5 @@ def test_place_and_velocity_are_the_polynomial_and_its_derivative(axes, elapsed)
 @pytest.mark.parametrize(('elapsed', 'covered'), [
     (0.0, True), (0.019, True), (-0.019, True), (0.021, False), (-0.021, False)])
 def test_a_course_is_good_for_its_reach_alone(elapsed, covered):
-    course = PolynomialCourse(CENTRE, REACH, [(0.0,)] * 3)
+    course = PolynomialCourse(CENTRE, REACH, [(0.0,) * 3])
     assert course.covers(CENTRE + elapsed) is covered

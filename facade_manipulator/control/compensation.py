@@ -24,7 +24,7 @@ from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.control.reference import Motion, Reference, ReferenceSettings
 from facade_manipulator.control.tracker import Tracker
 from facade_manipulator.kinematics import certify, Geometry, Pose, Wrench
-from facade_manipulator.kinematics.planar import add, compose, inverse, subtract
+from facade_manipulator.kinematics.planar import add, compose, relative, subtract
 from facade_manipulator.parameters import check_parameters, parameter
 
 BORDER_TIME = 0.2  # s, time constant of the way to a new border
@@ -290,7 +290,7 @@ class Compensator:
             interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
             excess = self._last.excess
         shifted = self.contact.shift(now, time, interval, reference, excess)
-        wanted = compose(inverse(disturbance), shifted)
+        wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
         inside = self._border.lead_in(tracked, math.tan(disturbance.theta))
         rest = self._rest.at(time).place

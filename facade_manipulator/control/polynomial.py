@@ -19,8 +19,8 @@ class PolynomialCourse(NamedTuple):
         The instant [s].
     reach : float
         How far from it the expansion may be asked [s].
-    coefficients : sequence of sequence of float, shape (3, degree + 1)
-        For x, y and θ, of the highest power of the time since the centre first.
+    coefficients : sequence of sequence of float, shape (degree + 1, 3)
+        Of x, y and θ, those of the highest power of the time since the centre first.
 
     """
 
@@ -33,16 +33,11 @@ class PolynomialCourse(NamedTuple):
         return abs(time - self.centre) <= self.reach
 
     def at(self, time: float) -> Course:
-        """Return place and velocity at a time [s]."""
-        elapsed = time - self.centre
-        x, y, theta = (_value_and_slope(axis, elapsed) for axis in self.coefficients)
-        return Course(Pose(x[0], y[0], theta[0]), Pose(x[1], y[1], theta[1]))
-
-
-def _value_and_slope(coefficients: Sequence[float], at: float) -> tuple[float, float]:
-    """Return a polynomial and its derivative by Horner's rule."""
-    value = slope = 0.0
-    for coefficient in coefficients:
-        slope = slope * at + value
-        value = value * at + coefficient
-    return value, slope
+        """Return place and velocity at a time [s], by Horner's rule, all axes in one go."""
+        t = time - self.centre
+        x = y = theta = x_rate = y_rate = theta_rate = 0.0
+        for cx, cy, ctheta in self.coefficients:
+            x_rate, x = x_rate * t + x, x * t + cx
+            y_rate, y = y_rate * t + y, y * t + cy
+            theta_rate, theta = theta_rate * t + theta, theta * t + ctheta
+        return Course(Pose(x, y, theta), Pose(x_rate, y_rate, theta_rate))

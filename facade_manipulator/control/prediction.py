@@ -181,7 +181,7 @@ class DisturbancePredictor:
             compensated * phasors, frequencies, centre - self.stamp, COURSE_DEGREE)
         coefficients[0] += (weights * states[..., oscillators.OFFSET]).sum(axis=-1)
         coefficients[0] += self._weights[:, -1] * self._mean
-        return PolynomialCourse(centre, COURSE_REACH, coefficients[::-1].T.tolist())
+        return PolynomialCourse(centre, COURSE_REACH, coefficients[::-1].tolist())
 
     @property
     def frequencies(self) -> np.ndarray:

@@ -41,6 +41,13 @@ def compose(a: Pose, b: Pose) -> Pose:
     )
 
 
+def relative(a: Pose, b: Pose) -> Pose:
+    """Return the pose `b` as seen from `a`: ``compose(inverse(a), b)``."""
+    cosine, sine = math.cos(a.theta), math.sin(a.theta)
+    x, y = b.x - a.x, b.y - a.y
+    return Pose(cosine * x + sine * y, cosine * y - sine * x, b.theta - a.theta)
+
+
 def inverse(a: Pose) -> Pose:
     """Invert a pose: ``compose(inverse(a), a)`` is the identity."""
     cosine, sine = math.cos(a.theta), math.sin(a.theta)

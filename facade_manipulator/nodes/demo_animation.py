@@ -14,7 +14,7 @@ from PIL import Image  # matplotlib needs it too
 
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.linkage import joints
-from facade_manipulator.kinematics.planar import compose, inverse
+from facade_manipulator.kinematics.planar import compose, relative
 from facade_manipulator.nodes.demo_record import Course
 from facade_manipulator.simulation.facade import Facade, FacadeSettings
 from facade_manipulator.simulation.pictures import GOAL, WITH, WITHOUT
@@ -119,7 +119,7 @@ class Scene:
 
 def _mechanism(geometry: Geometry, rail: Pose, head: Pose) -> dict[str, list]:
     """Return the ends of everything that the gondola carries, on the wall [m]."""
-    at = joints(geometry, compose(inverse(rail), head))
+    at = joints(geometry, relative(rail, head))
     half, far, near = GONDOLA_SIZE
     ends = {
         'gondola': [(-half, -near), (half, -near), (half, -far), (-half, -far)],

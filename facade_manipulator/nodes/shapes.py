@@ -8,7 +8,7 @@ from typing import NamedTuple
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.linkage import joints, Point
-from facade_manipulator.kinematics.planar import compose, inverse
+from facade_manipulator.kinematics.planar import compose, relative
 
 Colour = tuple[float, float, float, float]
 
@@ -107,9 +107,8 @@ def shapes(geometry: Geometry, scene: Scene) -> list[Shape]:
     does, the head should move with them.
     """
     picture = [_rail(geometry), _wall(scene), _text(scene)]
-    back = inverse(scene.disturbance)
     for name, pose, colour in (
-        ('goal', scene.goal and compose(back, scene.goal), GOAL_COLOUR),
+        ('goal', scene.goal and relative(scene.disturbance, scene.goal), GOAL_COLOUR),
         ('corrected goal', scene.corrected, CORRECTED_COLOUR),
     ):
         if pose is not None:
@@ -129,7 +128,7 @@ def _rail(geometry: Geometry) -> Shape:
 def _wall(scene: Scene) -> Shape:
     face = Pose(0.0, scene.wall + 0.5 * WALL_DEPTH, 0.0)
     return Shape('wall', 'box', WALL_COLOUR, (WALL_LENGTH, WALL_DEPTH, WALL_HEIGHT),
-                 compose(inverse(scene.disturbance), face))
+                 relative(scene.disturbance, face))
 
 
 def _text(scene: Scene) -> Shape:
