@@ -54,6 +54,17 @@ def test_a_position_that_is_no_number_is_refused(bad, axis):
         guard(tuple(positions))
 
 
+def test_what_passed_before_excuses_nothing_that_comes_after():
+    mutable, own = [-0.1, 0.1, 0.0], MechanismGuard(GEOMETRY)
+    own(mutable)
+    mutable[0] = 0.3
+    with pytest.raises(LimitError):
+        own(mutable)
+    with pytest.raises(LimitError):  # what was refused stays refused
+        own(tuple(mutable))
+    own((-0.1, 0.1, 0.0))
+
+
 NEAR = (-0.1, 0.1, -0.09)
 
 

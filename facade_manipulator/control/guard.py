@@ -36,6 +36,7 @@ class MechanismGuard:
         self._geometry = replace(
             geometry, stroke=(least - ROUNDING, greatest + ROUNDING),
             carriage_gap=max(0.0, geometry.carriage_gap - ROUNDING))
+        self._passed: Carriages | None = None
 
     def __call__(self, positions: tuple[float, float, float]) -> None:
         """
@@ -49,10 +50,13 @@ class MechanismGuard:
             The limit they violate.
 
         """
+        if positions == self._passed:  # whoever commands and whoever sends ask for the same
+            return
         carriages = Carriages(*positions)
         check_carriages(self._geometry, carriages)
         # Its carriages are these, so of `certify` only reach and branch are left.
         check_branch(links(self._geometry, forward_kinematics(self._geometry, carriages)))
+        self._passed = carriages
 
 
 class HomingGuard:

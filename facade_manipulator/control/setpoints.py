@@ -269,8 +269,8 @@ class SetpointFollower:
         direct = self._limiter.reach(self._motion, position, velocity)
         motion = direct or self._limiter.chase(self._motion, position, velocity)
         try:
-            self._check(motion.position)
             self._check(self._limiter.rest_position(motion))
+            self._check(motion.position)
         except ManipulatorError as error:
             self.last_refusal = str(error)
             return self._brake()

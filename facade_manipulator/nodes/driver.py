@@ -88,10 +88,11 @@ class DriverNode(ManagedNode):
         self._controller_settings = declare(self, ControllerSettings, 'controller')
         self._axes = self._declare_axes()
         self._bus = declare(self, BusSettings, 'bus')
+        self._guard = MechanismGuard(self._geometry)
         self._follower = SetpointFollower(
             declare(self, StreamSettings, 'stream', self._change_stream),
             declare(self, MotionLimits, 'limits', self._change_limits, self._check_limits),
-            self._controller_settings.period, MechanismGuard(self._geometry))
+            self._controller_settings.period, self._guard)
         self._simulator = None
         self._controller = self._make_controller()
         self._closer = ThreadPoolExecutor(max_workers=1)
@@ -146,7 +147,7 @@ class DriverNode(ManagedNode):
             self._simulator.start()
         return DriveController(
             self._controller_settings, self._axes, lambda: open_bus(bus), self._follower,
-            bitrate=bus.bitrate, check_targets=MechanismGuard(self._geometry),
+            bitrate=bus.bitrate, check_targets=self._guard,
             check_homing=HomingGuard(self._geometry), recorder=self._make_recorder())
 
     def _make_recorder(self) -> FaultRecorder:

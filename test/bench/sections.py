@@ -72,7 +72,7 @@ CYCLES = (
      'C1', '>= 3'),
 )
 WHY = {  # of goals missed
-    'virtual': 'waking and frames take half of what they take on canopen; limits, three checks of '
+    'virtual': 'waking and frames take half of what they take on canopen; limits, two checks of '
                'the mechanism, supervision, record and snapshots, which it has not, come on top, '
                'in caches that turn cold between two cycles',
     'socketcan': 'where user-mode Linux carries the bus, a call of the system costs 60 us, and so '
