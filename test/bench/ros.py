@@ -42,11 +42,11 @@ PATIENT = (  # of drives that must not stop where the computer is busy
     '-p', 'controller.heartbeat_timeout:=0.5')
 EMPTY_DEPLOYMENT = DEPLOYMENT._replace(relays=('deployment_relay',), executor='events')
 WHY = {  # of goals missed
-    'R1': 'from its timer to the listener an empty relay takes 100 to 200 us, 15 % is little; '
-          'what a node decides is 5 to 25 us of Python in a loop, but between two messages caches '
-          'turn cold, and then it takes two to four times as long',
+    'R1': 'from its timer to the listener an empty relay takes 170 to 500 us, 15 % is little; '
+          'what passing bytes saves, prediction and limits of the compensator take again: '
+          '45 us of Python in a loop, two to three times that in caches that are cold by then',
     'R2': 'an empty relay of the same shape, both stages in one callback on the EventsExecutor, '
-          'takes 0.22 to 0.29 of the CPU of the three relays by itself',
+          'takes 0.18 to 0.20 of the CPU of the three relays by itself, even if it passes bytes',
 }
 TIMES = {True: (0.3, 0.8), False: (1.0, 2.0)}  # warm-up and duration by quick [s]
 
