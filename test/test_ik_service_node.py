@@ -227,5 +227,22 @@ def test_the_drives_are_the_force_sensor_where_that_is_asked_for(ros):
     assert along == pytest.approx(-6.0)
 
 
+def test_without_the_efforts_the_head_is_told_and_the_missing_force_is_refused(ros):
+    node = ros.add(IkServiceNode(parameter_overrides=[
+        Parameter('contact_wrench.from_drives', value=True)]))
+    tester = ros.node('tester')
+    heads = ros.collect(tester, PoseStamped, 'end_effector_pose', RELIABLE)
+    states = tester.create_publisher(JointState, 'joint_states', RELIABLE)
+
+    def heard():
+        states.publish(JointState(
+            name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE),
+            velocity=[0.0] * 3))
+        return heads and node._refusals.total
+
+    ros.until(heard, 'the head and the refusal')
+    assert node._refusals.last_sentence == 'joint_states has no effort for each of q1, q2, q3'
+
+
 def test_nobody_claims_to_be_a_force_sensor_unasked(bench):
     assert bench.tester.count_publishers('contact_wrench') == 0

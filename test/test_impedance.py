@@ -105,3 +105,32 @@ def test_the_yaw_turns_until_the_wall_makes_no_moment():
 def test_settings_that_make_no_sense_are_refused(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         ImpedanceSettings(**values)
+
+
+@pytest.mark.parametrize('settings', [SETTINGS, YawImpedanceSettings(enabled=True, force=3.0)])
+def test_an_axis_that_is_switched_off_comes_back_to_the_goal_and_idles(settings):
+    axis = Impedance(settings)
+    assert not axis.idle
+    for k in range(100):
+        axis.step(0.01 * k, 0.01 * k, PERIOD, 0.0)
+        axis.take(0.01 * k, 0.0)
+    assert axis.offset > 0.0
+    axis.settings = replace(settings, enabled=False)
+    assert not axis.idle
+    for k in range(100, 3000):
+        axis.step(0.01 * k, 0.01 * k, PERIOD, 0.0)
+    assert axis.idle and axis.offset == 0.0
+
+
+def test_what_the_wall_did_before_the_axis_idled_is_forgotten():
+    """Nobody steps an axis that idles, so a measurement after a pause begins anew."""
+    settings = replace(SETTINGS, enabled=False, observer_time=2.0)
+    idle, stepped = Impedance(settings), Impedance(settings)
+    for axis in (idle, stepped):
+        axis.take(0.0, 70.0)
+    stepped.step(0.6, 0.6, 0.6, 0.0)
+    for axis in (idle, stepped):
+        axis.settings = replace(settings, enabled=True)
+        axis.take(0.7, 0.0)
+        axis.step(0.71, 0.71, PERIOD, 0.0)
+    assert idle.offset == stepped.offset

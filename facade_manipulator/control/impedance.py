@@ -28,6 +28,7 @@ from facade_manipulator.control.history import History
 from facade_manipulator.parameters import check_parameters, parameter
 
 CONTACT_SHARE = 0.2
+NEGLIGIBLE = 1e-9  # m or rad, and per s
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,7 @@ class Impedance:
 
     @property
     def idle(self) -> bool:
-        """Whether a step would change nothing: switched off and back at the goal."""
+        """Whether the offset stays as it is without a step: switched off and back at the goal."""
         return not self.settings.enabled and self.offset == 0.0 == self._velocity
 
     def take(self, stamp: float, force: float) -> None:
@@ -127,7 +128,7 @@ class Impedance:
         interval = max(stamp - self._measured_at, 0.0)
         self.force, self._measured_at = force, stamp
         needed = force / self.settings.contact_stiffness - self._offsets.at(stamp, self.offset)
-        if self._disturbance is None:
+        if self._disturbance is None or interval > self.settings.longest_age:
             self._disturbance = needed
         share = 1.0 - math.exp(-interval / self.settings.observer_time)
         self._disturbance += share * (needed - self._disturbance)
@@ -169,3 +170,5 @@ class Impedance:
         self.offset = min(max(moved, -settings.range), settings.range)
         if moved != self.offset:
             self._velocity = 0.0
+        if not settings.enabled and max(abs(self.offset), abs(self._velocity)) < NEGLIGIBLE:
+            self.offset = self._velocity = 0.0  # else what is left would never end

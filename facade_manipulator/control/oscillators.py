@@ -136,7 +136,7 @@ def process_covariance(
 
 
 def taylor_coefficients(
-    phasors: np.ndarray, frequencies: np.ndarray, interval: float, degree: int
+    oscillations: np.ndarray, frequencies: np.ndarray, interval: float, degree: int
 ) -> np.ndarray:
     """
     Expand the sum of all oscillations of an axis about a time.
@@ -145,8 +145,8 @@ def taylor_coefficients(
 
     Parameters
     ----------
-    phasors, frequencies : numpy.ndarray, shape (axes, ...)
-        Of each oscillation [m or rad, rad/s].
+    oscillations, frequencies : numpy.ndarray, shape (axes, ...)
+        Phasor [m or rad] and angular frequency [rad/s] of each oscillation.
     interval : float
         Time from the phasors to the centre of the expansion [s].
     degree : int
@@ -157,10 +157,10 @@ def taylor_coefficients(
         Coefficients of 1, t, t² …, t counted from the centre.
 
     """
-    axes = len(phasors)
+    axes = len(oscillations)
     rate = (_RATE * frequencies).reshape(axes, -1)
     terms = np.empty((degree + 1, *rate.shape), complex)
-    np.multiply(phasors.reshape(axes, -1), np.exp(interval * rate), out=terms[0])
+    np.multiply(oscillations.reshape(axes, -1), np.exp(interval * rate), out=terms[0])
     np.divide(rate, np.arange(1, degree + 1)[:, None, None], out=terms[1:])
     np.multiply.accumulate(terms, axis=0, out=terms)
     return terms.real.sum(axis=-1)

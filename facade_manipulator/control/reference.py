@@ -67,6 +67,7 @@ class Reference:
         self._plan = InputParameter(len(Pose._fields))
         self.settings = settings
         self._trajectory = Trajectory(len(Pose._fields))
+        self._rest = Motion(STILL)
         self._start: float | None = None
         self.goal: Pose | None = None
 

@@ -270,7 +270,7 @@ class SetpointFollower:
         motion = direct or self._limiter.chase(self._motion, position, velocity)
         try:
             self._check(self._limiter.rest_position(motion))
-            self._check(motion.position)
+            self._check(motion.position)  # last: whoever sends it has it checked once more
         except ManipulatorError as error:
             self.last_refusal = str(error)
             return self._brake()

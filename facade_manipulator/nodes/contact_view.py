@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
 from facade_manipulator.control.contact_estimate import contact_wrench, FrictionSettings
+from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.conversions import (
     CARRIAGES,
@@ -70,12 +72,15 @@ class ContactView:
         Raises
         ------
         InputError
-            Velocity or effort are missing, so NaN, or not finite.
+            Velocity or effort are missing, so all NaN, or not finite.
 
         """
         if self._publisher is None:
             return
-        require_finite(CARRIAGES, velocity, 'joint_states velocity of')
-        require_finite(CARRIAGES, effort, 'joint_states effort of')
+        for what, values in (('velocity', velocity), ('effort', effort)):
+            if all(map(math.isnan, values)):
+                raise InputError(
+                    'names', f'joint_states has no {what} for each of {", ".join(CARRIAGES)}')
+            require_finite(CARRIAGES, values, f'joint_states {what} of')
         wrench = contact_wrench(self._geometry, self._friction, head, velocity, effort)
         self._publisher.publish(wrench_stamped(END_EFFECTOR, time, wrench))

@@ -32,10 +32,7 @@ from facade_manipulator.drives.simulated_group import simulated_drives
 from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.nodes.conversions import (
-    CARRIAGES,
-    node_time,
-)
+from facade_manipulator.nodes.conversions import CARRIAGES, node_time
 from facade_manipulator.nodes.deferred import Deferred
 from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
 from facade_manipulator.nodes.driver_diagnostics import (

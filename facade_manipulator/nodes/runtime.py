@@ -17,7 +17,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.nodes.executors import choose_executor
+from facade_manipulator.nodes.executors import choose_executor, spin
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -27,7 +27,6 @@ LATCHED = QoSProfile(
 SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 WATCH_PERIOD = 0.05  # s, in which a signal is seen on a node where nothing happens
-LONGEST_SPIN = 600.0  # s
 
 
 def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None) -> int:
@@ -84,8 +83,10 @@ def _spin(nodes: Sequence[Node], received: list[int]) -> None:
     nodes[0].create_timer(
         WATCH_PERIOD, lambda: received and end.set_result(None),
         clock=Clock(clock_type=ClockType.STEADY_TIME))  # simulated time may stand still
-    while not end.done():  # to come back from spin_once at every event costs 5 % of a fast node
-        executor.spin_until_future_complete(end, timeout_sec=LONGEST_SPIN)
+    try:
+        spin(executor, end)
+    finally:
+        end.cancel()  # after an error it would still call the executor, which is gone by then
 
 
 def _close(nodes: Sequence[Node]) -> None:

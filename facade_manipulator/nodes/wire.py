@@ -43,6 +43,7 @@ from facade_manipulator.nodes.conversions import (
 ENCAPSULATION = {'little': b'\0\1', 'big': b'\0\0'}[sys.byteorder]
 NUMBER = None
 COVARIANCE_SIZE = 36
+LATEST_STAMP = 2.0 ** 31  # s, where the seconds of a stamp end
 
 
 class Field(NamedTuple):
@@ -142,8 +143,15 @@ class Wire:
             values = self._body.unpack_from(data, len(self._head))
             if self._pick_constants(values) == self._constants:
                 whole, nanoseconds, *numbers = self._pick_changing(values)
-                return whole + nanoseconds * 1e-9, numbers
+                return self._checked(whole + nanoseconds * 1e-9), numbers
         return self._read_slowly(data)
+
+    def _checked(self, time: float) -> float:
+        """Return the time of a stamp if a message with it can be written."""
+        if time >= LATEST_STAMP:
+            raise InputError(
+                'malformed', f'{self._what}: a stamp of {time:.9g} s, bound {LATEST_STAMP:.9g} s')
+        return time
 
     def _read_slowly(self, data: bytes) -> tuple[float, Sequence[float]]:
         try:
@@ -152,7 +160,7 @@ class Wire:
             raise InputError(
                 'malformed', f'{self._what}: {len(data)} bytes are no '
                 f'{self._type.__name__}') from error
-        return seconds(message.header.stamp), self._numbers_of(message)
+        return self._checked(seconds(message.header.stamp)), self._numbers_of(message)
 
 
 def pose_wire(topic: str, frame_id: str) -> Wire:
@@ -200,15 +208,17 @@ def _carriages_wire(
     """
     Return the wire of a topic of JointState: three numbers of each array.
 
-    They are NaN where an optional array is empty. The frame is the usual one, others will do.
+    They are NaN where an optional array has not one for each. The frame is the usual one, others
+    will do.
     """
     def numbers_of(message: JointState) -> tuple[float, ...]:
-        unknown = (math.nan,) * len(message.name)
-        arrays = {
-            **{name: getattr(message, name) for name in needed},
-            **{name: getattr(message, name) or unknown for name in optional}}
         return tuple(chain.from_iterable(
-            in_order(message.name, array, f'{what} {name}') for name, array in arrays.items()))
+            in_order(message.name, array_of(message, name), f'{what} {name}')
+            for name in (*needed, *optional)))
+
+    def array_of(message: JointState, name: str) -> Sequence[float]:
+        array, count = getattr(message, name), len(message.name)
+        return (math.nan,) * count if name in optional and len(array) != count else array
 
     count = len(CARRIAGES)
     arrays = [

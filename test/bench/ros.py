@@ -184,8 +184,8 @@ def pipeline(rounds: int, quick: bool) -> tuple[list[Row], dict]:
     """
     From the disturbance to the targets on the bus, beside three empty relays.
 
-    That is the way of a tick. What an estimate says is on it at once up to 60 Hz; faster ones are
-    learnt as means, which takes 17 ms more at most and is not in these figures.
+    That is the way of a tick. What an estimate says is on it at once up to 66 Hz; faster ones are
+    learnt as means, which takes 15 ms more at most and is not in these figures.
     """
     rows = []
     for rate in (DEFAULT_RATE,) if quick else RATES:
