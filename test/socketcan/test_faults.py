@@ -219,6 +219,36 @@ def powered_driver_that_hangs(start_process, client, watcher):
     pytest.fail('this machine bears no watchdog')
 
 
+def busy_share(pid: int) -> float:
+    """
+    Return which share of a processor a process uses.
+
+    User-mode Linux counts processor time by looking who runs at its tick of 100 Hz, and a timer of
+    100 Hz may be what it always sees. It has one processor, so there it is told from what is left
+    for others.
+    """
+    if os.cpu_count() > 1:
+        begin, used = time.monotonic(), processor_time(pid)
+        time.sleep(2.0)
+        return (processor_time(pid) - used) / (time.monotonic() - begin)
+    beside = work_done(1.0)
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        alone = work_done(1.0)
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    return 1.0 - beside / alone
+
+
+def work_done(duration: float) -> int:
+    """Return how often this process gets round a loop in a time [s]."""
+    end, rounds = time.monotonic() + duration, 0
+    while time.monotonic() < end:
+        sum(range(10_000))
+        rounds += 1
+    return rounds
+
+
 def processor_time(pid: int) -> float:
     """Return the processor time that a process has used [s]."""
     fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
@@ -235,9 +265,7 @@ def test_an_interface_that_goes_and_comes_back_leaves_the_driver_inactive(
         assert_says(active, 'bus', 'down')
         # writing down a minute of frames is work, too
         active.wait_until(lambda: record(active) != before, 'the record of the fault', 30.0)
-        begin, used = time.monotonic(), processor_time(driver.pid)
-        active.spin(2.0)
-        used = (processor_time(driver.pid) - used) / (time.monotonic() - begin)
+        used = busy_share(driver.pid)
         print(f'{100.0 * used:.0f} % of the processor while the bus is gone')
         assert used < MOST_BUSY
     finally:
