@@ -50,8 +50,8 @@ def states(values):
 
 
 def _fill(pose, values):
-    for part, name, value in zip('ppporientation', 'xyzxyzw', values, strict=False):
-        setattr(pose.position if part == 'p' else pose.orientation, name, value)
+    position, q = pose.position, pose.orientation
+    position.x, position.y, position.z, q.x, q.y, q.z, q.w = values
 
 
 def _stamped(message, frame_id):

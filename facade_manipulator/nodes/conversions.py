@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Carriages, Pose, Wrench
+from facade_manipulator.kinematics.planar import wrap_angle
 
 PLANE_TOLERANCE = 1e-6
 TILT_TOLERANCE = 1e-3
@@ -53,8 +54,13 @@ def stamp(time: float) -> Time:
 
 def set_stamp(message: Time, time: float) -> None:
     """Set a stamp to seconds since the epoch."""
-    message.sec = whole = math.floor(time)
-    message.nanosec = int((time - whole) * 1e9)
+    message.sec, message.nanosec = stamp_numbers(time)
+
+
+def stamp_numbers(time: float) -> tuple[int, int]:
+    """Return the two numbers of a stamp, whole seconds and the nanoseconds after them."""
+    whole = math.floor(time)
+    return whole, int((time - whole) * 1e9)
 
 
 def require_frame(frame_id: str, expected: str, what: str) -> None:
@@ -122,9 +128,7 @@ def require_finite(names: Sequence[str], values: Sequence[float], what: str) -> 
             raise InputError.not_finite(f'{what} {name}', value)
 
 
-def _require_planar(
-    z: float, qx: float, qy: float, qz: float, qw: float, what: str
-) -> None:
+def _require_planar(z: float, qx: float, qy: float, qz: float, qw: float, what: str) -> None:
     norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
     if abs(norm - 1.0) > NORM_TOLERANCE:
         raise InputError(
@@ -141,7 +145,7 @@ def _require_planar(
 
 
 def _yaw(qz: float, qw: float) -> float:
-    return math.remainder(2.0 * math.atan2(qz, qw), math.tau)
+    return wrap_angle(2.0 * math.atan2(qz, qw))
 
 
 def carriages_from(

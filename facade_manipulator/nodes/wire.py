@@ -37,6 +37,7 @@ from facade_manipulator.nodes.conversions import (
     RAIL,
     require_frame,
     seconds,
+    stamp_numbers,
     VARIANCES,
 )
 
@@ -77,7 +78,7 @@ def length(value: int) -> Field:
     return Field('I', (value,))
 
 
-def numbers(count: int) -> Field:
+def doubles(count: int) -> Field:
     """Return the field of numbers that change."""
     return Field(f'{count}d', (NUMBER,) * count)
 
@@ -125,9 +126,8 @@ class Wire:
 
     def write(self, time: float, numbers: Sequence[float]) -> bytes:
         """Return the message with a stamp [s] and numbers, to be given to `publish`."""
-        whole = math.floor(time)
         return self._head + self._body.pack(*self._in_order(
-            (*self._constants, whole, int((time - whole) * 1e9), *numbers)))
+            (*self._constants, *stamp_numbers(time), *numbers)))
 
     def read(self, data: bytes) -> tuple[float, Sequence[float]]:
         """
@@ -169,7 +169,7 @@ def pose_wire(topic: str, frame_id: str) -> Wire:
         require_frame(message.header.frame_id, frame_id, topic)
         return pose_numbers(message.pose)
 
-    return Wire(PoseStamped, (text(frame_id), numbers(len(POSE_NUMBERS))), numbers_of, topic)
+    return Wire(PoseStamped, (text(frame_id), doubles(len(POSE_NUMBERS))), numbers_of, topic)
 
 
 def estimate_wire(topic: str, frame_id: str) -> Wire:
@@ -184,11 +184,11 @@ def estimate_wire(topic: str, frame_id: str) -> Wire:
         return (*pose_numbers(message.pose.pose), *(float(covariance[k]) for k in VARIANCES))
 
     covariance = chain.from_iterable(
-        (numbers(1), unread(end - begin - 1))
+        (doubles(1), unread(end - begin - 1))
         for begin, end in pairwise((*VARIANCES, COVARIANCE_SIZE)))
     return Wire(
         PoseWithCovarianceStamped,
-        (text(frame_id), numbers(len(POSE_NUMBERS)), *covariance), numbers_of, topic)
+        (text(frame_id), doubles(len(POSE_NUMBERS)), *covariance), numbers_of, topic)
 
 
 def setpoint_wire() -> Wire:
@@ -222,7 +222,7 @@ def _carriages_wire(
 
     count = len(CARRIAGES)
     arrays = [
-        (length(count), numbers(count)) if name in (*needed, *optional) else (length(0),)
+        (length(count), doubles(count)) if name in (*needed, *optional) else (length(0),)
         for name in ('position', 'velocity', 'effort')]
     return Wire(JointState, (
         text(frame_id), length(count), *map(text, CARRIAGES), *chain.from_iterable(arrays),
