@@ -222,24 +222,42 @@ def _versines(
 ) -> None:
     """Write u = 1 − cos θ of the greatest root into `u`; NaN where there is none."""
     f0, f1, f2, f3 = coefficients
-    slope, step, value = work
-    u[...] = 0.0
+    slope, step, rest = work
+    np.multiply(f1, f1, out=slope)
+    np.multiply(f0, f2, out=u)
+    u *= 4.0
+    slope -= u
+    np.sqrt(slope, out=slope)  # NaN, as everything after it, where the parabola has no root
+    np.add(f1, slope, out=step)
+    np.divide(f0, step, out=u)
+    u += u
+    np.multiply(u, u, out=rest)  # step = f3 u³/(slope + 3 f3 u²)
+    rest *= f3
+    np.multiply(rest, u, out=step)
+    rest *= 3.0
+    slope += rest
+    step /= slope
+    u -= step
+    easy = step < STEP_TOLERANCE
+    easy &= f1 > 0.0
+    if not easy.all():
+        hard = np.flatnonzero(~easy)
+        u[hard] = _descend(u[hard], *(coefficient[hard] for coefficient in coefficients))
+
+
+def _descend(
+    u: np.ndarray, f0: np.ndarray, f1: np.ndarray, f2: np.ndarray, f3: np.ndarray
+) -> np.ndarray:
+    """Return the least root from u on, or from 0 where u is NaN, by Newton's method."""
+    u = np.where(f1 > 0.0, np.fmax(u, 0.0), np.nan)
     for _ in range(ITERATIONS):
-        np.multiply(u, f3, out=step)
-        np.subtract(f2, step, out=slope)
-        np.multiply(slope, u, out=value)
-        np.subtract(f1, value, out=value)
-        value *= u
-        np.subtract(f0, value, out=value)  # f0 − u (f1 − u (f2 − u f3))
-        slope += slope
-        slope -= step
-        slope *= u
-        np.subtract(f1, slope, out=slope)  # f1 − u (2 f2 − 3 u f3)
-        np.copyto(slope, np.nan, where=slope <= 0.0)
-        np.divide(value, slope, out=step)
+        slope = f1 - u * (2.0 * f2 - 3.0 * u * f3)
+        slope[slope <= 0.0] = np.nan
+        step = (f0 - u * (f1 - u * (f2 - u * f3))) / slope
         u += step
         if not (step > STEP_TOLERANCE).any():
             break
+    return u
 
 
 def _polish(

@@ -68,14 +68,16 @@ def newton_step(
     length, half = geometry.link_length, geometry.platform_half_length
     rise, span = half * sine, half * cosine
     u1, u2, s1, s2 = y - rise, y + rise, left + span, span - right
-    residual1 = s1 * s1 + u1 * u1 - length * length
-    residual2 = s2 * s2 + u2 * u2 - length * length
+    square = length * length
+    residual1 = s1 * s1 + u1 * u1 - square
+    residual2 = s2 * s2 + u2 * u2 - square
     e1 = u1 * cosine + s1 * sine
     e2 = u2 * cosine - s2 * sine
     number = u1 * e2 + u2 * e1
     if number == 0.0:
         raise SingularityError('|N|', 0.0, 0.0, 'm2', 'not above')
+    scale = -0.5 / number
     return (
-        -0.5 * (residual1 * e2 + residual2 * e1) / number,
-        -0.5 * (residual2 * u1 - residual1 * u2) / (number * half),
+        scale * (residual1 * e2 + residual2 * e1),
+        scale * (residual2 * u1 - residual1 * u2) / half,
     )

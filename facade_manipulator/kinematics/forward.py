@@ -3,8 +3,10 @@ Forward kinematics of three carriage positions, on `math`.
 
 Of the cubic in `closure`, one root lies at or below −1; the greatest of the other two, where they
 are real, is the branch with N > 0 on which the machine is assembled. f is convex right of it and
-f(1) ≥ 0, so Newton's method from c = 1 descends to it without a bracket. θ comes from atan2 and
-never from acos, so nothing is lost near θ = 0; one Newton step on the links polishes the pose.
+f(1) ≥ 0, so Newton's method descends to it from there without a bracket. Near θ = 0 the cubic is
+a parabola but for its last term: one Newton step from the parabola's root, where c is less, leads
+there or to a better place than c = 1 to descend from. θ comes from atan2 and never from
+acos, so nothing is lost near θ = 0; one Newton step on the links polishes the pose.
 """
 
 from __future__ import annotations
@@ -95,8 +97,20 @@ def _polish(
 
 
 def _greatest_root(f0: float, f1: float, f2: float, f3: float) -> float:
-    """Return u = 1 − cos θ of the branch with N > 0, by Newton's method from u = 0."""
+    """Return u = 1 − cos θ of the branch with N > 0."""
     slope, u = f1, 0.0
+    square = f1 * f1 - 4.0 * f0 * f2
+    # Where f1 > 0 so is f2, f is convex as far as the parabola's lesser root, and a step back
+    # from there is at most a third of the way: u stays above 0 and below the root.
+    if f1 > 0.0 < square:
+        slope = sqrt(square)
+        u = 2.0 * f0 / (f1 + slope)
+        rest = f3 * u * u
+        step = rest * u / (slope + 3.0 * rest)
+        u -= step
+        if step < STEP_TOLERANCE:
+            return u
+        slope = f1 - u * (2.0 * f2 - 3.0 * u * f3)
     for _ in range(ITERATIONS):
         if slope <= 0.0 or u > 2.0:
             break

@@ -157,7 +157,5 @@ def _entries(
     """Return the y and θ entries of the Jacobian's first two rows."""
     sine, cosine, u1, u2, s1, s2 = links(geometry, pose, working_mode)
     half = geometry.platform_half_length
-    return (
-        -u1 / s1, half * (u1 * cosine + s1 * sine) / s1,
-        u2 / s2, half * (u2 * cosine - s2 * sine) / s2,
-    )
+    y1, y2 = -u1 / s1, u2 / s2
+    return y1, half * (sine - y1 * cosine), y2, half * (y2 * cosine - sine)
