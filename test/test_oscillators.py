@@ -23,9 +23,17 @@ def test_two_short_ways_are_one_long_way(state, first, second):
     assert twice == pytest.approx(once, abs=1e-12)
 
 
+def transition(state, interval):
+    bank = oscillators.Transition(state.shape)
+    moved = bank.move(state, interval)
+    assert moved == pytest.approx(
+        oscillators.propagate(state, interval), rel=1e-15, abs=1e-300)
+    return bank.matrix
+
+
 @given(states, intervals)
 def test_the_transition_is_the_derivative_of_the_motion(state, interval):
-    matrix = oscillators.transition(state, interval)
+    matrix = transition(state, interval)
     step = 1e-6
     for k in range(oscillators.STATE_SIZE):
         change = np.zeros(oscillators.STATE_SIZE)
@@ -36,40 +44,67 @@ def test_the_transition_is_the_derivative_of_the_motion(state, interval):
         assert matrix[:, k] == pytest.approx(difference, abs=1e-5)
 
 
+@given(states, states, intervals)
+def test_a_transition_is_written_whole_over_an_earlier_one(earlier, state, interval):
+    bank = oscillators.Transition(state.shape)
+    bank.move(earlier, 0.3)
+    bank.move(state, interval)
+    assert np.array_equal(bank.matrix, transition(state, interval))
+
+
 @given(states)
 def test_no_time_changes_nothing(state):
-    assert oscillators.propagate(state, 0.0) == pytest.approx(state, rel=1e-15, abs=0.0)
-    assert np.allclose(oscillators.transition(state, 0.0), np.eye(oscillators.STATE_SIZE))
+    assert oscillators.propagate(state, 0.0) == pytest.approx(state, rel=1e-15, abs=1e-300)
+    assert np.allclose(transition(state, 0.0), np.eye(oscillators.STATE_SIZE))
+
+
+def process_covariance(state, interval, noise):
+    powers = np.array((interval, interval ** 2, interval ** 3))
+    matrix = np.tensordot(powers, oscillators.process_covariance_by_power(noise), 1)
+    matrix = np.broadcast_to(matrix, (*state.shape, oscillators.STATE_SIZE)).copy()
+    oscillators.add_frequency_noise(matrix, state, interval, noise)
+    return matrix
 
 
 @given(states, st.floats(1e-3, 1.0))
 def test_process_noise_is_a_covariance(state, interval):
     noise = ProcessNoise(np.array(0.01), 1e-6, 1e-4)
-    matrix = oscillators.process_covariance(state, interval, noise)
+    matrix = process_covariance(state, interval, noise)
     assert np.array_equal(matrix, matrix.T)
     assert np.linalg.eigvalsh(matrix).min() >= -1e-15
+
+
+@given(states, st.floats(1e-3, 1.0))
+def test_process_noise_is_that_of_pushes_and_random_walks(state, interval):
+    variance = process_covariance(
+        state, interval, ProcessNoise(np.array(0.01), 1e-6, 1e-4)).diagonal()
+    assert variance[oscillators.OFFSET] == pytest.approx(1e-6 * interval)
+    assert variance[oscillators.PLACES] == pytest.approx(0.01 * interval ** 3 / 3.0)
+    assert variance[oscillators.VELOCITIES] == pytest.approx(0.01 * interval)
+    assert variance[oscillators.FREQUENCIES] == pytest.approx(
+        1e-4 * interval * state[oscillators.FREQUENCIES] ** 2)
 
 
 def test_each_opinion_has_its_own_noise_on_every_axis():
     noise = ProcessNoise(np.array([1.0, 2.0, 3.0]), 0.0, 0.0)
     batch = np.tile(oscillators.initial_state(0.0, (1.0, 2.0)), (3, 3, 1))
-    velocities = oscillators.process_covariance(batch, 0.1, noise)[..., 2, 2]
+    velocities = process_covariance(batch, 0.1, noise)[..., 2, 2]
     assert velocities == pytest.approx(np.tile([0.1, 0.2, 0.3], (3, 1)))
 
 
 @given(states, intervals)
 def test_the_place_after_a_time_is_that_of_the_propagated_state(state, interval):
-    expected = oscillators.observe(oscillators.propagate(state, interval))
+    expected = oscillators.propagate(state, interval) @ oscillators.MEASURED
     assert oscillators.place_after(state, interval) == pytest.approx(expected, abs=1e-12)
 
 
 def test_a_batch_is_propagated_as_its_members_are():
     batch = np.random.default_rng(0).uniform(0.5, 1.0, (3, 2, oscillators.STATE_SIZE))
     moved = oscillators.propagate(batch, 0.3)
-    steps = oscillators.transition(batch, 0.3)
+    steps = transition(batch, 0.3)
     for index in np.ndindex(3, 2):
         assert moved[index] == pytest.approx(oscillators.propagate(batch[index], 0.3))
-        assert steps[index] == pytest.approx(oscillators.transition(batch[index], 0.3))
+        assert steps[index] == pytest.approx(transition(batch[index], 0.3))
 
 
 @given(

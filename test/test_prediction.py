@@ -7,10 +7,13 @@ import math
 import numpy as np
 import pytest
 
+from facade_manipulator.control import oscillators
 from facade_manipulator.control.estimate import Estimate, EstimateMean
 from facade_manipulator.control.prediction import DisturbancePredictor, PredictionSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.simulation.gondola import Gondola, GondolaSettings
+from facade_manipulator.simulation.wind import WindSettings
 
 HORIZON = 0.13
 NOISE = 1e-3
@@ -86,6 +89,15 @@ def test_fast_oscillations_are_compensated_in_part_and_in_phase():
         (1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15)
 
 
+def test_an_acceleration_beyond_the_limit_is_never_foretold():
+    motion = sines((0.1, 2.5, 0.0))
+    predictor, room = DisturbancePredictor(SETTINGS), SETTINGS.acceleration[0]
+    for stamp in np.arange(1000.0, 1002.0, 0.02):
+        predictor.update(stamp, Pose(motion(stamp), 0.0, 0.0), VARIANCES)
+        places = [predictor.predict(stamp + HORIZON + k * 1e-3).place.x for k in (-1, 0, 1)]
+        assert abs(places[0] - 2.0 * places[1] + places[2]) * 1e6 < 1.01 * room
+
+
 @pytest.mark.parametrize(('noise', 'share'), [(0.0, 0.005), (5e-4, 0.01), (3e-3, 0.06)])
 def test_a_wrong_variance_does_no_great_harm(noise, share):
     _, errors = learn(BREEZE, 20.0, noise=noise)
@@ -125,6 +137,19 @@ def test_a_standing_gondola_gives_its_place_and_little_noise():
     motions = (lambda _: 0.05, still, still)
     predictor, errors = learn(motions, 10.0)
     assert rms(errors, 5.0, 10.0) == pytest.approx(0.0, abs=0.6 * NOISE)
+
+
+def gusts(seed):
+    gondola = Gondola(GondolaSettings(), WindSettings(mean_speed=4.0, seed=seed))
+    return [lambda time, axis=axis: getattr(gondola.at(time - 1000.0), axis)
+            for axis in Pose._fields]
+
+
+@pytest.mark.parametrize('motions', [(still,) * 3, gusts(1), gusts(2)])
+def test_nothing_grows_in_minutes(motions):
+    predictor, errors = learn(motions, 200.0)
+    assert np.abs(errors[500:]).max() < 5e-3
+    assert np.abs(oscillators.phasors(predictor._bank.states)).max() < 1.0
 
 
 def test_the_velocity_is_the_derivative_of_the_place():

@@ -45,7 +45,9 @@ class FilterBank:
             OFFSET_DEVIATION, AMPLITUDE_DEVIATION, frequencies, (FREQUENCY_DEVIATION,) * 2)
         self.states = np.tile(state, (*shape, 1))
         self.states[..., oscillators.OFFSET] = values[:, None]
-        self._covariances = np.tile(covariance, (*shape, 1, 1))
+        self.covariances = np.tile(covariance, (*shape, 1, 1))
+        self._transition = oscillators.Transition(self.states.shape)
+        self._noise_by_power = oscillators.process_covariance_by_power(noise).reshape(3, -1)
 
     def update(self, interval: float, values: np.ndarray, variances: np.ndarray) -> None:
         """
@@ -58,17 +60,20 @@ class FilterBank:
             Measured place on each axis and the variance of its noise.
 
         """
-        predicted, step = oscillators.propagate_with_transition(self.states, interval)
-        covariance = step @ self._covariances @ step.swapaxes(-1, -2)
-        covariance += oscillators.process_covariance(self.states, interval, self._noise)
-        projected = oscillators.observe(covariance)
-        spread = oscillators.observe(projected) + variances[:, None]
+        predicted = self._transition.move(self.states, interval)
+        step = self._transition.matrix
+        covariance = step @ self.covariances @ step.swapaxes(-1, -2)
+        powers = np.array((interval, interval ** 2, interval ** 3))
+        covariance += np.dot(powers, self._noise_by_power).reshape(covariance.shape[1:])
+        oscillators.add_frequency_noise(covariance, self.states, interval, self._noise)
+        projected = covariance @ oscillators.MEASURED
+        spread = projected @ oscillators.MEASURED + variances[:, None]
         gain = projected / spread[..., None]
-        innovation = values[:, None] - oscillators.observe(predicted)
+        innovation = values[:, None] - predicted @ oscillators.MEASURED
         predicted += gain * innovation[..., None]
         covariance -= gain[..., :, None] * projected[..., None, :]
         self.states = predicted
-        self._covariances = 0.5 * (covariance + covariance.swapaxes(-1, -2))
+        self.covariances = 0.5 * (covariance + covariance.swapaxes(-1, -2))
         self._bound_frequencies()
 
     def seed(self, axis: int, opinion: int, fit: Oscillations, variance: float) -> None:
@@ -94,7 +99,7 @@ class FilterBank:
         amplitude = np.sqrt(uncertain + SEEDED_SHARE * power)
         offset = np.sqrt(uncertain + SEEDED_SHARE * power.sum())
         self.states[axis, opinion] = state
-        self._covariances[axis, opinion] = oscillators.initial_covariance(
+        self.covariances[axis, opinion] = oscillators.initial_covariance(
             offset, amplitude, frequencies, SEEDED_FREQUENCY_DEVIATION)
 
     def _bound_frequencies(self) -> None:

@@ -25,15 +25,20 @@ DAMPING_RATIO = 0.005
 LOWEST_FREQUENCY = 0.2
 HIGHEST_FREQUENCY = 40.0
 
-_RATE = 1j - DAMPING_RATIO  # of a phasor, by its frequency
+MEASURED = np.zeros(STATE_SIZE)  # states @ MEASURED is the place on the axis
+MEASURED[OFFSET] = MEASURED[PLACES] = 1.0
 
-# Elements of both oscillations in matrices whose rows are laid end to end: a slice of these is a
-# view, several times cheaper than picking elements.
-_DIAGONAL = slice(0, None, STATE_SIZE + 1)
+_RATE = 1j - DAMPING_RATIO  # of a phasor, by its frequency
+_RATE_PARTS = np.array([_RATE.real, _RATE.imag])
+_RECIPROCALS = 1.0 / np.arange(1.0, 21.0)[:, None, None]
 
 
 def _block(row: int, column: int) -> slice:
-    """Return the slice of an element of both (p, v, ω) blocks."""
+    """
+    Return the slice of an element of both (p, v, ω) blocks in a matrix seen as one row.
+
+    A slice is a view, several times cheaper than picking elements.
+    """
     first = STATE_SIZE * (1 + row) + 1 + column
     return slice(first, None, 3 * (STATE_SIZE + 1))
 
@@ -63,13 +68,45 @@ class ProcessNoise(NamedTuple):
     frequency: float
 
 
-def observe(states: np.ndarray) -> np.ndarray:
+class Transition:
     """
-    Return the place on the axis [m or rad]: the offset and both oscillations.
+    Propagates states and keeps the derivative with respect to them.
 
-    Of rows of a covariance it is the covariance with that place.
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the states, (..., 7).
+
+    Attributes
+    ----------
+    matrix : numpy.ndarray, shape (..., 7, 7)
+        Derivative of the last states moved with respect to the states before.
+
     """
-    return states[..., OFFSET] + states[..., 1] + states[..., 4]
+
+    def __init__(self, shape: tuple[int, ...]) -> None:
+        self.matrix = np.tile(np.eye(STATE_SIZE), (*shape[:-1], 1, 1))
+        elements = seen_as_rows(self.matrix)
+        self._pp, self._pv, self._pw = (elements[..., at] for at in (_PP, _PV, _PW))
+        self._vp, self._vv, self._vw = (elements[..., at] for at in (_VP, _VV, _VW))
+
+    def move(self, states: np.ndarray, interval: float) -> np.ndarray:
+        """Return what `propagate` does, and write the derivative."""
+        frequencies = states[..., FREQUENCIES]
+        falling = -frequencies
+        turn, before = _turn(frequencies, interval), phasors(states)
+        turned = before * turn
+        # At constant velocity the phasor's imaginary part depends on the frequency.
+        by_frequency = (1j * turn) * (before.imag / falling)
+        by_frequency += (_RATE * interval) * turned
+        real, imaginary = turn.real, turn.imag
+        self._pp[...] = self._vv[...] = real
+        np.divide(imaginary, frequencies, out=self._pv)
+        np.multiply(imaginary, falling, out=self._vp)
+        self._pw[...] = by_frequency.real
+        np.multiply(by_frequency.imag, falling, out=self._vw)
+        self._vw -= turned.imag
+        return _moved(states, turned, falling)
 
 
 def propagate(states: np.ndarray, interval: float) -> np.ndarray:
@@ -88,51 +125,45 @@ def propagate(states: np.ndarray, interval: float) -> np.ndarray:
 
     """
     frequencies = states[..., FREQUENCIES]
-    return _moved(states, phasors(states) * _turn(frequencies, interval))
+    return _moved(states, phasors(states) * _turn(frequencies, interval), -frequencies)
 
 
 def place_after(states: np.ndarray, interval: float) -> np.ndarray:
-    """Return the place on the axis that `propagate` and `observe` would give."""
+    """Return the place on the axis [m or rad] that `propagate` leads to."""
     turned = phasors(states) * _turn(states[..., FREQUENCIES], interval)
-    return states[..., OFFSET] + turned.real.sum(axis=-1)
+    return states[..., OFFSET] + np.add.reduce(turned.real, axis=-1)
 
 
-def transition(states: np.ndarray, interval: float) -> np.ndarray:
-    """Return the derivative of `propagate` with respect to the state, shape (..., 7, 7)."""
-    return propagate_with_transition(states, interval)[1]
+def process_covariance_by_power(noise: ProcessNoise) -> np.ndarray:
+    """
+    Return what the noise of gusts and offset adds over an interval, by its powers 1 to 3.
+
+    Returns
+    -------
+    numpy.ndarray, shape (3, ..., 7, 7)
+        To be multiplied by the interval [s], its square and its cube.
+
+    """
+    acceleration = noise.acceleration[..., None]
+    powers = np.zeros((3, *noise.acceleration.shape, STATE_SIZE * STATE_SIZE))
+    powers[0, ..., OFFSET] = noise.offset
+    powers[0, ..., _VV] = acceleration
+    powers[1, ..., _PV] = powers[1, ..., _VP] = acceleration / 2.0
+    powers[2, ..., _PP] = acceleration / 3.0
+    return powers.reshape(*powers.shape[:-1], STATE_SIZE, STATE_SIZE)
 
 
-def propagate_with_transition(
-    states: np.ndarray, interval: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return what `propagate` and `transition` return."""
-    frequencies, turn = states[..., FREQUENCIES], _turn(states[..., FREQUENCIES], interval)
-    before = phasors(states)
-    turned = before * turn
-    by_frequency = (_RATE * interval) * turned - turn * (1j * before.imag / frequencies)
-    matrix = np.zeros((*states.shape[:-1], STATE_SIZE * STATE_SIZE))
-    matrix[..., _DIAGONAL] = 1.0
-    matrix[..., _PP] = matrix[..., _VV] = turn.real
-    matrix[..., _PV] = turn.imag / frequencies
-    matrix[..., _VP] = -frequencies * turn.imag
-    matrix[..., _PW] = by_frequency.real
-    matrix[..., _VW] = -frequencies * by_frequency.imag - turned.imag
-    return _moved(states, turned), matrix.reshape((*states.shape, STATE_SIZE))
+def add_frequency_noise(
+    covariance: np.ndarray, states: np.ndarray, interval: float, noise: ProcessNoise
+) -> None:
+    """Add to a covariance what the random walk of the frequencies adds over an interval [s]."""
+    variances = seen_as_rows(covariance)[..., _WW]
+    variances += (interval * noise.frequency) * np.square(states[..., FREQUENCIES])
 
 
-def process_covariance(
-    states: np.ndarray, interval: float, noise: ProcessNoise
-) -> np.ndarray:
-    """Return the covariance that the process noise adds over an interval, shape (..., 7, 7)."""
-    frequencies = states[..., FREQUENCIES]
-    matrix = np.zeros((*states.shape[:-1], STATE_SIZE * STATE_SIZE))
-    acceleration = noise.acceleration[..., None] * interval
-    matrix[..., OFFSET] = noise.offset * interval
-    matrix[..., _PP] = acceleration * (interval * interval / 3.0)
-    matrix[..., _PV] = matrix[..., _VP] = acceleration * (interval / 2.0)
-    matrix[..., _VV] = acceleration
-    matrix[..., _WW] = noise.frequency * interval * frequencies * frequencies
-    return matrix.reshape((*states.shape, STATE_SIZE))
+def seen_as_rows(matrices: np.ndarray) -> np.ndarray:
+    """Return contiguous matrices with their rows laid end to end, a view."""
+    return matrices.reshape(*matrices.shape[:-2], -1)
 
 
 def taylor_coefficients(
@@ -150,6 +181,7 @@ def taylor_coefficients(
     interval : float
         Time from the phasors to the centre of the expansion [s].
     degree : int
+        At most 20.
 
     Returns
     -------
@@ -158,17 +190,22 @@ def taylor_coefficients(
 
     """
     axes = len(oscillations)
-    rate = (_RATE * frequencies).reshape(axes, -1)
+    rate = _rates(frequencies, 1.0).reshape(axes, -1)
     terms = np.empty((degree + 1, *rate.shape), complex)
-    np.multiply(oscillations.reshape(axes, -1), np.exp(interval * rate), out=terms[0])
-    np.divide(rate, np.arange(1, degree + 1)[:, None, None], out=terms[1:])
+    turned = np.exp(interval * rate, out=terms[0])
+    turned *= oscillations.reshape(axes, -1)
+    np.multiply(_RECIPROCALS[:degree], rate, out=terms[1:])
     np.multiply.accumulate(terms, axis=0, out=terms)
-    return terms.real.sum(axis=-1)
+    return np.add.reduce(terms.real, axis=-1)
 
 
 def phasors(states: np.ndarray) -> np.ndarray:
     """Return p − i v/ω of each oscillation [m or rad], shape (..., 2); its amplitude is |p|."""
-    return states[..., PLACES] - 1j * (states[..., VELOCITIES] / states[..., FREQUENCIES])
+    places = states[..., PLACES]
+    result = np.empty(places.shape, complex)
+    result.real = places
+    result.imag = states[..., VELOCITIES] / -states[..., FREQUENCIES]
+    return result
 
 
 def initial_state(offset: float, frequencies: Sequence[float]) -> np.ndarray:
@@ -194,11 +231,19 @@ def initial_covariance(
 
 
 def _turn(frequencies: np.ndarray, interval: float) -> np.ndarray:
-    return np.exp((_RATE * interval) * frequencies)
+    angles = _rates(frequencies, interval)
+    return np.exp(angles, out=angles)
 
 
-def _moved(states: np.ndarray, turned: np.ndarray) -> np.ndarray:
+def _rates(frequencies: np.ndarray, factor: float) -> np.ndarray:
+    """Return (i − ζ) ω times a factor; part by part, because to mix kinds of numbers is slow."""
+    parts = frequencies[..., None] * (factor * _RATE_PARTS)
+    return parts.view(complex)[..., 0]
+
+
+def _moved(states: np.ndarray, turned: np.ndarray, falling: np.ndarray) -> np.ndarray:
+    """Return states with the phasors `turned`; `falling` is −ω."""
     moved = states.copy()
     moved[..., PLACES] = turned.real
-    moved[..., VELOCITIES] = -states[..., FREQUENCIES] * turned.imag
+    np.multiply(turned.imag, falling, out=moved[..., VELOCITIES])
     return moved

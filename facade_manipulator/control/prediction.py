@@ -141,7 +141,7 @@ class DisturbancePredictor:
             Variances of the estimate's noise, above 0.
 
         """
-        measured, noise = np.array(values), np.array(variances)
+        measured, noise = np.array((*values, *variances)).reshape(2, AXES)
         if self.stamp is None or not 0.0 < stamp - self.stamp <= self.settings.longest_gap:
             self._start(stamp, measured)
         else:
@@ -179,7 +179,8 @@ class DisturbancePredictor:
         compensated = weights[..., None] * self._compensated_shares(phasors, frequencies)
         coefficients = oscillators.taylor_coefficients(
             compensated * phasors, frequencies, centre - self.stamp, COURSE_DEGREE)
-        coefficients[0] += (weights * states[..., oscillators.OFFSET]).sum(axis=-1)
+        offsets = weights * states[..., oscillators.OFFSET]
+        coefficients[0] += np.add.reduce(offsets, axis=-1)
         coefficients[0] += self._weights[:, -1] * self._mean
         return PolynomialCourse(centre, COURSE_REACH, coefficients[::-1].tolist())
 
@@ -221,9 +222,9 @@ class DisturbancePredictor:
         self._scores += share * (errors * errors - self._scores)
         noise = noise[:, None]
         excess = np.maximum(self._scores - NOISE_IN_SCORE * noise, SCORE_FLOOR * noise)
-        weights = (excess.min(axis=-1, keepdims=True) / excess) ** (
-            0.5 * self.settings.decisiveness)
-        self._weights = weights / weights.sum(axis=-1, keepdims=True)
+        least = np.minimum.reduce(excess, axis=-1, keepdims=True)
+        weights = (least / excess) ** (0.5 * self.settings.decisiveness)
+        self._weights = weights / np.add.reduce(weights, axis=-1, keepdims=True)
 
     def _search(self, noise: np.ndarray) -> None:
         """Start opinions that have lost an axis's oscillations anew, one axis at a time."""
@@ -231,10 +232,13 @@ class DisturbancePredictor:
             return
         self._next_search = self.stamp + SEARCH_PERIOD / AXES
         axis = self._searched_axis = (self._searched_axis + 1) % AXES
+        least = LOST_NOISE * noise[axis]
+        if not self._lost_opinions(axis, least):
+            return  # whatever the window says
         window = [item for item in self._history if item[0] >= self.stamp - self.settings.window]
         times = np.array([time for time, _ in window])
         values = np.array([value[axis] for _, value in window])
-        lost = self._lost_opinions(axis, values.var(), noise[axis])
+        lost = self._lost_opinions(axis, max(least, noise[axis] + LOST_SHARE * values.var()))
         fit = fit_oscillations(times, values) if lost else None
         if fit is None or fit.explained < SEED_EXPLAINED:
             return
@@ -243,9 +247,8 @@ class DisturbancePredictor:
             self._seeded[axis, opinion] = self.stamp
             self._scores[axis, opinion] = self._scores[axis].min()
 
-    def _lost_opinions(self, axis: int, power: float, noise: float) -> list[int]:
+    def _lost_opinions(self, axis: int, bound: float) -> list[int]:
         """Return the opinions, but for the last, with errors far above the noise."""
-        bound = noise + max(LOST_SHARE * power, (LOST_NOISE - 1.0) * noise)
         ripe = self.stamp - self._seeded[axis] > SEED_INTERVAL
         lost = ripe & (self._scores[axis, :-1] > bound)
         return np.flatnonzero(lost[:-1]).tolist()
@@ -262,5 +265,5 @@ def _shares(demands: np.ndarray, frequencies: np.ndarray, room: np.ndarray) -> n
     """Return which share of two demands fits in the room, the slower oscillation's first."""
     slower = frequencies <= frequencies[..., ::-1]
     slower[..., 1] = ~slower[..., 0]
-    taken = np.minimum(demands, room) * slower
+    taken = np.where(slower, np.minimum(demands, room), 0.0)
     return (room - taken[..., ::-1]) / demands
