@@ -70,34 +70,29 @@ class Blend:
             Time constant of the decay [s], lengthened where the acceleration would be too high.
 
         """
-        self._start = time
-        self._axes = [
-            _remainder(*axis, max(constant, QUICKEST))
-            for axis in zip(*difference, self._acceleration, strict=True)]
-        self._end = time + DEAD_AFTER * max(constant for _, _, constant in self._axes)
+        place, velocity = difference
+        constants = [
+            max(constant, QUICKEST, _least_constant(*axis))
+            for axis in zip(place, velocity, self._acceleration, strict=True)]
+        self._start, self._end = time, time + DEAD_AFTER * max(constants)
+        self._constants = constants
+        self._place = place
+        self._slope = [v + p / c for p, v, c in zip(place, velocity, constants, strict=True)]
 
     def at(self, time: float) -> Course:
-        """Return the remainder at a time [s]."""
+        """Return the remainder at a time [s]: (p + s t) exp(−t/T) of each axis."""
         if time > self._end:
             return AT_REST
-        elapsed = max(time - self._start, 0.0)
-        x, y, theta = [_decayed(*axis, elapsed) for axis in self._axes]
-        return Course(Pose(x[0], y[0], theta[0]), Pose(x[1], y[1], theta[1]))
+        t = max(time - self._start, 0.0)
+        (a, b, c), (x, y, theta), (dx, dy, dtheta) = self._constants, self._place, self._slope
+        decay_x, decay_y, decay_theta = math.exp(-t / a), math.exp(-t / b), math.exp(-t / c)
+        x, y, theta = x + dx * t, y + dy * t, theta + dtheta * t
+        return Course(
+            Pose(x * decay_x, y * decay_y, theta * decay_theta),
+            Pose((dx - x / a) * decay_x, (dy - y / b) * decay_y,
+                 (dtheta - theta / c) * decay_theta))
 
 
-def _remainder(
-    place: float, velocity: float, acceleration: float, constant: float
-) -> tuple[float, float, float]:
-    """Return p, s and T of (p + s t) exp(−t/T)."""
-    far = math.sqrt(abs(place) / acceleration)
-    fast = 2.0 * abs(velocity) / acceleration
-    constant = max(constant, far, fast)
-    return place, velocity + place / constant, constant
-
-
-def _decayed(
-    place: float, slope: float, constant: float, elapsed: float
-) -> tuple[float, float]:
-    decay = math.exp(-elapsed / constant)
-    place += slope * elapsed
-    return place * decay, (slope - place / constant) * decay
+def _least_constant(place: float, velocity: float, acceleration: float) -> float:
+    """Return the time constant of a decay within an acceleration, about."""
+    return max(math.sqrt(abs(place) / acceleration), 2.0 * abs(velocity) / acceleration)
