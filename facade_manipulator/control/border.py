@@ -62,11 +62,12 @@ class Border:
     def __init__(self, geometry: Geometry, settings: BorderSettings) -> None:
         self._settings = settings
         self._half = geometry.platform_half_length
-        self._link = geometry.link_length
         self._reach = geometry.link_length - settings.margin
         self._gap = geometry.carriage_gap + settings.margin
         least, greatest = geometry.stroke
         self._stroke = least + settings.margin, greatest - settings.margin
+        self._link_square = geometry.link_length ** 2
+        self._order = (self._half - self._gap) ** 2 - self._link_square  # (b − gap)² − l²
         self._height = self._heights()
         if self._height[0] >= self._height[1]:
             raise ParameterError(
@@ -101,22 +102,20 @@ class Border:
 
     def _heights(self) -> tuple[float, float]:
         """Return the y-interval at θ = 0, by carriage gap and reach; never behind the rail."""
-        span = self._half - self._gap
-        nearest = math.sqrt(max(self._link ** 2 - span ** 2, 0.0))
+        nearest = math.sqrt(max(-self._order, 0.0))
         return max(nearest, self._settings.margin), self._reach
 
     def _greatest_yaw(self, y: float) -> float:
         """Return the yaw limit by order (on the safe side: cos θ = 1 at the gap) and reach."""
-        b, gap = self._half, self._gap
-        order = (y * y - self._link ** 2 + b * b - 2.0 * b * gap + gap * gap) / (2.0 * y * b)
-        return math.asin(min(max(min(order, (self._reach - y) / b), 0.0), 1.0))
+        order = 0.5 * (y + self._order / y)
+        return math.asin(min(max(min(order, self._reach - y) / self._half, 0.0), 1.0))
 
     def _widths(self, y: float, theta: float) -> tuple[float, float]:
         """Return the x-interval at (y, θ), by the stroke of the outer carriages."""
         rise = self._half * math.sin(theta)
         span = self._half * math.cos(theta)
-        first = math.sqrt(max(self._link ** 2 - (y - rise) ** 2, 0.0))
-        second = math.sqrt(max(self._link ** 2 - (y + rise) ** 2, 0.0))
+        first = math.sqrt(max(self._link_square - (y - rise) * (y - rise), 0.0))
+        second = math.sqrt(max(self._link_square - (y + rise) * (y + rise), 0.0))
         return self._stroke[0] + span - first, self._stroke[1] - span + second
 
 

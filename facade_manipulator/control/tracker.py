@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import repeat
 import math
 
 from facade_manipulator.kinematics import Pose
@@ -28,7 +29,7 @@ class Tracker:
 
     def change_limits(self, speed: tuple[float, ...], acceleration: tuple[float, ...]) -> None:
         """Keep other limits from the next step on; what is too fast brakes."""
-        self._limits = tuple(zip(speed, acceleration, strict=True))
+        self._speed, self._acceleration = Pose(*speed), Pose(*acceleration)
 
     @property
     def behind(self) -> Pose:
@@ -49,18 +50,15 @@ class Tracker:
         return self._place
 
     def _advance(self, interval: float, target: Pose) -> None:
-        axes = zip(
-            self._place, self._velocity, target, self._target, self._limits, strict=True)
-        velocity = [
-            _velocity(interval, place, now, goal, (goal - last) / interval, *limits)
-            for place, now, goal, last, limits in axes]
-        self._place = Pose(*(
-            p + v * interval for p, v in zip(self._place, velocity, strict=True)))
-        self._velocity = Pose(*velocity)
+        self._velocity = Pose(*map(
+            _velocity, repeat(interval), self._place, self._velocity, target, self._target,
+            self._speed, self._acceleration))
+        (x, y, theta), (vx, vy, omega) = self._place, self._velocity
+        self._place = Pose(x + vx * interval, y + vy * interval, theta + omega * interval)
 
 
 def _velocity(
-    interval: float, place: float, velocity: float, target: float, target_velocity: float,
+    interval: float, place: float, velocity: float, target: float, last_target: float,
     speed: float, acceleration: float,
 ) -> float:
     """Return the velocity that reaches the target, or approaches it so that it can brake."""
@@ -68,7 +66,8 @@ def _velocity(
     direct = (target - place) / interval
     if abs(direct) <= speed and abs(direct - velocity) <= change:
         return direct
-    behind = target - place - target_velocity * interval
+    target_velocity = (target - last_target) / interval
+    behind = last_target - place
     braking = math.sqrt(2.0 * BRAKING_SHARE * acceleration * abs(behind))
     approach = math.copysign(min(abs(behind) / interval, braking), behind)
     wanted = min(max(target_velocity + approach, -speed), speed)
