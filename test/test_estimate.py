@@ -110,6 +110,18 @@ def test_a_variance_too_good_to_be_true_is_raised():
     assert estimate.variances == pytest.approx((SETTINGS.least_noise ** 2,) * 3)
 
 
+def test_other_variances_or_bounds_are_believed_from_the_next_estimate_on():
+    gate, pose = EstimateGate(SETTINGS), Pose(0.0, 0.0, 0.0)
+    told = [
+        gate.check(1000.0 + 0.02 * k, 1000.0 + 0.02 * k, pose, variances).variances
+        for k, variances in enumerate([(1e-6,) * 3, (1e-6,) * 3, (4e-6, 0.0, 1e-6)])]
+    assert told[0] == told[1] == pytest.approx((1e-6,) * 3)
+    assert told[2] == pytest.approx((4e-6, SETTINGS.position_noise ** 2, 1e-6))
+    gate.change_settings(replace(SETTINGS, least_noise=0.1))
+    estimate = gate.check(1000.06, 1000.06, pose, (4e-6, 0.0, 1e-6))
+    assert estimate.variances.x == pytest.approx(0.01)
+
+
 @pytest.mark.parametrize('change', [
     {'longest_age': 0.0}, {'fastest': math.nan}, {'largest_yaw': 4.0}, {'yaw_jump': -1.0}])
 def test_settings_out_of_range_are_refused(change):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from operator import le
+from operator import le, sub
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError
@@ -84,6 +84,7 @@ class EstimateGate:
             settings.largest_displacement, settings.largest_displacement, settings.largest_yaw)
         self._noise = Pose(
             settings.position_noise, settings.position_noise, settings.yaw_noise)
+        self._told_variances: tuple[float, ...] | None = None
 
     def check(
         self, now: float, stamp: float, pose: Pose, variances: Sequence[float] = (0.0, 0.0, 0.0)
@@ -115,7 +116,7 @@ class EstimateGate:
         if self._last is not None:
             self._check_order(stamp - self._last.stamp)
             self._check_jump(stamp - self._last.stamp, pose)
-        self._last = Estimate(stamp, pose, Pose(*map(self._variance, variances, self._noise)))
+        self._last = Estimate(stamp, pose, self._believed(tuple(variances)))
         return self._last
 
     def _check_values(self, pose: Pose) -> None:
@@ -141,6 +142,8 @@ class EstimateGate:
             raise InputError.out_of_order('disturbance', -elapsed)
 
     def _check_jump(self, elapsed: float, pose: Pose) -> None:
+        if all(map(le, map(abs, map(sub, pose, self._last.pose)), self._jump)):
+            return
         for name, value, last, bound, unit in zip(
                 Pose._fields, pose, self._last.pose, self._jump, UNITS, strict=True):
             change, allowed = abs(value - last), bound + self.settings.fastest * elapsed
@@ -148,6 +151,13 @@ class EstimateGate:
                 raise InputError(
                     'jump', f'disturbance {name} jumps by {change:.4g} {unit} in '
                     f'{elapsed:.3f} s, bound {allowed:.4g} {unit}')
+
+    def _believed(self, variances: tuple[float, ...]) -> Pose:
+        """Return the variances to go by; most estimators tell the same ones every time."""
+        if variances != self._told_variances:
+            self._told_variances = variances
+            self._variances = Pose(*map(self._variance, variances, self._noise))
+        return self._variances
 
     def _variance(self, variance: float, unknown: float) -> float:
         if not 0.0 < variance < math.inf:
