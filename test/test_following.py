@@ -46,6 +46,18 @@ def test_a_head_that_stands_where_it_should_has_no_lag():
     assert following.lag == 0.0
 
 
+def test_what_is_published_again_for_the_same_times_is_what_the_head_follows():
+    following = Following(FollowingSettings(patience=0.1))
+    following.begin(1000.0)
+    for time in np.arange(1000.0, 1001.0, PERIOD):
+        following.publish(time, Pose(1.0, 0.25, 0.0))
+    for time in np.arange(1000.5, 1001.2, PERIOD):
+        following.publish(time, Pose(0.0, 0.25, 0.0))
+    for stamp in np.arange(1000.505, 1000.9, PERIOD):
+        following.take(stamp, Pose(0.0, 0.25, 0.0))
+        assert not following.lost(stamp)
+
+
 @pytest.mark.parametrize('offset', [Pose(0.05, 0.0, 0.0), Pose(0.0, 0.0, 0.1)])
 def test_a_head_elsewhere_is_lost_after_a_while(offset):
     def elsewhere(time):

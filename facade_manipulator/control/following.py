@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import deque
 from dataclasses import dataclass
 import math
+from operator import itemgetter
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
@@ -63,7 +65,9 @@ class Following:
         self._followed_at = now
 
     def publish(self, time: float, pose: Pose) -> None:
-        """Note what is published for a time [s]."""
+        """Note what is published for a time [s], in place of what was for it and later."""
+        while self._course and self._course[-1][0] >= time:
+            self._course.pop()
         self._course.append((time, pose))
         while self._course[0][0] < time - KEPT_TIME:
             self._course.popleft()
@@ -113,12 +117,11 @@ class Following:
 
     def _planned(self, stamp: float) -> tuple[Pose, Pose] | None:
         """Return place and velocity of the course at a stamp, None where there was none."""
-        later: tuple[float, Pose] | None = None
-        for time, pose in reversed(self._course):
-            if time <= stamp:
-                return None if later is None else _between(time, pose, *later, stamp)
-            later = time, pose
-        return None
+        course = self._course
+        index = bisect_right(course, stamp, key=itemgetter(0))
+        if not 0 < index < len(course):
+            return None
+        return _between(*course[index - 1], *course[index], stamp)
 
     def _measure_lag(self, interval: float, error: Pose, velocity: Pose) -> None:
         """Regress the error on the velocity, the older the less."""
