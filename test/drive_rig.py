@@ -172,9 +172,9 @@ def at_rest(rig: Rig) -> None:
 def moving(rig: Rig) -> None:
     rig.source.speed = MOVING
     at_rest(rig)
-    start = rig.controller.snapshot().positions
+    start = rig.controller.joints().positions
     wait_until(
-        lambda: abs(rig.controller.snapshot().positions[0] - start[0]) > 0.003, 'motion')
+        lambda: abs(rig.controller.joints().positions[0] - start[0]) > 0.003, 'motion')
 
 
 SITUATIONS = {'inactive': inactive, 'at rest': at_rest, 'moving': moving}

@@ -30,7 +30,7 @@ def test_an_ordinary_day_from_configure_to_cleanup(rig):
     assert 'power is off' in rig.do('deactivate')
     assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
     snapshot = rig.controller.snapshot()
-    assert snapshot.positions == pytest.approx(rig.carriages, abs=1e-4)
+    assert rig.controller.joints().positions == pytest.approx(rig.carriages, abs=1e-4)
     assert snapshot.cause == ''
     rig.do('cleanup')
     assert rig.state is ControllerState.UNCONFIGURED

@@ -240,7 +240,8 @@ class SetpointFollower:
         times, positions, velocities, _ = zip(*ahead, strict=True)
         slopes = inner_slopes(times, positions, velocities[0], velocities[-1])
         inner = [
-            knot._replace(velocity=self._near(knot.told, slope, knot.time - before.time))
+            Knot(knot.time, knot.position,
+                 self._near(knot.told, slope, knot.time - before.time), knot.told)
             for before, knot, slope in zip(ahead, ahead[1:-1], slopes, strict=False)]
         return (*stream[:begin + 1], *inner, stream[-1])
 

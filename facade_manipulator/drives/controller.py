@@ -26,7 +26,7 @@ from facade_manipulator.drives.operation import Operation
 from facade_manipulator.drives.plans import Phase
 from facade_manipulator.drives.realtime import request_realtime
 from facade_manipulator.drives.recorder import FaultRecorder
-from facade_manipulator.drives.report import Record
+from facade_manipulator.drives.report import Joints, Record
 from facade_manipulator.drives.service_operations import CLOSING_TIMEOUT
 from facade_manipulator.drives.session import HomingCheck, Session
 from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, Triple
@@ -166,6 +166,14 @@ class DriveController:
     def state(self) -> ControllerState:
         """What the controller is doing, for less than the whole snapshot."""
         return self._record.state
+
+    def joints(self) -> Joints | None:
+        """Return the carriages at the newest SYNC, None until all are homed."""
+        return self._record.joints()
+
+    def outcome(self) -> tuple:
+        """Return what the controller's levels and sentences depend on: while it stays, they do."""
+        return self._record.outcome()
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the newest state of controller and axes, the same one until the next cycle."""

@@ -21,6 +21,25 @@ from facade_manipulator.errors import DriveStateError
 NO_TARGETS = (None, None, None)
 
 
+class Joints(NamedTuple):
+    """
+    The three carriages at one SYNC.
+
+    Parameters
+    ----------
+    stamp : float
+        Time of the SYNC on the system clock [s].
+    positions, velocities, forces : tuple of float, shape (3,)
+        [m, m/s, N]; a velocity or force that was never told is 0.
+
+    """
+
+    stamp: float
+    positions: Triple
+    velocities: Triple
+    forces: Triple
+
+
 class Record(NamedTuple):
     """
     The controller and its drives at one cycle, unconverted.
@@ -61,6 +80,31 @@ class Record(NamedTuple):
     bus: CanBus | None
     bus_error: str
     bus_load: float
+
+    def joints(self) -> Joints | None:
+        """
+        Return where the carriages are, None until all are homed.
+
+        An encoder that was not homed counts from anywhere: that is no carriage position.
+        """
+        drives = [(monitor.axis, told) for monitor, told in zip(
+            self.monitors, self.told, strict=True)]
+        if not self.stamp or not all(told.homed and told.status for _, told in drives):
+            return None
+        return Joints(
+            self.stamp,
+            tuple([axis.to_metres(told.status.position_counts) for axis, told in drives]),
+            tuple([axis.speed_to_metres(told.motion.velocity) if told.motion else 0.0
+                   for axis, told in drives]),
+            tuple([axis.to_force(told.condition.torque) if told.condition else 0.0
+                   for axis, told in drives]))
+
+    def outcome(self) -> tuple:
+        """Return what the controller's levels and sentences depend on."""
+        return (
+            self.state, self.causes[:1], self.next_step, self.bus_error, tuple([
+                (told.status and _state(told.status.statusword), told.homed, told.error_code)
+                for told in self.told]))
 
     def snapshot(self) -> ControllerSnapshot:
         """Put together what the rest of the program sees."""

@@ -8,7 +8,6 @@ from typing import NamedTuple
 from facade_manipulator.drives.bus import BusStatistics
 from facade_manipulator.drives.cia402 import State
 from facade_manipulator.drives.cycle import CycleStatistics
-from facade_manipulator.drives.settings import Triple
 
 
 class ControllerState(Enum):
@@ -130,12 +129,6 @@ class ControllerSnapshot(NamedTuple):
     bus: BusStatistics = BusStatistics()
     bus_error: str = ''
     bus_load: float = 0.0
-
-    @property
-    def positions(self) -> Triple | None:
-        """Actual positions [m]; None unless all three are known."""
-        found = tuple(axis.position for axis in self.axes)
-        return None if None in found else found
 
     @property
     def unhomed(self) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ from facade_manipulator.drives.recorder import FaultRecorder, RecorderSettings
 from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, DEFAULT_AXES
 from facade_manipulator.drives.simulated_bus import DriveSimulator
 from facade_manipulator.drives.simulated_group import simulated_drives
-from facade_manipulator.drives.snapshot import ControllerSnapshot, ControllerState
+from facade_manipulator.drives.snapshot import ControllerState
 from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.conversions import CARRIAGES, node_time
@@ -40,7 +40,6 @@ from facade_manipulator.nodes.driver_diagnostics import (
     bus_status,
     finding_status,
     operation_status,
-    outcome,
 )
 from facade_manipulator.nodes.managed import ManagedNode
 from facade_manipulator.nodes.parameters import declare
@@ -248,36 +247,33 @@ class DriverNode(ManagedNode):
             self._controller.stop(cause)
 
     def _supervise(self) -> None:
-        self._controller.beat()
-        snapshot = self._controller.snapshot()
+        controller = self._controller
+        controller.beat()
         self._software_stop.watch(self._settings.software_stop_timeout)
-        self._note_stop(snapshot)
-        if snapshot.state not in ACTIVE_STATES:
+        state = controller.state
+        self._note_stop(state)
+        if state not in ACTIVE_STATES:
             self.fall_back()
-        told = outcome(snapshot, self._last_failure)
+        told = controller.outcome(), self._last_failure
         if told != self._told:
             self._told = told
             self._diagnostics.publish_change()
 
-    def _note_stop(self, snapshot: ControllerSnapshot) -> None:
-        is_stopped = snapshot.state is ControllerState.STOPPED
+    def _note_stop(self, state: ControllerState) -> None:
+        is_stopped = state is ControllerState.STOPPED
         if is_stopped and not self._was_stopped:
             self._drive_faults += 1
+            snapshot = self._controller.snapshot()
             self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
         self._was_stopped = is_stopped
 
     def _publish_joint_states(self) -> None:
-        snapshot = self._controller.snapshot()
-        positions = snapshot.positions
-        if positions is None or snapshot.stamp in (None, self._published_stamp):
+        joints = self._controller.joints()
+        if joints is None or joints.stamp == self._published_stamp:
             return
-        if snapshot.unhomed:  # its encoder counts from anywhere: that is no carriage position
-            return
-        self._published_stamp = snapshot.stamp
-        self._joint_states.publish(self._states_wire.write(snapshot.stamp, (
-            *positions,
-            *(axis.velocity or 0.0 for axis in snapshot.axes),
-            *(axis.force or 0.0 for axis in snapshot.axes))))
+        self._published_stamp = joints.stamp
+        self._joint_states.publish(self._states_wire.write(
+            joints.stamp, joints.positions + joints.velocities + joints.forces))
 
     def _components(self) -> list[DiagnosticStatus]:
         snapshot = self._controller.snapshot()

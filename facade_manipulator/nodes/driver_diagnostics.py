@@ -23,14 +23,6 @@ STATE_LEVELS = {
 FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
-def outcome(snapshot: ControllerSnapshot, last_failure: str) -> tuple:
-    """Return all that makes levels and sentences: while it stays, they do, and cost nothing."""
-    axes = tuple((axis.state, axis.homed, axis.error) for axis in snapshot.axes)
-    return (
-        snapshot.state, snapshot.cause, snapshot.next_step, snapshot.bus_error, last_failure,
-        axes)
-
-
 def operation_status(
     snapshot: ControllerSnapshot, follower: SetpointFollower, last_failure: str,
     counters: dict[str, Any],
