@@ -64,7 +64,7 @@ class FilterBank:
         step = self._transition.matrix
         covariance = step @ self.covariances @ step.swapaxes(-1, -2)
         powers = np.array((interval, interval ** 2, interval ** 3))
-        covariance += np.dot(powers, self._noise_by_power).reshape(covariance.shape[1:])
+        covariance += (powers @ self._noise_by_power).reshape(covariance.shape[1:])
         oscillators.add_frequency_noise(covariance, self.states, interval, self._noise)
         projected = covariance @ oscillators.MEASURED
         spread = projected @ oscillators.MEASURED + variances[:, None]
