@@ -6,11 +6,14 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 GOAL_HEADS = ('name', 'ours', 'competitor', 'ratio', 'goal', 'met')
 FACTORS = {'us': 1e6, 'ns': 1e9, 'ms': 1e3, 's': 1.0, '%': 100.0, 'MiB': 1.0, 'mm': 1.0,
     'rad': 1.0}
+NAME_WIDTH = 52  # characters of a line beside the bars
+DRAWN_MARGINS = (0.5, 5.0)  # what is beyond is told by its number alone
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,7 @@ def draw(rows: list[Row], growth: dict[str, dict[str, list]], path: Path) -> Non
 
     judged = [row for row in rows if row.met is not None]
     figure = plt.figure(figsize=(14, 10), layout='constrained')
-    left, right = figure.subfigures(1, 2, width_ratios=(1.3, 1.0)) if growth else (figure, None)
+    left, right = figure.subfigures(1, 2, width_ratios=(1.4, 1.0)) if growth else (figure, None)
     _draw_goals(left.subplots(), judged)
     panels = right.subplots(len(growth), 1, squeeze=False).ravel() if growth else ()
     for panel, (title, one) in zip(panels, growth.items(), strict=True):
@@ -128,17 +131,32 @@ def draw(rows: list[Row], growth: dict[str, dict[str, list]], path: Path) -> Non
 
 def _draw_goals(panel, judged: list[Row]) -> None:
     """Bars of ratio over bound; right of the line the goal is met."""
-    names = [f'{row.goal_id} {row.name}' for row in judged]
-    margins = []
-    for row in judged:
-        sign, bound = row.goal.split()[:2]
-        value = row.ratio if row.ratio is not None else row.ours
-        share = value / float(bound)
-        margins.append(share if sign == '>=' else 1.0 / max(share, 1e-9))
+    names = [fill(f'{row.goal_id} {row.name}', NAME_WIDTH) for row in judged]
+    margins = [_margin(row) for row in judged]
+    low, high = DRAWN_MARGINS
+    ends = [min(max(margin, low), high) for margin in margins]
     colours = ['#0072b2' if row.met else '#d55e00' for row in judged]
-    panel.barh(names, [margin - 1.0 for margin in margins], left=1.0, color=colours)
+    bars = panel.barh(range(len(names)), [end - 1.0 for end in ends], left=1.0, color=colours)
+    panel.bar_label(bars, [_factor(margin) for margin in margins], padding=3, fontsize=7)
+    panel.set_yticks(range(len(names)), names, fontsize=7)
     panel.axvline(1.0, color='black', lw=1.0)
-    panel.set(xscale='log', title='How far the goals are met (blue) or missed (orange)',
-              xlabel='times as good as the goal')
+    panel.set(xscale='log', xlim=(0.8 * low, 1.5 * high),
+              title='Goals met (blue) and missed (orange)', xlabel='times as good as the goal')
+    ticks = (0.5, 1.0, 2.0, 4.0)
+    panel.set_xticks(ticks, [f'{tick:g}' for tick in ticks])
+    panel.set_xticks([], minor=True)
     panel.invert_yaxis()
+    panel.margins(y=0.01)
     panel.grid(axis='x', alpha=0.3)
+
+
+def _margin(row: Row) -> float:
+    """Return how many times as good as its goal a row is."""
+    sign, bound = row.goal.split()[:2]
+    value = row.ratio if row.ratio is not None else row.ours
+    share = value / float(bound)
+    return share if sign == '>=' else 1.0 / max(share, 1e-9)
+
+
+def _factor(margin: float) -> str:
+    return f'{margin:.2f}' if margin < 10.0 else f'{margin:,.0f}'
