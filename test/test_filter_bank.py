@@ -81,3 +81,14 @@ def test_a_seed_changes_one_filter_alone():
     assert seeded[oscillators.VELOCITIES].tolist() == [0.03, 0.0]
     assert seeded[oscillators.FREQUENCIES].tolist() == [3.0, 2.2]
     assert seeded[oscillators.OFFSET] == 0.01
+
+
+def test_a_restart_is_a_start_of_one_filter():
+    bank = FilterBank(np.zeros(3), FREQUENCIES, NOISE)
+    fresh = FilterBank(np.array([0.0, 0.03, 0.0]), FREQUENCIES, NOISE)
+    bank.update(0.02, np.full(3, 0.05), np.full(3, 1e-6))
+    before = bank.states.copy()
+    bank.restart(1, 2, 0.03)
+    assert np.array_equal(bank.states[1, 2], fresh.states[1, 2])
+    assert np.array_equal(bank.covariances[1, 2], fresh.covariances[1, 2])
+    assert np.argwhere((bank.states != before).any(axis=-1)).tolist() == [[1, 2]]

@@ -152,6 +152,25 @@ def test_nothing_grows_in_minutes(motions):
     assert np.abs(oscillators.phasors(predictor._bank.states)).max() < 1.0
 
 
+def test_an_opinion_whose_oscillations_grow_in_opposition_is_started_anew():
+    """Two oscillations that meet at one frequency are seen as their sum alone."""
+    predictor, _ = learn(BREEZE, 30.0)
+    stamp, random, errors = 1030.0, np.random.default_rng(1), []
+    states = predictor._bank.states[0, 0]
+    states[oscillators.FREQUENCIES] = 0.69
+    states[oscillators.PLACES] += 10.0, -10.0
+    before = predictor._bank.states.copy()
+    for k in range(150):
+        now = stamp + 0.02 * k
+        measured = [motion(now) + NOISE * random.standard_normal() for motion in BREEZE]
+        predictor.update(now, Pose(*measured), VARIANCES)
+        amplitudes = np.abs(oscillators.phasors(predictor._bank.states)).max(axis=-1)
+        errors.append(predictor.predict(now + HORIZON).place.x - BREEZE[0](now + HORIZON))
+    assert np.abs(oscillators.phasors(before)).max() > 5.0
+    assert amplitudes.max() < 1.0
+    assert np.abs(errors[25:]).max() < 5e-3
+
+
 def test_the_velocity_is_the_derivative_of_the_place():
     predictor, _ = learn(BREEZE, 10.0)
     time = predictor.stamp + HORIZON

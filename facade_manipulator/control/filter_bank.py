@@ -40,12 +40,10 @@ class FilterBank:
         self._noise = noise
         self._frequencies = frequencies
         shape = (len(values), len(noise.acceleration))
-        state = oscillators.initial_state(0.0, frequencies)
-        covariance = oscillators.initial_covariance(
-            OFFSET_DEVIATION, AMPLITUDE_DEVIATION, frequencies, (FREQUENCY_DEVIATION,) * 2)
-        self.states = np.tile(state, (*shape, 1))
-        self.states[..., oscillators.OFFSET] = values[:, None]
-        self.covariances = np.tile(covariance, (*shape, 1, 1))
+        self.states = np.empty((*shape, oscillators.STATE_SIZE))
+        self.covariances = np.empty((*self.states.shape, oscillators.STATE_SIZE))
+        for axis, value in enumerate(values):
+            self.restart(axis, slice(None), value)
         self._transition = oscillators.Transition(self.states.shape)
         self._noise_by_power = oscillators.process_covariance_by_power(noise).reshape(3, -1)
 
@@ -75,6 +73,12 @@ class FilterBank:
         self.states = predicted
         self.covariances = 0.5 * (covariance + covariance.swapaxes(-1, -2))
         self._bound_frequencies()
+
+    def restart(self, axis: int, opinion: int | slice, value: float) -> None:
+        """Let filters of an axis begin at rest at a value [m or rad], as at their start."""
+        self.states[axis, opinion] = oscillators.initial_state(value, self._frequencies)
+        self.covariances[axis, opinion] = oscillators.initial_covariance(
+            OFFSET_DEVIATION, AMPLITUDE_DEVIATION, self._frequencies, (FREQUENCY_DEVIATION,) * 2)
 
     def seed(self, axis: int, opinion: int, fit: Oscillations, variance: float) -> None:
         """

@@ -5,7 +5,9 @@ How hard the gusts push is not known and changes, so several opinions on it run 
 is judged by what matters: how well it foretold, one horizon ahead, the measurements that came.
 The prediction is the mean of the opinions, weighted by that record; one more opinion, that the
 axis just stands at its offset, wins where nothing can be foretold; there the correction fades. An
-opinion that has lost the oscillations is started anew from the spectrum of what was measured.
+opinion that has lost the oscillations is started anew from the spectrum of what was measured. One
+whose oscillations have met at the same frequency is started anew, too: only their sum is seen, and
+they would grow in opposition without end.
 """
 
 from __future__ import annotations
@@ -35,6 +37,8 @@ LOST_SHARE = 0.04
 LOST_NOISE = 1.5
 NOISE_IN_SCORE = 0.8
 SCORE_FLOOR = 0.02
+ASTRAY = 4.0  # amplitude by the RMS of the motion that no oscillation of it has
+STRONGEST_MEMORY = 60.0  # s
 FIRST_SCORE = 1e-4
 JUDGE_PERIOD = 0.0245  # s: how well one foretells is not news at every estimate
 COURSE_REACH = 0.02  # s: asked from the last estimate to the next one, an expansion holds
@@ -196,6 +200,7 @@ class DisturbancePredictor:
         self._history: deque[tuple[float, np.ndarray]] = deque(maxlen=HISTORY_LENGTH)
         self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
         self._scores = np.full((AXES, opinions), FIRST_SCORE)
+        self._strongest = np.zeros(AXES)
         self._weights = np.full((AXES, opinions), 1.0 / opinions)
         self._seeded = np.full((AXES, opinions - 1), -math.inf)
 
@@ -220,6 +225,10 @@ class DisturbancePredictor:
         memory = min(self.settings.memory, self.stamp - self.since - horizon + interval)
         share = interval / max(memory, interval)
         self._scores += share * (errors * errors - self._scores)
+        self._weigh(noise)
+
+    def _weigh(self, noise: np.ndarray) -> None:
+        """Weigh the opinions by their scores."""
         noise = noise[:, None]
         excess = np.maximum(self._scores - NOISE_IN_SCORE * noise, SCORE_FLOOR * noise)
         least = np.minimum.reduce(excess, axis=-1, keepdims=True)
@@ -231,6 +240,7 @@ class DisturbancePredictor:
         if self.stamp < self._next_search:
             return
         self._next_search = self.stamp + SEARCH_PERIOD / AXES
+        self._restart_astray(noise)
         axis = self._searched_axis = (self._searched_axis + 1) % AXES
         least = LOST_NOISE * noise[axis]
         if not self._lost_opinions(axis, least):
@@ -246,6 +256,20 @@ class DisturbancePredictor:
             self._bank.seed(axis, opinion, fit, noise[axis])
             self._seeded[axis, opinion] = self.stamp
             self._scores[axis, opinion] = self._scores[axis].min()
+
+    def _restart_astray(self, noise: np.ndarray) -> None:
+        """Start opinions anew whose oscillations are far beyond the motion; they prove it anew."""
+        fade = math.exp(-SEARCH_PERIOD / AXES / STRONGEST_MEMORY)
+        self._strongest = np.maximum(fade * self._strongest, self._scores[:, -1])
+        power = np.square(np.abs(oscillators.phasors(self._bank.states)))
+        ripe = self.stamp - np.maximum(self._seeded, self.since) > self.settings.window
+        astray = ripe & (power.max(axis=-1) > ASTRAY ** 2 * self._strongest[:, None])
+        for axis, opinion in np.argwhere(astray).tolist():
+            self._bank.restart(axis, opinion, self._mean[axis])
+            self._seeded[axis, opinion] = self.stamp
+            self._scores[axis, opinion] = self._scores[axis].max()
+        if astray.any():
+            self._weigh(noise)
 
     def _lost_opinions(self, axis: int, bound: float) -> list[int]:
         """Return the opinions, but for the last, with errors far above the noise."""
