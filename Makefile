@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo test soak study lint clean
+.PHONY: help setup bench bench-vcan bench-compensation demo test soak soak-prediction study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
@@ -21,6 +21,9 @@ test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS=�
 
 soak: setup  ## Run the drives for ten minutes, then fuzz them with a million frames (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/soak.py $(SOAK_ARGS)
+
+soak-prediction: setup  ## Foretell hours of gusts (SOAK_ARGS=…)
+	@$(IN_VENV) exec python test/prediction_soak.py $(SOAK_ARGS)
 
 study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.workspace.study $(STUDY_ARGS)
