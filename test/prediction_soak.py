@@ -31,7 +31,7 @@ DEVIATIONS = np.array((1e-3, 1e-3, 1.75e-3))  # m, m, rad: of the estimates' noi
 STARTS = 10.0  # s
 REPORT_EVERY = 600.0  # s
 MOST_ERROR = 8.0  # mm, mrad
-MOST_AMPLITUDE = 3.0  # m or rad
+MOST_AMPLITUDE = 5.0  # m or rad; on 100 m of cable two of them reach the acceleration limit
 
 
 def soak(motion: Callable[[float], Pose], seconds: float, seed: int) -> bool:
