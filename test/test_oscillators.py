@@ -8,7 +8,8 @@ import pytest
 from facade_manipulator.control import oscillators
 from facade_manipulator.control.oscillators import ProcessNoise
 
-displacements = st.floats(-0.2, 0.2)
+# below that, products with a frequency have not all the digits of a double
+displacements = st.floats(-0.2, 0.2).map(lambda value: value if abs(value) > 1e-290 else 0.0)
 rates = st.floats(0.3, 30.0)
 states = st.tuples(
     displacements, displacements, displacements, rates, displacements, displacements, rates,
@@ -26,8 +27,7 @@ def test_two_short_ways_are_one_long_way(state, first, second):
 def transition(state, interval):
     bank = oscillators.Transition(state.shape)
     moved = bank.move(state, interval)
-    assert moved == pytest.approx(
-        oscillators.propagate(state, interval), rel=1e-15, abs=1e-300)
+    assert np.array_equal(moved, oscillators.propagate(state, interval))
     return bank.matrix
 
 
@@ -54,7 +54,7 @@ def test_a_transition_is_written_whole_over_an_earlier_one(earlier, state, inter
 
 @given(states)
 def test_no_time_changes_nothing(state):
-    assert oscillators.propagate(state, 0.0) == pytest.approx(state, rel=1e-15, abs=1e-300)
+    assert oscillators.propagate(state, 0.0) == pytest.approx(state, rel=1e-15, abs=0.0)
     assert np.allclose(transition(state, 0.0), np.eye(oscillators.STATE_SIZE))
 
 

@@ -24,13 +24,14 @@ FREQUENCIES = slice(3, None, 3)
 DAMPING_RATIO = 0.005
 LOWEST_FREQUENCY = 0.2
 HIGHEST_FREQUENCY = 40.0
+HIGHEST_DEGREE = 20  # of an expansion
 
 MEASURED = np.zeros(STATE_SIZE)  # states @ MEASURED is the place on the axis
 MEASURED[OFFSET] = MEASURED[PLACES] = 1.0
 
 _RATE = 1j - DAMPING_RATIO  # of a phasor, by its frequency
 _RATE_PARTS = np.array([_RATE.real, _RATE.imag])
-_RECIPROCALS = 1.0 / np.arange(1.0, 21.0)[:, None, None]
+_RECIPROCALS = 1.0 / np.arange(1.0, HIGHEST_DEGREE + 1.0)[:, None, None]
 
 
 def _block(row: int, column: int) -> slice:
@@ -181,7 +182,7 @@ def taylor_coefficients(
     interval : float
         Time from the phasors to the centre of the expansion [s].
     degree : int
-        At most 20.
+        At most `HIGHEST_DEGREE`.
 
     Returns
     -------

@@ -158,7 +158,8 @@ class DisturbancePredictor:
         self._past.append((stamp, self._bank.states, self._mean))
         if stamp - self._judged >= JUDGE_PERIOD:
             self._judge(measured, noise)
-        self._search(noise)
+        if stamp >= self._next_search:
+            self._search(noise)
         self._course = None
 
     def predict(self, time: float) -> Course:
@@ -236,12 +237,14 @@ class DisturbancePredictor:
         self._weights = weights / np.add.reduce(weights, axis=-1, keepdims=True)
 
     def _search(self, noise: np.ndarray) -> None:
-        """Start opinions that have lost an axis's oscillations anew, one axis at a time."""
-        if self.stamp < self._next_search:
-            return
+        """Look for opinions to start anew: those astray, and on one axis at a time those lost."""
         self._next_search = self.stamp + SEARCH_PERIOD / AXES
         self._restart_astray(noise)
-        axis = self._searched_axis = (self._searched_axis + 1) % AXES
+        self._searched_axis = (self._searched_axis + 1) % AXES
+        self._seed_lost(self._searched_axis, noise)
+
+    def _seed_lost(self, axis: int, noise: np.ndarray) -> None:
+        """Start opinions that have lost an axis's oscillations anew from its spectrum."""
         least = LOST_NOISE * noise[axis]
         if not self._lost_opinions(axis, least):
             return  # whatever the window says

@@ -67,9 +67,8 @@ class Reference:
         self._plan = InputParameter(len(Pose._fields))
         self.settings = settings
         self._trajectory = Trajectory(len(Pose._fields))
-        self._rest: Motion | None = None
+        self._rest = Motion(STILL)
         self._start: float | None = None
-        self._end = -math.inf
         self.goal: Pose | None = None
 
     def anchor(self, time: float, motion: Motion, goal: Pose) -> None:
@@ -103,7 +102,6 @@ class Reference:
             raise ManipulatorError(
                 f'no jerk-limited path from {tuple(motion.place)} to {tuple(goal)} {UNITS}')
         self._trajectory, self._start, self.goal = trajectory, time, goal
-        self._end = time + trajectory.duration
         self._rest = Motion(*(Pose(*row) for row in trajectory.at_time(trajectory.duration)))
 
     def _calculate(self) -> Trajectory | None:
@@ -123,9 +121,9 @@ class Reference:
 
     def at(self, time: float) -> Motion:
         """Return the motion at a time [s]; before the path begins its start, later its end."""
-        if time >= self._end:
-            return self._rest
         elapsed = max(time - self._start, 0.0)
+        if elapsed >= self._trajectory.duration:
+            return self._rest
         return Motion(*(Pose(*row) for row in self._trajectory.at_time(elapsed)))
 
     def _limit(self, way: list[float]) -> None:
@@ -137,7 +135,7 @@ class Reference:
 
     def arrival(self) -> float:
         """Return when the path ends [s], −inf before the first."""
-        return self._end
+        return -math.inf if self._start is None else self._start + self._trajectory.duration
 
 
 def _proportional(limits: tuple[float, ...], way: list[float]) -> list[float]:
