@@ -13,7 +13,7 @@ setup:  ## Make .venv with everything in it (the other targets do this by themse
 	@.ci/setup-venv
 
 demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (DURATION=30 SCENARIO=gusty)
-	@$(IN_VENV) exec python -m facade_manipulator.nodes.demo \
+	@$(IN_VENV) exec python -m facade_manipulator.demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS=…)

@@ -3,8 +3,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 NAME = 'facade_manipulator'
-NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator',
-         'gondola_simulator', 'demo', 'monitor')
+NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator', 'monitor')
 
 # Ranges, so that the gondola PC may use its distribution's packages;
 # .ci/constraints.txt pins what make installs elsewhere.
@@ -61,6 +60,8 @@ setup(
     zip_safe=True,
     entry_points={'console_scripts': [
         *(f'{node} = {NAME}.nodes.{node}:main' for node in NODES),
+        f'drive_simulator = {NAME}.drives.simulated.__main__:main',
+        f'demo = {NAME}.demo.__main__:main',
         f'workspace_study = {NAME}.workspace.study:main',
     ]},
 )

@@ -3,7 +3,7 @@ Parameters of the core objects: one frozen dataclass is the single source of eac
 
 Name, default, unit and range stand in the dataclass field. A YAML file, a test and a live change
 all construct the dataclass and so meet the same check; nodes turn the fields into described ROS
-parameters (`facade_manipulator.nodes.parameters`).
+parameters (`facade_manipulator.ros.parameters`).
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ import sys
 import time
 
 HERE = Path(__file__).resolve().parent
-sys.path[:0] = [str(HERE.parent), str(HERE / 'socketcan')]
+sys.path[:0] = [str(HERE.parent), *(str(HERE / name) for name in ('helpers', 'socketcan'))]
 
 import can  # noqa: E402
 from drive_rig import PATIENCE  # noqa: E402
@@ -28,11 +28,11 @@ import link  # noqa: E402
 import pytest  # noqa: E402
 from support import patiently, wait_until  # noqa: E402
 
-from facade_manipulator.control.setpoints import Activity  # noqa: E402
-from facade_manipulator.drives import pdo  # noqa: E402
-from facade_manipulator.drives.cia402 import Controlword, State  # noqa: E402
-from facade_manipulator.drives.settings import AXIS_NAMES  # noqa: E402
-from facade_manipulator.drives.snapshot import ControllerState  # noqa: E402
+from facade_manipulator.drives.canopen import pdo  # noqa: E402
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES  # noqa: E402
+from facade_manipulator.drives.cia402.states import Controlword, State  # noqa: E402
+from facade_manipulator.drives.controller.snapshot import ControllerState  # noqa: E402
+from facade_manipulator.motion.setpoints import Activity  # noqa: E402
 
 NODES = (1, 2, 3)
 VICTIM = 1  # q2

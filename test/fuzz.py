@@ -19,16 +19,17 @@ import sys
 import time
 from typing import NamedTuple
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent), str(HERE / 'helpers')]
 
 import can  # noqa: E402
 from command_watch import CommandWatch  # noqa: E402
 from fault_rig import AMPLITUDE, PATIENT, SITUATIONS, StreamRig  # noqa: E402
 from fault_table import mend  # noqa: E402
 
-from facade_manipulator.control.setpoints import Setpoint  # noqa: E402
-from facade_manipulator.drives.snapshot import ControllerState  # noqa: E402
+from facade_manipulator.drives.controller.snapshot import ControllerState  # noqa: E402
 from facade_manipulator.errors import ManipulatorError  # noqa: E402
+from facade_manipulator.motion.setpoints import Setpoint  # noqa: E402
 
 BUS_OFF = 0x40
 NEAR = (0x000, 0x080, 0x180, 0x200, 0x280, 0x380, 0x580, 0x600, 0x700)

@@ -17,11 +17,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from facade_manipulator.control import oscillators  # noqa: E402
-from facade_manipulator.control.prediction import (  # noqa: E402
+from facade_manipulator.kinematics import Pose  # noqa: E402
+from facade_manipulator.prediction.predictor import (  # noqa: E402
     DisturbancePredictor,
     PredictionSettings,
 )
-from facade_manipulator.kinematics import Pose  # noqa: E402
 from facade_manipulator.simulation.gondola import Gondola, GondolaSettings  # noqa: E402
 from facade_manipulator.simulation.wind import WindSettings  # noqa: E402
 
@@ -44,7 +44,7 @@ def soak(motion: Callable[[float], Pose], seconds: float, seed: int) -> bool:
         predictor.update(time, Pose(*measured), variances)
         if time < STARTS:
             continue
-        error = np.subtract(predictor.predict(time + HORIZON).place, motion(time + HORIZON))
+        error = np.subtract(predictor.predict(time + HORIZON).position, motion(time + HORIZON))
         worst = np.maximum(worst, 1e3 * np.abs(error))
         widest = max(widest, np.abs(oscillators.phasors(predictor._bank.states)).max())
         if time + 1.0 / RATE >= min(told + REPORT_EVERY, seconds):

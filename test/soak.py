@@ -16,15 +16,17 @@ import sys
 import tempfile
 import time
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+HERE = Path(__file__).resolve().parent
+sys.path[:0] = [str(HERE.parent), str(HERE / 'helpers')]
 
 from command_watch import CommandWatch  # noqa: E402
 from fault_rig import SITUATIONS, StreamRig  # noqa: E402
 from fuzz import complaints, run_all, take_precedence  # noqa: E402
 
-from facade_manipulator.drives.recorder import FaultRecorder, RecorderSettings  # noqa: E402
-from facade_manipulator.drives.settings import ControllerSettings, DEFAULT_AXES  # noqa: E402
-from facade_manipulator.drives.snapshot import ControllerState, CycleStatistics  # noqa: E402
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES  # noqa: E402
+from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings  # noqa: E402
+from facade_manipulator.drives.controller.settings import ControllerSettings  # noqa: E402
+from facade_manipulator.drives.controller.snapshot import ControllerState, CycleStatistics  # noqa: E402
 
 MOST_GROWTH = 5.0  # MB
 WARM_UP = 60.0  # s: rings and caches fill

@@ -12,27 +12,38 @@ import facade_manipulator
 PACKAGE = Path(facade_manipulator.__file__).parent
 NAME = PACKAGE.name
 BASE = {'errors', 'parameters'}
-# layer: the layers it may import, besides itself
-LAYERS = {
+# room: the rooms it may import, besides itself
+ROOMS = {
     'errors': set(),
     'parameters': {'errors'},
     'resources': set(),
     'files': set(),
     'kinematics': BASE,
     'workspace': BASE | {'kinematics', 'resources', 'files'},
-    'control': BASE | {'kinematics'},
-    'drives': BASE | {'resources', 'files'},
-    'simulation': BASE | {'kinematics', 'control', 'resources'},
+    'prediction': BASE | {'kinematics'},
+    'motion': BASE | {'kinematics'},
+    'compensation': BASE | {'kinematics', 'prediction', 'motion'},
+    'drives.canopen': BASE,
+    'drives.cia402': BASE | {'resources', 'drives.canopen'},
+    'drives.controller': BASE | {'files', 'drives.canopen', 'drives.cia402'},
+    'drives.simulated': BASE | {'drives.canopen', 'drives.cia402'},
+    'simulation': BASE | {'kinematics', 'motion', 'prediction', 'compensation', 'resources'},
 }
-ROS_LAYERS = {'nodes', 'client'}  # these may import everything
-PURE_LAYERS = {'errors', 'parameters', 'kinematics', 'control', 'simulation'}
+ROS_ROOMS = {'ros', 'nodes', 'demo'}  # these may import everything
+PURE_ROOMS = {'errors', 'parameters', 'kinematics', 'prediction', 'motion', 'compensation',
+              'simulation'}
 CLOCKS_AND_IO = {'datetime', 'os', 'random', 'select', 'signal', 'socket', 'subprocess', 'time'}
 ROS_PREFIXES, ROS_SUFFIXES = ('rcl', 'ros', 'launch', 'tf2', 'ament'), ('_msgs', '_srvs')
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob('*.py'))
 
 
-def layer_of(module: Path) -> str:
-    return module.parts[0].removesuffix('.py')
+def room_of(parts: tuple[str, ...]) -> str:
+    """Return the room of a module's parts below the package: `drives` has rooms of its own."""
+    return '.'.join(parts[:2] if parts[0] == 'drives' else parts[:1])
+
+
+def room_of_module(module: Path) -> str:
+    return room_of(module.with_suffix('').parts)
 
 
 def imports(source: str, package: tuple[str, ...]) -> set[tuple[str, ...]]:
@@ -52,9 +63,10 @@ def imports_of(module: Path) -> set[tuple[str, ...]]:
     return imports((PACKAGE / module).read_text(), (NAME, *module.parent.parts))
 
 
-def layers_imported(names: set[tuple[str, ...]]) -> set[str]:
-    """Return the layers among imported names; what the package itself exports is no layer."""
-    return {name[1] for name in names if name[0] == NAME and name[1:2] != ('config_path',)}
+def rooms_imported(names: set[tuple[str, ...]]) -> set[str]:
+    """Return the rooms among imported names; what the package itself exports is no room."""
+    return {room_of(name[1:]) for name in names
+            if name[0] == NAME and name[1:2] != ('config_path',)}
 
 
 def is_ros(name: str) -> bool:
@@ -62,37 +74,38 @@ def is_ros(name: str) -> bool:
 
 
 def test_imports_point_one_way():
-    wrong = {module: beyond for module in MODULES if layer_of(module) in LAYERS
-             if (beyond := layers_imported(imports_of(module)) - LAYERS[layer_of(module)]
-                 - {layer_of(module)})}
+    wrong = {module: beyond for module in MODULES if room_of_module(module) in ROOMS
+             if (beyond := rooms_imported(imports_of(module)) - ROOMS[room_of_module(module)]
+                 - {room_of_module(module)})}
     assert not wrong
 
 
 def test_only_the_nodes_import_ros():
-    wrong = {module: ros for module in MODULES if layer_of(module) not in ROS_LAYERS
+    wrong = {module: ros for module in MODULES if room_of_module(module) not in ROS_ROOMS
              if (ros := {name[0] for name in imports_of(module) if is_ros(name[0])})}
     assert not wrong
 
 
 def test_the_core_reads_no_clock_and_does_no_io():
-    wrong = {module: impure for module in MODULES if layer_of(module) in PURE_LAYERS
+    wrong = {module: impure for module in MODULES if room_of_module(module) in PURE_ROOMS
              if (impure := {name[0] for name in imports_of(module)} & CLOCKS_AND_IO)}
     assert not wrong
 
 
-def test_every_layer_has_its_rule():
-    assert {layer_of(module) for module in MODULES} <= {*LAYERS, *ROS_LAYERS, '__init__'}
+def test_every_room_has_its_rule():
+    assert {room_of_module(module) for module in MODULES} <= {
+        *ROOMS, *ROS_ROOMS, '__init__', 'drives.__init__'}
 
 
-@pytest.mark.parametrize(('source', 'layers'), [
+@pytest.mark.parametrize(('source', 'rooms'), [
     ('import facade_manipulator.nodes.driver', {'nodes'}),
     ('from facade_manipulator import nodes, errors', {'nodes', 'errors'}),
-    ('from facade_manipulator.drives.bus import Bus', {'drives'}),
+    ('from facade_manipulator.drives.canopen.bus import Bus', {'drives.canopen'}),
     ('from ..nodes import driver', {'nodes'}),
     ('from .. import nodes', {'nodes'}),
     ('from . import planar', {'kinematics'}),
-    ('def late():\n    from facade_manipulator.drives import bus', {'drives'}),
+    ('def late():\n    from facade_manipulator.drives import canopen', {'drives.canopen'}),
     ('from facade_manipulator import config_path\nimport math', set()),
 ])
-def test_every_form_of_import_is_seen(source, layers):
-    assert layers_imported(imports(source, (NAME, 'kinematics'))) == layers
+def test_every_form_of_import_is_seen(source, rooms):
+    assert rooms_imported(imports(source, (NAME, 'kinematics'))) == rooms

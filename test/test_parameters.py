@@ -6,8 +6,8 @@ from rcl_interfaces.srv import DescribeParameters
 from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.nodes.parameters import declare
 from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.parameters import declare
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from facade_manipulator.kinematics.batch import forward_kinematics_batch, invers
 from facade_manipulator.kinematics.certify import certify, check_carriages, MIN_CONDITIONING
 from facade_manipulator.kinematics.conditioning import local_conditioning_index
 from facade_manipulator.kinematics.forward import forward_kinematics
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Wrench
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Twist, Wrench
 from facade_manipulator.kinematics.inverse import inverse_kinematics
 from facade_manipulator.kinematics.jacobian import (
     carriage_velocity,
@@ -39,6 +39,7 @@ __all__ = [
     'parallel_singularity',
     'platform_velocity',
     'Pose',
+    'Twist',
     'Wrench',
     'WorkingMode',
 ]

@@ -18,6 +18,14 @@ class Pose(NamedTuple):
     theta: float
 
 
+class Twist(NamedTuple):
+    """Velocity in the plane: rates of x, y and θ [m/s, m/s, rad/s]."""
+
+    x: float
+    y: float
+    theta: float
+
+
 class Carriages(NamedTuple):
     """Positions of the carriages A1, A2 and A3 along the rail [m]; on it they stand A1, A3, A2."""
 

@@ -1,10 +1,11 @@
-"""The group SE(2) of planar poses, on plain floats."""
+"""The group SE(2) of planar poses, and states of motion in it, on plain floats."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from facade_manipulator.kinematics.geometry import Pose
+from facade_manipulator.kinematics.geometry import Pose, Twist
 
 
 def wrap_angle(theta: float) -> float:
@@ -42,13 +43,39 @@ def compose(a: Pose, b: Pose) -> Pose:
 
 
 def relative(a: Pose, b: Pose) -> Pose:
-    """Return the pose `b` as seen from `a`: ``compose(inverse(a), b)``."""
+    """Return the pose `b` as seen from `a`: ``compose(invert(a), b)``."""
     cosine, sine = math.cos(a.theta), math.sin(a.theta)
     x, y = b.x - a.x, b.y - a.y
     return Pose(cosine * x + sine * y, cosine * y - sine * x, b.theta - a.theta)
 
 
-def inverse(a: Pose) -> Pose:
-    """Invert a pose: ``compose(inverse(a), a)`` is the identity."""
+def invert(a: Pose) -> Pose:
+    """Invert a pose: ``compose(invert(a), a)`` is the identity."""
     cosine, sine = math.cos(a.theta), math.sin(a.theta)
     return Pose(-cosine * a.x - sine * a.y, sine * a.x - cosine * a.y, -a.theta)
+
+
+class MotionState(NamedTuple):
+    """A state of motion: position [m, m, rad] and velocity [m/s, m/s, rad/s] at one instant."""
+
+    position: Pose
+    velocity: Twist
+
+    def plus(self, other: MotionState) -> MotionState:
+        """Return the sum, component by component."""
+        if other is ZERO_STATE:
+            return self
+        a, b = self.velocity, other.velocity
+        return MotionState(add(self.position, other.position),
+                           Twist(a.x + b.x, a.y + b.y, a.theta + b.theta))
+
+    def minus(self, other: MotionState) -> MotionState:
+        """Return the difference, component by component."""
+        a, b = self.velocity, other.velocity
+        return MotionState(subtract(self.position, other.position),
+                           Twist(a.x - b.x, a.y - b.y, a.theta - b.theta))
+
+
+ZERO_POSE = Pose(0.0, 0.0, 0.0)
+ZERO_TWIST = Twist(0.0, 0.0, 0.0)
+ZERO_STATE = MotionState(ZERO_POSE, ZERO_TWIST)

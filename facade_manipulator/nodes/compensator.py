@@ -15,16 +15,18 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 
-from facade_manipulator.control.border import Border
-from facade_manipulator.control.compensation import (
+from facade_manipulator.compensation.compensator import (
     Compensator,
     CompensatorSettings,
     DEFAULTS,
 )
+from facade_manipulator.compensation.workspace_limit import Border
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
-from facade_manipulator.nodes.conversions import (
+from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.codec import estimate_wire, pose_wire
+from facade_manipulator.ros.conversions import (
     END_EFFECTOR,
     FACADE,
     node_time,
@@ -35,12 +37,10 @@ from facade_manipulator.nodes.conversions import (
     require_frame,
     seconds,
 )
-from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
-from facade_manipulator.nodes.parameters import declare
-from facade_manipulator.nodes.pose_stream import PoseStream
-from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
-from facade_manipulator.nodes.wire import estimate_wire, pose_wire
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.pose_stream import PoseStream
+from facade_manipulator.ros.runtime import LATEST, RELIABLE, run
 
 
 @dataclass(frozen=True)

@@ -10,17 +10,17 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from facade_manipulator.control.contact_estimate import contact_wrench, FrictionSettings
+from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.nodes.conversions import (
+from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.conversions import (
     CARRIAGES,
     END_EFFECTOR,
     require_finite,
     wrench_stamped,
 )
-from facade_manipulator.nodes.parameters import declare
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.parameters import declare
 
 
 @dataclass(frozen=True)

@@ -19,34 +19,35 @@ from rclpy.logging import get_logging_directory
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from facade_manipulator.control.guard import HomingGuard, MechanismGuard
-from facade_manipulator.control.limits import MotionLimits
-from facade_manipulator.control.setpoints import Setpoint, SetpointFollower, StreamSettings
-from facade_manipulator.drives.commissioning import Finding
-from facade_manipulator.drives.controller import DriveController
-from facade_manipulator.drives.link import BusSettings, open_bus
-from facade_manipulator.drives.recorder import FaultRecorder, RecorderSettings
-from facade_manipulator.drives.settings import AxisSettings, ControllerSettings, DEFAULT_AXES
-from facade_manipulator.drives.simulated_bus import DriveSimulator
-from facade_manipulator.drives.simulated_group import simulated_drives
-from facade_manipulator.drives.snapshot import ControllerState
+from facade_manipulator.drives.canopen.link import BusSettings, open_bus
+from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.controller.commissioning import Finding
+from facade_manipulator.drives.controller.controller import DriveController
+from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.simulated.bus import DriveSimulator
+from facade_manipulator.drives.simulated.group import simulated_drives
 from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.nodes.conversions import CARRIAGES, node_time
-from facade_manipulator.nodes.deferred import Deferred
-from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.motion.guard import HomingGuard, MechanismGuard
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, StreamSettings
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
     finding_status,
     operation_status,
 )
-from facade_manipulator.nodes.managed import ManagedNode
-from facade_manipulator.nodes.parameters import declare
-from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
-from facade_manipulator.nodes.software_stop import SoftwareStop
-from facade_manipulator.nodes.wire import setpoint_wire, states_wire
 from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.codec import setpoint_wire, states_wire
+from facade_manipulator.ros.conversions import CARRIAGES, node_time
+from facade_manipulator.ros.deferred import Deferred
+from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.ros.lifecycle import ManagedNode
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.runtime import LATEST, RELIABLE, run
+from facade_manipulator.ros.software_stop import SoftwareStop
 
 SUPERVISION_PERIOD = 0.02
 ACTIVE_STATES = frozenset({

@@ -7,12 +7,16 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 
-from facade_manipulator.control.setpoints import SetpointFollower
-from facade_manipulator.drives.cia402 import State
-from facade_manipulator.drives.commissioning import Finding
-from facade_manipulator.drives.cycle import LATENESS_BOUNDS
-from facade_manipulator.drives.snapshot import AxisSnapshot, ControllerSnapshot, ControllerState
-from facade_manipulator.nodes.conversions import diagnostic_status
+from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.controller.commissioning import Finding
+from facade_manipulator.drives.controller.cycle import LATENESS_BOUNDS
+from facade_manipulator.drives.controller.snapshot import (
+    AxisSnapshot,
+    ControllerSnapshot,
+    ControllerState,
+)
+from facade_manipulator.motion.setpoints import SetpointFollower
+from facade_manipulator.ros.conversions import diagnostic_status
 
 STATE_LEVELS = {
     ControllerState.STOPPED: 'error',

@@ -20,7 +20,8 @@ from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, certify, Geometry, Pose
-from facade_manipulator.nodes.conversions import (
+from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.conversions import (
     carriages_from,
     diagnostic_status,
     END_EFFECTOR,
@@ -35,10 +36,9 @@ from facade_manipulator.nodes.conversions import (
     VARIANCES,
     wrench_stamped,
 )
-from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
-from facade_manipulator.nodes.parameters import declare
-from facade_manipulator.nodes.runtime import LATEST, RELIABLE, run
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.runtime import LATEST, RELIABLE, run
 from facade_manipulator.simulation.estimator import Delivery, SimulatedEstimator
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.scenario import load_scenario, Scenario

@@ -10,13 +10,6 @@ from nav_msgs.srv import GetPlan
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from facade_manipulator.control.approach import Approach
-from facade_manipulator.control.reference import ReferenceSettings
-from facade_manipulator.control.setpoint_stream import (
-    certified_path,
-    GoalSettings,
-    SetpointStream,
-)
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
     Carriages,
@@ -25,8 +18,18 @@ from facade_manipulator.kinematics import (
     Geometry,
     Pose,
 )
+from facade_manipulator.motion.approach import Approach
+from facade_manipulator.motion.reference import ReferenceSettings
+from facade_manipulator.motion.setpoint_stream import (
+    certified_path,
+    GoalSettings,
+    SetpointStream,
+)
 from facade_manipulator.nodes.contact_view import ContactView
-from facade_manipulator.nodes.conversions import (
+from facade_manipulator.nodes.linkage import LinkageView
+from facade_manipulator.nodes.workspace_map import WorkspaceMap
+from facade_manipulator.ros.codec import pose_wire, setpoint_wire, states_wire
+from facade_manipulator.ros.conversions import (
     CARRIAGES,
     diagnostic_status,
     node_time,
@@ -36,13 +39,10 @@ from facade_manipulator.nodes.conversions import (
     require_finite,
     require_frame,
 )
-from facade_manipulator.nodes.diagnostics import DiagnosticsPublisher, Refusals
-from facade_manipulator.nodes.linkage import LinkageView
-from facade_manipulator.nodes.parameters import declare
-from facade_manipulator.nodes.pose_stream import PoseStream
-from facade_manipulator.nodes.runtime import LATCHED, LATEST, RELIABLE, run
-from facade_manipulator.nodes.wire import pose_wire, setpoint_wire, states_wire
-from facade_manipulator.nodes.workspace_map import WorkspaceMap
+from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.pose_stream import PoseStream
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE, run
 
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01

@@ -17,17 +17,17 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.nodes.conversions import (
+from facade_manipulator.nodes.shapes import Scene, Shape, shapes
+from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.conversions import (
     LEVELS,
     node_time,
     planar_pose,
     pose_message,
     RAIL,
 )
-from facade_manipulator.nodes.parameters import declare
-from facade_manipulator.nodes.runtime import LATEST, RELIABLE
-from facade_manipulator.nodes.shapes import Scene, Shape, shapes
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 PERIOD = 0.1
 OLDEST = 0.5  # s: what is older is not drawn, and markers vanish by themselves

@@ -10,13 +10,13 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.nodes.conversions import (
+from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.conversions import (
     pose_message,
     RAIL,
 )
-from facade_manipulator.nodes.parameters import declare
-from facade_manipulator.nodes.runtime import LATCHED
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.runtime import LATCHED
 from facade_manipulator.workspace.occupancy import lci_grid
 
 PERIOD = 0.25

@@ -12,16 +12,12 @@ from collections.abc import Callable
 import math
 from typing import NamedTuple
 
-from facade_manipulator.control.compensation import (
+from facade_manipulator.compensation.compensator import (
     Compensator,
     CompensatorSettings,
     CorrectedPose,
     DEFAULTS,
 )
-from facade_manipulator.control.guard import MechanismGuard
-from facade_manipulator.control.limits import MotionLimits
-from facade_manipulator.control.setpoint_stream import GoalSettings, SetpointStream
-from facade_manipulator.control.setpoints import SetpointFollower, StreamSettings
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
     Carriages,
@@ -31,6 +27,10 @@ from facade_manipulator.kinematics import (
     Pose,
     Wrench,
 )
+from facade_manipulator.motion.guard import MechanismGuard
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoint_stream import GoalSettings, SetpointStream
+from facade_manipulator.motion.setpoints import SetpointFollower, StreamSettings
 from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
 from facade_manipulator.simulation.facade import Facade, FacadeSettings
 from facade_manipulator.simulation.wall import WallMeasurement, WallSample, WallSettings

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from facade_manipulator.control.compensation import CompensatorSettings, DEFAULTS
+from facade_manipulator.compensation.compensator import CompensatorSettings, DEFAULTS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import check_parameters, parameter

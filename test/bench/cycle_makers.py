@@ -46,8 +46,8 @@ class Answers(threading.Thread):
     """
 
     def __init__(self, bus: can.BusABC) -> None:
-        from facade_manipulator.drives import pdo
-        from facade_manipulator.drives.busload import transmission_type
+        from facade_manipulator.drives.canopen import pdo
+        from facade_manipulator.drives.controller.bus_load import transmission_type
 
         super().__init__(daemon=True)
         self._bus = bus
@@ -179,8 +179,8 @@ def map_pdos(node, number: int):
 
 def exchange():
     """The driver's bus and codecs alone, with nothing decided."""
-    from facade_manipulator.drives import pdo
-    from facade_manipulator.drives.bus import CanBus
+    from facade_manipulator.drives.canopen import pdo
+    from facade_manipulator.drives.canopen.bus import CanBus
 
     Answers(bus())
     ours = CanBus(bus())
@@ -248,15 +248,16 @@ class Driver:
     """A driver that is active, three drives, and who else the node has in its process."""
 
     def __init__(self) -> None:
-        from facade_manipulator.control.guard import MechanismGuard
-        from facade_manipulator.control.limits import MotionLimits
-        from facade_manipulator.control.setpoints import SetpointFollower, StreamSettings
-        from facade_manipulator.drives.controller import DriveController
-        from facade_manipulator.drives.recorder import FaultRecorder, RecorderSettings
-        from facade_manipulator.drives.settings import ControllerSettings, DEFAULT_AXES
-        from facade_manipulator.drives.simulated_bus import DriveSimulator
-        from facade_manipulator.drives.simulated_group import simulated_drives
+        from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+        from facade_manipulator.drives.controller.controller import DriveController
+        from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
+        from facade_manipulator.drives.controller.settings import ControllerSettings
+        from facade_manipulator.drives.simulated.bus import DriveSimulator
+        from facade_manipulator.drives.simulated.group import simulated_drives
         from facade_manipulator.kinematics import Geometry
+        from facade_manipulator.motion.guard import MechanismGuard
+        from facade_manipulator.motion.limits import MotionLimits
+        from facade_manipulator.motion.setpoints import SetpointFollower, StreamSettings
 
         # an object that a drive is asked for while it boots is asked for again
         logging.getLogger('canopen').setLevel(logging.CRITICAL)
@@ -324,7 +325,7 @@ def stream(follower) -> None:
     """Setpoints at 100 Hz about the home position."""
     import math
 
-    from facade_manipulator.control.setpoints import Setpoint
+    from facade_manipulator.motion.setpoints import Setpoint
 
     home, begin = (-0.1, 0.1, 0.0), time.time()
     while True:

@@ -24,9 +24,9 @@ from rclpy.signals import SignalHandlerOptions
 from ros_roles import JOINT_STATES_PERIOD
 from sensor_msgs.msg import JointState
 
-from facade_manipulator.nodes.conversions import CARRIAGES
-from facade_manipulator.nodes.executors import choose_executor
-from facade_manipulator.nodes.runtime import RELIABLE
+from facade_manipulator.ros.conversions import CARRIAGES
+from facade_manipulator.ros.executors import choose_executor
+from facade_manipulator.ros.runtime import RELIABLE
 
 CYCLE_RATE = 500.0
 

@@ -26,16 +26,16 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
-from facade_manipulator.nodes.conversions import (
+from facade_manipulator.ros.codec import setpoint_wire
+from facade_manipulator.ros.conversions import (
     CARRIAGES,
     pose_stamped,
     RAIL,
     seconds,
     stamp,
 )
-from facade_manipulator.nodes.executors import choose_executor
-from facade_manipulator.nodes.runtime import LATEST, RELIABLE
-from facade_manipulator.nodes.wire import setpoint_wire
+from facade_manipulator.ros.executors import choose_executor
+from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 HORIZON = 0.06
 JOINT_STATES_PERIOD = 0.01

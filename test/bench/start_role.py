@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 import sys
 
-from facade_manipulator.nodes import runtime
+from facade_manipulator.ros import runtime
 
 choose = runtime.choose_executor
 

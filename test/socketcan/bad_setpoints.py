@@ -18,8 +18,8 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from facade_manipulator.nodes.conversions import stamp
-from facade_manipulator.nodes.runtime import LATEST
+from facade_manipulator.ros.conversions import stamp
+from facade_manipulator.ros.runtime import LATEST
 
 HOME = (-0.1, 0.1, 0.0)
 NAMES = ('q1', 'q2', 'q3')

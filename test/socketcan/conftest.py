@@ -13,7 +13,7 @@ from stack import bring_up, DRIVER, hurry, PATIENCE
 from support import wait_until
 from vcan import MISSING
 
-from facade_manipulator.client import ManipulatorClient
+from facade_manipulator.ros.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')
 
@@ -39,7 +39,7 @@ def listener(vcan0):
 def drives(vcan0, start_process):
     """Start three simulated drives."""
     process = start_process(
-        'facade_manipulator.nodes.drive_simulator', '--channel', vcan0, preexec_fn=hurry)
+        'facade_manipulator.drives.simulated', '--channel', vcan0, preexec_fn=hurry)
     wait_until(lambda: 'nodes 1, 2, 3' in process.log.read_text(), 'the drive simulator', 60.0)
     return process
 

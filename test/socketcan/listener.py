@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from support import hear_much
 
-from facade_manipulator.drives.cia402 import decode_state, State
-from facade_manipulator.drives.pdo import tpdo_cob_id
+from facade_manipulator.drives.canopen.pdo import tpdo_cob_id
+from facade_manipulator.drives.cia402.states import decode_state, State
 
 NODES = (1, 2, 3)
 FRAME = struct.Struct('<IB3x8s')

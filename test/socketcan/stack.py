@@ -10,7 +10,7 @@ import re
 import pytest
 from support import patiently
 
-from facade_manipulator.client import ManipulatorClient, RequestRefusedError
+from facade_manipulator.ros.client import ManipulatorClient, RequestRefusedError
 
 PERIOD = 0.02
 # a guest has one CPU, and its host may be busy: no timing verdicts beyond what drives guarantee

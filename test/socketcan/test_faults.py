@@ -21,10 +21,11 @@ from stack import assert_says, bring_up, come_down, DRIVER, go_on, hurry, PERIOD
 from support import DEADLINE, hear_much, patiently, wait_until
 from test_drive_simulator import switch
 
-from facade_manipulator.client import ManipulatorClient, ManipulatorError
-from facade_manipulator.drives import pdo
-from facade_manipulator.drives.cia402 import Controlword, decode_state, State
-from facade_manipulator.drives.settings import ControllerSettings, DEFAULT_AXES
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import Controlword, decode_state, State
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.ros.client import ManipulatorClient, ManipulatorError
 
 NODES = (1, 2, 3)
 HEARTBEAT_TIMEOUT = 0.15

@@ -11,9 +11,9 @@ from listener import Frame, NODES
 from stack import PERIOD
 from support import wait_until
 
-from facade_manipulator.client import ManipulatorClient
-from facade_manipulator.drives.pdo import rpdo_cob_id
-from facade_manipulator.drives.settings import DEFAULT_AXES
+from facade_manipulator.drives.canopen.pdo import rpdo_cob_id
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.ros.client import ManipulatorClient
 
 HERE = Path(__file__).resolve().parent
 ENOUGH = 500

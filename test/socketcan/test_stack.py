@@ -10,8 +10,8 @@ import pytest
 from stack import assert_refused, DRIVER, PATIENCE, PERIOD
 from support import period_of, wait_until
 
-from facade_manipulator.drives.pdo import rpdo_cob_id, SYNC_COB_ID
-from facade_manipulator.drives.units import AxisScale
+from facade_manipulator.drives.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
+from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 
 NODES = (1, 2, 3)

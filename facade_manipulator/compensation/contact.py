@@ -1,0 +1,119 @@
+"""What the wall tells the head: forces to give way to, slip to bring back."""
+
+from __future__ import annotations
+
+import math
+
+from facade_manipulator.compensation.impedance import (
+    Impedance,
+    ImpedanceSettings,
+    YawImpedanceSettings,
+)
+from facade_manipulator.compensation.lateral import LateralRegulator, LateralSettings
+from facade_manipulator.errors import InputError
+from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.kinematics.planar import add
+
+FUTURE_TOLERANCE = 0.02  # s
+CLOCK_STEP = 2.0  # s, older than that means that the clock was set back
+
+
+class Contact:
+    """
+    Shift the goal on the wall by what is felt and seen there.
+
+    Parameters
+    ----------
+    lateral : LateralSettings
+        Of x.
+    impedance : ImpedanceSettings
+        Of y.
+    yaw_impedance : YawImpedanceSettings
+        Of θ.
+
+    """
+
+    def __init__(
+        self, lateral: LateralSettings, impedance: ImpedanceSettings,
+        yaw_impedance: YawImpedanceSettings,
+    ) -> None:
+        self.lateral = LateralRegulator(lateral)
+        self.press = Impedance(impedance)
+        self.turn = Impedance(yaw_impedance)
+        self._yaw = 0.0
+        self._stamps: dict[str, float] = {}
+
+    def take_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
+        """
+        Learn from a wrench of the wall on the head, in its frame, measured at a stamp [s].
+
+        Raises
+        ------
+        InputError
+            If it is not finite, stale, from the future or out of order.
+
+        """
+        age = self.press.settings.longest_age
+        self._check('contact_wrench', now, stamp, age, wrench._asdict())
+        cosine, sine = math.cos(self._yaw), math.sin(self._yaw)
+        self.press.take(stamp, -(sine * wrench.fx + cosine * wrench.fy))
+        self.turn.take(stamp, -wrench.mz)
+
+    def take_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
+        """
+        Learn where the head should be, seen from it along the wall [m], at a stamp [s].
+
+        Raises
+        ------
+        InputError
+            If it is not finite, stale, from the future or out of order.
+
+        """
+        age = self.lateral.settings.longest_age
+        self._check('lateral_offset', now, stamp, age, {'x': offset})
+        self.lateral.take(stamp, offset)
+
+    @property
+    def present(self) -> Pose:
+        """Shift of the goal at present [m, m, rad]."""
+        return Pose(self.lateral.shift, self.press.offset, self.turn.offset)
+
+    def shift(
+        self, now: float, time: float, interval: float, reference: Pose, excess: Pose
+    ) -> Pose:
+        """
+        Return the reference with what the contact adds.
+
+        Parameters
+        ----------
+        now, time, interval : float
+            Present time, the time the reference is for, the time since the last one [s].
+        reference : Pose
+            Where the head should be on the wall.
+        excess : Pose
+            By how much each axis was held back at the border of the workspace.
+
+        """
+        if not (self.lateral.idle and self.press.idle and self.turn.idle):
+            self.lateral.step(now, interval, excess.x)
+            self.press.step(now, time, interval, excess.y)
+            self.turn.step(now, time, interval, excess.theta)
+        shifted = add(reference, self.present)
+        self._yaw = shifted.theta
+        return shifted
+
+    def _check(
+        self, what: str, now: float, stamp: float, longest_age: float,
+        values: dict[str, float],
+    ) -> None:
+        for name, value in values.items():
+            if not math.isfinite(value):
+                raise InputError.not_finite(f'{what} {name}', value)
+        if now - stamp > longest_age:
+            raise InputError.stale(what, now - stamp, longest_age)
+        if stamp - now > FUTURE_TOLERANCE:
+            raise InputError.from_future(what, stamp - now, FUTURE_TOLERANCE)
+        behind = self._stamps.get(what, -math.inf) - stamp
+        if 0.0 <= behind <= CLOCK_STEP:
+            raise InputError.out_of_order(what, behind)
+        self._stamps[what] = stamp

@@ -1,0 +1,122 @@
+"""Pictures of a demo run: time courses, spectra, the path on the wall and the pressing force."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from matplotlib.figure import Figure
+import numpy as np
+
+from facade_manipulator.demo.record import Course
+from facade_manipulator.simulation.pictures import (
+    amplitudes,
+    attenuation,
+    draw_course,
+    draw_force,
+    draw_path,
+    draw_spectra,
+    GOAL,
+    HIGHEST,
+    label,
+    LOWEST,
+    save,
+    TITLES,
+    WITH,
+    WITHOUT,
+)
+from facade_manipulator.simulation.wall import SCALES, UNITS
+
+TOO_SHORT = 'too short for figures: no goal stood long enough'
+
+
+def draw_time_courses(path: Path, course: Course, axes: dict[str, dict]) -> None:
+    """Draw goal, disturbance and error on the wall over the run, with the summary's figures."""
+    figure = Figure(figsize=(10, 9), layout='constrained')
+    panels = figure.subplots(3, 1, sharex=True)
+    for i, (panel, result) in enumerate(zip(panels, axes.values(), strict=True)):
+        draw_course(panel, course.times, SCALES[i] * course.uncompensated[:, i],
+                    SCALES[i] * course.errors[:, i])
+        goals = SCALES[i] * course.goals[:, i]
+        panel.plot(course.times, goals - goals[0], color=GOAL, lw=1.0, ls='--',
+                   label='goal, from its first place')
+        label(panel, '', TITLES[i])
+        panel.set_title(_figures(result, i), loc='left', fontsize=10)
+    panels[0].legend(loc='upper right', ncols=3, frameon=False, bbox_to_anchor=(1.0, 1.2))
+    panels[-1].set_xlabel('time since the first goal [s]')
+    figure.suptitle('The head on the wall while the gondola sways', fontsize=13)
+    save(figure, path)
+
+
+def draw_spectrum(path: Path, course: Course) -> None:
+    """Draw amplitudes and attenuation against the frequency, of each axis."""
+    times = np.linspace(course.times[0], course.times[-1], len(course.times))
+    settled = np.interp(times, course.times, course.settled) > 0.5
+    swaying = course.disturbance_at(course.goals.mean(axis=0))  # a goal's step makes it no jump
+    figure = Figure(figsize=(13, 7), layout='constrained')
+    panels = figure.subplots(2, 3, sharex=True, sharey='row')
+    for i, title in enumerate(TITLES):
+        (frequencies, present), (_, without), (_, error) = (
+            amplitudes(np.interp(times, course.times, SCALES[i] * values[:, i]),
+                       times[1] - times[0], counts)
+            for values, counts in (
+                (swaying, np.ones_like(settled)), (swaying, settled), (course.errors, settled)))
+        if settled.any():
+            draw_spectra(panels[0, i], frequencies, present, error, f'amplitude [{UNITS[i]}]')
+            panels[1, i].semilogx(*attenuation(frequencies, without, error, present),
+                                  color=WITH, marker='o', ms=4, lw=1.0)
+        panels[1, i].axhline(0.0, color=WITHOUT, ls='--', lw=1.0)
+        panels[1, i].set_xlim(LOWEST, HIGHEST)
+        panels[0, i].set_title(title.split(' [')[0] if settled.any() else TOO_SHORT, fontsize=10)
+        label(panels[1, i], 'frequency [Hz]', 'attenuation [dB]')
+    for panel in panels.flat:
+        panel.label_outer()
+    figure.suptitle(
+        'The disturbance, and what remains of it while goals stand')
+    save(figure, path)
+
+
+def draw_paths(path: Path, course: Course) -> None:
+    """Draw the path on the wall, and the errors alone, which are too small to see on it."""
+    figure = Figure(figsize=(13, 7), layout='constrained')
+    wide, *close = figure.subplot_mosaic(
+        [['wide', 'wide'], ['without', 'with']], height_ratios=(1.0, 1.1)).values()
+    wide.plot(*(1e3 * course.heads[:, :2].T), color=WITH, lw=0.5, alpha=0.5,
+              label='head on its way')
+    counts = course.settled
+    draw_path(wide, course.heads[counts], course.errors[counts], course.uncompensated[counts])
+    wide.set_title('on the wall' if counts.any() else TOO_SHORT, fontsize=10)
+    for panel, errors, colour, title in (
+            (close[0], course.uncompensated, WITHOUT, 'around the goal, without compensation'),
+            (close[1], course.errors, WITH, 'around the goal, compensated (another scale)')):
+        panel.plot(*(1e3 * np.where(counts[:, None], errors, np.nan)[:, :2].T), color=colour,
+                   lw=0.8)
+        panel.plot(0.0, 0.0, '+', color=GOAL, ms=12)
+        panel.set_aspect('equal', adjustable='datalim')
+        panel.set_title(title, fontsize=10)
+        label(panel, 'error in x [mm]', 'error in y [mm]')
+    figure.suptitle('The path of the head on the wall')
+    save(figure, path)
+
+
+def draw_pressing(
+    path: Path, times: np.ndarray, forces: np.ndarray, desired: float | None
+) -> None:
+    """Draw the force on the wall over the newest minutes of the run."""
+    figure = Figure(figsize=(10, 4), layout='constrained')
+    panel = figure.add_subplot()
+    draw_force(panel, times, forces, desired)
+    panel.set_xlabel('time since the first goal [s]')
+    panel.legend(loc='upper right', ncols=2, frameon=False, bbox_to_anchor=(1.0, 1.12))
+    panel.set_title(f'mean {forces.mean():.3g} N, greatest {forces.max():.3g} N, without contact '
+                    f'for {100.0 * np.mean(forces <= 0.0):.2g} % of the time',
+                    loc='left', fontsize=10)
+    figure.suptitle('The head presses on the wall')
+    save(figure, path)
+
+
+def _figures(result: dict[str, float | None], i: int) -> str:
+    if result['attenuation_db'] is None:
+        return TOO_SHORT
+    without, error = (SCALES[i] * result[name] for name in ('disturbance_rms', 'residual_rms'))
+    return (f'RMS {without:.3g} {UNITS[i]} → {error:.3g} {UNITS[i]} '
+            f'({result["attenuation_db"]:.1f} dB), while the goal stands')

@@ -1,0 +1,181 @@
+"""What the demo keeps of a run: the newest minutes whole, the whole run thinned."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any, NamedTuple
+
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+
+from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.kinematics.planar import compose, invert
+from facade_manipulator.ros.conversions import planar_pose, planar_wrench, seconds
+from facade_manipulator.ros.runtime import RELIABLE
+from facade_manipulator.simulation.facade import Facade
+
+PARTS = ('head_pose', 'wall_error', 'uncompensated_error')
+NEWEST = 30000  # samples kept whole: 5 min at 100 Hz
+THINNED = 8000
+LONGEST_WAIT = 50  # moments whose parts have not all arrived
+GOAL_STEP = 1e-6
+
+
+class Sample(NamedTuple):
+    """One moment: stamp [s], head on the wall, its error, and the error without compensation."""
+
+    time: float
+    head: Pose
+    error: Pose
+    uncompensated: Pose
+
+
+class Course(NamedTuple):
+    """
+    Samples as arrays.
+
+    Parameters
+    ----------
+    times : numpy.ndarray, shape (n,)
+        Since the first goal [s].
+    heads, errors, uncompensated : numpy.ndarray, shape (n, 3)
+    settled : numpy.ndarray of bool, shape (n,)
+        Whether the goal had stood for long enough to count.
+
+    """
+
+    times: np.ndarray
+    heads: np.ndarray
+    errors: np.ndarray
+    uncompensated: np.ndarray
+    settled: np.ndarray
+
+    @property
+    def goals(self) -> np.ndarray:
+        """Goals on the wall, shape (n, 3)."""
+        return self.heads - self.errors
+
+    def rails(self) -> list[Pose]:
+        """Return the pose of the rail on the wall: it carries a goal to where it is seen."""
+        return [compose(Pose(*carried), invert(Pose(*goal)))
+                for carried, goal in zip(self.goals + self.uncompensated, self.goals, strict=True)]
+
+    def disturbance_at(self, place: np.ndarray) -> np.ndarray:
+        """Return the error without compensation of a goal that stands all the time, (n, 3)."""
+        return np.array([compose(rail, Pose(*place)) for rail in self.rails()]) - place
+
+
+class Thinned:
+    """Keep items evenly spread over the whole run, however long it gets."""
+
+    def __init__(self, limit: int = THINNED) -> None:
+        self.items: list[Any] = []
+        self._limit = limit
+        self._stride, self._count = 1, 0
+
+    def append(self, item: Any) -> None:
+        """Take the next item; every second one goes when there are too many."""
+        if self._count % self._stride == 0:
+            self.items.append(item)
+        self._count += 1
+        if len(self.items) > self._limit:
+            self.items = self.items[::2]
+            self._stride *= 2
+
+
+class Recorder:
+    """
+    Keep what the gondola simulator measures of the head on the wall.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Takes the subscriptions.
+    settling_time : float
+        Time for which a goal must have stood to count [s].
+
+    """
+
+    def __init__(self, node: Node, settling_time: float) -> None:
+        self._settling_time = settling_time
+        self._waiting: dict[float, dict[str, Pose]] = {}
+        self._begin: float | None = None
+        self._is_complete = False
+        self._newest: deque[Sample] = deque(maxlen=NEWEST)
+        self._whole = Thinned()
+        self._wrenches: deque[tuple[float, Wrench]] = deque(maxlen=NEWEST)
+        for part in PARTS:
+            node.create_subscription(
+                PoseStamped, f'gondola_simulator/{part}', self._taker(part), RELIABLE)
+        node.create_subscription(
+            WrenchStamped, 'contact_wrench', self._take_wrench, qos_profile_sensor_data)
+
+    def stop(self) -> None:
+        """Keep nothing more: from here on the drives stop."""
+        self._is_complete = True
+
+    def newest(self) -> Course:
+        """Return the newest minutes, every sample."""
+        return self._course(self._newest)
+
+    def whole(self) -> Course:
+        """Return the whole run, thinned if it was long."""
+        return self._course(self._whole.items)
+
+    def forces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return times [s] and force on the wall [N], empty if no contact was told of."""
+        course = self.newest()
+        if not len(course.times):
+            return np.empty(0), np.empty(0)
+        wrenches = [(time - self._begin, wrench) for time, wrench in self._wrenches
+                    if 0.0 <= time - self._begin <= course.times[-1]]
+        times = np.array([time for time, _ in wrenches])
+        yaws = np.interp(times, course.times, course.heads[:, 2])
+        return times, np.array([
+            Facade.force_on_wall(Pose(0.0, 0.0, yaw), wrench)
+            for yaw, (_, wrench) in zip(yaws, wrenches, strict=True)])
+
+    def _course(self, samples: Iterable[Sample]) -> Course:
+        rows = list(samples)
+        times = np.array([sample.time for sample in rows]) - (self._begin or 0.0)
+        heads, errors, uncompensated = (
+            np.array([getattr(sample, part) for sample in rows]).reshape(-1, 3)
+            for part in Sample._fields[1:])
+        return Course(times, heads, errors, uncompensated,
+                      settled(times, heads - errors, self._settling_time))
+
+    def _taker(self, part: str) -> Callable[[PoseStamped], None]:
+        return lambda message: self._take(part, message)
+
+    def _take(self, part: str, message: PoseStamped) -> None:
+        time = seconds(message.header.stamp)
+        parts = self._waiting.setdefault(time, {})
+        parts[part] = planar_pose(message.pose, part)
+        if len(parts) == len(PARTS):
+            self._add(Sample(time, *(parts[name] for name in PARTS)))
+            del self._waiting[time]
+        elif len(self._waiting) > LONGEST_WAIT:
+            del self._waiting[next(iter(self._waiting))]
+
+    def _add(self, sample: Sample) -> None:
+        if self._is_complete:
+            return
+        if self._begin is None:
+            self._begin = sample.time
+        self._newest.append(sample)
+        self._whole.append(sample)
+
+    def _take_wrench(self, message: WrenchStamped) -> None:
+        self._wrenches.append((seconds(message.header.stamp), planar_wrench(message)))
+
+
+def settled(times: np.ndarray, goals: np.ndarray, settling_time: float) -> np.ndarray:
+    """Return when the goal had stood for the settling time [s], shape (n,)."""
+    if not len(times):
+        return np.empty(0, bool)
+    changed = np.any(np.abs(np.diff(goals, axis=0)) > GOAL_STEP, axis=1)
+    since = np.maximum.accumulate(np.where(np.r_[True, changed], times, times[0]))
+    return times - since >= settling_time

@@ -1,0 +1,144 @@
+"""What the demo leaves: summary.json, pictures and an animation, each whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import json
+from pathlib import Path
+from typing import Any
+
+from facade_manipulator.demo.record import Recorder
+from facade_manipulator.files import whole
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.nodes.monitor import Observer
+from facade_manipulator.simulation.scenario import Scenario
+from facade_manipulator.simulation.wall import AXES
+
+KEPT = ('disturbance_rms', 'residual_rms', 'attenuation_db')  # of each axis
+SUMMARY = 'summary.json'
+TIME_COURSES, SPECTRUM, PATH, FORCE, LINKAGE = PICTURES = (
+    'time_courses.png', 'spectrum.png', 'path.png', 'force.png', 'linkage.gif')
+LEAST_SAMPLES = 10
+
+
+def summarise(measured: dict, observer: Observer, duration: float) -> dict:
+    """
+    Return what summary.json holds of a run.
+
+    Parameters
+    ----------
+    measured : dict
+        Report of the gondola simulator.
+    observer : Observer
+        Knows the last counters of the nodes.
+    duration : float
+        Of the strokes [s].
+
+    """
+    return {
+        'axes': {axis: {key: measured['axes'][axis][key] for key in KEPT} for axis in AXES},
+        'duration_s': round(duration, 3),
+        'pipeline_latency_ms': _latency(observer),
+        'bus_cycles': observer.count('driver: bus', 'cycles'),
+        'missed_cycles': observer.count('driver: bus', 'missed cycles'),
+        'refused_goals': observer.count('ik_service: goal', 'refused'),
+        'drive_faults': observer.count('driver: operation', 'drive faults'),
+    }
+
+
+def _latency(observer: Observer) -> dict[str, float | None]:
+    """
+    From the compensator's decision to the SYNC at which the drives take the target.
+
+    The compensator stamps its poses a horizon ahead of the decision, and the driver tells how
+    much of it was left (margin) when it chose the target of a cycle.
+    """
+    operation = 'driver: operation'
+    horizon = observer.value('compensator: correction', 'horizon [ms]')
+    ahead = observer.value(operation, 'targets ahead of their SYNC [ms]')
+    margins = {
+        'p50': observer.value(operation, 'setpoint margin p50 [ms]'),
+        'p99': observer.value(operation, 'setpoint margin p1 [ms]'),
+    }
+    return {
+        name: round(float(horizon) - float(ahead) - float(margin), 3)
+        if horizon and ahead and margin else None
+        for name, margin in margins.items()}
+
+
+def write_json(path: Path, content: Any) -> None:
+    """Write a JSON file whole or not at all."""
+    with whole(path) as draft:
+        draft.write_text(json.dumps(content, indent=2) + '\n')
+
+
+def remove_pictures(folder: Path) -> None:
+    """Remove an earlier run's pictures: beside a new summary they would mislead."""
+    for name in PICTURES:
+        (folder / name).unlink(missing_ok=True)
+
+
+def draw(
+    folder: Path, recorder: Recorder, summary: dict, scenario: Scenario, geometry: Geometry
+) -> Iterator[float]:
+    """
+    Draw everything; who closes the iterator early leaves only complete files.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    recorder : Recorder
+    summary : dict
+    scenario : Scenario
+        Of it the wall and the desired force.
+    geometry : Geometry
+
+    Yields
+    ------
+    float
+        Share that is done, 0 to 1.
+
+    """
+    # matplotlib comes in here, so that the nodes' start does not wait for it
+    from facade_manipulator.demo import animation
+
+    course = recorder.newest()
+    if len(course.times) < LEAST_SAMPLES:
+        return
+    for done, (name, picture) in enumerate(_pictures(recorder, summary, scenario).items()):
+        yield 0.1 * done
+        with whole(folder / name) as draft:
+            picture(draft)
+    images = []
+    for image in animation.frames(course, geometry, scenario.facade):
+        images.append(image)
+        yield 0.4 + 0.5 * len(images) / animation.FRAMES
+    with whole(folder / LINKAGE) as draft:
+        animation.save(draft, images)
+    yield 1.0
+
+
+def _pictures(
+    recorder: Recorder, summary: dict, scenario: Scenario
+) -> dict[str, Callable[[Path], None]]:
+    """Return what draws each picture into a file, by its name."""
+    from facade_manipulator.demo import pictures
+
+    course = recorder.newest()
+    times, forces = recorder.forces()
+    drawings = {
+        TIME_COURSES: lambda draft: pictures.draw_time_courses(
+            draft, recorder.whole(), summary['axes']),
+        SPECTRUM: lambda draft: pictures.draw_spectrum(draft, course),
+        PATH: lambda draft: pictures.draw_paths(draft, course),
+    }
+    if len(times):
+        drawings[FORCE] = lambda draft: pictures.draw_pressing(
+            draft, times, forces, _desired(scenario))
+    return drawings
+
+
+def _desired(scenario: Scenario) -> float | None:
+    """Return the force with which the head is to press [N], None if it does not give way."""
+    impedance = scenario.compensator.impedance
+    return impedance.force if impedance.enabled else None

@@ -1,0 +1,276 @@
+"""
+A CAN bus of our own: frames in and out, SYNC, error frames, statistics.
+
+python-can opens the bus and has the kernel send SYNC; `port` moves the frames. python-can's
+Notifier is not used, because that thread dies on a link error and stays dead: whoever owns a
+`CanBus` calls `CanBus.receive` and meets every error as a `BusError`.
+
+References
+----------
+Linux kernel, include/uapi/linux/can/error.h: classes and data bytes of error frames.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import IntEnum
+import errno
+from threading import Lock
+import time
+from typing import NamedTuple
+
+import can
+from can.interfaces.socketcan import SocketcanBus
+
+from facade_manipulator.drives.canopen.pdo import SYNC_COB_ID
+from facade_manipulator.drives.canopen.port import Kind, MAX_COB_ID, port_of
+from facade_manipulator.errors import BusError
+
+LATEST_STAMP_AGE = 10.0
+
+
+class BusCongestedError(BusError):
+    """The interface takes no more frames: nobody acknowledges them, or its queue is too short."""
+
+
+class Condition(IntEnum):
+    """How well the controller of the interface is, as its error frames say."""
+
+    ACTIVE = 0
+    WARNING = 1
+    PASSIVE = 2
+    OFF = 3
+
+
+class Frame(NamedTuple):
+    """
+    A standard data frame as received.
+
+    Attributes
+    ----------
+    cob_id : int
+    data : bytes
+    time : float
+        When it came, on the monotonic clock [s].
+    stamp : float
+        The same on the system clock [s].
+
+    """
+
+    cob_id: int
+    data: bytes
+    time: float
+    stamp: float
+
+
+class BusStatistics(NamedTuple):
+    """Counters since the bus was opened; `condition` is the present one."""
+
+    received: int = 0
+    sent: int = 0
+    ignored: int = 0
+    error_frames: int = 0
+    overflows: int = 0
+    condition: Condition = Condition.ACTIVE
+
+
+_ERROR_OVERFLOW = 0x03
+# error class in the identifier, or bit in data[1] of a controller problem, and what it means
+_ERROR_CLASSES = ((0x040, Condition.OFF), (0x100, Condition.ACTIVE))
+_CONTROLLER_PROBLEM = 0x004
+_CONTROLLER_BITS = (
+    (0x30, Condition.PASSIVE), (0x0C, Condition.WARNING), (0x40, Condition.ACTIVE))
+
+_DOWN = {
+    errno.ENETDOWN: 'the CAN interface is down',
+    errno.ENODEV: 'the CAN interface has vanished',
+    errno.ENXIO: 'the CAN interface has vanished',
+    errno.EBADF: 'the CAN socket is closed',
+}
+
+
+_FULL = (errno.ENOBUFS, errno.EAGAIN)  # the interface's queue, the socket's
+
+
+def condition_of(cob_id: int, data: bytes) -> Condition | None:
+    """Return the controller's condition that an error frame tells, None if it tells none."""
+    for error_class, condition in _ERROR_CLASSES:
+        if cob_id & error_class:
+            return condition
+    if cob_id & _CONTROLLER_PROBLEM and len(data) > 1:
+        return next((found for bits, found in _CONTROLLER_BITS if data[1] & bits), None)
+    return None
+
+
+class CanBus:
+    """
+    Frames of one python-can bus; `send` may be called from any thread, the rest from one.
+
+    Parameters
+    ----------
+    bus : can.BusABC
+        Owned from now on: `close` shuts it down.
+    tap : callable, optional
+        Takes time stamp [s], COB-ID and data of each frame that comes in or goes out.
+
+    """
+
+    def __init__(
+        self, bus: can.BusABC, tap: Callable[[float, int, bytes], None] | None = None
+    ) -> None:
+        self.has_kernel_sync = isinstance(bus, SocketcanBus)
+        self._bus = bus
+        self._port = port_of(bus)
+        self._tap = tap
+        self._sending = Lock()
+        self._sync_task: can.CyclicSendTaskABC | None = None
+        self._received = self._sent = self._ignored = 0
+        self._error_frames = self._overflows = 0
+        self._condition = Condition.ACTIVE
+
+    def __str__(self) -> str:
+        return str(self._bus.channel_info)
+
+    @property
+    def statistics(self) -> BusStatistics:
+        """Counters and the controller's condition."""
+        return BusStatistics(
+            self._received, self._sent, self._ignored, self._error_frames, self._overflows,
+            self._condition)
+
+    def listen_to(self, cob_ids: tuple[int, ...]) -> None:
+        """Let the kernel drop every other frame, where it is the kernel that filters."""
+        if self.has_kernel_sync:
+            self._bus.set_filters([
+                {'can_id': cob_id, 'can_mask': MAX_COB_ID, 'extended': False}
+                for cob_id in cob_ids])
+
+    def receive(self, timeout: float) -> Frame | None:
+        """
+        Wait for the next standard data frame.
+
+        Parameters
+        ----------
+        timeout : float
+            Longest time to wait [s].
+
+        Returns
+        -------
+        Frame or None
+            None after the time-out, or after a frame that is not for us.
+
+        Raises
+        ------
+        BusError
+            The interface is down or gone, or its controller is bus-off.
+
+        """
+        try:
+            received = self._port.receive(max(0.0, timeout))
+        except (can.CanError, OSError, ValueError) as error:
+            raise BusError(f'{self}: {_reason(error)}') from error
+        if received is None:
+            return None
+        kind, cob_id, data, stamp = received
+        if kind is not Kind.DATA:
+            self._set_aside(kind, cob_id, data)
+            return None
+        self._received += 1
+        if self._tap is not None:
+            self._tap(stamp, cob_id, data)
+        return Frame(cob_id, data, _monotonic(stamp), stamp)
+
+    def send(self, cob_id: int, data: bytes = b'') -> None:
+        """
+        Send a standard data frame without waiting.
+
+        Raises
+        ------
+        BusCongestedError
+            The interface's queue is full.
+        BusError
+            The interface is down or gone.
+
+        """
+        try:
+            with self._sending:
+                self._port.send(cob_id, data)
+        except (can.CanError, OSError, ValueError) as error:
+            raise self._send_error(error) from error
+        self._sent += 1
+        if self._tap is not None:
+            self._tap(time.time(), cob_id, data)
+
+    def start_sync(self, period: float) -> None:
+        """
+        Let the kernel's broadcast manager send SYNC, so that no Python jitter is in it.
+
+        Raises
+        ------
+        BusError
+            The interface is down or gone.
+
+        """
+        message = can.Message(arbitration_id=SYNC_COB_ID, is_extended_id=False)
+        try:
+            self._sync_task = self._bus.send_periodic(message, period)
+        except (can.CanError, OSError) as error:
+            raise BusError(f'{self}: no SYNC from the kernel, {_reason(error)}') from error
+
+    def stop_sync(self) -> None:
+        """Stop the kernel's SYNC; harmless without one."""
+        task, self._sync_task = self._sync_task, None
+        if task is not None:
+            _quietly(task.stop)
+
+    def close(self) -> None:
+        """Fall silent and give the interface back; never raises."""
+        self.stop_sync()
+        _quietly(self._bus.shutdown)
+
+    def _set_aside(self, kind: Kind, cob_id: int, data: bytes) -> None:
+        """Count what is no frame for us; note what the controller reports of itself."""
+        if kind is Kind.OTHER:
+            self._ignored += 1
+            return
+        self._error_frames += 1
+        condition = condition_of(cob_id, data)
+        if cob_id & _CONTROLLER_PROBLEM and len(data) > 1:
+            self._overflows += bool(data[1] & _ERROR_OVERFLOW)
+        if condition is not None:
+            self._condition = condition
+        if condition is Condition.OFF:
+            raise BusError(f'{self}: the controller is bus-off, check bit rate and wiring')
+
+    def _send_error(self, error: Exception) -> BusError:
+        code = _code(error)
+        if code in _FULL or (code is None and 'full' in str(error).lower()):
+            return BusCongestedError(
+                f'{self}: the send queue is full, no node acknowledges frames '
+                '(power of the drives, wiring, bit rate)')
+        return BusError(f'{self}: {_reason(error)}')
+
+
+def _monotonic(stamp: float) -> float:
+    """Move a time stamp, which is the system clock's, to the monotonic clock."""
+    age = time.time() - stamp
+    if not 0.0 <= age < LATEST_STAMP_AGE:
+        age = 0.0  # the system clock was set meanwhile
+    return time.monotonic() - age
+
+
+def _code(error: Exception) -> int | None:
+    return getattr(error, 'error_code', None) or getattr(error, 'errno', None)
+
+
+def _reason(error: Exception) -> str:
+    return _DOWN.get(_code(error), str(error))
+
+
+def _quietly(release) -> None:
+    """Release what may be gone already: an interface that vanished takes its sockets along."""
+    try:
+        release()
+    except (can.CanError, OSError, ValueError):
+        return

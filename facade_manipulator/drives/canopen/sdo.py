@@ -1,0 +1,141 @@
+"""
+SDO on a bus of ours: `canopen` speaks the protocol, `CanBus` moves the frames.
+
+A worker thread reads and writes objects here and waits for the answers, which the control thread
+feeds in. An SDO call in the control thread itself would wait for an answer that nobody delivers.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import canopen
+
+from facade_manipulator.drives.canopen.bus import CanBus, Frame
+from facade_manipulator.drives.canopen.pdo import sdo_request_cob_id, sdo_response_cob_id
+from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
+
+SDO_FRAME_LENGTH = 8
+RESPONSE_TIMEOUT = 0.3
+ATTEMPTS = 3
+NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
+_LONGEST_QUEUE = 16
+
+
+class SdoAbortError(DriveObjectError):
+    """A drive refused to read or write an object; `code` is its SDO abort code."""
+
+    def __init__(self, sentence: str, code: int) -> None:
+        super().__init__(sentence)
+        self.code = code
+
+    @property
+    def is_absent(self) -> bool:
+        """Tell whether the drive has no such object at all."""
+        return self.code in NO_SUCH_OBJECT
+
+
+class PumpedNetwork(canopen.Network):
+    """A network whose frames go out through our bus and come in from our receiver."""
+
+    def __init__(self, bus: CanBus) -> None:
+        super().__init__()
+        self._frames = bus
+
+    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
+        """Send a frame; remote frames are not used on this bus."""
+        self._frames.send(can_id, bytes(data))
+
+    def feed(self, frame: Frame) -> None:
+        """Hand an SDO answer to whoever waits for it; called in the control thread."""
+        if len(frame.data) == SDO_FRAME_LENGTH:
+            for callback in self.subscribers.get(frame.cob_id, ()):
+                callback(frame.cob_id, frame.data, frame.stamp)
+
+
+class SdoChannel:
+    """
+    Objects of one drive.
+
+    Parameters
+    ----------
+    network : PumpedNetwork
+    node_id : int
+    name : str
+        What the operator calls the drive, such as ``'q2'``.
+    eds : pathlib.Path or None
+        The drive type's object dictionary, which knows the sizes.
+
+    """
+
+    def __init__(
+        self, network: PumpedNetwork, node_id: int, name: str, eds: Path | None = None
+    ) -> None:
+        self.name = name
+        self.node_id = node_id
+        dictionary = canopen.import_od(str(eds), node_id) if eds else canopen.ObjectDictionary()
+        self._client = canopen.sdo.SdoClient(
+            sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
+        self._client.network = network
+        self._client.RESPONSE_TIMEOUT = RESPONSE_TIMEOUT
+        network.subscribers[self._client.tx_cobid] = [self._take]
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """
+        Read an object and wait for the answer.
+
+        Raises
+        ------
+        SdoAbortError
+            The drive refuses.
+        DriveTimeoutError
+            The drive does not answer.
+        BusError
+            The bus is gone.
+
+        """
+        return self._repeat(index, subindex, lambda: self._client.upload(index, subindex))
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        """
+        Write an object and wait for the confirmation.
+
+        Raises
+        ------
+        SdoAbortError, DriveTimeoutError, BusError
+            As `read` does.
+
+        """
+        self._repeat(index, subindex, lambda: self._client.download(index, subindex, data))
+
+    def size(self, index: int, subindex: int) -> int | None:
+        """Return the bytes of an object, None if the EDS does not know it."""
+        variable = self._client.od.get_variable(index, subindex)
+        return len(variable) // 8 if variable is not None and variable.fixed_size else None
+
+    def _repeat(self, index: int, subindex: int, transfer):
+        """Try again after a lost or foreign answer; an abort is an answer."""
+        for _ in range(ATTEMPTS):
+            try:
+                return transfer()
+            except canopen.SdoAbortedError as error:
+                raise SdoAbortError(
+                    f'{self.name} (node {self.node_id}) refuses object '
+                    f'{index:04X}h:{subindex:02X}: {_abort_text(error)}', error.code) from error
+            except canopen.SdoCommunicationError:
+                continue
+        raise DriveTimeoutError(
+            f'{self.name} (node {self.node_id}) does not answer for object '
+            f'{index:04X}h:{subindex:02X} within {ATTEMPTS} × {RESPONSE_TIMEOUT:g} s: '
+            'check its power, its node id and the bit rate')
+
+    def _take(self, cob_id: int, data: bytes, stamp: float) -> None:
+        """Keep an answer; nobody empties the queue between transfers, so it is bounded."""
+        if self._client.responses.qsize() < _LONGEST_QUEUE:
+            self._client.on_response(cob_id, data, stamp)
+
+
+def _abort_text(error: canopen.SdoAbortedError) -> str:
+    meaning = error.CODES.get(error.code, 'no further reason')
+    return f'{meaning[:1].lower()}{meaning[1:]} (abort {error.code >> 16:04X} ' \
+           f'{error.code & 0xFFFF:04X}h)'

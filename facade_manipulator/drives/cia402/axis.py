@@ -1,0 +1,205 @@
+"""
+One drive's way through the CiA 402 state machine, a step at a time.
+
+A step is a controlword, the states it leads to and the states passed on the way. The stepper
+only watches: it says when the step is done and raises when the drive goes elsewhere or takes too
+long. It never chooses a controlword by itself.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from facade_manipulator.drives.canopen.emergency import describe
+from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
+from facade_manipulator.errors import DriveFaultError, DriveStateError, DriveTimeoutError
+
+FAULT_STATES = frozenset({State.FAULT, State.FAULT_REACTION_ACTIVE})
+_ANY_STATE = frozenset(State)
+
+
+class Feedback(NamedTuple):
+    """
+    What one drive last told.
+
+    Attributes
+    ----------
+    statusword : int
+    mode : int
+        Mode of operation display 6061.
+    at_rest : bool
+        Whether the carriage stands still.
+    error_code : int
+        Last error code of an emergency message or of 603F; 0 for none.
+    at_home : bool
+        Whether the actual position is that of the home position.
+
+    """
+
+    statusword: int
+    mode: int = Mode.CYCLIC_SYNCHRONOUS_POSITION
+    at_rest: bool = True
+    error_code: int = 0
+    at_home: bool = False
+
+
+class Step(NamedTuple):
+    """
+    A step of the state machine.
+
+    Attributes
+    ----------
+    purpose : str
+        What it is for, as in "q2 did not *switch on*".
+    controlword : int
+    goal : frozenset of State
+        Where the drive shall be.
+    via : frozenset of State
+        Where it may be until it is there.
+    mode : int or None
+        Mode of operation to command, and to see displayed before the step is done; None for a
+        step that does not care.
+    to_rest : bool
+        Whether the step is done only when the carriage stands still.
+    min_cycles : int
+        Fewest cycles that the step lasts.
+
+    """
+
+    purpose: str
+    controlword: int
+    goal: frozenset[State]
+    via: frozenset[State] = frozenset()
+    mode: int | None = Mode.CYCLIC_SYNCHRONOUS_POSITION
+    to_rest: bool = False
+    min_cycles: int = 1
+
+
+def _states(*states: State) -> frozenset[State]:
+    return frozenset(states)
+
+
+_CSP, _HOMING = Mode.CYCLIC_SYNCHRONOUS_POSITION, Mode.HOMING
+_OFF = _states(State.SWITCH_ON_DISABLED)
+_READY = _states(State.READY_TO_SWITCH_ON)
+_ON = _states(State.SWITCHED_ON)
+_ENABLED = _states(State.OPERATION_ENABLED)
+_UNPOWERED = _OFF | _READY | _ON | FAULT_STATES | _states(State.NOT_READY_TO_SWITCH_ON)
+
+POWER_OFF = Step(
+    'switch off', Controlword.DISABLE_VOLTAGE, _OFF, _ANY_STATE - FAULT_STATES, mode=None)
+FOLLOW = Step('stay in operation', Controlword.ENABLE_OPERATION, _ENABLED)
+COME_TO_REST = Step('come to rest', Controlword.ENABLE_OPERATION, _ENABLED, to_rest=True)
+QUICK_STOP = Step(
+    'stop', Controlword.QUICK_STOP, _UNPOWERED | _states(State.QUICK_STOP_ACTIVE), _ANY_STATE,
+    mode=None, to_rest=True)
+STAY_STOPPED = QUICK_STOP._replace(purpose='stay stopped', to_rest=False)
+CUT_POWER = Step(
+    'lose power', Controlword.DISABLE_VOLTAGE, _OFF | FAULT_STATES, _ANY_STATE, mode=None)
+
+
+def power_on(mode: int) -> tuple[Step, ...]:
+    """Return the steps from switch on disabled to operation enabled in a mode."""
+    return (
+        Step('select its mode of operation', Controlword.DISABLE_VOLTAGE, _OFF, mode=mode),
+        Step('get ready to switch on', Controlword.SHUTDOWN, _READY, _OFF, mode),
+        Step('switch on', Controlword.SWITCH_ON, _ON, _READY, mode),
+        Step('enable operation', Controlword.ENABLE_OPERATION, _ENABLED, _ON, mode),
+    )
+
+
+# a drive may leave out rungs on its way down, not on its way up
+POWER_DOWN = (
+    Step('disable operation', Controlword.DISABLE_OPERATION, _ON | _READY | _OFF, _ENABLED),
+    Step('shut down', Controlword.SHUTDOWN, _READY | _OFF, _ON),
+    Step('switch off', Controlword.DISABLE_VOLTAGE, _OFF, _READY | _ON),
+)
+RESET_FAULT = (
+    Step('leave the quick stop', Controlword.DISABLE_VOLTAGE, _OFF | _states(State.FAULT),
+         _ANY_STATE, mode=None),
+    Step('take the fault reset', Controlword.FAULT_RESET, _ANY_STATE, mode=None),
+    Step('leave the fault', Controlword.DISABLE_VOLTAGE, _OFF, _ANY_STATE, mode=None),
+)
+HOME = Step('hold for homing', Controlword.ENABLE_OPERATION, _ENABLED, mode=_HOMING)
+END_HOMING = Step(
+    'stand still after homing', Controlword.ENABLE_OPERATION, _ENABLED, mode=_HOMING,
+    to_rest=True, min_cycles=3)
+
+
+class AxisStepper:
+    """
+    Watch one drive take steps.
+
+    Parameters
+    ----------
+    name : str
+        What the operator calls the axis.
+
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._step = POWER_OFF
+        self._deadline = 0.0
+        self._reached = False
+
+    def begin(self, step: Step, deadline: float) -> None:
+        """Begin a step that must be done by a time [s]."""
+        self._step = step
+        self._deadline = deadline
+        self._reached = False
+
+    def advance(self, feedback: Feedback, now: float) -> bool:
+        """
+        Tell whether the step is done.
+
+        Raises
+        ------
+        DriveFaultError
+            The drive is in fault.
+        DriveStateError
+            It has gone where the step does not lead.
+        DriveTimeoutError
+            It takes too long.
+
+        """
+        state = self._state(feedback.statusword)
+        self._require_on_the_way(state, feedback)
+        done = state in self._step.goal and self._is_settled(feedback)
+        self._reached = self._reached or done
+        if not done and now > self._deadline:
+            raise DriveTimeoutError(
+                f'{self.name} did not {self._step.purpose} in time: it is in the state '
+                f'{_told(state, feedback)}{self._lacking(feedback)}')
+        return done
+
+    def _state(self, statusword: int) -> State:
+        try:
+            return decode_state(statusword)
+        except DriveStateError as error:
+            raise DriveStateError(f'{self.name}: {error}') from None
+
+    def _require_on_the_way(self, state: State, feedback: Feedback) -> None:
+        allowed = self._step.goal if self._reached else self._step.goal | self._step.via
+        if state in allowed:
+            return
+        if state in FAULT_STATES:
+            reason = describe(feedback.error_code) if feedback.error_code else 'cause not told'
+            raise DriveFaultError(
+                f'{self.name} is in the state {_told(state, feedback)}: {reason}')
+        raise DriveStateError(
+            f'{self.name} left its way to {self._step.purpose}: it is in the state '
+            f'{_told(state, feedback)}')
+
+    def _is_settled(self, feedback: Feedback) -> bool:
+        return ((self._step.mode is None or feedback.mode == self._step.mode)
+                and (feedback.at_rest or not self._step.to_rest))
+
+    def _lacking(self, feedback: Feedback) -> str:
+        if self._step.mode is not None and feedback.mode != self._step.mode:
+            return f', in mode {feedback.mode} instead of {int(self._step.mode)}'
+        return '' if feedback.at_rest else ', still moving'
+
+
+def _told(state: State, feedback: Feedback) -> str:
+    return f'{state.value} (statusword {feedback.statusword:04X}h)'

@@ -1,0 +1,328 @@
+"""
+The three axes as one: they power on together, and any doubt about one of them stops all.
+
+The group walks through lists of steps (`plans`); all three drives must have done a step before
+any takes the next. It enables operation only inside `Group.enable` and
+`Group.home`, which an operator asks for, and after a stop it stays stopped until `Group.reset`.
+No clock and no bus in here: time and feedback are arguments, controlwords are the result.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+from facade_manipulator.drives.cia402 import plans
+from facade_manipulator.drives.cia402.axis import AxisStepper, Feedback
+from facade_manipulator.drives.cia402.cause import Cause, DISOBEYED_REMEDY
+from facade_manipulator.drives.cia402.homing import HomingSequence
+from facade_manipulator.drives.cia402.plans import (
+    FOLLOWING_PHASES,
+    Phase,
+    Plan,
+    POWERED_PHASES,
+    STOPPED_PHASES,
+)
+from facade_manipulator.drives.cia402.states import Mode, Status
+from facade_manipulator.errors import DriveError, DriveFaultError, DriveStateError
+
+RESET_WINDOW = 60.0
+MOST_FURTHER_CAUSES = 8
+
+
+class Command(NamedTuple):
+    """Controlword and mode of operation for one drive."""
+
+    controlword: int
+    mode: int
+
+
+class Group:
+    """
+    State machine of the three axes.
+
+    `cause` is why it stopped, `is_settled` whether all drives have done the present step,
+    `disobedient` which axes did not obey a quick stop.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What the operator calls the axes.
+    step_timeout : float
+        Longest time for one step [s].
+    ramp_timeout : float
+        Longest time to come to rest on the path [s].
+    hold_cycles : int
+        Cycles to hold after power-on before targets are followed.
+    max_resets : int
+        Fault resets allowed within a minute.
+    now : float
+        Present time [s].
+
+    """
+
+    def __init__(
+        self, names: tuple[str, ...], step_timeout: float = 1.0, ramp_timeout: float = 5.0,
+        hold_cycles: int = 20, max_resets: int = 3, now: float = 0.0,
+    ) -> None:
+        self.cause: Cause | None = None
+        self.further_causes: deque[Cause] = deque(maxlen=MOST_FURTHER_CAUSES)
+        self.disobedient: set[str] = set()
+        self.is_settled = False
+        self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
+        self._timeouts = {Phase.RAMPING: ramp_timeout}
+        self._step_timeout = step_timeout
+        self._max_resets = max_resets
+        self._resets: deque[float] = deque(maxlen=max_resets)
+        self._homing: HomingSequence | None = None
+        self._seen: tuple[Feedback, ...] = ()
+        self._steppers = tuple(AxisStepper(name) for name in names)
+        self._enable = plans.enable_plan(hold_cycles)
+        self._begin(plans.OFF, now)
+
+    @property
+    def phase(self) -> Phase:
+        """What the group is doing."""
+        return self._plan[0][0]
+
+    @property
+    def is_powered(self) -> bool:
+        """Tell whether the drives are meant to have power."""
+        return self.phase in POWERED_PHASES
+
+    def enable(self, now: float) -> None:
+        """
+        Power on, hold, then follow targets; after a halt just follow again.
+
+        Raises
+        ------
+        DriveStateError
+            The drives are not switched off, or stopped.
+
+        """
+        self._require('activate', Phase.OFF, Phase.HALTED)
+        self._require_settled('activate')
+        self._homing = None
+        self._begin(plans.FOLLOW if self.phase is Phase.HALTED else self._enable, now)
+
+    def home(self, sequence: HomingSequence, now: float) -> None:
+        """
+        Power on in homing mode, home, power off.
+
+        Raises
+        ------
+        DriveStateError
+            The drives are not switched off, or stopped.
+
+        """
+        self._require('home', Phase.OFF)
+        self._require_settled('home')
+        self._homing = sequence
+        self._begin(plans.HOME, now)
+
+    def disable(self, now: float) -> None:
+        """
+        Come to rest, then power off.
+
+        Raises
+        ------
+        DriveStateError
+            The group is stopped, or busy powering on or off.
+
+        """
+        self._require('deactivate', Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED)
+        self._begin(plans.DISABLE, now)
+
+    def halt(self, now: float) -> None:
+        """
+        Come to rest and hold there; a homing is given up and the power switched off.
+
+        Raises
+        ------
+        DriveStateError
+            Nothing moves.
+
+        """
+        self._require('halt', Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED,
+                      Phase.HOMING)
+        self._begin(plans.END_HOMING if self.phase is Phase.HOMING else plans.HALT, now)
+
+    def reset(self, now: float) -> None:
+        """
+        Begin to clear the faults; ends with the power off, or stopped again.
+
+        Raises
+        ------
+        DriveStateError
+            The carriages have not stopped yet, or as `require_resettable` says.
+
+        """
+        self._require('clear_faults', Phase.STOPPED)
+        self.require_resettable(now)
+        self._resets.append(now)
+        self._begin(plans.RESET, now)
+
+    def require_resettable(self, now: float) -> None:
+        """
+        Check whether the faults may be cleared once the carriages have stopped.
+
+        Raises
+        ------
+        DriveStateError
+            There is no stop to clear, the drives must be configured again, or there were too
+            many resets within a minute.
+
+        """
+        self._require('clear_faults', Phase.STOPPING, Phase.STOPPED)
+        if self.needs_configuration:
+            raise DriveStateError(f'clear_faults is not enough: {self.severest_cause.sentence}; '
+                                  'clean up and configure again')
+        if len(self._resets) == self._max_resets and now - self._resets[0] < RESET_WINDOW:
+            wait = RESET_WINDOW - (now - self._resets[0])
+            raise DriveStateError(
+                f'{self._max_resets} fault resets within {RESET_WINDOW:g} s are the most: find '
+                f'the cause ({self.cause.sentence}), the next reset is possible in {wait:.0f} s')
+
+    @property
+    def severest_cause(self) -> Cause | None:
+        """The cause whose remedy mends all: the first that asks to configure, or the first."""
+        return next((cause for cause in self._causes() if cause.configure_again), self.cause)
+
+    @property
+    def needs_configuration(self) -> bool:
+        """Tell whether a cause asks for the drives to be configured again."""
+        return self.severest_cause is not None and self.severest_cause.configure_again
+
+    def stop(self, cause: Cause, now: float) -> None:
+        """Quick stop all axes and stay stopped; the first cause is kept, the later ones noted."""
+        if self.cause is None or self._explains(cause):
+            self.cause = cause
+        elif self.cause.is_completed_by(cause):
+            self.cause = self.cause.completed_by(cause)
+        elif cause not in self._causes():
+            self.further_causes.append(cause)
+        if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
+            self._begin(plans.STOP_AND_CUT_POWER, now)
+        elif self.phase not in STOPPED_PHASES:
+            self._begin(plans.STOP, now)
+
+    def cut_power(self, now: float) -> None:
+        """Take the power off for good, before the drives are left alone; ends in stopped."""
+        self._begin(plans.CUT_POWER, now)
+
+    def give_time(self, now: float) -> None:
+        """Begin the present step anew: nothing could be commanded or heard for a while."""
+        self._begin(self._plan, now)
+
+    def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[Command, ...]:
+        """
+        Take the drives' feedback and return what to command them.
+
+        A drive that is in fault, where it should not be, or late, stops all three in this very
+        step. Never raises for what a drive does.
+
+        """
+        if self._is_unchanged(feedback):
+            return self.commands
+        self._seen = feedback
+        self._cycles += 1
+        phase, step = self._plan[0]
+        bits, failures = [], []
+        done = self._cycles >= step.min_cycles
+        for number, one in enumerate(feedback):
+            try:
+                self._require_following(number, one)
+                bits.append(self._homing_bits(number, one, now))
+                done = self._steppers[number].advance(one, now) and done
+            except DriveError as error:
+                failures.append((number, error))
+        self.is_settled = done and not failures
+        for number, error in failures:
+            self._fail(number, error, now)
+        if self.is_settled and self._may_proceed(phase):
+            self._proceed(now)
+        return self._commands(bits)
+
+    def _is_unchanged(self, feedback: tuple[Feedback, ...]) -> bool:
+        """Tell whether all is done, nothing comes next, and no drive says anything else."""
+        return self.is_settled and len(self._plan) == 1 and feedback == self._seen
+
+    def _may_proceed(self, phase: Phase) -> bool:
+        return len(self._plan) > 1 and (phase is not Phase.HOMING or self._homing.done)
+
+    def _proceed(self, now: float) -> None:
+        self._begin(self._plan[1:], now)
+        if self.phase is Phase.OFF:
+            self.cause = None
+            self.further_causes.clear()
+            self.disobedient.clear()
+
+    @property
+    def commands(self) -> tuple[Command, ...]:
+        """What to command now; `step` may add bits to it."""
+        return self._present
+
+    def _commands(self, bits: list[int]) -> tuple[Command, ...]:
+        if self.phase is not Phase.HOMING:
+            return self.commands
+        return tuple(
+            command._replace(controlword=command.controlword | extra)
+            for command, extra in zip(self.commands, bits, strict=True))
+
+    def _homing_bits(self, number: int, feedback: Feedback, now: float) -> int:
+        if self._homing is None:
+            return 0
+        if self.phase is not Phase.HOMING:
+            self._homing.axes[number].watch(feedback)
+            return 0
+        return self._homing.advance(number, feedback, now)
+
+    def _require_following(self, number: int, feedback: Feedback) -> None:
+        if self.phase in FOLLOWING_PHASES and feedback.statusword & Status.FOLLOWING_ERROR:
+            raise DriveFaultError(
+                f'{self._steppers[number].name} is farther behind its target than the '
+                f'following-error window (statusword {feedback.statusword:04X}h)')
+
+    def _fail(self, number: int, error: DriveError, now: float) -> None:
+        name = self._steppers[number].name
+        if self.phase not in STOPPED_PHASES:
+            self.stop(Cause(str(error), axis=name, is_vague=True), now)
+        elif name not in self.disobedient and (
+                self.phase is Phase.STOPPED or now > self._deadline):
+            self.disobedient.add(name)
+            self.stop(Cause(str(error), DISOBEYED_REMEDY, name, configure_again=True), now)
+            self._begin(plans.CUT_POWER, now)
+
+    def _explains(self, cause: Cause) -> bool:
+        return self.cause.is_vague and not cause.is_vague and cause.axis == self.cause.axis
+
+    def _causes(self) -> tuple[Cause, ...]:
+        return (*((self.cause,) if self.cause else ()), *self.further_causes)
+
+    def _require(self, request: str, *phases: Phase) -> None:
+        if self.phase in phases:
+            return
+        if self.cause is not None:
+            raise DriveStateError(
+                f'{request} is not possible, the drives are {self.phase.value}: {self.cause}')
+        allowed = ' or '.join(phase.value for phase in phases)
+        raise DriveStateError(
+            f'{request} is not possible while the drives are {self.phase.value}, '
+            f'only while they are {allowed}')
+
+    def _require_settled(self, request: str) -> None:
+        if not self.is_settled:
+            raise DriveStateError(
+                f'{request} is not possible yet, not every drive has confirmed that it is '
+                f'{self.phase.value}: try again')
+
+    def _begin(self, plan: Plan, now: float) -> None:
+        self._plan = plan
+        self._cycles = 0
+        self.is_settled = False
+        phase, step = plan[0]
+        self._mode = self._mode if step.mode is None else step.mode
+        self._present = (Command(step.controlword, self._mode),) * len(self._steppers)
+        self._deadline = now + self._timeouts.get(phase, self._step_timeout)
+        for stepper in self._steppers:
+            stepper.begin(step, self._deadline)

@@ -1,0 +1,147 @@
+"""
+Homing of the three axes in mode 6: when bit 4 rises, what counts as success, what as failure.
+
+A drive that was homed before still shows "homing attained". Success therefore counts only if
+the bit was seen clear first, and a homing error only once the drive has had time to take it back.
+Methods 35 and 37 take the present place as home within one cycle, so that nobody may see the bit
+clear: with them it counts as well that the position has become that of the home position.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from facade_manipulator.drives.cia402.axis import Feedback
+from facade_manipulator.drives.cia402.states import Controlword, Status
+from facade_manipulator.errors import DriveFaultError, DriveTimeoutError
+
+_SUCCESS = Status.HOMING_ATTAINED | Status.TARGET_REACHED
+_OUTCOME = _SUCCESS | Status.HOMING_ERROR
+SETTLING_CYCLES = 5
+METHODS_AT_PRESENT_PLACE = frozenset({35, 37})
+
+
+class HomingState(Enum):
+    """How far the homing of one axis is."""
+
+    WAITING = 'waiting'
+    UNDER_WAY = 'under way'
+    HOMED = 'homed'
+
+
+class AxisHoming:
+    """
+    Homing of one axis.
+
+    Parameters
+    ----------
+    name : str
+        What the operator calls the axis.
+    timeout : float
+        Longest time from the rising bit 4 to success [s].
+    rank : int
+        Axes of one rank home together, lower ranks first.
+    method : int
+        Homing method.
+
+    """
+
+    def __init__(self, name: str, timeout: float, rank: int = 1, method: int = 17) -> None:
+        self.name = name
+        self.rank = rank
+        self._needs_no_motion = method in METHODS_AT_PRESENT_PLACE
+        self.state = HomingState.WAITING
+        self._timeout = timeout
+        self._started: float | None = None
+        self._cycles = 0
+        self._seen_clear = False
+
+    def watch(self, feedback: Feedback) -> None:
+        """Before the start, note whether the success of an earlier homing is still shown."""
+        self._seen_clear = not feedback.statusword & Status.HOMING_ATTAINED
+
+    def advance(self, feedback: Feedback, now: float) -> int:
+        """
+        Return the bits to add to the controlword; starts the homing when called first.
+
+        Raises
+        ------
+        DriveFaultError
+            The drive reports a homing error.
+        DriveTimeoutError
+            It takes too long.
+
+        """
+        if self.state is HomingState.HOMED:
+            return 0
+        self._begin(now)
+        self._cycles += 1
+        if self._has_succeeded(feedback):
+            self.state = HomingState.HOMED
+            return 0
+        self._require_progress(feedback.statusword, now)
+        return Controlword.HOMING_START
+
+    def _has_succeeded(self, feedback: Feedback) -> bool:
+        shown = feedback.statusword & _OUTCOME == _SUCCESS
+        self._seen_clear = (
+            self._seen_clear or not feedback.statusword & Status.HOMING_ATTAINED)
+        is_there = (self._needs_no_motion and feedback.at_home
+                    and self._cycles > SETTLING_CYCLES)
+        return shown and (self._seen_clear or is_there)
+
+    def _begin(self, now: float) -> None:
+        if self._started is None:
+            self._started = now
+            self.state = HomingState.UNDER_WAY
+
+    def _require_progress(self, statusword: int, now: float) -> None:
+        if statusword & Status.HOMING_ERROR and self._cycles > SETTLING_CYCLES:
+            raise DriveFaultError(
+                f'{self.name}: homing failed, the drive reports a homing error (statusword '
+                f'{statusword:04X}h): check switch, hard stop and homing method')
+        if now - self._started > self._timeout:
+            raise DriveTimeoutError(
+                f'{self.name}: homing took longer than {self._timeout:g} s (statusword '
+                f'{statusword:04X}h): check switch, hard stop and homing method')
+
+
+class HomingSequence:
+    """
+    Homing of the group: rank after rank.
+
+    Parameters
+    ----------
+    axes : tuple of AxisHoming
+
+    """
+
+    def __init__(self, axes: tuple[AxisHoming, ...]) -> None:
+        self.axes = axes
+
+    @property
+    def done(self) -> bool:
+        """Tell whether every axis is homed."""
+        return all(axis.state is HomingState.HOMED for axis in self.axes)
+
+    @property
+    def due(self) -> int | None:
+        """Rank whose turn it is; None when every axis is homed."""
+        return min(
+            (axis.rank for axis in self.axes if axis.state is not HomingState.HOMED), default=None)
+
+    def advance(self, number: int, feedback: Feedback, now: float) -> int:
+        """
+        Return the bits to add to one axis's controlword; nothing before its rank is due.
+
+        Raises
+        ------
+        DriveFaultError, DriveTimeoutError
+            As `AxisHoming.advance` does: the group stops all three.
+
+        """
+        axis = self.axes[number]
+        if axis.rank != self.due:
+            axis.watch(feedback)
+            return 0
+        return axis.advance(feedback, now)

@@ -1,0 +1,207 @@
+"""
+Drive types as data: which objects are written, which homing methods exist, which quirks.
+
+A further CiA 402 drive is one more file in ``config/drives``, not code.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import yaml
+
+from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.resources import config_path
+
+# what a profile may ask to be written; the configuration computes each per axis
+QUANTITIES = {
+    'master_heartbeat': 'master node id << 16 | time-out of its heartbeat in ms',
+    'heartbeat_time': "period of the drive's heartbeat in ms",
+    'quick_stop_deceleration': 'stop deceleration in velocity units/s',
+    'following_error_window': 'following error that trips the drive, in counts',
+    'following_error_time': 'how long the window may be exceeded, in ms',
+    'min_position': 'lower end of the stroke with its margin, in counts',
+    'max_position': 'upper end of the stroke with its margin, in counts',
+    'max_velocity': 'speed limit in velocity units',
+    'max_motor_speed': 'speed limit of the motor in velocity units',
+    'max_acceleration': 'acceleration limit in velocity units/s',
+    'interpolation_period': 'period of the SYNC in ms',
+    'homing_method': 'homing method of the axis',
+    'homing_switch_speed': 'speed towards the switch or hard stop in velocity units',
+    'homing_zero_speed': 'speed away from it in velocity units',
+    'homing_acceleration': 'acceleration of homing in velocity units/s',
+    'home_position': 'position of the home position in counts',
+    'homing_current_threshold': 'motor current in mA that means a hard stop',
+}
+
+
+class ProfileObject(NamedTuple):
+    """An object to write: `value` is a number or a key of `QUANTITIES`."""
+
+    index: int
+    subindex: int
+    value: int | str
+    required: bool
+
+
+@dataclass(frozen=True)
+class Quirks:
+    """How a drive departs from CiA 402; the state machine copes with all of them."""
+
+    boots_operational: bool = False
+    zero_statusword_until_controlword: bool = False
+    pdo_only_on_sync: bool = False
+    never_follows: bool = False
+
+
+@dataclass(frozen=True)
+class DriveProfile:
+    """
+    A drive type.
+
+    Attributes
+    ----------
+    name : str
+        Name of the profile's file without its ending.
+    description : str
+        What an operator reads.
+    eds : pathlib.Path
+        Its electronic data sheet.
+    velocity_unit : str
+        Key of `facade_manipulator.drives.cia402.units.VELOCITY_UNITS`.
+    homing_methods : tuple of int
+        Homing methods that it supports.
+    quirks : Quirks
+        Departures from the standard.
+    objects : tuple of ProfileObject
+        What is written at configure, in this order.
+
+    """
+
+    name: str
+    description: str
+    eds: Path
+    velocity_unit: str
+    homing_methods: tuple[int, ...]
+    quirks: Quirks
+    objects: tuple[ProfileObject, ...]
+
+    def location(self, quantity: str) -> tuple[int, int] | None:
+        """Return index and subindex of the object that takes a quantity, None if none does."""
+        for item in self.objects:
+            if item.value == quantity:
+                return item.index, item.subindex
+        return None
+
+
+def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile:
+    """
+    Read a profile.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file without ``.yaml``.
+    directory : path, optional
+        Where it and its EDS are; default: the package's ``config/drives``.
+
+    Raises
+    ------
+    ParameterError
+        There is no such file, or it is not a profile; the message names the file and the entry.
+
+    """
+    path = _profile_path(name, directory)
+    try:
+        return _parse(name, path, path.read_text(encoding='utf-8'))
+    except FileNotFoundError:
+        raise ParameterError(f'there is no drive profile {name}: {path} does not exist') from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise ParameterError(f'the drive profile {path} cannot be read: {error}') from None
+    except (ValueError, TypeError, KeyError) as error:
+        reason = f'{error.args[0]} is missing' if isinstance(error, KeyError) else error
+        raise ParameterError(f'the drive profile {path} is not valid: {reason}') from None
+
+
+def _profile_path(name: str, directory: str | Path | None) -> Path:
+    try:
+        folder = config_path('drives') if directory is None else Path(directory)
+    except FileNotFoundError as error:
+        raise ParameterError(f'there is no drive profile {name}: {error}') from None
+    return folder / f'{name}.yaml'
+
+
+@lru_cache(maxsize=8)  # each of the three axes asks twice, and YAML takes 30 ms
+def _parse(name: str, path: Path, text: str) -> DriveProfile:
+    return _profile(name, path, yaml.safe_load(text))
+
+
+def _profile(name: str, path: Path, data: Any) -> DriveProfile:
+    _check_keys('the profile', data, {
+        'description', 'eds', 'velocity_unit', 'homing_methods', 'quirks', 'objects'})
+    return DriveProfile(
+        name=name,
+        description=str(data['description']),
+        eds=_eds(path.parent / str(data['eds'])),
+        velocity_unit=_velocity_unit(data['velocity_unit']),
+        homing_methods=tuple(_integer('a homing method', m, -128, 127)
+                             for m in data['homing_methods']),
+        quirks=_quirks(data['quirks']),
+        objects=tuple(_object(item) for item in data['objects']),
+    )
+
+
+def _check_keys(where: str, data: Any, known: set[str]) -> None:
+    if not isinstance(data, dict):
+        raise TypeError(f'{where} is {data!r}, not a table')
+    for key in data:
+        if key not in known:
+            raise ValueError(f'{where} has the unknown entry {key}')
+
+
+def _eds(path: Path) -> Path:
+    if not path.is_file():
+        raise ValueError(f'its EDS {path} does not exist')
+    return path
+
+
+def _velocity_unit(unit: Any) -> str:
+    if unit not in VELOCITY_UNITS:
+        raise ValueError(f'velocity_unit = {unit} is none of {", ".join(VELOCITY_UNITS)}')
+    return unit
+
+
+def _quirks(data: Any) -> Quirks:
+    _check_keys('quirks', data, {item.name for item in fields(Quirks)})
+    for key, value in data.items():
+        _boolean(f'quirk {key}', value)
+    return Quirks(**data)
+
+
+def _object(data: Any) -> ProfileObject:
+    _check_keys('an object', data, set(ProfileObject._fields))
+    index = _integer('index', data['index'], 0x1000, 0xFFFF)
+    value = data['value']
+    if isinstance(value, str) and value not in QUANTITIES:
+        raise ValueError(f'object {index:04X} takes {value}, which is no quantity of an axis')
+    if not isinstance(value, str):
+        _integer(f'the value of object {index:04X}', value, -2**31, 2**32 - 1)
+    return ProfileObject(
+        index, _integer('subindex', data['subindex'], 0, 254), value,
+        _boolean('required', data['required']))
+
+
+def _integer(name: str, value: Any, low: int, high: int) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise ValueError(f'{name} = {value!r} is not a whole number from {low} to {high}')
+    return value
+
+
+def _boolean(name: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise TypeError(f'{name} = {value!r} is neither true nor false')
+    return value

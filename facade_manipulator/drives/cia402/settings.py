@@ -1,0 +1,119 @@
+"""Settings of the three axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from facade_manipulator.drives.canopen.pdo import MASTER_NODE_ID
+from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.parameters import parameter
+
+AXIS_NAMES = ('q1', 'q2', 'q3')
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class AxisSettings(AxisScale):
+    """
+    One axis: which drive, on which mechanics, within which limits.
+
+    The defaults suit the published prototype (motor of 54.5 mN·m, gear 4.3:1) on a screw of 20 mm
+    lead, where 0.5 m/s are 6450 revolutions of the motor per minute.
+
+    """
+
+    velocity_unit: str = 'counts_per_second'  # the drive's profile says it, not the operator
+    node_id: int = parameter(
+        1, 'CANopen node id of the drive', minimum=1, maximum=MASTER_NODE_ID - 1, read_only=True)
+    profile: str = parameter(
+        'simulated', 'Drive type: name of a file in config/drives', read_only=True)
+    vendor_id: int = parameter(
+        0, 'Vendor id the drive must have (1018h:1); 0 accepts any',
+        minimum=0, maximum=2**32 - 1, read_only=True)
+    product_code: int = parameter(
+        0, 'Product code the drive must have (1018h:2); 0 accepts any',
+        minimum=0, maximum=2**32 - 1, read_only=True)
+    serial_number: int = parameter(
+        0, 'Serial number the drive must have (1018h:4); 0 accepts any, swapped axes included',
+        minimum=0, maximum=2**32 - 1, read_only=True)
+    lower_limit: float = parameter(
+        -0.5, 'Lower end of the stroke', unit='m', minimum=-10.0, maximum=10.0, read_only=True)
+    upper_limit: float = parameter(
+        0.5, 'Upper end of the stroke', unit='m', minimum=-10.0, maximum=10.0, read_only=True)
+    limit_margin: float = parameter(
+        0.005, "How far beyond the stroke the drive's own position limits lie",
+        unit='m', minimum=0.0, maximum=0.1, read_only=True)
+    max_speed: float = parameter(
+        0.6, 'Speed limit of the drive', unit='m/s', minimum=0.001, maximum=5.0, read_only=True)
+    max_acceleration: float = parameter(
+        6.0, 'Acceleration limit of the drive', unit='m/s^2', minimum=0.01, maximum=100.0,
+        read_only=True)
+    stop_deceleration: float = parameter(
+        6.0, 'Deceleration of a quick stop', unit='m/s^2', minimum=0.01, maximum=100.0,
+        read_only=True)
+    following_error_window: float = parameter(
+        0.02, 'Following error that trips the drive', unit='m', minimum=1e-5, maximum=0.5,
+        read_only=True)
+    following_error_time: float = parameter(
+        0.01, 'How long the following error may be beyond its window', unit='s',
+        minimum=0.0, maximum=1.0, read_only=True)
+    home_position: float = parameter(
+        0.0, 'Where the carriage is at its home position', unit='m', minimum=-10.0, maximum=10.0,
+        read_only=True)
+    homing_method: int = parameter(
+        37, 'Homing method of CiA 402; 37 takes the present place as home',
+        minimum=-128, maximum=127, read_only=True)
+    homing_rank: int = parameter(
+        1, 'Axes of one rank home together, lower ranks first', minimum=1, maximum=3,
+        read_only=True)
+    homing_speed: float = parameter(
+        0.05, 'Speed towards the switch or hard stop', unit='m/s', minimum=1e-4, maximum=1.0,
+        read_only=True)
+    homing_zero_speed: float = parameter(
+        0.01, 'Speed away from it', unit='m/s', minimum=1e-5, maximum=1.0, read_only=True)
+    homing_acceleration: float = parameter(
+        0.5, 'Acceleration of homing', unit='m/s^2', minimum=1e-3, maximum=50.0, read_only=True)
+    homing_current: float = parameter(
+        1.0, 'Motor current that means a hard stop', unit='A', minimum=0.01, maximum=100.0,
+        read_only=True)
+    homing_timeout: float = parameter(
+        60.0, 'Longest time for homing this axis', unit='s', minimum=0.1, maximum=600.0,
+        read_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.lower_limit >= self.upper_limit:
+            raise ParameterError(
+                f'lower_limit = {self.lower_limit:g} m is not below '
+                f'upper_limit = {self.upper_limit:g} m')
+        if not self.lower_limit <= self.home_position <= self.upper_limit:
+            raise ParameterError(
+                f'home_position = {self.home_position:g} m is outside the stroke '
+                f'{self.lower_limit:g} m to {self.upper_limit:g} m')
+
+
+# the home pose of the prototype is q = (-0.1, 0.1, 0) m; along the rail the order is q1, q3, q2
+DEFAULT_AXES = (
+    AxisSettings(node_id=1, home_position=-0.1),
+    AxisSettings(node_id=2, home_position=0.1),
+    AxisSettings(node_id=3, home_position=0.0),
+)
+
+
+def check_axes(axes: tuple[AxisSettings, ...]) -> None:
+    """
+    Check what no axis can check alone.
+
+    Raises
+    ------
+    ParameterError
+        There are not three axes, or two have one node id or one serial number.
+
+    """
+    if len(axes) != len(AXIS_NAMES):
+        raise ParameterError(f'{len(axes)} axes are configured, not {len(AXIS_NAMES)}')
+    for name in ('node_id', 'serial_number'):
+        values = [getattr(axis, name) for axis in axes if getattr(axis, name)]
+        if len(set(values)) < len(values):
+            raise ParameterError(f'two axes have the same {name}: {values}')

@@ -1,0 +1,78 @@
+"""
+Worst-case load of the bus, and how often each PDO may be sent within it.
+
+References
+----------
+K. Tindell, A. Burns, A. Wellings, "Calculating controller area network (CAN) message response
+times", Control Engineering Practice 3(8), 1995: longest frame with stuff bits.
+
+"""
+
+from __future__ import annotations
+
+from math import ceil
+
+from facade_manipulator.drives.canopen.pdo import Pdo, PDO_MAP
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.errors import ParameterError
+
+_HEARTBEAT_BYTES = 1
+_SDO_BYTES = 8
+_FASTEST_SDO = 200.0  # exchanges per second that a drive and a worker thread manage at best
+_HIGHEST_FULL_RATE = 200  # Hz
+_REDUCED_RATES = {'TPDO2': 50, 'TPDO3': 10}  # Hz, in faster cycles
+
+
+def frame_bits(length: int) -> int:
+    """Return the bits of the longest frame of `length` bytes, interframe space included."""
+    return 8 * length + 47 + (34 + 8 * length - 1) // 4
+
+
+def transmission_type(pdo: Pdo, rate: int) -> int:
+    """
+    Return every how many SYNCs a PDO is sent.
+
+    Up to 200 Hz it is the map's own figure. In faster cycles there is no room for all of them:
+    velocity and condition are then sent at about 50 Hz and 10 Hz.
+
+    """
+    if rate <= _HIGHEST_FULL_RATE or pdo.name not in _REDUCED_RATES:
+        return pdo.transmission
+    return ceil(rate / _REDUCED_RATES[pdo.name])
+
+
+def bus_load(settings: ControllerSettings, bitrate: int) -> float:
+    """
+    Return the worst-case share of the bus that the cyclic traffic takes.
+
+    SYNC, the PDOs of all axes, all heartbeats, and SDO exchanges as fast as they can be.
+
+    """
+    axes = len(AXIS_NAMES)
+    process_data = sum(
+        axes * frame_bits(pdo.codec.size) / transmission_type(pdo, settings.rate)
+        for pdo in PDO_MAP)
+    cyclic = settings.rate * (frame_bits(0) + process_data)
+    heartbeats = (axes + 1) / settings.heartbeat_period * frame_bits(_HEARTBEAT_BYTES)
+    sdo = min(settings.rate, _FASTEST_SDO) * 2 * frame_bits(_SDO_BYTES)
+    return (cyclic + heartbeats + sdo) / bitrate
+
+
+def check_bus_load(settings: ControllerSettings, bitrate: int) -> float:
+    """
+    Return the load.
+
+    Raises
+    ------
+    ParameterError
+        It is above `ControllerSettings.max_bus_load`.
+
+    """
+    load = bus_load(settings, bitrate)
+    if load > settings.max_bus_load:
+        raise ParameterError(
+            f'bus load = {100 * load:.0f} % at {settings.rate} Hz and {bitrate} bit/s is '
+            f'above its bound {100 * settings.max_bus_load:.0f} %: lower the rate or raise the '
+            'bit rate')
+    return load

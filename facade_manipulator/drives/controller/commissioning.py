@@ -1,0 +1,276 @@
+"""
+Bring the drives from power-up to NMT Operational, and check them again after a fault.
+
+Runs in a worker thread: it waits for SDO answers, boot-up messages and heartbeats, which the
+control thread receives meanwhile (`Hearing`). A drive's own heartbeat is the proof of its NMT
+state, never the command that was sent.
+
+References
+----------
+CiA 301: network management, boot-up protocol, heartbeat protocol.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import threading
+import time
+from typing import NamedTuple
+
+from facade_manipulator.drives.canopen.bus import CanBus
+from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.drives.canopen.pdo import NMT_COB_ID
+from facade_manipulator.drives.cia402.profile import DriveProfile
+from facade_manipulator.drives.controller.configuration import (
+    check_identity,
+    object_writes,
+    Objects,
+    pdo_writes,
+    read_identity,
+    verify_objects,
+    write_objects,
+)
+from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.errors import (
+    DriveError,
+    DriveIdentityError,
+    DriveObjectError,
+    DriveStateError,
+    DriveTimeoutError,
+)
+
+
+def send_nmt(bus: CanBus, command: NmtCommand, node_id: int) -> None:
+    """Send a network management command to one node."""
+    bus.send(NMT_COB_ID, bytes([command, node_id]))
+
+
+class Hearing:
+    """Lets a worker wait for what the control thread hears."""
+
+    def __init__(self) -> None:
+        self._heard = threading.Condition()
+        self._cancelled = False
+
+    def notify(self) -> None:
+        """Say that something was heard."""
+        with self._heard:
+            self._heard.notify_all()
+
+    def cancel(self) -> None:
+        """Make whoever waits, now or later, give up."""
+        with self._heard:
+            self._cancelled = True
+            self._heard.notify_all()
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """
+        Wait until a condition holds; return whether it does.
+
+        Raises
+        ------
+        DriveStateError
+            The waiting was cancelled.
+
+        """
+        with self._heard:
+            held = self._heard.wait_for(lambda: self._cancelled or condition(), timeout)
+            if self._cancelled:
+                raise DriveStateError('given up: the bus is being closed')
+            return held
+
+
+class Finding(NamedTuple):
+    """One result of a self-test."""
+
+    name: str
+    passed: bool
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Drive:
+    """One drive: what was heard of it, its objects, its type."""
+
+    monitor: AxisMonitor
+    objects: Objects
+    profile: DriveProfile
+
+
+class Commissioning:
+    """
+    Configure and check the drives of one bus.
+
+    Parameters
+    ----------
+    bus : CanBus
+    drives : tuple of Drive
+    settings : ControllerSettings
+    hearing : Hearing
+
+    """
+
+    def __init__(
+        self, bus: CanBus, drives: tuple[Drive, ...], settings: ControllerSettings,
+        hearing: Hearing,
+    ) -> None:
+        self._bus = bus
+        self._drives = drives
+        self._settings = settings
+        self._hearing = hearing
+
+    def configure(self) -> list[str]:
+        """
+        Reset, identify, write, prove and start all drives.
+
+        Returns
+        -------
+        list of str
+            What was skipped or not checked.
+
+        Raises
+        ------
+        DriveError
+            Which drive failed at what.
+        BusError
+            The bus is gone.
+
+        """
+        try:
+            notes = self._configure_once()
+        except DriveError:
+            if not self._unexpected_boot_ups():
+                raise
+        if self._unexpected_boot_ups():  # one was switched on just now: its first boot-up misled
+            notes = self._configure_once()
+        for monitor in self._unexpected_boot_ups():
+            raise DriveIdentityError(
+                f'{monitor.title} sent {monitor.boot_ups} boot-up messages after one reset: '
+                'more than one drive has this node id, or its power fails')
+        return notes
+
+    def _configure_once(self) -> list[str]:
+        self._reset()
+        for drive in self._drives:
+            self._command(NmtCommand.ENTER_PRE_OPERATIONAL, drive)
+        self._check_identities()
+        notes = [note for drive in self._drives for note in self._write(drive)]
+        self._start()
+        return notes
+
+    def _unexpected_boot_ups(self) -> list[AxisMonitor]:
+        allowed = 1 if self._settings.reset_nodes else 0
+        monitors = (drive.monitor for drive in self._drives)
+        return [monitor for monitor in monitors if monitor.boot_ups > allowed]
+
+    def check_again(self) -> None:
+        """
+        Prove identities, objects and PDO map once more and start what is not operational.
+
+        Raises
+        ------
+        DriveError
+            A drive does not answer, or is not as it was configured: it has restarted.
+        BusError
+            The bus is gone.
+
+        """
+        self._check_identities()
+        for drive in self._drives:
+            self._verify(drive)
+        self._start()
+
+    def inspect(self) -> list[Finding]:
+        """Look at identity, objects and answer time of each drive, and change nothing."""
+        return [finding for drive in self._drives for finding in (
+            self._find(drive, 'identity', self._inspect_identity),
+            self._find(drive, 'objects', self._inspect_objects))]
+
+    def _find(self, drive: Drive, what: str, look: Callable[[Drive], str]) -> Finding:
+        name = f'{drive.monitor.name} {what}'
+        try:
+            return Finding(name, True, look(drive))
+        except DriveError as error:
+            return Finding(name, False, str(error))
+
+    def _inspect_identity(self, drive: Drive) -> str:
+        begun = time.monotonic()
+        found = read_identity(drive.objects)
+        elapsed = (time.monotonic() - begun) / len(found)
+        check_identity(drive.monitor.name, found, drive.monitor.axis, self._serials)
+        return (f'{drive.monitor.title} is vendor {found.vendor_id}, product '
+                f'{found.product_code}, serial number {found.serial_number}; it answers an SDO '
+                f'within {1e3 * elapsed:.1f} ms')
+
+    def _inspect_objects(self, drive: Drive) -> str:
+        writes = self._writes(drive)
+        verify_objects(drive.objects, writes)
+        checked = sum(1 for write in writes if write.compared)
+        return f'{drive.monitor.title} has {checked} objects as configured'
+
+    @property
+    def _serials(self) -> dict[int, str]:
+        """Axes by configured serial number."""
+        return {drive.monitor.axis.serial_number: drive.monitor.name for drive in self._drives}
+
+    def _verify(self, drive: Drive) -> None:
+        """Prove the objects: a drive that has lost them has restarted, and lost its position."""
+        try:
+            verify_objects(drive.objects, self._writes(drive))
+        except DriveObjectError:
+            drive.monitor.homed = False
+            raise
+
+    def _reset(self) -> None:
+        for drive in self._drives:
+            drive.monitor.boot_ups = 0
+        if not self._settings.reset_nodes:
+            return
+        for drive in self._drives:
+            self._command(NmtCommand.RESET_NODE, drive)
+        self._wait(lambda m: m.boot_ups > 0, self._settings.boot_timeout,
+                   'sent no boot-up message after its reset: check its power, its node id and '
+                   'the bit rate of the bus')
+
+    def _check_identities(self) -> None:
+        for drive in self._drives:
+            found = read_identity(drive.objects)
+            check_identity(drive.monitor.name, found, drive.monitor.axis, self._serials)
+            drive.monitor.serial_number = found.serial_number
+
+    def _write(self, drive: Drive) -> list[str]:
+        notes = write_objects(drive.objects, self._writes(drive))
+        if not drive.monitor.axis.serial_number:
+            notes.append(
+                f'{drive.monitor.title} is not told from another drive: set its serial_number, '
+                f'now {drive.monitor.serial_number}')
+        return notes
+
+    def _writes(self, drive: Drive) -> list:
+        axis = drive.monitor.axis
+        return (object_writes(drive.profile, axis, self._settings)
+                + pdo_writes(axis.node_id, self._settings.rate))
+
+    def _start(self) -> None:
+        for drive in self._drives:
+            self._command(NmtCommand.START, drive)
+        since = time.monotonic()
+        self._wait(lambda m: (m.nmt_state == NmtState.OPERATIONAL
+                              and (m.heartbeat_time or 0.0) >= since),
+                   self._settings.step_timeout,
+                   'did not confirm by its heartbeat that it is operational')
+
+    def _command(self, command: NmtCommand, drive: Drive) -> None:
+        send_nmt(self._bus, command, drive.monitor.axis.node_id)
+
+    def _wait(
+        self, condition: Callable[[AxisMonitor], bool], timeout: float, failure: str
+    ) -> None:
+        """Wait until a condition holds for all drives; name those for which it does not."""
+        monitors = [drive.monitor for drive in self._drives]
+        if not self._hearing.wait_for(lambda: all(map(condition, monitors)), timeout):
+            missing = ' and '.join(m.title for m in monitors if not condition(m))
+            raise DriveTimeoutError(f'{missing} {failure} (waited {timeout:g} s)')

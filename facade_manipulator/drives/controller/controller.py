@@ -1,0 +1,366 @@
+"""
+The drive controller: one control thread that owns the bus, and requests that never wait.
+
+A request (`configure`, `activate`, `home`, …) returns a future at once; its result is a sentence
+for the operator, its exception one as well. The control thread receives, supervises, steps the
+group and commands once per SYNC. What needs SDO runs in a worker thread.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import suppress
+import logging
+import threading
+import time
+
+import can
+
+from facade_manipulator.drives.cia402.cause import Cause, CLEAR_REMEDY
+from facade_manipulator.drives.cia402.plans import Phase
+from facade_manipulator.drives.cia402.settings import AxisSettings, Triple
+from facade_manipulator.drives.controller import motion_operations, service_operations
+from facade_manipulator.drives.controller.commissioning import Finding
+from facade_manipulator.drives.controller.operation import Operation
+from facade_manipulator.drives.controller.realtime import request_realtime
+from facade_manipulator.drives.controller.recorder import FaultRecorder
+from facade_manipulator.drives.controller.report import Joints, Record
+from facade_manipulator.drives.controller.service_operations import CLOSING_TIMEOUT
+from facade_manipulator.drives.controller.session import HomingCheck, Session
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
+from facade_manipulator.drives.controller.targets import TargetSource
+from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
+
+IDLE_WAIT = 1.0
+_STATES = {
+    Phase.OFF: ControllerState.INACTIVE,
+    Phase.ENABLING: ControllerState.ACTIVATING,
+    Phase.HOLDING: ControllerState.ACTIVATING,
+    Phase.RUNNING: ControllerState.ACTIVE,
+    Phase.RAMPING: ControllerState.DEACTIVATING,
+    Phase.HALTED: ControllerState.HALTED,
+    Phase.DISABLING: ControllerState.DEACTIVATING,
+    Phase.HOMING: ControllerState.HOMING,
+    Phase.STOPPING: ControllerState.STOPPED,
+    Phase.STOPPED: ControllerState.STOPPED,
+    Phase.RESETTING: ControllerState.CLEARING,
+}
+_log = logging.getLogger(__name__)
+
+
+def allow_anything(*_: object) -> None:
+    """Check nothing: the default where the caller knows no mechanism."""
+
+
+class DriveController:
+    """
+    Three drives on one CAN bus.
+
+    Done callbacks of the futures run in the control thread and must be short. `close` must be
+    called at the end; without it the drives stop because the master's heartbeat is missing.
+
+    Parameters
+    ----------
+    settings : ControllerSettings
+    axes : tuple of AxisSettings
+        q1, q2, q3.
+    open_bus : callable
+        Returns an open python-can bus or raises; see `drives.canopen.link.open_bus`.
+    source : TargetSource
+        Asked for targets once a cycle while active, in the control thread.
+    bitrate : int
+        Bit rate of the bus, for the check of its load [bit/s].
+    check_targets : callable
+        Takes three positions [m], raises a ManipulatorError where the mechanism must not be.
+    check_homing : callable
+        Takes three positions [m] and which axes are homed, called in each cycle of homing;
+        raises a ManipulatorError when carriages or links come too close.
+    on_cycle : callable
+        Called in the control thread after each cycle; must not wait.
+    recorder : FaultRecorder, optional
+        Gets every frame, and writes the last minute down when the drives stop.
+
+    Raises
+    ------
+    ParameterError
+        Settings contradict each other, a drive profile is missing, or the bus load is too high.
+
+    """
+
+    def __init__(
+        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...],
+        open_bus: Callable[[], can.BusABC], source: TargetSource, *,
+        bitrate: int = 1_000_000,
+        check_targets: Callable[[Triple], None] = allow_anything,
+        check_homing: HomingCheck = allow_anything,
+        on_cycle: Callable[[], None] = allow_anything,
+        recorder: FaultRecorder | None = None,
+    ) -> None:
+        self._session = Session(
+            settings, axes, open_bus, source, check_targets, check_homing, self._finish_cycle,
+            bitrate, recorder)
+        self._notify = on_cycle
+        self._operation: Operation | None = None
+        self._future: Future[str] | None = None
+        self._requests: deque[tuple[Operation, Future[str]]] = deque()
+        self._wake = threading.Event()
+        self._refused: tuple[str, ...] = ()
+        self._closed = False
+        self._publish(time.monotonic())
+        self._shown = self._record, self._record.snapshot()
+        self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
+        self._thread.start()
+
+    # --- from any thread
+
+    def configure(self) -> Future[str]:
+        """Open the bus, check and configure the drives, start the cycle; the power stays off."""
+        return self._request(service_operations.Configure)
+
+    def cleanup(self) -> Future[str]:
+        """Leave the drives without power in NMT pre-operational and close the bus."""
+        return self._request(service_operations.Cleanup)
+
+    def activate(self) -> Future[str]:
+        """Power on all three drives together, hold, then follow targets."""
+        return self._request(motion_operations.Activate)
+
+    def deactivate(self) -> Future[str]:
+        """Come to rest on the path, then power off."""
+        return self._request(motion_operations.Deactivate)
+
+    def home(self) -> Future[str]:
+        """Home all axes, rank after rank; powers on for it and off again."""
+        return self._request(motion_operations.Home)
+
+    def halt(self) -> Future[str]:
+        """Come to rest on the path and hold there until activated or deactivated."""
+        return self._request(motion_operations.Halt)
+
+    def clear_faults(self) -> Future[str]:
+        """Check the drives again and reset their faults; they stay without power."""
+        return self._request(service_operations.ClearFaults)
+
+    def self_test(self) -> Future[list[Finding]]:
+        """Look at identities, objects, bus and cycle without changing anything."""
+        return self._request(service_operations.SelfTest)
+
+    def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
+        """Quick stop all axes at once and stay stopped until the faults are cleared."""
+        connection, group = self._session.connection, self._session.group
+        if group is None:
+            return  # no drive has power before the drives are configured
+        self._session.stops.append(Cause(cause, remedy))
+        if connection is not None:
+            with suppress(BusError):  # the control thread meets the same error and handles it
+                connection.stream.send_stop()
+
+    def beat(self) -> None:
+        """Show that the caller's executor is alive; powered drives stop without."""
+        self._session.beaten = time.monotonic()
+
+    @property
+    def state(self) -> ControllerState:
+        """What the controller is doing, for less than the whole snapshot."""
+        return self._record.state
+
+    def joints(self) -> Joints | None:
+        """Return the carriages at the newest SYNC, None until all are homed."""
+        return self._record.joints()
+
+    def outcome(self) -> tuple:
+        """Return what the controller's levels and sentences depend on: while it stays, they do."""
+        return self._record.outcome()
+
+    def snapshot(self) -> ControllerSnapshot:
+        """Return the newest state of controller and axes, the same one until the next cycle."""
+        record, (shown, snapshot) = self._record, self._shown
+        if record is not shown:
+            snapshot = record.snapshot()
+            self._shown = record, snapshot
+        return snapshot
+
+    def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> None:
+        """Power the drives off in order, or stop them, then fall silent; waits for it."""
+        future = self._request(service_operations.Close)
+        with suppress(ManipulatorError, FutureTimeoutError):
+            future.result(timeout)
+        self._thread.join(timeout)
+        self._session.worker.shutdown(wait=False)
+
+    def _request(self, kind: type[Operation]) -> Future[str]:
+        future: Future[str] = Future()
+        future.set_running_or_notify_cancel()  # from here on nobody can cancel it
+        self._requests.append((kind(self._session), future))
+        self._wake.set()
+        if self._closed:
+            self._refuse_rest()
+        return future
+
+    # --- the control thread
+
+    def _run(self) -> None:
+        self._refused = tuple(request_realtime(self._session.settings))
+        while not self._closed:
+            try:
+                self._turn()
+            except BusError as error:
+                self._lose_bus(error)
+            except Exception as error:  # this thread must live: the drives depend on it
+                self._survive(error)
+        self._refuse_rest()
+
+    def _turn(self) -> None:
+        if self._requests:
+            self._take_requests()
+        if self._closed:
+            return
+        session = self._session
+        if session.connection is None:
+            now = self._idle()
+        else:
+            now = session.connection.stream.pump()
+        if session.lost is not None:
+            session.watch_recovery(now)
+        if self._operation is not None:
+            self._poll(now)
+        if session.group is None or session.lost is not None:
+            self._publish(now)
+
+    def _idle(self) -> float:
+        lost = self._session.lost
+        wait = IDLE_WAIT if lost is None else lost.next_try - time.monotonic()
+        if wait > 0.0 and not self._requests:
+            self._wake.wait(wait)
+        self._wake.clear()
+        now = time.monotonic()
+        if lost is not None and now >= lost.next_try:
+            self._session.try_to_reopen(now)
+        return now
+
+    def _take_requests(self) -> None:
+        while self._requests and not self._closed:
+            operation, future = self._requests.popleft()
+            try:
+                self._require_free(operation)
+                sentence = operation.begin(time.monotonic())
+            except ManipulatorError as error:
+                future.set_exception(error)
+                continue
+            except Exception as error:
+                future.set_exception(error)
+                raise
+            self._fail(DriveStateError(f'given up for {operation.name}'))
+            self._operation, self._future = operation, future
+            if sentence is not None:
+                self._succeed(sentence)
+
+    def _require_free(self, request: Operation) -> None:
+        present = self._operation
+        if present is not None and not request.interrupts:
+            raise DriveStateError(
+                f'{request.name} is not possible while {present.name} is under way')
+
+    def _poll(self, now: float) -> None:
+        try:
+            sentence = self._operation.poll(now)
+        except ManipulatorError as error:
+            self._fail(error)
+            return
+        except Exception as error:
+            self._fail(error)
+            raise
+        if sentence is not None:
+            self._succeed(sentence)
+
+    def _succeed(self, sentence: str) -> None:
+        self._closed = isinstance(self._operation, service_operations.Close)
+        future = self._future
+        self._operation = self._future = None
+        self._publish(time.monotonic())
+        future.set_result(sentence)
+
+    def _fail(self, error: Exception) -> None:
+        operation, future = self._operation, self._future
+        self._operation = self._future = None
+        if operation is not None:
+            operation.give_up()
+            self._publish(time.monotonic())
+            future.set_exception(error)
+
+    def _refuse_rest(self) -> None:
+        while self._requests:
+            _, future = self._requests.popleft()
+            future.set_exception(DriveStateError('the drive controller is closed'))
+
+    def _lose_bus(self, error: BusError) -> None:
+        now = time.monotonic()
+        self._session.lose(error, now)
+        if self._operation is None or not self._operation.outlives_bus:
+            self._fail(error)
+        self._publish(now)
+
+    def _survive(self, error: Exception) -> None:
+        """Stop the drives for an error that nobody foresaw; the loop goes on."""
+        _log.exception('the control loop failed')
+        sentence = f'the control loop failed: {type(error).__name__}: {error}'
+        session = self._session
+        if session.group is not None:
+            session.group.stop(
+                Cause(sentence, 'report this, clear the faults, then activate'),
+                time.monotonic())
+        if session.connection is not None:
+            with suppress(BusError):
+                session.connection.stream.send_stop()
+        self._wake.clear()
+        self._wake.wait(session.settings.period)  # an error that stays must not eat the CPU
+
+    # --- the snapshot
+
+    def _finish_cycle(self, now: float) -> None:
+        self._publish(now)
+        self._notify()
+
+    def _publish(self, now: float) -> None:
+        """Note what a snapshot is made of once somebody asks for it; record a fault."""
+        session, causes = self._session, self._session.causes
+        if session.recorder is not None:
+            session.recorder.watch(causes, now)
+        clock = bus = None
+        if session.connection is not None:
+            clock, bus = session.connection.stream.clock, session.connection.bus
+        self._record = Record(
+            state=self._present_state(),
+            now=now,
+            stamp=clock.sync_stamp if clock is not None else 0.0,
+            monitors=session.monitors,
+            told=tuple([monitor.told for monitor in session.monitors]),
+            targets=session.targets.positions,
+            causes=causes,
+            next_step=session.group.severest_cause.remedy if causes else '',
+            notes=self._notes(),
+            clock=clock,
+            bus=bus,
+            bus_error=session.lost.sentence if session.lost is not None else '',
+            bus_load=session.bus_load,
+        )
+
+    def _notes(self) -> tuple[str, ...]:
+        notes, recorder = self._refused + self._session.notes, self._session.recorder
+        return (*notes, recorder.last_outcome) if recorder and recorder.last_outcome else notes
+
+    def _present_state(self) -> ControllerState:
+        session = self._session
+        if self._closed:
+            return ControllerState.CLOSED
+        if self._operation is not None and not session.is_stopped:
+            return self._operation.state
+        if session.lost is not None:
+            return ControllerState.BUS_LOST
+        if session.group is None:
+            return ControllerState.UNCONFIGURED
+        return _STATES[session.group.phase]

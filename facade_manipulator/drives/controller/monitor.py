@@ -1,0 +1,241 @@
+"""
+What one drive has told, how old it is, and what is wrong with it.
+
+The receiver hands in decoded frames; once a cycle the monitor says whether the drive is still
+there. Times are on the monotonic clock [s]. What was never heard is None.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from facade_manipulator.drives.canopen.emergency import (
+    decode_emergency,
+    describe,
+    fault,
+    is_error_reset,
+    Reaction,
+)
+from facade_manipulator.drives.canopen.nmt import NmtState
+from facade_manipulator.drives.canopen.pdo import (
+    ConditionFrame,
+    decode_tpdo1,
+    decode_tpdo2,
+    decode_tpdo3,
+    MotionFrame,
+    StatusFrame,
+)
+from facade_manipulator.drives.cia402.axis import Feedback
+from facade_manipulator.drives.cia402.cause import Cause, CONFIGURE_REMEDY
+from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.cia402.states import Status
+from facade_manipulator.drives.controller.settings import ControllerSettings
+
+SYNC_TOLERANCE = 0.001
+HOME_TOLERANCE = 2  # counts
+JUMP_MARGIN = 2.0
+JUMP_NOISE = 0.001  # m
+_NOTHING_TOLD = StatusFrame(0, 0, 0)
+
+
+class Told(NamedTuple):
+    """What one drive has told by now, in its own units; see `AxisMonitor`."""
+
+    status: StatusFrame | None
+    motion: MotionFrame | None
+    condition: ConditionFrame | None
+    homed: bool
+    error_code: int
+    nmt_state: int | None
+    heartbeat_time: float | None
+    missed: int
+    serial_number: int | None
+
+
+class AxisMonitor:
+    """
+    Newest values of one drive and the supervision of its answers.
+
+    Parameters
+    ----------
+    name : str
+        What the operator calls the axis.
+    axis : AxisSettings
+        With the velocity unit of the drive's profile.
+    settings : ControllerSettings
+
+    """
+
+    def __init__(self, name: str, axis: AxisSettings, settings: ControllerSettings) -> None:
+        self.name = name
+        self.axis = axis
+        self.status: StatusFrame | None = None
+        self.motion: MotionFrame | None = None
+        self.condition: ConditionFrame | None = None
+        self.nmt_state: int | None = None
+        self.heartbeat_time: float | None = None
+        self.boot_ups = 0
+        self.error_code = 0
+        self.serial_number: int | None = None
+        self.homed = False
+        self.is_fresh = False
+        self.missed = 0
+        self.missed_in_a_row = 0
+        self._settings = settings
+        self._home_counts = axis.to_counts(axis.home_position)
+        # in the drive's own units, so that a cycle converts nothing
+        counts_per_metre = abs(axis.counts_per_metre)
+        self._rest_speed = counts_per_metre * axis.velocity_units_per_count * settings.rest_speed
+        self._least_jump = counts_per_metre * _jump_bound(axis, settings.period)
+        self._supervised_since: float | None = None
+        self._status_time = 0.0
+
+    @property
+    def title(self) -> str:
+        """Name and node, as an operator finds the drive."""
+        return f'{self.name} (node {self.axis.node_id})'
+
+    @property
+    def position(self) -> float | None:
+        """Actual position [m]."""
+        return self.axis.to_metres(self.status.position_counts) if self.status else None
+
+    @property
+    def told(self) -> Told:
+        """All of it, to be looked at later."""
+        return Told(
+            self.status, self.motion, self.condition, self.homed, self.error_code,
+            self.nmt_state, self.heartbeat_time, self.missed, self.serial_number)
+
+    @property
+    def feedback(self) -> Feedback:
+        """What the group's state machine needs; a drive that told nothing is in no state."""
+        status = self.status or _NOTHING_TOLD
+        at_rest = self.motion is not None and abs(self.motion.velocity) < self._rest_speed
+        return Feedback(
+            status.statusword, status.mode, at_rest, self.error_code,
+            abs(status.position_counts - self._home_counts) <= HOME_TOLERANCE)
+
+    def forget(self) -> None:
+        """Forget what was heard, because the bus was gone; the home position is kept."""
+        self.status = self.motion = self.condition = None
+        self.nmt_state = self.heartbeat_time = None
+        self.is_fresh = False
+
+    def begin_supervision(self, now: float) -> None:
+        """From now on silence is a fault."""
+        self._supervised_since = now
+        self.missed_in_a_row = 0
+
+    def end_supervision(self) -> None:
+        """From now on silence, a boot-up and a fault mean nothing."""
+        self._supervised_since = None
+
+    def take_tpdo1(self, data: bytes, time: float, sync_time: float) -> Cause | None:
+        """
+        Take state, mode and position; fresh if they answer the newest SYNC.
+
+        Returns why all must stop if a homed carriage seems to have moved faster than it can.
+
+        """
+        before, self.status = self.status, decode_tpdo1(data)
+        elapsed, self._status_time = time - self._status_time, time
+        self.is_fresh = time >= sync_time - SYNC_TOLERANCE
+        if before is None or not self.homed:
+            return None
+        counts = abs(self.status.position_counts - before.position_counts)
+        if counts <= self._least_jump:
+            return None
+        jump = abs(self.axis.to_metres(counts))
+        bound = _jump_bound(self.axis, max(elapsed, self._settings.period))
+        if jump <= bound:
+            return None
+        self.homed = False
+        return self._supervised(
+            f'{self.title}: the position has jumped by {jump:.4g} m, bound {bound:.4g} m: it can '
+            'no longer be trusted', remedy='clear the faults, home, then activate',
+            cut_power=True)
+
+    def take_tpdo2(self, data: bytes) -> None:
+        """Take velocity and following error."""
+        self.motion = decode_tpdo2(data)
+
+    def take_tpdo3(self, data: bytes) -> None:
+        """Take error code, torque and inputs."""
+        self.condition = decode_tpdo3(data)
+        if self.status is not None and self.status.statusword & Status.FAULT:
+            self.error_code = self.error_code or self.condition.error_code
+
+    def take_emergency(self, data: bytes) -> Cause | None:
+        """Take an emergency message; return why all must stop, None if an error is gone."""
+        code = decode_emergency(data).code
+        if is_error_reset(code):
+            self.error_code = 0
+            return None
+        self.error_code = code
+        meaning = fault(code)
+        self.homed = self.homed and not meaning.home_again
+        return self._supervised(
+            f'{self.title}: {describe(code)}', remedy=meaning.remedy,
+            cut_power=meaning.reaction is Reaction.DISABLE_ALL)
+
+    def take_heartbeat(self, data: bytes, time: float) -> Cause | None:
+        """Take a heartbeat or boot-up message; return why all must stop, if they must."""
+        state = data[0] & 0x7F
+        self.nmt_state = state
+        self.heartbeat_time = time
+        if state == NmtState.INITIALISING:
+            return self._boot()
+        if state != NmtState.OPERATIONAL:
+            return self._supervised(
+                f'{self.title} is no longer operational (NMT state {state})',
+                remedy='check the bus, clear the faults, then activate')
+        return None
+
+    def miss(self) -> None:
+        """Note that the drive did not answer this cycle's SYNC."""
+        self.missed += 1
+        self.missed_in_a_row += 1
+
+    def end_cycle(self) -> None:
+        """Judge the cycle that ends and forget that its answer was fresh."""
+        if self.is_fresh:
+            self.missed_in_a_row = 0
+        else:
+            self.miss()
+        self.is_fresh = False
+
+    def silence(self, now: float) -> Cause | None:
+        """Return why all must stop because of what was not heard, None if all was."""
+        if self._supervised_since is None:
+            return None
+        bound = self._settings.max_missed_cycles
+        if self.missed_in_a_row >= bound:
+            return self._supervised(
+                f'{self.title} did not answer {self.missed_in_a_row} cycles in a row, '
+                f'bound {bound}', remedy=CONFIGURE_REMEDY, configure_again=True, is_silence=True)
+        age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
+        if age > self._settings.heartbeat_timeout:
+            return self._supervised(
+                f'{self.title} sent no heartbeat for {1e3 * age:.0f} ms, '
+                f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
+                remedy=CONFIGURE_REMEDY, configure_again=True, is_silence=True)
+        return None
+
+    def _boot(self) -> Cause | None:
+        self.boot_ups += 1
+        self.homed = False
+        return self._supervised(
+            f'{self.title} has restarted by itself and has lost its position',
+            remedy=CONFIGURE_REMEDY + ', home, then activate', configure_again=True,
+            is_restart=True)
+
+    def _supervised(self, sentence: str, **details) -> Cause | None:
+        if self._supervised_since is None:
+            return None
+        return Cause(sentence, axis=self.name, **details)
+
+
+def _jump_bound(axis: AxisSettings, elapsed: float) -> float:
+    """Return how far a carriage can seem to move in a time [m]."""
+    return JUMP_NOISE + JUMP_MARGIN * axis.max_speed * elapsed

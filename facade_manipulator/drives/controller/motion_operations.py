@@ -1,0 +1,120 @@
+"""Requests that power the drives: activate, deactivate, halt, home."""
+
+from __future__ import annotations
+
+from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence, HomingState
+from facade_manipulator.drives.cia402.plans import Phase
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES
+from facade_manipulator.drives.controller.operation import Operation
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.controller.targets import require_inside
+from facade_manipulator.errors import DriveFaultError, DriveStateError, ManipulatorError
+
+
+class Activate(Operation):
+    """Power on and follow targets."""
+
+    state = ControllerState.ACTIVATING
+
+    def begin(self, now: float) -> str | None:
+        """Check that the carriages may be powered where they are."""
+        group = self.group
+        if group.phase is Phase.OFF:
+            self._require_homed()
+            self._require_allowed()
+        group.enable(now)
+        return None
+
+    def poll(self, now: float) -> str | None:
+        """Wait until targets are followed."""
+        self.require_not_stopped()
+        done = self.session.has_done(Phase.RUNNING)
+        return 'The drives are powered and follow setpoints.' if done else None
+
+    def _require_homed(self) -> None:
+        unhomed = self.session.unhomed
+        if unhomed:
+            raise DriveStateError(
+                f'activate is not possible, {" and ".join(unhomed)} must be homed: call home')
+
+    def _require_allowed(self) -> None:
+        positions = self.session.positions()
+        try:
+            require_inside(AXIS_NAMES, self.session.axes, positions)
+            self.session.check_targets(positions)
+        except ManipulatorError as error:
+            raise DriveStateError(
+                f'activate is not possible from here: {error}; move the carriages by hand'
+            ) from error
+
+
+class Deactivate(Operation):
+    """Come to rest on the path, then power off."""
+
+    state = ControllerState.DEACTIVATING
+
+    def begin(self, now: float) -> str | None:
+        """Begin to ramp down."""
+        self.group.disable(now)
+        return None
+
+    def poll(self, now: float) -> str | None:
+        """Wait until the power is off."""
+        self.require_not_stopped()
+        return 'The carriages stand still; the power is off.' if self.session.is_off else None
+
+
+class Halt(Operation):
+    """Come to rest on the path and hold; a homing is given up."""
+
+    state = ControllerState.HALTING
+    interrupts = True
+    _was_homing = False
+
+    def begin(self, now: float) -> str | None:
+        """Begin to ramp down."""
+        self._was_homing = self.group.phase is Phase.HOMING
+        self.group.halt(now)
+        return None
+
+    def poll(self, now: float) -> str | None:
+        """Wait until nothing moves."""
+        self.require_not_stopped()
+        if self._was_homing:
+            return 'Homing is given up; the power is off.' if self.session.is_off else None
+        done = self.session.has_done(Phase.HALTED)
+        return 'The carriages stand still and hold: activate to go on.' if done else None
+
+
+class Home(Operation):
+    """Home all axes, rank after rank."""
+
+    state = ControllerState.HOMING
+
+    def begin(self, now: float) -> str | None:
+        """Power on in homing mode."""
+        session = self.session
+        group = self.group
+        session.positions()
+        sequence = HomingSequence(tuple(
+            AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
+            for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
+        group.home(sequence, now)
+        session.homing = sequence
+        for monitor in session.monitors:
+            monitor.homed = False
+        return None
+
+    def poll(self, now: float) -> str | None:
+        """Wait until the power is off again."""
+        if self.session.is_stopped:
+            raise DriveFaultError(f'{self.group.cause}. {self._conclude()}')
+        return self._conclude() if self.session.is_off else None
+
+    def _conclude(self) -> str:
+        """Note which axes are homed, not before their positions have settled, and report."""
+        for axis, monitor in zip(self.session.homing.axes, self.session.monitors, strict=True):
+            monitor.homed = axis.state is HomingState.HOMED
+        return 'Homing: ' + ', '.join(
+            f'{monitor.name} is homed, at {monitor.position:.4f} m' if monitor.homed else
+            f'{monitor.name} is not homed' for monitor in self.session.monitors) + '.'

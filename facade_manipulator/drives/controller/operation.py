@@ -1,0 +1,87 @@
+"""What every request of an operator has in common: it begins, is polled, and ends."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+from typing import Any, ClassVar
+
+from facade_manipulator.drives.cia402.group import Group
+from facade_manipulator.drives.controller.session import Session
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.errors import (
+    DriveError,
+    DriveFaultError,
+    DriveStateError,
+    ManipulatorError,
+)
+
+
+class Operation:
+    """
+    A request under way, in the control thread.
+
+    `begin` and `poll` raise a ManipulatorError with the sentence for the operator; the sentence
+    of a success is what they return.
+
+    Parameters
+    ----------
+    session : Session
+
+    """
+
+    state: ClassVar[ControllerState]
+    interrupts: ClassVar[bool] = False
+    outlives_bus: ClassVar[bool] = False
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+
+    @property
+    def name(self) -> str:
+        """What the operator calls it."""
+        return type(self).__name__.lower()
+
+    @property
+    def group(self) -> Group:
+        """
+        The state machine of the drives.
+
+        Raises
+        ------
+        DriveStateError
+            The drives are not configured.
+
+        """
+        if self.session.group is None:
+            raise DriveStateError(f'{self.name} is not possible: configure the drives first')
+        return self.session.group
+
+    def begin(self, now: float) -> str | None:
+        """Begin; return the sentence if there is nothing to do."""
+
+    def poll(self, now: float) -> str | None:
+        """Return the sentence once it is done, None until then."""
+
+    def give_up(self) -> None:
+        """Tidy up after a failure."""
+
+    def require_not_stopped(self) -> None:
+        """
+        Raise why the drives were stopped meanwhile.
+
+        Raises
+        ------
+        DriveFaultError
+            They are stopped.
+
+        """
+        if self.session.is_stopped:
+            raise DriveFaultError(str(self.group.cause))
+
+
+def result_of(job: Future) -> Any:
+    """Return what the worker brought, or raise what it met, told to an operator."""
+    error = job.exception()
+    if error is None or isinstance(error, ManipulatorError):
+        return job.result()
+    raise DriveError(f'checking the drives failed: {type(error).__name__}: {error}') from error

@@ -1,0 +1,109 @@
+"""
+Keep the control loop on time: scheduling, memory, CPU, garbage collection.
+
+What the system refuses is told in a sentence with the command that grants it; the loop runs on
+without.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import sys
+
+from facade_manipulator.drives.controller.settings import ControllerSettings
+
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_SWITCH_INTERVAL = 0.0005
+YOUNG_COLLECTION, FULL_COLLECTION = 1, 2
+
+
+def request_realtime(settings: ControllerSettings) -> list[str]:
+    """Ask for what the settings want for the calling thread; return what was refused."""
+    wishes = (
+        (settings.realtime_priority > 0, _schedule, settings.realtime_priority),
+        (settings.cpu >= 0, _bind, settings.cpu),
+        (settings.lock_memory, _lock_memory, None),
+    )
+    return [sentence for wanted, wish, value in wishes if wanted for sentence in wish(value)]
+
+
+def _schedule(priority: int) -> list[str]:
+    """Ask for SCHED_FIFO, not for the threads that this one starts: they work at leisure."""
+    try:
+        os.sched_setscheduler(
+            0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except OSError as error:
+        return [f'SCHED_FIFO with priority {priority} is refused ({error.strerror}): grant it '
+                'with "@realtime - rtprio 99" in /etc/security/limits.d, or sudo setcap '
+                'cap_sys_nice+ep on the Python interpreter']
+    return []
+
+
+def _bind(cpu: int) -> list[str]:
+    try:
+        os.sched_setaffinity(0, {cpu})
+    except (OSError, ValueError) as error:
+        return [f'the control thread cannot be bound to CPU {cpu} ({error}): this machine has '
+                f'{os.cpu_count()} CPUs']
+    return []
+
+
+def _lock_memory(_: None) -> list[str]:
+    library = ctypes.CDLL(None, use_errno=True)
+    if library.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0:
+        return []
+    reason = os.strerror(ctypes.get_errno())
+    return [f'the memory cannot be locked ({reason}): grant it with "@realtime - memlock '
+            'unlimited" in /etc/security/limits.d']
+
+
+class Collector:
+    """
+    Run the garbage collector where it costs no cycle.
+
+    While in force, the automatic collection of the process is off, and what lived before is
+    never looked at again. Also lets threads of the process change places more often than by
+    default, since the control thread must get the interpreter within a fraction of its period.
+
+    Parameters
+    ----------
+    rate : int
+        Cycles per second.
+
+    """
+
+    def __init__(self, rate: int) -> None:
+        self._rate = rate
+        self._cycles = 0
+        self._before: tuple[bool, float] | None = None
+
+    def start(self) -> None:
+        """Take over; harmless when in force already."""
+        if self._before is None:
+            self._before = gc.isenabled(), sys.getswitchinterval()
+            gc.disable()
+            gc.collect()
+            gc.freeze()
+            sys.setswitchinterval(min(_SWITCH_INTERVAL, self._before[1]))
+
+    def stop(self) -> None:
+        """Give back; harmless when not in force."""
+        if self._before is not None:
+            was_enabled, interval = self._before
+            self._before = None
+            gc.unfreeze()
+            sys.setswitchinterval(interval)
+            if was_enabled:
+                gc.enable()
+
+    def use_slack(self) -> None:
+        """Collect a little now and then; called when the commands of a cycle are out."""
+        if self._before is None:
+            return
+        self._cycles += 1
+        if self._cycles % (10 * self._rate) == 0:
+            gc.collect(FULL_COLLECTION)
+        elif self._cycles % self._rate == 0:
+            gc.collect(YOUNG_COLLECTION)

@@ -1,0 +1,213 @@
+"""Requests around the motion: configure, clean up, clear faults, self-test, close."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future
+
+from facade_manipulator.drives.canopen.bus import Condition
+from facade_manipulator.drives.cia402.cause import Cause, CONFIGURE_REMEDY
+from facade_manipulator.drives.cia402.plans import Phase
+from facade_manipulator.drives.controller.commissioning import Finding
+from facade_manipulator.drives.controller.operation import Operation, result_of
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.errors import (
+    BusError,
+    DriveError,
+    DriveFaultError,
+    DriveStateError,
+    DriveTimeoutError,
+)
+
+CLOSING_TIMEOUT = 3.0
+MOST_BAD_CYCLES = 0.001  # of all
+
+
+class Configure(Operation):
+    """Open the bus, check and configure the drives, start the cycle."""
+
+    state = ControllerState.CONFIGURING
+    _job: Future | None = None
+
+    def begin(self, now: float) -> str | None:
+        """Open the bus; the worker does the rest."""
+        session = self.session
+        if session.connection is not None or session.lost is not None:
+            raise DriveStateError('configure is not possible, the bus is in use: clean up first')
+        session.open()
+        self._job = session.worker.submit(session.connection.commissioning.configure)
+        return None
+
+    def poll(self, now: float) -> str | None:
+        """Start the cycle when the worker is done, then wait for the drives' answers."""
+        session = self.session
+        if not self._job.done():
+            return None
+        if session.group is None:
+            session.notes = tuple(result_of(self._job))
+            session.start_cycle(now)
+        if session.is_stopped:
+            if session.group.needs_configuration:
+                raise DriveTimeoutError(str(session.group.cause))
+            return f'The drives are configured, but stopped: {session.group.cause}.'
+        return 'The drives are configured; the power is off.' if session.is_off else None
+
+    def give_up(self) -> None:
+        """Close the bus again."""
+        self.session.close()
+
+
+class Cleanup(Operation):
+    """Take the power off for good and close the bus."""
+
+    state = ControllerState.CLEANING_UP
+    _deadline = 0.0
+
+    def begin(self, now: float) -> str | None:
+        """Command power off."""
+        if self.session.lost is not None:
+            self.session.close()
+            return 'The bus was lost; the drives have stopped by themselves.'
+        if self.group.is_powered:
+            raise DriveStateError('cleanup is not possible while powered: deactivate first')
+        self.group.cut_power(now)
+        self._deadline = now + self.session.settings.step_timeout
+        return None
+
+    def poll(self, now: float) -> str | None:
+        """Close once the drives have confirmed, or had the time to."""
+        if not self.session.has_done(Phase.STOPPED) and now < self._deadline:
+            return None
+        self.session.close()
+        return 'The drives have no power and the bus is closed.'
+
+
+class ClearFaults(Operation):
+    """Check the drives again and reset their faults; they stay without power."""
+
+    state = ControllerState.CLEARING
+    name = 'clear_faults'
+    _job: Future | None = None
+    _cause: Cause | None = None
+
+    def begin(self, now: float) -> str | None:
+        """Let the worker prove that the drives are still as they were configured."""
+        session = self.session
+        self._cause = self.group.cause
+        if self._cause is None:
+            return 'There is no fault to clear.'
+        if session.lost is not None:
+            raise BusError(
+                f'clear_faults is not possible, the bus is lost: {session.lost.sentence}')
+        self.group.require_resettable(now)
+        self._job = session.worker.submit(session.connection.commissioning.check_again)
+        return None
+
+    def poll(self, now: float) -> str | None:
+        """Reset when the check has passed; wait until the drives have taken it."""
+        session = self.session
+        if self._job is not None:
+            if self._job.done() and self.group.phase is Phase.STOPPED:
+                self._reset(now)
+        elif session.is_stopped:
+            raise DriveFaultError(f'The faults remain: {self._latest()}')
+        if not session.is_off:
+            return None
+        following = f'home {" and ".join(session.unhomed)}, then ' if session.unhomed else ''
+        return f'The faults are cleared ({self._cause.sentence}); next: {following}activate.'
+
+    def _reset(self, now: float) -> None:
+        job, self._job = self._job, None
+        try:
+            result_of(job)
+        except DriveError as error:
+            cause = Cause(str(error), CONFIGURE_REMEDY, configure_again=True)
+            self.group.stop(cause, now)
+            raise DriveFaultError(f'The faults remain: {cause}') from error
+        self.group.reset(now)
+
+    def _latest(self) -> Cause:
+        group = self.group
+        return group.further_causes[-1] if group.further_causes else group.cause
+
+
+class SelfTest(Operation):
+    """Look at the drives, the bus and the cycle; the answer is a list of findings."""
+
+    state = ControllerState.TESTING
+    name = 'self_test'
+    _job: Future | None = None
+
+    def begin(self, now: float) -> None:
+        """Let the worker ask the drives."""
+        session = self.session
+        if self.group.is_powered:
+            raise DriveStateError('self_test is not possible while powered: deactivate first')
+        if session.lost is not None:
+            raise BusError(f'self_test is not possible, the bus is lost: {session.lost.sentence}')
+        self._job = session.worker.submit(session.connection.commissioning.inspect)
+
+    def poll(self, now: float) -> list[Finding] | None:
+        """Add what this side knows to what the drives said."""
+        if not self._job.done():
+            return None
+        return [*result_of(self._job), self._bus(), self._cycle(), self._stop()]
+
+    def _bus(self) -> Finding:
+        bus = self.session.bus_statistics
+        return Finding(
+            'bus', bus.condition is Condition.ACTIVE and not bus.overflows,
+            f'the controller is {bus.condition.name.lower()}, {bus.error_frames} error frames, '
+            f'{bus.overflows} overflows, worst-case load {100.0 * self.session.bus_load:.0f} %')
+
+    def _cycle(self) -> Finding:
+        cycle = self.session.cycle_statistics
+        bad = cycle.incomplete + cycle.late + cycle.skipped
+        return Finding(
+            'cycle', bad <= MOST_BAD_CYCLES * cycle.cycles,
+            f'{cycle.cycles} cycles, {cycle.incomplete} incomplete, {cycle.late} late, '
+            f'{cycle.skipped} skipped; commands at most {1e3 * cycle.worst:.1f} ms after SYNC')
+
+    def _stop(self) -> Finding:
+        causes = self.session.causes
+        return Finding(
+            'faults', not causes, '; '.join(map(str, causes)) or 'nothing has stopped the drives')
+
+
+class Close(Operation):
+    """Power off in order if that is possible, stop if it is not; then fall silent."""
+
+    state = ControllerState.CLEANING_UP
+    interrupts = outlives_bus = True
+    _deadline = 0.0
+    _cutting = False
+
+    def begin(self, now: float) -> str | None:
+        """Begin to power off."""
+        session = self.session
+        if session.group is None or session.lost is not None:
+            return self._finish()
+        self._deadline = now + CLOSING_TIMEOUT
+        if session.is_powered:
+            try:
+                session.group.disable(now)
+            except DriveStateError:
+                session.group.stop(Cause('the drive controller is being closed'), now)
+        return None
+
+    def poll(self, now: float) -> str | None:
+        """Take the power off once the carriages stand still."""
+        session = self.session
+        late = now > self._deadline
+        if session.group is None or session.lost is not None:
+            return self._finish()
+        if not self._cutting and (session.group.phase in (Phase.OFF, Phase.STOPPED) or late):
+            self._cutting = True
+            self._deadline = now + session.settings.step_timeout
+            session.group.cut_power(now)
+        elif self._cutting and (session.has_done(Phase.STOPPED) or late):
+            return self._finish()
+        return None
+
+    def _finish(self) -> str:
+        self.session.close()
+        return 'The drive controller is closed.'

@@ -1,0 +1,88 @@
+"""Settings of the cycle, its supervision and the time-outs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.parameters import check_parameters, parameter
+
+
+@dataclass(frozen=True)
+class ControllerSettings:
+    """The cycle, its supervision and the time-outs."""
+
+    rate: int = parameter(
+        100, 'Cycles per second; a whole number of milliseconds each', unit='Hz',
+        minimum=10, maximum=500, read_only=True)
+    max_bus_load: float = parameter(
+        0.5, 'Share of the bus that a configuration may use', minimum=0.01, maximum=1.0,
+        read_only=True)
+    reset_nodes: bool = parameter(
+        True, 'Whether configure resets the drives, so that nothing old is left in them',
+        read_only=True)
+    boot_timeout: float = parameter(
+        5.0, 'Longest time from reset to boot-up message', unit='s', minimum=0.1, maximum=60.0,
+        read_only=True)
+    heartbeat_period: float = parameter(
+        0.05, 'Period of the heartbeats of master and drives', unit='s',
+        minimum=0.01, maximum=0.5, read_only=True)
+    heartbeat_timeout: float = parameter(
+        0.15, 'Silence after which master and drives take each other for lost', unit='s',
+        minimum=0.02, maximum=1.0, read_only=True)
+    watchdog_timeout: float = parameter(
+        0.1, 'Silence of the executor after which powered drives stop', unit='s',
+        minimum=0.02, maximum=1.0, read_only=True)
+    step_timeout: float = parameter(
+        1.0, 'Longest time for one step of the state machine', unit='s',
+        minimum=0.05, maximum=1.0, read_only=True)
+    ramp_timeout: float = parameter(
+        5.0, 'Longest time to come to rest on the path', unit='s', minimum=0.1, maximum=30.0,
+        read_only=True)
+    hold_cycles: int = parameter(
+        20, 'Cycles that the carriages hold after power-on before they follow',
+        minimum=1, maximum=1000, read_only=True)
+    max_missed_cycles: int = parameter(
+        3, 'Missed cycles in a row of one axis that stop all', minimum=1, maximum=10,
+        read_only=True)
+    rest_speed: float = parameter(
+        0.002, 'Speed below which a carriage is at rest', unit='m/s', minimum=1e-5, maximum=0.1,
+        read_only=True)
+    step_margin: float = parameter(
+        1.1, 'Largest step of a target per cycle, as a multiple of max_speed',
+        minimum=1.0, maximum=3.0, read_only=True)
+    drive_lag: float = parameter(
+        0.0, 'How far the carriages lag behind the interpolated target', unit='s',
+        minimum=0.0, maximum=0.5, read_only=True)
+    max_resets_per_minute: int = parameter(
+        3, 'Fault resets allowed within a minute', minimum=1, maximum=3, read_only=True)
+    reopen_after: float = parameter(
+        1.0, 'How long a reopened bus must be healthy', unit='s', minimum=0.1, maximum=10.0,
+        read_only=True)
+    own_garbage_collection: bool = parameter(
+        True, "Whether the control thread runs the process's garbage collector, in its slack",
+        read_only=True)
+    realtime_priority: int = parameter(
+        0, 'SCHED_FIFO priority of the control thread; 0 leaves it to the normal scheduler',
+        minimum=0, maximum=99, read_only=True)
+    lock_memory: bool = parameter(
+        False, 'Whether the process locks its memory against paging', read_only=True)
+    cpu: int = parameter(
+        -1, 'CPU that the control thread is bound to; -1 leaves it free',
+        minimum=-1, maximum=1023, read_only=True)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if 1000 % self.rate:
+            raise ParameterError(
+                f'rate = {self.rate} Hz is not a whole number of milliseconds per cycle: '
+                'use 100, 125, 200, 250 or 500 Hz')
+        if self.heartbeat_timeout < 2.0 * self.heartbeat_period:
+            raise ParameterError(
+                f'heartbeat_timeout = {self.heartbeat_timeout:g} s is below twice the '
+                f'heartbeat_period = {self.heartbeat_period:g} s: one lost frame would stop all')
+
+    @property
+    def period(self) -> float:
+        """Time between two cycles [s]."""
+        return 1.0 / self.rate

@@ -1,0 +1,322 @@
+"""
+The control thread's work on an open bus: receive, supervise, step, command, once per SYNC.
+
+Frames go by COB-ID and length to whoever decodes them; anything else on the bus is not for us.
+Nothing in here waits but for the next frame or the next deadline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import time
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import BusCongestedError, CanBus, Frame
+from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
+from facade_manipulator.drives.canopen.sdo import PumpedNetwork, SDO_FRAME_LENGTH
+from facade_manipulator.drives.cia402.cause import (
+    BUS_REMEDY,
+    Cause,
+    COMPUTER_REMEDY,
+    TARGET_REMEDY,
+)
+from facade_manipulator.drives.cia402.group import Command, Group
+from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
+from facade_manipulator.drives.cia402.states import Controlword
+from facade_manipulator.drives.controller.commissioning import Hearing, send_nmt
+from facade_manipulator.drives.controller.cycle import cycle_clock
+from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.targets import Targets
+from facade_manipulator.errors import ManipulatorError
+
+LONGEST_WAIT = 0.02
+MOST_UNSENT = 8  # frames in a row: two cycles
+_EMERGENCY_LENGTH = 8
+
+
+class Stream:
+    """
+    The cyclic exchange with three drives.
+
+    `pump` is called in a loop by the control thread, which also calls everything else here.
+
+    Parameters
+    ----------
+    bus : CanBus
+    network : PumpedNetwork
+        Gets the answers to SDO requests.
+    monitors : tuple of AxisMonitor
+    settings : ControllerSettings
+    targets : Targets
+    supervise : callable
+        Called in each cycle with the time; yields causes to stop for.
+    on_cycle : callable
+        Called at the end of each cycle with the time.
+
+    """
+
+    def __init__(
+        self, bus: CanBus, network: PumpedNetwork, monitors: tuple[AxisMonitor, ...],
+        settings: ControllerSettings, targets: Targets,
+        supervise: Callable[[float], list[Cause]], on_cycle: Callable[[float], None],
+    ) -> None:
+        self.group: Group | None = None
+        self.hearing = Hearing()
+        self.clock = cycle_clock(settings.period, bus.has_kernel_sync)
+        self.speaks = True
+        self._bus = bus
+        self._network = network
+        self._monitors = monitors
+        self._settings = settings
+        self._targets = targets
+        self._supervise = supervise
+        self._on_cycle = on_cycle
+        self._next_heartbeat = 0.0
+        self._unsent = 0
+        self._pumped = self._read_until = time.monotonic()
+        self._forced: set[str] = set()
+        self._command_ids = tuple(pdo.RPDO1.cob_id(m.axis.node_id) for m in monitors)
+        self._routes = self._make_routes()
+        bus.listen_to(tuple(self._routes))
+
+    # --- receiving
+
+    def _make_routes(self) -> dict[int, tuple[int, Callable[[Frame], None]]]:
+        routes = {pdo.SYNC_COB_ID: (0, self._on_sync)} if self._bus.has_kernel_sync else {}
+        for monitor in self._monitors:
+            routes.update(self._routes_of(monitor))
+        return routes
+
+    def _routes_of(self, monitor: AxisMonitor) -> dict:
+        node = monitor.axis.node_id
+        return {
+            pdo.TPDO1.cob_id(node): (pdo.TPDO1.codec.size, lambda frame: self._stop_for(
+                monitor.take_tpdo1(frame.data, frame.time, self.clock.sync_time))),
+            pdo.TPDO2.cob_id(node): (
+                pdo.TPDO2.codec.size, lambda frame: monitor.take_tpdo2(frame.data)),
+            pdo.TPDO3.cob_id(node): (
+                pdo.TPDO3.codec.size, lambda frame: monitor.take_tpdo3(frame.data)),
+            pdo.emergency_cob_id(node): (
+                _EMERGENCY_LENGTH, lambda frame: self._stop_for(
+                    monitor.take_emergency(frame.data))),
+            pdo.heartbeat_cob_id(node): (
+                1, lambda frame: self._on_heartbeat(monitor, frame)),
+            pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self._network.feed),
+        }
+
+    def _dispatch(self, frame: Frame) -> None:
+        length, take = self._routes.get(frame.cob_id, (None, None))
+        if length == len(frame.data):
+            take(frame)
+
+    def _on_sync(self, frame: Frame) -> None:
+        if self.group is None or self.clock.is_stray(frame.time):
+            return
+        if self.clock.is_open:
+            self._step(time.monotonic())
+        self.clock.hear(frame.time, frame.stamp)
+
+    def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> None:
+        cause = monitor.take_heartbeat(frame.data, frame.time)
+        self.hearing.notify()
+        self._stop_for(cause)
+
+    def _stop_for(self, cause: Cause | None) -> None:
+        """Stop, and say so on the bus at once rather than at the end of the cycle."""
+        if cause is None or self.group is None:
+            return
+        before = self.group.phase
+        self.group.stop(cause, time.monotonic())
+        if before not in STOPPED_PHASES:
+            self._send_commands(self.group.commands)
+
+    # --- the cycle
+
+    def start(self, group: Group, now: float) -> None:
+        """
+        Let SYNC run and command what the group says from now on.
+
+        Raises
+        ------
+        BusError
+            The kernel takes no SYNC.
+
+        """
+        self.group = group
+        self._pumped = now
+        self.clock.start(now)
+        for monitor in self._monitors:
+            monitor.begin_supervision(now)
+        if self._bus.has_kernel_sync:
+            self._bus.start_sync(self._settings.period)
+
+    def stop(self) -> None:
+        """End SYNC and commands; heartbeats go on."""
+        self._bus.stop_sync()
+        self.group = None
+        for monitor in self._monitors:
+            monitor.end_supervision()
+
+    def pump(self) -> float:
+        """
+        Wait for the next frame or deadline and do what it brings; return when that was [s].
+
+        Raises
+        ------
+        BusError
+            The bus is gone.
+
+        """
+        frame = self._bus.receive(self._time_to_next_event(time.monotonic()))
+        now = time.monotonic()
+        self._watch_pauses(now)
+        if frame is None:
+            self._read_until = now
+        else:
+            self._read_until = frame.time
+            self._dispatch(frame)
+        if self.speaks and now >= self._next_heartbeat:
+            self._send_heartbeat(now)
+        if self.group is not None:
+            self._turn(now, all_read=frame is None)
+        return now
+
+    def _watch_pauses(self, now: float) -> None:
+        """Blame this computer, not a drive, when this loop has not run: frames wait unread."""
+        pause, self._pumped = now - self._pumped, now
+        bound = self._settings.heartbeat_timeout
+        if pause > bound:
+            self._stop_for(Cause(
+                f'the control loop stood still for {1e3 * pause:.0f} ms, '
+                f'bound {1e3 * bound:.0f} ms', COMPUTER_REMEDY))
+
+    def _time_to_next_event(self, now: float) -> float:
+        event = now + LONGEST_WAIT
+        if self.speaks and self._next_heartbeat < event:
+            event = self._next_heartbeat
+        if self.group is not None and self.clock.next_event < event:
+            event = self.clock.next_event
+        return event - now
+
+    def _turn(self, now: float, all_read: bool) -> None:
+        clock = self.clock
+        if clock.is_open and clock.step_due(
+                now, self._answers(), len(self._monitors), all_read):
+            self._step(now)
+        if clock.sync_due(now, all_read):
+            self._send_sync()
+
+    def _answers(self) -> int:
+        return [monitor.is_fresh for monitor in self._monitors].count(True)
+
+    def _step(self, now: float) -> None:
+        in_time = self.clock.finish(now, self._answers() == len(self._monitors))
+        for monitor in self._monitors:
+            monitor.end_cycle()
+        group = self.group
+        for cause in self._causes(now):
+            group.stop(cause, now)
+        commands = group.step(self._feedback(), now)
+        if in_time or group.phase not in FOLLOWING_PHASES:
+            commands = self._choose_targets(commands, now)
+            self._send_commands(commands)
+        self._force_disobedient()
+        self._on_cycle(now)
+
+    def _feedback(self) -> tuple:
+        feedback = tuple([monitor.feedback for monitor in self._monitors])
+        if self.group.phase is Phase.RAMPING and not self._targets.source.at_rest:
+            return tuple(one._replace(at_rest=False) for one in feedback)
+        return feedback
+
+    def _causes(self, now: float) -> list[Cause]:
+        causes = self._supervise(now)
+        if self.group.phase in STOPPED_PHASES:
+            return causes
+        return [*causes, *self._silences(), *self._own_failures()]
+
+    def _silences(self) -> list[Cause]:
+        """Blame the bus rather than each drive when all have fallen silent together."""
+        heard_until = self._read_until  # what still waits to be read may tell of them
+        causes = [
+            cause for monitor in self._monitors
+            if (cause := monitor.silence(heard_until)) is not None]
+        if len(causes) == len(self._monitors):
+            return [Cause(f'no drive answers any more: {causes[0].sentence}', BUS_REMEDY)]
+        return causes
+
+    def _own_failures(self) -> list[Cause]:
+        bound = self._settings.max_missed_cycles
+        causes = []
+        if self.clock.late_in_a_row >= bound and self.group.is_powered:
+            causes.append(Cause(
+                f'the control loop was late {self.clock.late_in_a_row} cycles in a row, bound '
+                f'{bound}', COMPUTER_REMEDY))
+        if self.clock.overdue_in_a_row >= bound:
+            causes.append(Cause(
+                f'the kernel sent no SYNC for {self.clock.overdue_in_a_row} periods, bound '
+                f'{bound}', 'clean up and configure again', configure_again=True))
+        return causes
+
+    def _choose_targets(
+        self, commands: tuple[Command, ...], now: float
+    ) -> tuple[Command, ...]:
+        """Choose the targets; a source that fails stops the group instead."""
+        actual = tuple([m.status.position_counts if m.status else 0 for m in self._monitors])
+        latch_time = self.clock.even_stamp + 2.0 * self._settings.period + self._settings.drive_lag
+        try:
+            self._targets.choose(self.group.phase, commands[0], actual, latch_time)
+        except ManipulatorError as error:
+            self.group.stop(Cause(f'a target was refused: {error}', TARGET_REMEDY), now)
+        except Exception as error:  # a source of targets may be anybody's code
+            self.group.stop(Cause(
+                f'the source of the targets failed: {type(error).__name__}: {error}',
+                TARGET_REMEDY), now)
+        else:
+            return commands
+        self._targets.choose(self.group.phase, self.group.commands[0], actual, latch_time)
+        return self.group.commands
+
+    # --- sending
+
+    def send_stop(self) -> None:
+        """Command a quick stop at once, from any thread; the next step makes it last."""
+        group = self.group
+        if group is not None:
+            self._send_commands(tuple(
+                command._replace(controlword=Controlword.QUICK_STOP)
+                for command in group.commands))
+
+    def _send_sync(self) -> None:
+        self.clock.begin(time.monotonic(), time.time())
+        self._send(pdo.SYNC_COB_ID)
+
+    def _send_heartbeat(self, now: float) -> None:
+        self._next_heartbeat = now + self._settings.heartbeat_period
+        self._send(pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
+
+    def _send_commands(self, commands: tuple[Command, ...]) -> None:
+        for cob_id, command, target in zip(
+                self._command_ids, commands, self._targets.counts, strict=True):
+            self._send(cob_id, pdo.encode_rpdo1(command.controlword, command.mode, target))
+
+    def _send(self, cob_id: int, data: bytes = b'') -> None:
+        """Send a frame; a queue that is full now may be free in the next cycle."""
+        try:
+            self._bus.send(cob_id, data)
+        except BusCongestedError:
+            self._unsent += 1
+            if self._unsent >= MOST_UNSENT:
+                raise
+        else:
+            self._unsent = 0
+
+    def _force_disobedient(self) -> None:
+        """Take drives that go on in spite of a quick stop out of operation by NMT, once each."""
+        if self.group.disobedient == self._forced:
+            return
+        for monitor in self._monitors:
+            if monitor.name in self.group.disobedient - self._forced:
+                send_nmt(self._bus, NmtCommand.STOP, monitor.axis.node_id)
+        self._forced = set(self.group.disobedient)

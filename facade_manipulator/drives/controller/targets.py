@@ -1,0 +1,175 @@
+"""
+The targets that go to the drives: the place where power finds the carriages, then the stream.
+
+The last check before the bus. It trusts nobody: a target that is not finite, leaves the stroke or
+jumps is refused with a sentence, never clamped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from typing import Protocol
+
+from facade_manipulator.drives.cia402.group import Command
+from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase
+from facade_manipulator.drives.cia402.settings import AxisSettings, Triple
+from facade_manipulator.drives.cia402.states import Controlword, Mode
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.errors import InputError, LimitError, SetpointLimitError, StrokeLimitError
+
+_AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
+ROUNDING = 1e-9
+MOST_SLIP = 0.005  # m, from where the carriage was when power came
+
+
+class TargetSource(Protocol):
+    """Where the targets come from, such as `facade_manipulator.motion.setpoints`."""
+
+    @property
+    def at_rest(self) -> bool:
+        """Tell whether the targets stand still."""
+
+    def reset(self, positions: Triple) -> None:
+        """Hold at positions [m] and forget everything before."""
+
+    def hold(self) -> None:
+        """Come to rest on the path."""
+
+    def sample(self, latch_time: float) -> Triple:
+        """Return the positions [m] to be reached at a time of the system clock [s]."""
+
+
+class Targets:
+    """
+    Choose what to command in each cycle.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What the operator calls the axes.
+    axes : tuple of AxisSettings
+    settings : ControllerSettings
+    source : TargetSource
+    check : callable
+        Takes three positions [m] and raises a ManipulatorError where the mechanism must not be.
+
+    """
+
+    def __init__(
+        self, names: tuple[str, ...], axes: tuple[AxisSettings, ...],
+        settings: ControllerSettings, source: TargetSource, check: Callable[[Triple], None],
+    ) -> None:
+        self.source = source
+        self._names = names
+        self._axes = axes
+        self._check = check
+        self._largest_steps = tuple(
+            settings.step_margin * axis.max_speed * settings.period for axis in axes)
+        self._phase = Phase.OFF
+        self._counts = (0,) * len(axes)
+        self._positions: Triple | None = None
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """The targets last chosen."""
+        return self._counts
+
+    @property
+    def positions(self) -> Triple | None:
+        """The targets last chosen [m] while the drives follow, else None."""
+        return self._positions
+
+    def track(self, command: Command, actual: tuple[int, ...]) -> None:
+        """Keep the targets at the carriages until the drives are enabled in the cyclic mode."""
+        self._positions = None
+        enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
+        if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
+            self._counts = actual
+
+    def choose(
+        self, phase: Phase, command: Command, actual: tuple[int, ...], latch_time: float
+    ) -> None:
+        """
+        Choose the targets of a cycle.
+
+        Parameters
+        ----------
+        phase : Phase
+            What the group is doing.
+        command : Command
+            What is commanded along with the targets.
+        actual : tuple of int
+            Actual positions [counts].
+        latch_time : float
+            When the drives reach the targets, on the system clock [s].
+
+        Raises
+        ------
+        ManipulatorError
+            The source has failed, or a target must not go to the drives.
+
+        """
+        before, self._phase = self._phase, phase
+        if phase not in FOLLOWING_PHASES:
+            self.track(command, actual)
+            return
+        if before not in FOLLOWING_PHASES or (before, phase) == (Phase.HALTED, Phase.RUNNING):
+            self._anchor(actual)
+        if phase is Phase.HOLDING:
+            return
+        if phase in _AT_REST:
+            self.source.hold()
+        self._take(self.source.sample(latch_time))
+
+    def _anchor(self, actual: tuple[int, ...]) -> None:
+        """Begin where the drives hold; a carriage that is elsewhere by now is a doubt."""
+        self._positions = tuple(
+            axis.to_metres(counts) for axis, counts in zip(self._axes, self._counts, strict=True))
+        for name, axis, held, counts in zip(
+                self._names, self._axes, self._positions, actual, strict=True):
+            slip = abs(axis.to_metres(counts) - held)
+            if slip > MOST_SLIP:
+                raise SetpointLimitError(
+                    f'distance of {name} from its target', slip, MOST_SLIP, 'm', 'above')
+        self.source.reset(self._positions)
+
+    def _take(self, targets: Triple) -> None:
+        for number, target in enumerate(targets):
+            self._require_sane(number, target)
+        self._check(targets)
+        self._counts = tuple([
+            axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True)])
+        self._positions = tuple(targets)
+
+    def _require_sane(self, number: int, target: float) -> None:
+        axis, step = self._axes[number], abs(target - self._positions[number])
+        if (axis.lower_limit - ROUNDING <= target <= axis.upper_limit + ROUNDING
+                and step <= self._largest_steps[number] + ROUNDING):
+            return
+        name = f'target of {self._names[number]}'
+        if not math.isfinite(target):
+            raise InputError.not_finite(name, target, 'm')
+        if target < axis.lower_limit - ROUNDING:
+            raise StrokeLimitError(name, target, axis.lower_limit, 'm', 'below')
+        if target > axis.upper_limit + ROUNDING:
+            raise StrokeLimitError(name, target, axis.upper_limit, 'm', 'above')
+        raise SetpointLimitError(
+            f'step of the {name} in one cycle', step, self._largest_steps[number], 'm', 'above')
+
+
+def require_inside(names: tuple[str, ...], axes: tuple[AxisSettings, ...], actual: Triple) -> None:
+    """
+    Check that the carriages are where they may be powered.
+
+    Raises
+    ------
+    LimitError
+        A carriage is beyond its stroke and the margin.
+
+    """
+    for name, axis, position in zip(names, axes, actual, strict=True):
+        low, high = axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin
+        if not low <= position <= high:
+            bound, relation = (low, 'below') if position < low else (high, 'above')
+            raise LimitError(f'position of {name}', position, bound, 'm', relation)

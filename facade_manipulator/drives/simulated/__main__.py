@@ -1,0 +1,170 @@
+"""
+Executable ``drive_simulator``: three simulated drives on any python-can bus. It needs no ROS.
+
+The driver of the machine talks to them over CAN as it does to real ones.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import Field, fields
+import logging
+import signal
+import sys
+import threading
+from typing import Any
+
+from facade_manipulator.drives.canopen.link import BusSettings, open_bus
+from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.simulated.bus import DriveSimulator
+from facade_manipulator.drives.simulated.drive import SimulatedDrive
+from facade_manipulator.drives.simulated.group import simulated_drives
+from facade_manipulator.drives.simulated.motor import SimulationSettings
+from facade_manipulator.errors import BusError, ManipulatorError
+from facade_manipulator.parameters import METADATA_KEY
+
+USAGE_ERROR, BUS_ERROR = 2, 3
+
+# settings that the options give for each drive, or that its profile knows
+_NO_OPTIONS = {'start_position', 'direction', 'velocity_unit'}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run until SIGINT or SIGTERM; return the exit status."""
+    options = _parser().parse_args(_without_ros(sys.argv[1:] if arguments is None else arguments))
+    # what python-can logs about an interface is said once, in a sentence of ours
+    logging.getLogger('can').setLevel(logging.CRITICAL)
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    try:
+        _simulate(options, stopping)
+    except BusError as error:
+        return _refuse(str(error), BUS_ERROR)
+    except ManipulatorError as error:
+        return _refuse(str(error), USAGE_ERROR)
+    return 0
+
+
+def _refuse(sentence: str, status: int) -> int:
+    print(f'drive_simulator: {sentence}', file=sys.stderr)
+    return status
+
+
+def _simulate(options: argparse.Namespace, stopping: threading.Event) -> None:
+    drives = make_drives(options)
+    bus = BusSettings(**_chosen(options, BusSettings))
+    simulator = DriveSimulator(open_bus(bus), drives, reopen=lambda: open_bus(bus))
+    try:
+        with simulator:
+            nodes = ', '.join(str(node_id) for node_id in options.node_ids)
+            print(f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}',
+                  flush=True)
+            stopping.wait()
+    finally:
+        simulator.bus.shutdown()
+
+
+def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
+    """
+    Make the drives that the options describe.
+
+    Raises
+    ------
+    ManipulatorError
+        An option is out of range.
+
+    """
+    scale = _chosen(options, AxisScale)
+    settings = SimulationSettings(**_chosen(options, SimulationSettings))
+    count = len(options.node_ids)
+    axes = [
+        AxisSettings(**{
+            **scale, 'node_id': node_id, 'profile': options.profile, 'direction': direction,
+            'vendor_id': options.vendor_id, 'product_code': options.product_code,
+            'serial_number': serial, 'home_position': start,
+            'lower_limit': settings.lower_stop, 'upper_limit': settings.upper_stop})
+        for node_id, direction, serial, start in zip(
+            options.node_ids,
+            _one_each('directions', options.directions, count),
+            _one_each('serial-numbers', options.serial_numbers or options.node_ids, count),
+            _one_each('start-positions', options.start_positions, count), strict=True)
+    ]
+    return simulated_drives(axes, settings)
+
+
+def _one_each(name: str, values: Sequence[Any], count: int) -> Sequence[Any]:
+    if len(values) == 1:
+        return [values[0]] * count
+    if len(values) != count:
+        raise ManipulatorError(f'--{name} has {len(values)} values for {count} node ids')
+    return values
+
+
+def _chosen(options: argparse.Namespace, settings: type) -> dict[str, Any]:
+    chosen = {item.name: getattr(options, item.name, item.default) for item in fields(settings)}
+    return {name: tuple(value) if isinstance(value, list) else value
+            for name, value in chosen.items()}
+
+
+def _without_ros(arguments: Sequence[str]) -> list[str]:
+    """Drop what launch files append: from ``--ros-args`` to ``--`` or the end."""
+    kept: list[str] = []
+    is_ros = False
+    for argument in arguments:
+        if argument in ('--ros-args', '--'):
+            is_ros = argument == '--ros-args'
+        elif not is_ros:
+            kept.append(argument)
+    return kept
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='drive_simulator', description='Simulated CiA 402 drives on a CAN bus.',
+        formatter_class=argparse.ArgumentDefaultsHelpFormatter)
+    add = parser.add_argument
+    add('--profile', default='simulated', help='drive type: a file of config/drives')
+    add('--node-ids', type=int, nargs='+', default=[1, 2, 3],
+        help='one drive each; what follows has one value for each, or one for all')
+    add('--start-positions', type=float, nargs='+',
+        default=[axis.home_position for axis in DEFAULT_AXES],
+        help='where the carriages stand [m]')
+    add('--directions', type=int, nargs='+', default=[1],
+        help='-1: positive counts move the carriage to negative q')
+    add('--serial-numbers', type=_number, nargs='+', help='default: the node ids')
+    add('--vendor-id', type=_number, default=0, help='vendor of all drives')
+    add('--product-code', type=_number, default=0, help='product code of all drives')
+    for settings in (BusSettings, AxisScale, SimulationSettings):
+        _add_settings(parser, settings)
+    parser.set_defaults(interface='socketcan', channel='vcan0')
+    return parser
+
+
+def _number(text: str) -> int:
+    return int(text, 0)
+
+
+def _add_settings(parser: argparse.ArgumentParser, settings: type) -> None:
+    for item in fields(settings):
+        if item.name not in _NO_OPTIONS:
+            parser.add_argument(
+                '--' + item.name.replace('_', '-'), help=_help(item), default=item.default,
+                **_value_type(item))
+
+
+def _help(item: Field[Any]) -> str:
+    info = item.metadata[METADATA_KEY]
+    return f'{info.description} [{info.unit}]' if info.unit else info.description
+
+
+def _value_type(item: Field[Any]) -> dict[str, Any]:
+    if isinstance(item.default, tuple):
+        return {'type': _number, 'nargs': '*'}
+    return {'type': type(item.default)}
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,165 @@
+"""Simulated drives on a CAN bus: the thread that carries frames and time to them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+import threading
+import time
+
+import can
+
+from facade_manipulator.drives.simulated.drive import SimulatedDrive
+from facade_manipulator.drives.simulated.faults import Frame
+from facade_manipulator.errors import BusError
+
+_LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet
+_FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 0.5  # s: after an error of the bus
+_BUS_ERRORS = (can.CanError, OSError, ValueError, BusError)
+
+
+class DriveSimulator:
+    """
+    Simulated drives that share one bus.
+
+    Parameters
+    ----------
+    bus : can.BusABC
+        Where they live. It stays the caller's to shut down; with `reopen` it is shut down after
+        an error, and the caller shuts down what `bus` is then.
+    drives : sequence of SimulatedDrive
+        The drives.
+    reopen : callable, optional
+        Returns a new bus after the old one has failed, or raises a BusError.
+
+    Attributes
+    ----------
+    bus : can.BusABC
+        The bus in use.
+    bus_errors : int
+        How often sending or receiving has failed.
+
+    """
+
+    def __init__(
+        self, bus: can.BusABC, drives: Sequence[SimulatedDrive],
+        reopen: Callable[[], can.BusABC] | None = None,
+    ) -> None:
+        self.bus = bus
+        self._drives = tuple(drives)
+        self._reopen = reopen
+        self._lock = threading.Lock()
+        self._stopping = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._pause = 0.0
+        self._retry = 0.0
+        self._is_closed = False
+        self.bus_errors = 0
+
+    def start(self) -> None:
+        """Give the drives power: they boot."""
+        if self._thread is None:
+            self._stopping.clear()
+            self._thread = threading.Thread(target=self._run, name='drive simulator', daemon=True)
+            self._thread.start()
+
+    def stop(self) -> None:
+        """Take the drives off the bus; returns when the thread has ended."""
+        self._stopping.set()
+        thread, self._thread = self._thread, None
+        if thread is not None:
+            thread.join()
+
+    def __enter__(self) -> DriveSimulator:
+        self.start()
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        self.stop()
+
+    @contextmanager
+    def access(self) -> Iterator[tuple[SimulatedDrive, ...]]:
+        """
+        Lend the drives to another thread, for reading them or injecting faults.
+
+        What they have to say about it goes to the bus when the context ends.
+
+        """
+        with self._lock:
+            yield self._drives
+            frames = self._advance()
+        self._send(frames)
+
+    def _run(self) -> None:
+        with self._lock:
+            self._power_up()
+        while not self._stopping.is_set():
+            self._send(self._next_frames())
+
+    def _power_up(self) -> None:
+        now = time.monotonic()
+        for drive in self._drives:
+            drive.advance(now)
+            drive.reboot()
+
+    def _next_frames(self) -> list[Frame]:
+        message = self._receive()
+        with self._lock:
+            if message is None or not _is_plain(message):
+                return self._advance()
+            now, cob_id, data = time.monotonic(), message.arbitration_id, bytes(message.data)
+            return [frame for drive in self._drives
+                    for frame in drive.receive(cob_id, data, now)]
+
+    def _advance(self) -> list[Frame]:
+        now = time.monotonic()
+        return [frame for drive in self._drives for frame in drive.advance(now)]
+
+    def _receive(self) -> can.Message | None:
+        """Wait for a frame until a drive wants to be called; time passes on a dead bus, too."""
+        with self._lock:
+            deadline = min((drive.deadline for drive in self._drives), default=0.0)
+        now = time.monotonic()
+        wait = min(max(deadline - now, 0.0), _LONGEST_WAIT)
+        if now < self._retry:
+            self._stopping.wait(min(wait, self._retry - now))
+            return None
+        try:
+            self._reopen_if_closed()
+            message = self.bus.recv(wait)
+        except _BUS_ERRORS:
+            self._note_error()
+            return None
+        if message is not None:
+            self._pause = 0.0
+        return message
+
+    def _reopen_if_closed(self) -> None:
+        if self._is_closed and self._reopen is not None:
+            self.bus = self._reopen()
+            self._is_closed = False
+
+    def _send(self, frames: list[Frame]) -> None:
+        if time.monotonic() < self._retry:
+            return  # there is nobody to hear it
+        for cob_id, data in frames:
+            try:
+                self.bus.send(
+                    can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
+            except _BUS_ERRORS:
+                self._note_error()
+                return  # the rest of them would only fail as well
+
+    def _note_error(self) -> None:
+        self.bus_errors += 1
+        self._pause = min(max(2.0 * self._pause, _FIRST_PAUSE), _LONGEST_PAUSE)
+        self._retry = time.monotonic() + self._pause
+        if self._reopen is not None and not self._is_closed:
+            self._is_closed = True
+            with suppress(*_BUS_ERRORS):
+                self.bus.shutdown()
+
+
+def _is_plain(message: can.Message) -> bool:
+    return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame
+                or message.is_fd)

@@ -1,0 +1,165 @@
+"""
+A simulated CiA 402 drive on CANopen: frames and time in, frames out; no thread, no clock.
+
+It is as strict as a real drive and as unforgiving: it follows its objects to the letter, latches
+at the SYNC, watches the heartbeat of its master, and trips.
+
+References
+----------
+CiA 301 and IEC 61800-7-201 (CiA 402-2).
+
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from facade_manipulator.drives.canopen.nmt import NmtState
+from facade_manipulator.drives.cia402.profile import DriveProfile
+from facade_manipulator.drives.cia402.states import State, Status
+from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.simulated.axis import SAFE_TORQUE_OFF, SimulatedAxis
+from facade_manipulator.drives.simulated.motor import SimulatedMotor, SimulationSettings
+from facade_manipulator.drives.simulated.network import ErrorHistory
+from facade_manipulator.drives.simulated.node import SimulatedNode
+from facade_manipulator.drives.simulated.objects import ObjectStore
+
+POSITION_LOST = 0x7380
+
+# what an error does, by mask and code: most cut the power, these do not
+_CONNECTION_ERRORS = ((0xFF00, 0x8100), (0xFF00, 0x8200))
+_RAMP_ERRORS = ((0xFF00, 0x8600), (0xFFF8, 0x8A80))
+
+
+class Identity(NamedTuple):
+    """The identity object 1018."""
+
+    vendor_id: int = 0
+    product_code: int = 0
+    revision_number: int = 0
+    serial_number: int = 0
+
+
+class SimulatedDrive(SimulatedNode):
+    """
+    One drive.
+
+    Parameters
+    ----------
+    node_id : int
+        Its CANopen node, 1 to 127.
+    profile : DriveProfile
+        Drive type: object dictionary, homing methods, quirks, velocity unit.
+    scale : AxisScale
+        Motor, gear and screw that it drives; the velocity unit is the profile's.
+    identity : Identity
+        What 1018 says.
+    settings : SimulationSettings
+        Rail, load, servo.
+
+    Raises
+    ------
+    ParameterError
+        The node id is not one.
+
+    Attributes
+    ----------
+    motor : SimulatedMotor
+        The mechanics: ``carriage_position`` in m is where the carriage really is;
+        ``external_force`` and ``lag`` may be set.
+
+    """
+
+    def __init__(
+        self, node_id: int, profile: DriveProfile, scale: AxisScale | None = None,
+        identity: Identity | None = None, settings: SimulationSettings | None = None,
+    ) -> None:
+        settings = settings or SimulationSettings()
+        self._scale = replace(scale or AxisScale(), velocity_unit=profile.velocity_unit)
+        self.motor = SimulatedMotor(settings, self._scale)
+        objects = ObjectStore(profile.eds, node_id, settings.missing_objects)
+        axis = SimulatedAxis(objects, self.motor, profile, self._scale, self._report_once)
+        self._control = objects.writers[0x6040, 0]
+        objects.writers[0x6040, 0] = self._take_controlword
+        objects.readers[0x6041, 0] = self._statusword
+        objects.defaults[0x6076, 0] = round(self._scale.rated_torque * 1e6)
+        super().__init__(node_id, objects, ErrorHistory(objects), axis, self._report_once,
+                         settings.boot_time, profile.quirks)
+        self.set_identity(identity or Identity())
+
+    @property
+    def state(self) -> State:
+        """State of the power drive system."""
+        return self.axis.state
+
+    # --- controlword, statusword, errors
+
+    def _statusword(self) -> int:
+        remote = Status.REMOTE * (self.nmt_state is NmtState.OPERATIONAL)
+        return self.axis.statusword | remote if self.axis.statusword else 0
+
+    def _take_controlword(self, controlword: int) -> None:
+        resets = self.axis.is_reset_edge(controlword)
+        self._control(controlword)
+        if resets:
+            self._reset_errors()
+
+    def _reset_errors(self) -> None:
+        had_errors = self.errors.code != 0
+        if self.errors.reset():
+            self.axis.leave_fault()
+        if had_errors:
+            self._announce()
+
+    def _report_once(self, code: int) -> None:
+        if code not in self.errors:
+            self.inject_fault(code, persistent=code == SAFE_TORQUE_OFF)
+
+    # --- fault injection
+
+    def inject_fault(self, code: int, persistent: bool = False) -> None:
+        """
+        Let an error happen, with the emergency message and the reaction that belong to it.
+
+        Parameters
+        ----------
+        code : int
+            Error code of CiA 301 or 402. 81xx and 82xx do what 6007 says, 86xx and 8A8x make
+            the ramp of 605E, all others cut the power.
+        persistent : bool
+            Whether a fault reset is refused until `remove_cause`.
+
+        """
+        self.errors.add(code, persistent)
+        if _is_among(code, _CONNECTION_ERRORS):
+            self.axis.lose_connection()
+        else:
+            self.axis.fail(keeps_power=_is_among(code, _RAMP_ERRORS))
+        self._announce()
+
+    def remove_cause(self) -> None:
+        """Let persistent errors be ones that a fault reset clears; close safe torque off."""
+        self.axis.torque_off = False
+        self.errors.mend()
+
+    def open_safe_torque_off(self) -> None:
+        """Cut the power by the safety chain until `remove_cause`."""
+        self.axis.torque_off = True
+        self.inject_fault(SAFE_TORQUE_OFF, persistent=True)
+
+    def lose_position(self, slip: float = 0.0) -> None:
+        """Let the encoder fail: error 7380 and counts that are wrong by `slip` in m."""
+        self.axis.reference.offset += self._scale.to_counts(slip)
+        self.axis.forget_home()
+        self.inject_fault(POSITION_LOST)
+
+    def set_identity(self, identity: Identity) -> None:
+        """Become another drive, as if somebody had swapped it; it boots."""
+        for subindex, value in enumerate(identity, start=1):
+            self.objects.defaults[0x1018, subindex] = value
+        self.reboot()
+
+
+def _is_among(code: int, entries: tuple[tuple[int, int], ...]) -> bool:
+    return any(code & mask == value for mask, value in entries)

@@ -1,0 +1,250 @@
+"""
+Modes of operation of a simulated drive: cyclic synchronous position, profile position, homing.
+
+A mode gets the controlword's bits, makes the position demand, and tells the statusword's bits.
+
+References
+----------
+IEC 61800-7-201 (CiA 402-2): profile position, homing and cyclic synchronous position mode.
+
+"""
+
+from __future__ import annotations
+
+from facade_manipulator.drives.cia402.profile import DriveProfile
+from facade_manipulator.drives.cia402.states import Controlword, Mode, Status
+from facade_manipulator.drives.simulated.demand import Interpolator, PositionRamp, SpeedRamp
+from facade_manipulator.drives.simulated.homing import (
+    HomingFailed,
+    HomingSettings,
+    METHODS,
+    Search,
+)
+from facade_manipulator.drives.simulated.motor import SimulatedMotor, STANDSTILL
+from facade_manipulator.drives.simulated.objects import ObjectStore
+
+_MAX_PERIOD = 1.0  # s: an interpolation period beyond it is none that a servo uses
+
+
+class Reference:
+    """
+    Where the drive believes its zero to be.
+
+    Attributes
+    ----------
+    offset : int
+        Reported counts minus counts from the middle of the rail.
+
+    """
+
+    def __init__(self, motor: SimulatedMotor) -> None:
+        self._motor = motor
+        self.forget()
+
+    def forget(self) -> None:
+        """Start to count from zero here, as an incremental encoder does when it gets power."""
+        self.offset = -round(self._motor.position)
+
+    @property
+    def counts(self) -> int:
+        """Position actual value 6064."""
+        return round(self._motor.position) + self.offset
+
+
+class CyclicPosition:
+    """Cyclic synchronous position: 607A is latched at each SYNC."""
+
+    def __init__(
+        self, store: ObjectStore, motor: SimulatedMotor, reference: Reference,
+        profile: DriveProfile,
+    ) -> None:
+        self._values = store.values
+        self._motor = motor
+        self._reference = reference
+        self._follows = 0 if profile.quirks.never_follows else Status.DRIVE_FOLLOWS
+        self.enter()
+
+    def enter(self) -> None:
+        """Begin where the carriage is."""
+        self._demand = Interpolator(self._motor.position)
+
+    def control(self, before: int, controlword: int) -> None:
+        """Take the controlword: the mode has no bits of its own in it."""
+
+    def latch(self) -> None:
+        """Take the target position."""
+        values = self._values
+        period = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
+        target = values[0x607A, 0] - self._reference.offset
+        self._demand.latch(target, min(period, _MAX_PERIOD))
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position and speed after `step` seconds."""
+        return self._demand.step(step)
+
+    def status(self) -> int:
+        """Return the mode's bits of the statusword."""
+        return self._follows
+
+
+class ProfilePosition:
+    """Profile position: a trapezoidal move to 607A at each rising edge of controlword bit 4."""
+
+    def __init__(
+        self, store: ObjectStore, motor: SimulatedMotor, reference: Reference,
+        units_per_count: float,
+    ) -> None:
+        self._values = store.values
+        self._motor = motor
+        self._reference = reference
+        self._units = units_per_count
+        self.enter()
+
+    def enter(self) -> None:
+        """Begin where the carriage is, with no target."""
+        self._demand = PositionRamp(self._motor.position)
+        self._acknowledge = 0
+
+    def control(self, before: int, controlword: int) -> None:
+        """Take a new target, or halt."""
+        self._demand.halted = bool(controlword & Controlword.HALT)
+        is_new = controlword & Controlword.NEW_SETPOINT
+        self._acknowledge = Status.SETPOINT_ACKNOWLEDGE if is_new else 0
+        if is_new and not before & Controlword.NEW_SETPOINT:
+            self._go(bool(controlword & Controlword.RELATIVE))
+
+    def _go(self, relative: bool) -> None:
+        values, units = self._values, self._units
+        base = self._demand.target if relative else -self._reference.offset
+        speed = min(values[0x6081, 0], values[0x607F, 0])
+        self._demand.go(self._within_limits(base + values[0x607A, 0]), speed / units,
+                        values[0x6083, 0] / units, values[0x6084, 0] / units)
+
+    def _within_limits(self, target: float) -> float:
+        low, high = self._values[0x607D, 1], self._values[0x607D, 2]
+        offset = self._reference.offset
+        return min(max(target, low - offset), high - offset) if low < high else target
+
+    def latch(self) -> None:
+        """Do nothing at a SYNC: targets come with the controlword."""
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position and speed after `step` seconds."""
+        return self._demand.step(step)
+
+    def status(self) -> int:
+        """Return the mode's bits of the statusword."""
+        resting = self._demand.halted and self._demand.speed == 0.0
+        return self._acknowledge | Status.TARGET_REACHED * (resting or self._demand.arrived)
+
+
+class Homing:
+    """
+    Homing: started by a rising edge of controlword bit 4, interrupted by its falling edge.
+
+    Attributes
+    ----------
+    attained : bool
+        Whether the last homing succeeded; it stays so when the mode is left and entered again.
+
+    """
+
+    def __init__(
+        self, store: ObjectStore, motor: SimulatedMotor, reference: Reference,
+        profile: DriveProfile, units_per_count: float,
+    ) -> None:
+        self._values = store.values
+        self._motor = motor
+        self._reference = reference
+        self._methods = METHODS.keys() & set(profile.homing_methods)
+        self._home = profile.location('home_position') or (0x607C, 0)
+        self._threshold = profile.location('homing_current_threshold')
+        self._units = units_per_count
+        self.attained = self._failed = False
+        self.enter()
+
+    def supports(self, method: int) -> bool:
+        """Tell whether the drive has a homing method."""
+        return method in self._methods
+
+    def enter(self) -> None:
+        """Begin where the carriage is, at rest."""
+        self._search: Search | None = None
+        self._halted = False
+        self._demand = SpeedRamp(self._motor.position, 0.0, 1.0)
+
+    def control(self, before: int, controlword: int) -> None:
+        """Start, interrupt or halt the search."""
+        self._halted = bool(controlword & Controlword.HALT)
+        start = controlword & Controlword.HOMING_START
+        if start and not before & Controlword.HOMING_START:
+            self._start()
+        elif not start:
+            self._search = None
+
+    def _start(self) -> None:
+        self.attained = self._failed = False
+        method = self._values[0x6098, 0]
+        if not self.supports(method):
+            self._failed = True
+            return
+        settings = self._settings()
+        self._demand = SpeedRamp(self._motor.position, 0.0, settings.acceleration)
+        self._search = METHODS[method](self._motor, settings)
+
+    def _settings(self) -> HomingSettings:
+        values, units = self._values, self._units
+        current = values[self._threshold] if self._threshold else values[0x6075, 0]
+        return HomingSettings(
+            values[0x6099, 1] / units, values[0x6099, 2] / units, values[0x609A, 0] / units,
+            1000.0 * current / max(values[0x6075, 0], 1))
+
+    def latch(self) -> None:
+        """Do nothing at a SYNC."""
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position and speed after `step` seconds."""
+        if self._halted or self._search is None:
+            self._demand.goal = 0.0
+        else:
+            self._continue(self._search)
+        return self._demand.step(step)
+
+    def _continue(self, search: Search) -> None:
+        try:
+            goal = next(search)
+            if goal is None:
+                self._give_up_pushing()
+            self._demand.goal = goal or 0.0
+        except StopIteration as end:
+            self._finish(end.value)
+        except HomingFailed:
+            self._failed, self._search = True, None
+
+    def _finish(self, home: float) -> None:
+        self._search = None
+        self.attained = True
+        self._reference.offset = self._values[self._home] - round(home)
+
+    def _give_up_pushing(self) -> None:
+        self._demand.position = self._motor.position
+        self._demand.speed = 0.0
+
+    def status(self) -> int:
+        """Return the mode's bits of the statusword."""
+        rests = ((self._search is None or self._halted)
+                 and abs(self._motor.velocity) < STANDSTILL)
+        return (Status.TARGET_REACHED * rests | Status.HOMING_ATTAINED * self.attained
+                | Status.HOMING_ERROR * self._failed)
+
+
+def make_modes(
+    store: ObjectStore, motor: SimulatedMotor, reference: Reference, profile: DriveProfile,
+    units_per_count: float,
+) -> dict[int, CyclicPosition | ProfilePosition | Homing]:
+    """Return the modes of one drive by the value of 6060."""
+    return {
+        Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition(store, motor, reference, profile),
+        Mode.PROFILE_POSITION: ProfilePosition(store, motor, reference, units_per_count),
+        Mode.HOMING: Homing(store, motor, reference, profile, units_per_count),
+    }

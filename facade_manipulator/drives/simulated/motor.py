@@ -1,0 +1,223 @@
+"""
+Motor, screw and carriage of a simulated axis: servo with a first-order lag, rail, load.
+
+Everything here counts in encoder counts from the middle of the rail, in the drive's direction;
+`SimulationSettings` is in SI along the rail.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.parameters import check_parameters, parameter
+
+NEGATIVE_LIMIT, POSITIVE_LIMIT, HOME_SWITCH = 0x1, 0x2, 0x4  # bits of the digital inputs 60FD
+
+STANDSTILL = 1.0  # counts/s: slower than that is at rest
+_FRICTION_SPEED = 1e-3  # m/s: below it friction fades, so that the torque does not flicker
+_TORQUE_FILTER = 0.005  # s
+
+
+@dataclass(frozen=True)
+class SimulationSettings:
+    """What a simulated axis is made of."""
+
+    start_position: float = parameter(
+        0.0, 'Where the carriage stands when the drive gets its power', unit='m',
+        minimum=-10.0, maximum=10.0)
+    lag: float = parameter(
+        0.005, 'Time constant with which the servo follows its demand', unit='s',
+        minimum=0.0, maximum=1.0)
+    peak_speed: float = parameter(
+        1.0, 'Speed that the motor reaches', unit='m/s', minimum=1e-3, maximum=100.0)
+    peak_acceleration: float = parameter(
+        20.0, 'Acceleration that the motor reaches', unit='m/s^2', minimum=1e-2, maximum=1000.0)
+    peak_torque: float = parameter(
+        2000.0, 'Torque that the motor reaches, in thousandths of the rated torque',
+        minimum=1.0, maximum=30000.0)
+    moving_mass: float = parameter(
+        2.0, 'Mass that the carriage moves', unit='kg', minimum=0.0, maximum=1000.0)
+    coulomb_friction: float = parameter(
+        4.0, 'Friction that does not depend on speed', unit='N', minimum=0.0, maximum=1e4)
+    viscous_friction: float = parameter(
+        10.0, 'Friction per speed', unit='N s/m', minimum=0.0, maximum=1e5)
+    coasting_deceleration: float = parameter(
+        5.0, 'Deceleration without power, by friction', unit='m/s^2', minimum=1e-2, maximum=1000.0)
+    lower_stop: float = parameter(
+        -0.56, 'Lower hard stop of the rail', unit='m', minimum=-10.0, maximum=10.0)
+    upper_stop: float = parameter(
+        0.56, 'Upper hard stop of the rail', unit='m', minimum=-10.0, maximum=10.0)
+    lower_switch: float = parameter(
+        -0.545, 'Lower limit switch: on from here down', unit='m', minimum=-10.0, maximum=10.0)
+    upper_switch: float = parameter(
+        0.545, 'Upper limit switch: on from here up', unit='m', minimum=-10.0, maximum=10.0)
+    home_switch: float = parameter(
+        0.0, 'Middle of the home switch', unit='m', minimum=-10.0, maximum=10.0)
+    home_switch_width: float = parameter(
+        0.01, 'Travel over which the home switch is on', unit='m', minimum=1e-4, maximum=1.0)
+    contact_stiffness: float = parameter(
+        60e3, 'Force on a hard stop per travel that the servo still wants', unit='N/m',
+        minimum=1.0, maximum=1e9)
+    boot_time: float = parameter(
+        0.05, 'Time from reset to the boot-up message', unit='s', minimum=0.0, maximum=10.0)
+    missing_objects: tuple[int, ...] = parameter(
+        (), 'Indices of objects that this drive does not have')
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        order = ('lower_stop', 'lower_switch', 'upper_switch', 'upper_stop')
+        for low, high in zip(order, order[1:], strict=False):
+            if getattr(self, low) > getattr(self, high):
+                raise ParameterError(f'{low} = {getattr(self, low):g} m is above '
+                                     f'{high} = {getattr(self, high):g} m')
+        if not self.lower_stop <= self.start_position <= self.upper_stop:
+            raise ParameterError(
+                f'start_position = {self.start_position:g} m is not between the hard stops '
+                f'{self.lower_stop:g} m and {self.upper_stop:g} m')
+
+
+class SimulatedMotor:
+    """
+    A servo motor that moves a carriage.
+
+    Parameters
+    ----------
+    settings : SimulationSettings
+        The axis.
+    scale : AxisScale
+        Counts per metre and torque per force.
+
+    Attributes
+    ----------
+    position, velocity : float
+        Of the carriage, in counts and counts/s.
+    torque : float
+        In thousandths of the rated torque.
+    lag : float
+        Time constant of the servo in s; a test may change it.
+    external_force : float
+        Force on the carriage along the rail in N; a test or a contact model may change it.
+    is_limited : bool
+        Whether speed or acceleration are at their limits.
+
+    """
+
+    def __init__(self, settings: SimulationSettings, scale: AxisScale) -> None:
+        self._settings = settings
+        self._per_metre = abs(scale.counts_per_metre)
+        self._force_per_torque = abs(scale.force_per_torque_unit)
+        self._direction = scale.direction
+        self._stops = self._sorted(settings.lower_stop, settings.upper_stop)
+        self._switches = self._sorted(settings.lower_switch, settings.upper_switch)
+        half = settings.home_switch_width / 2.0
+        self._home = self._sorted(settings.home_switch - half, settings.home_switch + half)
+        self.counts_per_revolution = scale.counts_per_revolution
+        self.peak_speed = settings.peak_speed * self._per_metre
+        self.peak_acceleration = settings.peak_acceleration * self._per_metre
+        self.lag = settings.lag
+        self.external_force = 0.0
+        self.place(settings.start_position)
+
+    def _sorted(self, low: float, high: float) -> tuple[float, float]:
+        factor = self._direction * self._per_metre
+        return min(low * factor, high * factor), max(low * factor, high * factor)
+
+    def place(self, position: float) -> None:
+        """Put the carriage, at rest, at a position in m along the rail."""
+        self.position = position * self._direction * self._per_metre
+        self.velocity = 0.0
+        self.torque = 0.0
+        self.is_limited = False
+
+    @property
+    def carriage_position(self) -> float:
+        """Where the carriage really is, in m along the rail, whatever the drive believes."""
+        return self.position * self._direction / self._per_metre
+
+    @property
+    def inputs(self) -> int:
+        """The switches, as bits of 60FD."""
+        lower, upper = self._switches
+        near, far = self._home
+        return (NEGATIVE_LIMIT * (self.position <= lower)
+                | POSITIVE_LIMIT * (self.position >= upper)
+                | HOME_SWITCH * (near <= self.position <= far))
+
+    def edge(self, switch: int) -> float:
+        """Return the position in counts of the nearest edge of a switch."""
+        edges = {NEGATIVE_LIMIT: self._switches[:1], POSITIVE_LIMIT: self._switches[1:]}
+        return min(edges.get(switch, self._home), key=lambda edge: abs(edge - self.position))
+
+    def follow(
+        self, demand: float, speed: float, step: float,
+        speed_limit: float, acceleration_limit: float,
+    ) -> None:
+        """
+        Follow a demand over one time step.
+
+        The error decays with the time constant `lag`, exactly so for any step, as long as
+        neither limit is met; on a ramp the carriage stays speed·lag behind.
+
+        Parameters
+        ----------
+        demand, speed : float
+            Position at the end of the step and velocity during it that the carriage should have,
+            in counts and counts/s.
+        step : float
+            Length of the step in s.
+        speed_limit, acceleration_limit : float
+            In counts/s and counts/s².
+
+        """
+        error = demand - self.position - speed * (self.lag + step)
+        wanted = speed + self._approach(error, step, acceleration_limit)
+        reachable = min(max(wanted, -speed_limit), speed_limit)
+        most = acceleration_limit * step
+        change = min(max(reachable - self.velocity, -most), most)
+        self.is_limited = self.velocity + change != wanted
+        self._move(self.velocity + change, step, demand)
+
+    def _approach(self, error: float, step: float, acceleration: float) -> float:
+        """Return the speed that takes an error away: by the lag, or braking at the limit."""
+        knee = acceleration * self.lag * self.lag  # beyond it the lag alone would brake harder
+        if abs(error) <= knee and self.lag > 0.0:
+            decay = 1.0 - math.exp(-step / self.lag)
+            return error * decay / step
+        # after this step at speed v, braking at the limit ends where the lag takes over:
+        # v² = a (2 (|error| - v step) - knee)
+        slack = acceleration * step
+        root = math.sqrt(slack * slack + 4.0 * acceleration * (2.0 * abs(error) - knee))
+        return math.copysign(min(0.5 * (root - slack), abs(error) / step), error)
+
+    def coast(self, step: float) -> None:
+        """Move without power over one time step."""
+        most = self._settings.coasting_deceleration * self._per_metre * step
+        self.is_limited = False
+        self._move(self.velocity - min(max(self.velocity, -most), most), step, None)
+        self.torque = 0.0
+
+    def _move(self, velocity: float, step: float, demand: float | None) -> None:
+        acceleration = (velocity - self.velocity) / step
+        self.velocity = velocity
+        self.position += velocity * step
+        lower, upper = self._stops
+        wall = min(max(self.position, lower), upper)
+        push = 0.0
+        if wall != self.position:
+            self.position, self.velocity, acceleration = wall, 0.0, 0.0
+            push = 0.0 if demand is None else demand - wall
+        self._load(acceleration / self._per_metre, push / self._per_metre, step)
+
+    def _load(self, acceleration: float, push: float, step: float) -> None:
+        speed = self.velocity / self._per_metre
+        friction = self._settings.coulomb_friction * speed / (abs(speed) + _FRICTION_SPEED)
+        force = (self._settings.moving_mass * acceleration + friction
+                 + self._settings.viscous_friction * speed
+                 + self._settings.contact_stiffness * push
+                 - self.external_force * self._direction)
+        peak = self._settings.peak_torque
+        torque = min(max(force / self._force_per_torque, -peak), peak)
+        self.torque += (torque - self.torque) * min(1.0, step / _TORQUE_FILTER)

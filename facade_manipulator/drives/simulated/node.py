@@ -1,0 +1,293 @@
+"""
+The CANopen node of a simulated drive: frames and time in, frames out; no thread, no clock.
+
+References
+----------
+CiA 301: NMT slave, SDO server, PDO, SYNC consumer, emergency and heartbeat producer and consumer.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import math
+from typing import Any
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.emergency import Emergency, encode_emergency
+from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
+from facade_manipulator.drives.cia402.profile import Quirks
+from facade_manipulator.drives.simulated.axis import SimulatedAxis
+from facade_manipulator.drives.simulated.faults import Frame, FrameFilter, FrameLoss
+from facade_manipulator.drives.simulated.network import (
+    ErrorHistory,
+    HeartbeatConsumer,
+    HeartbeatProducer,
+)
+from facade_manipulator.drives.simulated.objects import (
+    COMMUNICATION_OBJECTS,
+    ObjectServer,
+    ObjectStore,
+)
+from facade_manipulator.drives.simulated.pdo import ProcessData
+from facade_manipulator.errors import ParameterError
+
+HEARTBEAT_LOST = 0x8130
+PDO_TOO_SHORT = 0x8210
+
+_MOTION_PERIOD = 0.02  # s: how often a drive that moves wants to be called without a SYNC
+
+Route = Callable[[int, bytes], None]
+
+
+class SimulatedNode:
+    """
+    What makes a drive a CANopen node; it gets power when it is made.
+
+    Parameters
+    ----------
+    node_id : int
+        Its number, 1 to 127.
+    objects : ObjectStore
+        The object dictionary.
+    errors : ErrorHistory
+        The errors that are present and past.
+    axis : SimulatedAxis
+        The drive behind the node; the node tells it SYNC, time, boot-up and lost connections.
+    report : callable
+        Takes the code of an error that the node finds in its communication.
+    boot_time : float
+        Time from reset to boot-up message in s.
+    quirks : Quirks
+        Departures from CiA 301.
+
+    Raises
+    ------
+    ParameterError
+        The node id is not one.
+
+    Attributes
+    ----------
+    node_id, objects, errors, axis
+        The parameters.
+    nmt_state : NmtState
+        Its state.
+    is_silent, is_deaf : bool
+        Fault injection: it sends nothing; it hears nothing.
+
+    """
+
+    def __init__(
+        self, node_id: int, objects: ObjectStore, errors: ErrorHistory, axis: SimulatedAxis,
+        report: Callable[[int], None], boot_time: float, quirks: Quirks,
+    ) -> None:
+        if not 1 <= node_id <= pdo.MASTER_NODE_ID:
+            raise ParameterError(f'node id = {node_id} is not from 1 to {pdo.MASTER_NODE_ID}')
+        self.node_id = node_id
+        self.objects, self.errors, self.axis, self._report = objects, errors, axis, report
+        self._boot_time = boot_time
+        self._boots_operational = quirks.boots_operational
+        self._outbox: list[Frame] = []
+        self._now = 0.0
+        self._known_routes: dict[int, Route] | None = None
+        self.is_silent = self.is_deaf = False
+        self._sending, self._receiving = FrameFilter(), FrameFilter()
+        self._sdo = ObjectServer(node_id, objects, self)
+        self._pdo = ProcessData(
+            objects, self.send_message, lambda: report(PDO_TOO_SHORT),
+            event_driven=not quirks.pdo_only_on_sync)
+        self._producer = HeartbeatProducer(objects)
+        self._consumer = HeartbeatConsumer(objects)
+        objects.writers.update({
+            (0x1005, 0): self._forget_routes,
+            (0x1016, 1): self._watch_master,
+            (0x1017, 0): self._restart_heartbeat,
+        })
+        self.reboot()
+
+    # --- frames and time
+
+    def receive(self, cob_id: int, data: bytes, now: float) -> list[Frame]:
+        """
+        Take a frame.
+
+        Parameters
+        ----------
+        cob_id : int
+            Its eleven-bit identifier.
+        data : bytes
+            Its data bytes.
+        now : float
+            Time in s, of a clock that does not go back.
+
+        Returns
+        -------
+        frames : list of (int, bytes)
+            What the drive sends.
+
+        """
+        if cob_id not in self._routes and self._receiving.deadline > now:
+            return []
+        self._now = max(now, self._now)
+        arrived = [] if self.is_deaf else self._receiving.carry([(cob_id, data)], now)
+        for frame in arrived:
+            self._dispatch(*frame)
+        return self.advance(now)
+
+    def advance(self, now: float) -> list[Frame]:
+        """Let time pass; return what the drive sends: boot-up, heartbeat, emergencies, TPDOs."""
+        self._now = now = max(now, self._now)
+        self._arrive_late(now)
+        if now >= self._boot_at:
+            self._boot()
+        self.axis.advance(now)
+        if self._consumer.is_overdue(now):
+            self._report(HEARTBEAT_LOST)
+        if self._producer.is_due(now):
+            self.send_message(pdo.heartbeat_cob_id(self.node_id), bytes([self.nmt_state]))
+        if self.nmt_state is NmtState.OPERATIONAL:
+            self._pdo.poll(now)
+        return self._flush(now)
+
+    @property
+    def deadline(self) -> float:
+        """When `advance` must be called at the latest, if no frame comes before."""
+        moving = self._now + _MOTION_PERIOD if self.axis.is_moving else math.inf
+        return min(self._boot_at, self._producer.deadline, self._consumer.deadline, moving,
+                   self._pdo.deadline, self._sending.deadline, self._receiving.deadline)
+
+    def _arrive_late(self, now: float) -> None:
+        if self._receiving.deadline <= now:
+            for frame in self._receiving.carry([], now):
+                self._dispatch(*frame)
+
+    def _flush(self, now: float) -> list[Frame]:
+        frames, self._outbox = self._outbox, []
+        return [] if self.is_silent else self._sending.carry(frames, now)
+
+    def send_message(self, cob_id: int, data: bytes) -> None:
+        """Put a frame into the outbox."""
+        self._outbox.append((cob_id, bytes(data)))
+
+    def _dispatch(self, cob_id: int, data: bytes) -> None:
+        route = self._routes.get(cob_id)
+        if route is not None and self._boot_at == math.inf:
+            self.axis.advance(self._now)
+            route(cob_id, data)
+
+    @property
+    def _routes(self) -> dict[int, Route]:
+        if self._known_routes is None:
+            self._known_routes = self._make_routes()
+        return self._known_routes
+
+    def _make_routes(self) -> dict[int, Route]:
+        routes: dict[int, Route] = {}
+        if self.nmt_state is NmtState.OPERATIONAL:
+            routes.update(dict.fromkeys(self._pdo.cob_ids, self._on_rpdo))
+            routes[self.objects.values[0x1005, 0] & 0x7FF] = self._on_sync
+        if self.nmt_state is not NmtState.STOPPED:
+            routes[pdo.sdo_request_cob_id(self.node_id)] = self._on_sdo
+        if self._consumer.cob_id is not None:
+            routes[self._consumer.cob_id] = self._on_heartbeat
+        routes[pdo.NMT_COB_ID] = self._on_nmt
+        return routes
+
+    def _forget_routes(self, value: Any = None) -> None:
+        self._known_routes = None
+
+    def _on_sync(self, cob_id: int, data: bytes) -> None:
+        if not data:
+            self._pdo.answer_sync(self._now)
+            self._pdo.latch()
+            self.axis.latch()
+
+    def _on_rpdo(self, cob_id: int, data: bytes) -> None:
+        if self._pdo.receive(cob_id, data):
+            self.axis.latch()
+
+    def _on_sdo(self, cob_id: int, data: bytes) -> None:
+        self._sdo.request(data)
+        self._forget_routes()  # it may have written a COB-ID
+
+    def _on_heartbeat(self, cob_id: int, data: bytes) -> None:
+        if len(data) == 1 and self._consumer.hear(self._now):
+            self.errors.discard(HEARTBEAT_LOST)
+            self._announce()
+
+    # --- network management
+
+    def reboot(self) -> None:
+        """
+        Switch the power off and on, as the NMT command reset node does.
+
+        Objects, errors and the drive forget what they were told; it boots.
+
+        """
+        self.objects.reset()
+        self.errors.forget()
+        self.axis.reset()
+        self._restart()
+
+    def _on_nmt(self, cob_id: int, data: bytes) -> None:
+        if len(data) != 2 or data[1] not in (0, self.node_id):
+            return
+        if data[0] == NmtCommand.RESET_NODE:
+            self.reboot()
+        elif data[0] == NmtCommand.RESET_COMMUNICATION:
+            self._reset_communication()
+        elif data[0] in NMT_TRANSITIONS:
+            self._enter_nmt(NMT_TRANSITIONS[NmtCommand(data[0])])
+
+    def _enter_nmt(self, state: NmtState) -> None:
+        if state is NmtState.STOPPED:
+            self.axis.lose_connection()
+        if state is not self.nmt_state:
+            self._pdo.forget()
+        self.nmt_state = state
+        self._forget_routes()
+
+    def _reset_communication(self) -> None:
+        self.axis.lose_connection()
+        self.objects.reset(COMMUNICATION_OBJECTS)
+        self._restart()
+
+    def _restart(self) -> None:
+        self._boot_at = self._now + self._boot_time
+        self._producer.deadline = math.inf
+        self._consumer.forget()
+        self._pdo.forget()
+        self.nmt_state = NmtState.INITIALISING
+        self._forget_routes()
+
+    def _boot(self) -> None:
+        self._boot_at = math.inf
+        self.send_message(pdo.heartbeat_cob_id(self.node_id), bytes([NmtState.INITIALISING]))
+        self._enter_nmt(NmtState.OPERATIONAL if self._boots_operational
+                        else NmtState.PRE_OPERATIONAL)
+        self._producer.restart(self._now)
+        self.axis.boot()
+
+    def _watch_master(self, value: int) -> None:
+        self._consumer.forget()
+        self._forget_routes()
+
+    def _restart_heartbeat(self, period: int) -> None:
+        self._producer.deadline = self._now + period * 1e-3 if period else math.inf
+
+    # --- errors
+
+    def _announce(self) -> None:
+        """Send an emergency message: the error that is present now, or that none is."""
+        if self.nmt_state in (NmtState.OPERATIONAL, NmtState.PRE_OPERATIONAL):
+            entry = self.objects.values[0x1014, 0]
+            if not entry & pdo.DISABLED:
+                message = Emergency(self.errors.code, self.errors.register)
+                self.send_message(entry & 0x7FF, encode_emergency(message))
+
+    def set_frame_loss(
+        self, sending: FrameLoss | None = None, receiving: FrameLoss | None = None
+    ) -> None:
+        """Let frames get lost, late or doubled; None makes a direction perfect again."""
+        self._sending.set(sending or FrameLoss())
+        self._receiving.set(receiving or FrameLoss())

@@ -1,0 +1,190 @@
+"""
+The object dictionary of a simulated drive: values behind an EDS, and the SDO server over them.
+
+References
+----------
+CiA 301, SDO abort codes.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+import struct
+from typing import Any
+
+from canopen import import_od, ObjectDictionary, SdoAbortedError
+from canopen.objectdictionary import ODVariable
+from canopen.sdo import SdoServer
+
+from facade_manipulator.drives.canopen import pdo
+
+Key = tuple[int, int]
+Reader = Callable[[], int]
+Writer = Callable[[int], None]
+
+NO_WRITE_ONLY_READ = 0x06010001
+READ_ONLY = 0x06010002
+NO_OBJECT = 0x06020000
+NOT_MAPPABLE = 0x06040041
+MAPPING_TOO_LONG = 0x06040042
+TOO_LONG = 0x06070012
+TOO_SHORT = 0x06070013
+NO_SUBINDEX = 0x06090011
+INVALID_VALUE = 0x06090030
+TOO_HIGH = 0x06090031
+TOO_LOW = 0x06090032
+WRONG_STATE = 0x08000022
+INVALID_COMMAND = 0x05040001
+OUT_OF_MEMORY = 0x05040005
+
+COMMUNICATION_OBJECTS = range(0x1000, 0x2000)
+_LONGEST_DOWNLOAD = 64
+_MULTIPLEXER = struct.Struct('<BHB')
+
+
+@lru_cache(maxsize=16)
+def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
+    return import_od(str(eds), node_id)
+
+
+class ObjectStore:
+    """
+    Values of all objects of one drive.
+
+    Parameters
+    ----------
+    eds : pathlib.Path
+        Electronic data sheet; its defaults are the values after a reset.
+    node_id : int
+        Replaces ``$NODEID`` in the defaults.
+    missing : iterable of int
+        Indices that this drive does not have, whatever the EDS says.
+
+    Attributes
+    ----------
+    defaults : dict
+        Value of each object after a reset, by (index, subindex); a drive changes those in which
+        it differs from others of its type.
+    values : dict
+        Stored value by (index, subindex).
+    readers : dict
+        For objects whose value is measured: called instead of reading `values`.
+    writers : dict
+        Called before a value is stored; they act on it, or refuse it with `SdoAbortedError`.
+
+    """
+
+    def __init__(self, eds: Path, node_id: int, missing: tuple[int, ...] = ()) -> None:
+        self.object_dictionary = _dictionary(eds, node_id)
+        self.variables = {
+            (item.index, item.subindex): item
+            for item in _variables(self.object_dictionary) if item.index not in missing
+        }
+        self._indices = {index for index, _ in self.variables}
+        self.defaults = {key: variable.default for key, variable in self.variables.items()}
+        self.values: dict[Key, Any] = {}
+        self.readers: dict[Key, Reader] = {}
+        self.writers: dict[Key, Writer] = {}
+        self.reset()
+
+    def reset(self, only: range = range(0x10000)) -> None:
+        """Give the objects with an index in `only` their defaults."""
+        for key, value in self.defaults.items():
+            if key[0] in only:
+                self.values[key] = value
+
+    def __contains__(self, key: Key) -> bool:
+        return key in self.variables
+
+    def read(self, key: Key) -> Any:
+        """Return the present value of an object that exists."""
+        reader = self.readers.get(key)
+        return self.values[key] if reader is None else reader()
+
+    def write(self, key: Key, value: Any) -> None:
+        """Store a value that a PDO or an SDO brought, or raise `SdoAbortedError`."""
+        variable = self.variables[key]
+        if variable.max is not None and value > variable.max:
+            raise SdoAbortedError(TOO_HIGH)
+        if variable.min is not None and value < variable.min:
+            raise SdoAbortedError(TOO_LOW)
+        writer = self.writers.get(key)
+        if writer is not None:
+            writer(value)
+        self.values[key] = value
+
+    def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
+        """Return an object's bytes, for the SDO server."""
+        variable = self._find(index, subindex)
+        if check_readable and not variable.readable:
+            raise SdoAbortedError(NO_WRITE_ONLY_READ)
+        return variable.encode_raw(self.read((index, subindex)))
+
+    def set_data(
+        self, index: int, subindex: int, data: bytes, check_writable: bool = False
+    ) -> None:
+        """Take an object's bytes from the SDO server."""
+        variable = self._find(index, subindex)
+        if check_writable and not variable.writable:
+            raise SdoAbortedError(READ_ONLY)
+        if 8 * len(data) != len(variable):
+            raise SdoAbortedError(TOO_LONG if 8 * len(data) > len(variable) else TOO_SHORT)
+        self.write((index, subindex), variable.decode_raw(bytes(data)))
+
+    def _find(self, index: int, subindex: int) -> ODVariable:
+        if index not in self._indices:
+            raise SdoAbortedError(NO_OBJECT)
+        try:
+            return self.variables[index, subindex]
+        except KeyError:
+            raise SdoAbortedError(NO_SUBINDEX) from None
+
+
+def _variables(dictionary: ObjectDictionary) -> list[ODVariable]:
+    found: list[ODVariable] = []
+    for entry in dictionary.values():
+        found.extend([entry] if isinstance(entry, ODVariable) else entry.values())
+    return found
+
+
+class ObjectServer(SdoServer):
+    """
+    The SDO server over a store, hardened against frames that no SDO client would send.
+
+    Parameters
+    ----------
+    node_id : int
+        Node whose requests it answers.
+    store : ObjectStore
+        The objects.
+    network : object
+        Its ``send_message(cob_id, data)`` takes the answers.
+
+    """
+
+    def __init__(self, node_id: int, store: ObjectStore, network: Any) -> None:
+        super().__init__(pdo.sdo_request_cob_id(node_id), pdo.sdo_response_cob_id(node_id), store)
+        self.network = network
+        # the library's server answers a stray segment with what it finds in these
+        self._index = self._subindex = 0
+        self._buffer = bytearray()
+
+    def request(self, data: bytes) -> None:
+        """Serve a frame; one that does not have eight bytes is none of a client's."""
+        if len(data) == 8:
+            self.on_request(self.rx_cobid, bytearray(data), 0.0)
+
+    def block_download(self, data: bytes) -> None:
+        """Refuse a block transfer, which the library does not offer, without a word in the log."""
+        _, self._index, self._subindex = _MULTIPLEXER.unpack_from(data)
+        raise SdoAbortedError(INVALID_COMMAND)
+
+    def segmented_download(self, command: int, request: bytes) -> None:
+        """Take a segment, as long as the transfer stays within what the objects can hold."""
+        if len(self._buffer) > _LONGEST_DOWNLOAD:
+            self._buffer = bytearray()
+            raise SdoAbortedError(OUT_OF_MEMORY)
+        super().segmented_download(command, request)

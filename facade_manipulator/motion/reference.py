@@ -1,0 +1,148 @@
+"""The reference: goals on the wall become one jerk-limited, synchronised path in (x, y, θ)."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+import math
+from typing import NamedTuple
+
+from ruckig import InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
+
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.planar import wrap_angle
+from facade_manipulator.parameters import check_parameters, parameter
+
+UNITS = 'm, rad'
+SHORTEST_WAY = 1e-9
+STILL = Pose(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ReferenceSettings:
+    """How fast the head moves on the wall: x, y and θ."""
+
+    speed: tuple[float, ...] = parameter(
+        (0.2, 0.1, 0.4), 'Highest speed: x, y, theta', unit='m/s, rad/s', minimum=1e-3,
+        maximum=5.0, elements=Pose._fields)
+    acceleration: tuple[float, ...] = parameter(
+        (0.6, 0.4, 1.5), 'Highest acceleration: x, y, theta', unit='m/s^2, rad/s^2',
+        minimum=1e-2, maximum=50.0, elements=Pose._fields)
+    jerk: tuple[float, ...] = parameter(
+        (6.0, 4.0, 15.0), 'Highest jerk: x, y, theta', unit='m/s^3, rad/s^3', minimum=0.1,
+        maximum=1e4, elements=Pose._fields)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+class Motion(NamedTuple):
+    """Place, velocity and acceleration of the head on the wall [m, m, rad per s, s²]."""
+
+    position: Pose
+    velocity: Pose = STILL
+    acceleration: Pose = STILL
+
+
+class Reference:
+    """
+    The head's path on the wall towards the goal of the moment.
+
+    A new goal is planned for from the motion of the moment; from rest the path is straight.
+
+    Parameters
+    ----------
+    settings : ReferenceSettings
+
+    Attributes
+    ----------
+    settings : ReferenceSettings
+        May be replaced; it holds for what is planned after that.
+
+    """
+
+    def __init__(self, settings: ReferenceSettings) -> None:
+        self._planner = Ruckig(len(Pose._fields))
+        self._plan = InputParameter(len(Pose._fields))
+        self.settings = settings
+        self._trajectory = Trajectory(len(Pose._fields))
+        self._rest = Motion(STILL)
+        self._start: float | None = None
+        self.goal: Pose | None = None
+
+    def anchor(self, time: float, motion: Motion, goal: Pose) -> None:
+        """
+        Begin the path anew at a motion and plan it to a goal.
+
+        Parameters
+        ----------
+        time : float
+            When the head has this motion [s].
+        motion : Motion
+        goal : Pose
+            Where to rest; the shorter way round is taken.
+
+        Raises
+        ------
+        ManipulatorError
+            If there is no such path.
+
+        """
+        way = wrap_angle(goal.theta - motion.position.theta)
+        goal = goal._replace(theta=motion.position.theta + way)
+        plan = self._plan
+        plan.current_position, plan.current_velocity, plan.current_acceleration = (
+            map(list, motion))
+        plan.target_position = list(goal)
+        straight = not any(motion.velocity) and not any(motion.acceleration)
+        self._limit([goal[i] - motion.position[i] if straight else 0.0 for i in range(len(goal))])
+        trajectory = self._calculate()
+        if trajectory is None:
+            raise ManipulatorError(
+                f'no jerk-limited path from {tuple(motion.position)} to {tuple(goal)} {UNITS}')
+        self._trajectory, self._start, self.goal = trajectory, time, goal
+        self._rest = Motion(*(Pose(*row) for row in trajectory.at_time(trajectory.duration)))
+
+    def _calculate(self) -> Trajectory | None:
+        """Return a path, straight unless rounding leaves ruckig none; None if there is none."""
+        trajectory = Trajectory(len(Pose._fields))
+        for synchronization in (Synchronization.Phase, Synchronization.TimeIfNecessary):
+            self._plan.synchronization = synchronization
+            with suppress(RuckigError):  # met where all that is left of a way is 1e-14
+                if self._planner.calculate(self._plan, trajectory) in (
+                        Result.Working, Result.Finished):
+                    return trajectory
+        return None
+
+    def retarget(self, time: float, goal: Pose) -> None:
+        """Plan to another goal from the motion at a time [s]; it must have been anchored."""
+        self.anchor(time, self.at(time), goal)
+
+    def at(self, time: float) -> Motion:
+        """Return the motion at a time [s]; before the path begins its start, later its end."""
+        elapsed = max(time - self._start, 0.0)
+        if elapsed >= self._trajectory.duration:
+            return self._rest
+        return Motion(*(Pose(*row) for row in self._trajectory.at_time(elapsed)))
+
+    def _limit(self, way: list[float]) -> None:
+        """Give all axes that move limits in proportion to their way, so that it is straight."""
+        plan, settings = self._plan, self.settings
+        plan.max_velocity, plan.max_acceleration, plan.max_jerk = (
+            _proportional(limits, way)
+            for limits in (settings.speed, settings.acceleration, settings.jerk))
+
+    def arrival(self) -> float:
+        """Return when the path ends [s], −inf before the first."""
+        return -math.inf if self._start is None else self._start + self._trajectory.duration
+
+
+def _proportional(limits: tuple[float, ...], way: list[float]) -> list[float]:
+    """Return the greatest limits in proportion to the way; its own where an axis stands."""
+    pace = min(
+        (limit / abs(step) for limit, step in zip(limits, way, strict=True)
+         if abs(step) > SHORTEST_WAY), default=0.0)
+    return [
+        pace * abs(step) if abs(step) > SHORTEST_WAY else limit
+        for limit, step in zip(limits, way, strict=True)]

@@ -1,0 +1,114 @@
+"""Predictions that know nothing of oscillations: what the oscillations' gain is measured by."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.planar import MotionState, ZERO_POSE
+from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
+
+VELOCITY_TIME = 0.1
+FIRST_VELOCITY = 0.3
+FIRST_ACCELERATION = 0.3
+
+
+class HeldPrediction:
+    """
+    The disturbance is taken as it was when last seen: it comes one horizon late.
+
+    Parameters
+    ----------
+    settings : PredictionSettings
+
+    """
+
+    frequencies = np.zeros((0, 2))
+
+    def __init__(self, settings: PredictionSettings) -> None:
+        self.settings = settings
+        self.stamp: float | None = None
+        self.since: float | None = None
+        self._place = self._velocity = ZERO_POSE
+
+    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+        """Take an estimate of a stamp [s]."""
+        if self.stamp is None or not 0.0 < stamp - self.stamp <= self.settings.longest_gap:
+            self.since, self._velocity = stamp, ZERO_POSE
+        else:
+            interval = stamp - self.stamp
+            share = 1.0 - math.exp(-interval / VELOCITY_TIME)
+            self._velocity = Pose(*(
+                v + share * ((new - old) / interval - v)
+                for v, new, old in zip(self._velocity, values, self._place, strict=True)))
+        self.stamp, self._place = stamp, values
+
+    def predict(self, time: float) -> MotionState:
+        """Return where the disturbance was one horizon before a time [s], as far as seen."""
+        late = time - self.settings.judged_horizon - self.stamp
+        place = (p + late * v for p, v in zip(self._place, self._velocity, strict=True))
+        return MotionState(Pose(*place), self._velocity)
+
+
+class AccelerationPrediction(HeldPrediction):
+    """
+    Place, velocity and acceleration of each axis, driven by white jerk.
+
+    Parameters
+    ----------
+    settings : PredictionSettings
+
+    """
+
+    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+        """Learn from an estimate of a stamp [s]."""
+        last = self.stamp
+        super().update(stamp, values, variances)
+        if self.since == stamp:
+            self._states = np.column_stack([values, np.zeros((3, 2))])
+            self._covariances = np.stack([np.diag(
+                [noise, FIRST_VELOCITY ** 2, FIRST_ACCELERATION ** 2]) for noise in variances])
+            return
+        step = _transition(stamp - last)
+        states = self._states @ step.T
+        covariances = step @ self._covariances @ step.T
+        covariances += self.settings.jerk_noise ** 2 * _jerk_covariance(stamp - last)
+        gains = covariances[:, :, 0] / (covariances[:, 0, 0] + variances)[:, None]
+        self._states = states + gains * (np.array(values) - states[:, 0])[:, None]
+        self._covariances = covariances - gains[:, :, None] * covariances[:, None, 0, :]
+
+    def predict(self, time: float) -> MotionState:
+        """Extrapolate to a time [s], at most to the longest gap."""
+        ahead = min(time - self.stamp, self.settings.longest_gap)
+        states = self._states @ _transition(ahead).T
+        return MotionState(Pose(*states[:, 0].tolist()), Pose(*states[:, 1].tolist()))
+
+
+PREDICTORS = {
+    'oscillations': DisturbancePredictor,
+    'acceleration': AccelerationPrediction,
+    'none': HeldPrediction,
+}
+
+
+def make_predictor(
+    settings: PredictionSettings,
+) -> DisturbancePredictor | HeldPrediction:
+    """Return the predictor of the settings' model."""
+    return PREDICTORS[settings.model](settings)
+
+
+def _transition(interval: float) -> np.ndarray:
+    return np.array([
+        [1.0, interval, 0.5 * interval ** 2], [0.0, 1.0, interval], [0.0, 0.0, 1.0]])
+
+
+def _jerk_covariance(interval: float) -> np.ndarray:
+    """Return what white jerk of density 1 adds over an interval [s]."""
+    t = interval
+    return np.array([
+        [t ** 5 / 20.0, t ** 4 / 8.0, t ** 3 / 6.0],
+        [t ** 4 / 8.0, t ** 3 / 3.0, t ** 2 / 2.0],
+        [t ** 3 / 6.0, t ** 2 / 2.0, t]])

@@ -1,0 +1,293 @@
+"""
+A supervisor to copy: the manipulator's services and topics as blocking calls of one object.
+
+::
+
+    with ManipulatorClient() as manipulator:
+        manipulator.configure()
+        manipulator.home()
+        manipulator.activate()
+        manipulator.send_goal(Pose(0.1, 0.25, 0.0))
+        manipulator.deactivate()
+
+Every call has a deadline, and what a node refuses is raised with the node's own sentence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import time
+from typing import Any, NamedTuple, TypeVar
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.srv import GetPlan
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import qos_profile_system_default
+from std_srvs.srv import SetBool, Trigger
+
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import Carriages, Pose
+from facade_manipulator.ros.conversions import node_time, planar_pose, pose_stamped, seconds
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
+
+ANSWER_TIMEOUT = 5.0
+CONFIGURE_TIMEOUT = 30.0
+HOMING_TIMEOUT = 120.0
+REASON_TIMEOUT = 1.5
+SPIN_STEP = 0.02
+
+Value = TypeVar('Value')
+
+
+class Component(NamedTuple):
+    """A component's last diagnostic status and its time [s]."""
+
+    time: float
+    status: DiagnosticStatus
+
+
+class RequestRefusedError(ManipulatorError):
+    """A node refused a request; the message is the node's reason."""
+
+
+class NoAnswerError(ManipulatorError):
+    """Nobody answered a request in time."""
+
+
+class ManipulatorClient:
+    """
+    Blocking client of one manipulator.
+
+    Parameters
+    ----------
+    namespace : str
+        Namespace of the manipulator's nodes.
+    node_name : str
+    check : callable, optional
+        Called every few milliseconds while a call waits; what it raises ends the waiting.
+
+    Notes
+    -----
+    Not thread-safe: one client, one thread. `rclpy.init` must have been called.
+
+    """
+
+    def __init__(
+        self, namespace: str = '', node_name: str = 'supervisor',
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._check = check
+        self.node = Node(node_name, namespace=namespace)
+        self.components: dict[str, Component] = {}  # by name, without the namespace
+        self._namespace = self.node.get_namespace().strip('/')
+        self.head_in_rail: Pose | None = None
+        self.goal: Pose | None = None
+        self.goal_status: DiagnosticStatus | None = None
+        self._goals: Publisher | None = None  # who only looks needs no right to move anything
+        self.node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._take_diagnostics, RELIABLE)
+        self.node.create_subscription(
+            DiagnosticStatus, 'ik_service/status', self._take_status, LATCHED)
+        self.node.create_subscription(
+            PoseStamped, 'end_effector_pose', self._take_head, RELIABLE)
+        self._clients: dict[str, Any] = {}
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+
+    def __enter__(self) -> ManipulatorClient:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Leave the ROS graph; the manipulator goes on as it is."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+    def component(self, name: str) -> Component | None:
+        """Return what /diagnostics last said of a component of this manipulator."""
+        return self.components.get(name)
+
+    def age(self, component: Component) -> float:
+        """Return how long ago a component was heard of [s]."""
+        return node_time(self.node) - component.time
+
+    def spin(self, duration: float) -> None:
+        """Take what arrives for a while [s]."""
+        end = time.monotonic() + duration
+        while (left := end - time.monotonic()) > 0.0:
+            self._check()
+            self._executor.spin_once(min(left, SPIN_STEP))
+
+    def wait_until(
+        self, condition: Callable[[], Value], what: str, timeout: float = ANSWER_TIMEOUT
+    ) -> Value:
+        """
+        Return the condition's first true value.
+
+        Raises
+        ------
+        NoAnswerError
+            It was not true within `timeout` [s].
+
+        """
+        end = time.monotonic() + timeout
+        while not (value := condition()):
+            if time.monotonic() > end:
+                raise NoAnswerError(f'{what}: not within {timeout:g} s')
+            self._check()
+            self._executor.spin_once(SPIN_STEP)
+        return value
+
+    def configure(self) -> None:
+        """Bring the bus up and check the drives."""
+        self._change_state(Transition.TRANSITION_CONFIGURE, 'configure', CONFIGURE_TIMEOUT)
+
+    def activate(self) -> None:
+        """Power the drives on; they hold."""
+        self._change_state(Transition.TRANSITION_ACTIVATE, 'activate')
+
+    def deactivate(self) -> None:
+        """Ramp down and power off."""
+        self._change_state(Transition.TRANSITION_DEACTIVATE, 'deactivate')
+
+    def cleanup(self) -> None:
+        """Let go of the bus."""
+        self._change_state(Transition.TRANSITION_CLEANUP, 'cleanup')
+
+    def driver_state(self) -> str:
+        """Return the label of the driver's lifecycle state."""
+        return self.call(GetState, 'driver/get_state', GetState.Request()).current_state.label
+
+    def home(self) -> str:
+        """Home all axes; return the driver's report."""
+        return self._trigger('driver/home', HOMING_TIMEOUT)
+
+    def halt(self) -> str:
+        """Brake and hold; return the driver's next step."""
+        return self._trigger('driver/halt')
+
+    def clear_faults(self) -> str:
+        """Reset what stopped the drives; return the driver's next step."""
+        return self._trigger('driver/clear_faults')
+
+    def enable_compensation(self, enabled: bool = True) -> str:
+        """Fade the compensation in or out."""
+        reply = self.call(SetBool, 'compensator/enable', SetBool.Request(data=enabled))
+        return _sentence('compensator/enable', reply)
+
+    def tare(self) -> str:
+        """Take the present disturbance as the gondola's nominal place."""
+        return self._trigger('compensator/tare')
+
+    def send_goal(self, pose: Pose) -> None:
+        """
+        Send a goal for the head on the wall (frame ``facade``).
+
+        Raises
+        ------
+        NoAnswerError
+            Nobody takes goals.
+
+        """
+        if self._goals is None:
+            self._goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
+        self.wait_until(self._all_take_goals, 'a compensator that takes goals')
+        self.goal = pose
+        self._goals.publish(pose_stamped('facade', node_time(self.node), pose))
+
+    def solve(
+        self, goal: Pose, start: Pose | None = None, spacing: float = 0.0
+    ) -> list[Carriages]:
+        """
+        Ask ik_service for the carriages of a goal, or of the straight path to it.
+
+        Parameters
+        ----------
+        goal, start : Pose
+            In frame ``rail``.
+        spacing : float
+            Distance of the path's poses [m]; 0 leaves it to ik_service.
+
+        Raises
+        ------
+        RequestRefusedError
+            With the limit that a pose violates.
+
+        """
+        now = node_time(self.node)
+        request = GetPlan.Request(goal=pose_stamped('rail', now, goal), tolerance=spacing)
+        if start is not None:
+            request.start = pose_stamped('rail', now, start)
+        self.goal_status = None
+        plan = self.call(GetPlan, 'ik_service/solve', request).plan
+        if not plan.poses:
+            status = self.wait_until(lambda: self.goal_status, 'the reason on ik_service/status')
+            raise RequestRefusedError(status.message)
+        points = [item.pose.position for item in plan.poses]
+        return [Carriages(point.x, point.y, point.z) for point in points]
+
+    def call(
+        self, service_type: Any, name: str, request: Any, timeout: float = ANSWER_TIMEOUT
+    ) -> Any:
+        """Call a service of the manipulator and return its response."""
+        client = self._clients.get(name)
+        if client is None:
+            client = self._clients[name] = self.node.create_client(
+                service_type, name, qos_profile=qos_profile_system_default)
+        self.wait_until(client.service_is_ready, f'service {name}', timeout)
+        future = client.call_async(request)
+        self.wait_until(future.done, f'the answer of {name}', timeout)
+        return future.result()
+
+    def _all_take_goals(self) -> bool:
+        """Tell whether all that listen to goals are met: a goal sent before would be lost."""
+        return 0 < self.node.count_subscribers('goal_pose') <= (
+            self._goals.get_subscription_count())
+
+    def _trigger(self, name: str, timeout: float = ANSWER_TIMEOUT) -> str:
+        return _sentence(name, self.call(Trigger, name, Trigger.Request(), timeout))
+
+    def _change_state(self, transition: int, what: str, timeout: float = ANSWER_TIMEOUT) -> None:
+        begin = node_time(self.node)
+        request = ChangeState.Request(transition=Transition(id=transition))
+        if not self.call(ChangeState, 'driver/change_state', request, timeout).success:
+            raise RequestRefusedError(f'{what}: {self._driver_reason(begin)}')
+
+    def _driver_reason(self, since: float) -> str:
+        """Return the driver's sentence; a transition's reply itself has no room for one."""
+        def told() -> str | None:
+            component = self.component('driver: operation')
+            return component.status.message if component and component.time >= since else None
+
+        try:
+            return self.wait_until(told, 'the reason in /diagnostics', REASON_TIMEOUT)
+        except NoAnswerError:
+            return 'refused; the reason stands in the log of the driver'
+
+    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            namespace, _, name = status.name.rpartition('/')
+            if namespace == self._namespace:
+                self.components[name] = Component(seconds(message.header.stamp), status)
+
+    def _take_status(self, status: DiagnosticStatus) -> None:
+        self.goal_status = status
+
+    def _take_head(self, message: PoseStamped) -> None:
+        try:
+            self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
+        except ManipulatorError:
+            self.head_in_rail = None  # the compensator refuses it too, and says why
+
+
+def _sentence(name: str, reply: Any) -> str:
+    if not reply.success:
+        raise RequestRefusedError(f'{name}: {reply.message}')
+    return reply.message

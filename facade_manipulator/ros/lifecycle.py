@@ -1,0 +1,99 @@
+"""
+A managed (lifecycle) node whose transitions take their time while the node keeps answering.
+
+rclpy's lifecycle node runs a transition inside its service's callback. A drive takes seconds to
+boot and the operator's stop must be heard meanwhile, so here a transition is a job: the node is
+in the standard's transition state (configuring, activating, …) until the job is done.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+
+from facade_manipulator.ros.deferred import Deferred, DeferredReplies
+
+SUCCESS = TransitionCallbackReturn.SUCCESS
+FAILURE = TransitionCallbackReturn.FAILURE
+
+
+class ManagedNode(LifecycleNode):
+    """
+    Lifecycle node with one job per transition; see `transition_jobs`.
+
+    Parameters
+    ----------
+    name : str
+
+    """
+
+    def __init__(self, name: str, **kwargs) -> None:
+        super().__init__(name, **kwargs)
+        self.replies = DeferredReplies(self)
+        self.replies.attach(self._service_change_state)
+        self._service_change_state.callback = self._on_change_state
+
+    def transition_jobs(self) -> dict[int, Callable[[], Future]]:
+        """
+        Return what starts each transition, by ``State.TRANSITION_STATE_…`` id.
+
+        A job that raises makes its transition fail: the node returns to the state it came from.
+        """
+        return {}
+
+    @property
+    def state_label(self) -> str:
+        """Label of the present lifecycle state."""
+        return self._state_machine.current_state[1]
+
+    def tell(self, success: bool, sentence: str) -> None:
+        """Say how a request ended, before it is answered: a transition's answer has no text."""
+        if success:  # one line each: rclpy forbids two severities on one
+            self.get_logger().info(sentence)
+        else:
+            self.get_logger().error(sentence)
+
+    def fall_back(self) -> None:
+        """Go from active to inactive: the drives have already stopped by themselves."""
+        if self._state_machine.current_state[0] == State.PRIMARY_STATE_ACTIVE:
+            self._state_machine.trigger_transition_by_id(
+                Transition.TRANSITION_DEACTIVATE, True)
+            self._finish(SUCCESS)
+
+    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response):
+        transition = self._requested(request)
+        if transition is None:
+            self.tell(
+                False,
+                f"transition '{request.transition.label or request.transition.id}' refused: "
+                f"not possible from state '{self.state_label}'")
+            response.success = False
+            return response
+        self._state_machine.trigger_transition_by_id(transition, True)
+        job = self.transition_jobs()[self._state_machine.current_state[0]]()
+        return Deferred(job, self._complete)
+
+    def _requested(self, request: ChangeState.Request) -> int | None:
+        """Return the id of the requested transition, None if it is not available now."""
+        wanted = request.transition.label or request.transition.id
+        for number, label, _, _, goal, _ in self._state_machine.available_transitions:
+            if wanted in (number, label) and goal in self.transition_jobs():
+                return number
+        return None
+
+    def _complete(self, job: Future) -> ChangeState.Response:
+        error = job.exception()
+        what = self.state_label
+        self._finish(SUCCESS if error is None else FAILURE)
+        if error is not None:
+            self.tell(False, f'{what} failed: {error}')
+        else:
+            self.tell(True, str(job.result()))
+        return ChangeState.Response(success=error is None)
+
+    def _finish(self, outcome: TransitionCallbackReturn) -> None:
+        self._state_machine.trigger_transition_by_label(outcome.to_label(), True)

@@ -1,0 +1,96 @@
+"""Start and end of a node's process: the same for every executable."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import gc
+import signal
+import sys
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.ros.executors import choose_executor, spin
+
+LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+LATCHED = QoSProfile(
+    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+SHUT_DOWN, USAGE_ERROR = 1, 2
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+WATCH_PERIOD = 0.05  # s, in which a signal is seen on a node where nothing happens
+
+
+def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None) -> int:
+    """
+    Spin the nodes until SIGINT or SIGTERM; return the process's exit status.
+
+    A `ManipulatorError` while the nodes are made, such as a parameter out of range, is one
+    sentence on stderr and exit status 2; so is the end of ROS without a signal, with status 1:
+    no node ends in silence. A node with a method ``close`` is closed first, while
+    ROS still runs: rclpy's own signal handlers would end ROS before, under a waiting executor.
+    """
+    received: list[int] = []
+    for number in STOP_SIGNALS:
+        signal.signal(number, lambda number, _: received.append(number))
+    nodes: Sequence[Node] = ()
+    try:
+        nodes = _start(make_nodes, args)
+        _spin(nodes, received)
+    except ExternalShutdownException:
+        pass
+    except ManipulatorError as error:
+        print(f'refused to start: {error}', file=sys.stderr)
+        return USAGE_ERROR
+    finally:
+        _close(nodes)
+        nodes = ()
+        gc.unfreeze()
+        gc.collect()  # nodes end before the interpreter does: ruckig would report them as leaks
+        rclpy.try_shutdown()
+        for number in STOP_SIGNALS:  # a second one now would look as if the node had died
+            signal.signal(number, signal.SIG_IGN)
+    if not received:
+        print('ended, though by no signal: ROS was shut down in this process', file=sys.stderr)
+        return SHUT_DOWN
+    return 0
+
+
+def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> Sequence[Node]:
+    """Make the nodes; what ROS itself refuses, such as a parameter file, is a sentence too."""
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        return make_nodes()
+    except rclpy_implementation.RCLError as error:
+        raise ManipulatorError(str(error)) from error
+
+
+def _spin(nodes: Sequence[Node], received: list[int]) -> None:
+    executor = choose_executor()
+    for node in nodes:
+        executor.add_node(node)
+    gc.freeze()  # what start-up made stays: no collection has to look at it again
+    end = Future()
+    rclpy.get_default_context().on_shutdown(lambda: end.set_result(None))
+    nodes[0].create_timer(
+        WATCH_PERIOD, lambda: received and end.set_result(None),
+        clock=Clock(clock_type=ClockType.STEADY_TIME))  # simulated time may stand still
+    try:
+        spin(executor, end)
+    finally:
+        end.cancel()  # after an error it would still call the executor, which is gone by then
+
+
+def _close(nodes: Sequence[Node]) -> None:
+    for node in nodes:
+        if hasattr(node, 'close'):
+            node.close()
+        node.destroy_node()

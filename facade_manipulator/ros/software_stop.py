@@ -1,0 +1,44 @@
+"""software_stop: true stops the drives, and so does silence once it was heard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import time
+
+from rclpy.node import Node
+from std_msgs.msg import Bool
+
+from facade_manipulator.ros.runtime import LATEST
+
+
+class SoftwareStop:
+    """
+    Listen to a supervisor's stop, and to its silence.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    stop : callable
+        Takes the cause; called as often as there is one.
+
+    """
+
+    def __init__(self, node: Node, stop: Callable[[str], None]) -> None:
+        self._stop_drives = stop
+        self._heard: float | None = None
+        node.create_subscription(Bool, 'software_stop', self._take, LATEST)
+
+    def watch(self, timeout: float) -> None:
+        """Stop when it has been silent for a time [s]; it counts again when it is heard again."""
+        if self._heard is None:
+            return
+        silence = time.monotonic() - self._heard
+        if silence > timeout:
+            self._heard = None
+            self._stop_drives(
+                f'software_stop has been silent for {silence:.2f} s, bound {timeout:g} s')
+
+    def _take(self, message: Bool) -> None:
+        self._heard = time.monotonic()
+        if message.data:
+            self._stop_drives('software_stop was set')

@@ -1,0 +1,81 @@
+"""What the wall tells the head, checked and turned into shifts of the goal."""
+
+import math
+
+import pytest
+
+from facade_manipulator.compensation.contact import Contact
+from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
+from facade_manipulator.compensation.lateral import LateralSettings
+from facade_manipulator.errors import InputError
+from facade_manipulator.kinematics import Pose, Wrench
+
+NOW = 1000.0
+PRESSED = Wrench(3.0, -30.0, 0.5)
+REFERENCE = Pose(0.1, 0.25, 0.3)
+NO_EXCESS = Pose(0.0, 0.0, 0.0)
+
+
+def contact():
+    return Contact(LateralSettings(enabled=True), ImpedanceSettings(enabled=True),
+                   YawImpedanceSettings(enabled=True))
+
+
+def test_the_force_on_the_wall_is_what_presses_towards_it():
+    felt = contact()
+    felt.shift(NOW, NOW, 0.0, REFERENCE, NO_EXCESS)
+    felt.take_wrench(NOW, NOW, PRESSED)
+    assert felt.press.force == pytest.approx(30.0 * math.cos(0.3) - 3.0 * math.sin(0.3))
+    assert felt.turn.force == -0.5
+
+
+def test_without_contact_settings_the_reference_stays_as_it_is():
+    felt = Contact(LateralSettings(), ImpedanceSettings(), YawImpedanceSettings())
+    felt.take_wrench(NOW, NOW, PRESSED)
+    felt.take_lateral_offset(NOW, NOW, 0.02)
+    for k in range(1, 50):
+        shifted = felt.shift(NOW + 0.01 * k, NOW + 0.01 * k, 0.01, REFERENCE, NO_EXCESS)
+    assert shifted == REFERENCE
+
+
+def test_every_axis_is_shifted_by_its_own_measurement():
+    felt = contact()
+    for k in range(1, 50):
+        now = NOW + 0.01 * k
+        felt.take_wrench(now, now, Wrench(0.0, -60.0, 0.5))
+        felt.take_lateral_offset(now, now, 0.02)
+        shifted = felt.shift(now, now, 0.01, REFERENCE, NO_EXCESS)
+    assert shifted.x > REFERENCE.x
+    assert shifted.y < REFERENCE.y
+    assert shifted.theta > REFERENCE.theta
+    assert felt.present == pytest.approx([a - b for a, b in zip(shifted, REFERENCE, strict=True)])
+
+
+@pytest.mark.parametrize(('stamp', 'wrench', 'reason'), [
+    (NOW, Wrench(math.nan, 0.0, 0.0), 'not_finite'),
+    (NOW, Wrench(0.0, 0.0, math.inf), 'not_finite'),
+    (NOW - 0.5, PRESSED, 'stale'),
+    (NOW + 0.5, PRESSED, 'future'),
+])
+def test_a_wrench_that_cannot_be_believed_is_refused(stamp, wrench, reason):
+    with pytest.raises(InputError) as caught:
+        contact().take_wrench(NOW, stamp, wrench)
+    assert caught.value.reason == reason
+
+
+@pytest.mark.parametrize(('stamp', 'offset', 'reason'), [
+    (NOW, math.nan, 'not_finite'), (NOW - 0.5, 0.0, 'stale'), (NOW + 0.1, 0.0, 'future')])
+def test_a_lateral_offset_that_cannot_be_believed_is_refused(stamp, offset, reason):
+    with pytest.raises(InputError) as caught:
+        contact().take_lateral_offset(NOW, stamp, offset)
+    assert caught.value.reason == reason
+
+
+def test_measurements_out_of_order_are_refused_each_by_its_own_order():
+    felt = contact()
+    felt.take_wrench(NOW, NOW, PRESSED)
+    felt.take_lateral_offset(NOW, NOW - 0.1, 0.0)
+    with pytest.raises(InputError, match='older'):
+        felt.take_wrench(NOW, NOW - 0.01, PRESSED)
+    with pytest.raises(InputError, match='older'):
+        felt.take_lateral_offset(NOW, NOW - 0.1, 0.0)

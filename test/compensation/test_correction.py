@@ -1,0 +1,134 @@
+"""The correction fades, switches and bridges, but never jumps."""
+
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.correction import Correction, CorrectionSettings, Mode
+from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.planar import compose, invert
+from facade_manipulator.prediction.estimate import Estimate
+from facade_manipulator.prediction.predictor import PredictionSettings
+
+PERIOD = 0.01
+HORIZON = 0.06
+VARIANCES = Pose(1e-6, 1e-6, 3e-6)
+
+
+def breeze(time):
+    return Pose(
+        0.1 * math.sin(0.7 * time) + 0.02 * math.sin(1.9 * time + 1.0),
+        0.015 * math.sin(1.26 * time), 0.035 * math.sin(0.94 * time + 0.5))
+
+
+class Run:
+    """A correction fed at 50 Hz, asked at 100 Hz."""
+
+    def __init__(self, motion=breeze, **settings):
+        self.correction = Correction(CorrectionSettings(**settings), PredictionSettings())
+        self.motion = motion
+        self.now = 1000.0
+        self.random = np.random.default_rng(0)
+        self.courses = []
+
+    def go(self, duration, heard=True):
+        for k in range(round(duration / PERIOD)):
+            self.now += PERIOD
+            if heard and k % 2:
+                stamp = self.now - 0.05
+                noise = self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
+                pose = Pose(*(np.array(self.motion(stamp)) + noise).tolist())
+                self.correction.take(Estimate(stamp, pose, VARIANCES))
+            self.courses.append(self.correction.at(self.now, self.now + HORIZON))
+        return self
+
+    def error(self):
+        return np.subtract(self.courses[-1].position, self.motion(self.now + HORIZON))
+
+    def departures(self):
+        """Return by how much each cycle departs from the velocity of the one before."""
+        places = np.array([course.position for course in self.courses])
+        return abs(np.diff(places, 2, axis=0)).max(axis=0)
+
+
+def assert_no_step(run):
+    assert (run.departures() < (1e-3, 1e-3, math.radians(0.1))).all()
+
+
+def test_the_correction_fades_in_without_a_step():
+    run = Run().go(8.0)
+    assert run.correction.mode is Mode.ACTIVE
+    assert abs(run.error()) == pytest.approx(0.0, abs=3e-3)
+    assert run.courses[0].position == (0.0, 0.0, 0.0)
+    assert_no_step(run)
+
+
+def test_nothing_is_corrected_before_an_estimate_comes():
+    run = Run().go(1.0, heard=False)
+    assert run.correction.mode is Mode.UNHEARD
+    assert run.courses[-1].position == (0.0, 0.0, 0.0)
+    assert run.correction.age(run.now) == math.inf
+
+
+def test_disabling_and_enabling_fade_without_a_step():
+    run = Run().go(8.0)
+    run.correction.enabled = False
+    run.go(6.0)
+    assert run.correction.mode is Mode.DISABLED
+    assert run.courses[-1].position == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+    run.correction.enabled = True
+    run.go(6.0)
+    assert abs(run.error()) == pytest.approx(0.0, abs=3e-3)
+    assert_no_step(run)
+
+
+def test_a_silent_estimator_fades_the_correction_out_and_its_return_brings_it_back():
+    run = Run().go(8.0)
+    run.go(5.0, heard=False)
+    assert run.correction.mode is Mode.SILENT
+    assert run.courses[-1].position == pytest.approx((0.0, 0.0, 0.0), abs=5e-3)
+    run.go(8.0)
+    assert run.correction.mode is Mode.ACTIVE
+    assert abs(run.error()) == pytest.approx(0.0, abs=4e-3)
+    assert_no_step(run)
+
+
+def test_a_short_silence_is_bridged_by_the_prediction():
+    run = Run().go(10.0)
+    run.go(0.4, heard=False)
+    assert run.correction.mode is Mode.ACTIVE
+    assert abs(run.error()) == pytest.approx(0.0, abs=6e-3)
+    run.go(1.0)
+    assert_no_step(run)
+
+
+def test_a_tare_takes_the_disturbance_of_the_moment_as_nominal_without_a_step():
+    run = Run().go(8.0)
+    nominal = run.correction.tare(run.now)
+    assert nominal == pytest.approx(tuple(breeze(run.now)), abs=4e-3)
+    run.go(8.0)
+    expected = compose(invert(nominal), breeze(run.now + HORIZON))
+    assert run.courses[-1].position == pytest.approx(tuple(expected), abs=3e-3)
+    assert_no_step(run)
+
+
+@pytest.mark.parametrize(('heard', 'sentence'), [(False, 'none has come'), (True, 's old')])
+def test_a_tare_without_a_fresh_estimate_is_refused(heard, sentence):
+    run = Run().go(1.0, heard)
+    run.go(2.0, heard=False)
+    with pytest.raises(ManipulatorError, match=sentence):
+        run.correction.tare(run.now)
+
+
+def test_a_lasting_offset_and_a_tare_leave_nothing_to_correct():
+    run = Run(motion=lambda _: Pose(0.05, 0.01, 0.02)).go(6.0)
+    run.correction.tare(run.now)
+    run.go(8.0)
+    assert run.courses[-1].position == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
+
+
+def test_a_blend_needs_three_accelerations():
+    with pytest.raises(ParameterError, match='blend_acceleration'):
+        CorrectionSettings(blend_acceleration=(0.5,))

@@ -1,0 +1,89 @@
+"""Whether the head follows the course, and with which lag."""
+
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.following import Following, FollowingSettings
+from facade_manipulator.errors import InputError, ParameterError
+from facade_manipulator.kinematics import Pose
+
+PERIOD = 0.01
+
+
+def course(time):
+    return Pose(0.1 * math.sin(0.7 * time), 0.25 + 0.01 * math.sin(1.3 * time),
+                0.03 * math.sin(time))
+
+
+def run(duration, head):
+    following = Following(FollowingSettings())
+    following.begin(1000.0)
+    for now in np.arange(1000.0, 1000.0 + duration, PERIOD):
+        following.publish(now + 0.06, course(now + 0.06))
+        following.take(now, head(now))
+    return following, now
+
+
+@pytest.mark.parametrize('lag', [-0.01, 0.0, 0.004, 0.03])
+def test_the_lag_of_the_head_is_measured(lag):
+    following, now = run(20.0, lambda time: course(time - lag))
+    assert following.lag == pytest.approx(lag, abs=5e-4)
+    assert not following.lost(now)
+
+
+def test_a_lag_beyond_belief_is_bounded():
+    following, _ = run(20.0, lambda time: course(time - 0.1))
+    assert following.lag == FollowingSettings().greatest_lag
+
+
+def test_a_head_that_stands_where_it_should_has_no_lag():
+    following = Following(FollowingSettings())
+    for k in range(300):
+        following.publish(1000.06 + k * PERIOD, Pose(0.0, 0.25, 0.0))
+        following.take(1000.0 + k * PERIOD, Pose(1e-4, 0.25, 0.0))
+    assert following.lag == 0.0
+
+
+def test_what_is_published_again_for_the_same_times_is_what_the_head_follows():
+    following = Following(FollowingSettings(patience=0.1))
+    following.begin(1000.0)
+    for time in np.arange(1000.0, 1001.0, PERIOD):
+        following.publish(time, Pose(1.0, 0.25, 0.0))
+    for time in np.arange(1000.5, 1001.2, PERIOD):
+        following.publish(time, Pose(0.0, 0.25, 0.0))
+    for stamp in np.arange(1000.505, 1000.9, PERIOD):
+        following.take(stamp, Pose(0.0, 0.25, 0.0))
+        assert not following.lost(stamp)
+
+
+@pytest.mark.parametrize('offset', [Pose(0.05, 0.0, 0.0), Pose(0.0, 0.0, 0.1)])
+def test_a_head_elsewhere_is_lost_after_a_while(offset):
+    def elsewhere(time):
+        return Pose(*(a + b for a, b in zip(course(time), offset, strict=True)))
+
+    following, now = run(0.4, elsewhere)
+    assert not following.lost(now)
+    following, now = run(1.0, elsewhere)
+    assert following.lost(now)
+    following.begin(now)
+    assert not following.lost(now)
+
+
+def test_a_head_that_is_not_seen_is_not_lost():
+    following, now = run(1.0, course)
+    assert following.head(now + 0.1) == pytest.approx(tuple(course(now)))
+    assert following.head(now + 1.0) is None
+    assert not following.lost(now + 1.0)
+
+
+def test_a_head_out_of_order_is_refused():
+    following, now = run(0.1, course)
+    with pytest.raises(InputError, match='older'):
+        following.take(now - 0.05, course(now))
+
+
+def test_settings_out_of_range_are_refused():
+    with pytest.raises(ParameterError, match='patience'):
+        FollowingSettings(patience=0.0)

@@ -1,0 +1,64 @@
+"""The lateral regulator brings back what the head slips."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.lateral import LateralRegulator, LateralSettings
+from facade_manipulator.errors import ParameterError
+
+SETTINGS = LateralSettings(enabled=True)
+PERIOD = 0.01
+LATENCY = 12
+
+
+def regulate(slip, duration, settings=SETTINGS, heard=lambda time: True, excess=0.0):
+    """Return shifts and remaining slips of a head that comes late and is seen late."""
+    regulator, shifts, errors = LateralRegulator(settings), [], []
+    for k in range(round(duration / PERIOD)):
+        now = k * PERIOD
+        regulator.step(now, PERIOD, excess)
+        shifts.append(regulator.shift)
+        errors.append(slip(now) + shifts[max(k - LATENCY, 0)])
+        if heard(now):
+            regulator.take(now, -errors[-1])
+    return np.array(shifts), np.array(errors)
+
+
+def test_a_slip_is_brought_back_without_ringing():
+    _, errors = regulate(lambda _: 0.01, 8.0)
+    assert errors[-1] == pytest.approx(0.0, abs=1e-5)
+    assert errors.min() > -0.2 * 0.01
+
+
+def test_a_drift_leaves_a_small_error():
+    _, errors = regulate(lambda time: 0.002 * time, 10.0)
+    assert errors[-1] == pytest.approx(0.002 / SETTINGS.integral, rel=0.05)
+
+
+def test_the_shift_has_a_range_and_a_speed_and_does_not_wind_up():
+    shifts, errors = regulate(lambda time: 0.3 if time < 10.0 else 0.0, 20.0)
+    assert abs(shifts).max() <= SETTINGS.range
+    assert abs(np.diff(shifts)).max() <= SETTINGS.speed * PERIOD + 1e-12
+    assert abs(errors[-1]) < 1e-3
+
+
+def test_without_measurements_the_shift_is_held():
+    shifts, _ = regulate(lambda _: 0.01, 8.0, heard=lambda time: time < 5.0)
+    assert shifts[-1] == pytest.approx(shifts[550], abs=1e-4)
+
+
+def test_at_the_border_the_shift_goes_no_further():
+    shifts, _ = regulate(lambda _: 0.01, 1.0, excess=-0.001)
+    assert not shifts.any()
+
+
+def test_disabled_nothing_is_shifted():
+    shifts, _ = regulate(lambda _: 0.01, 1.0, replace(SETTINGS, enabled=False))
+    assert not shifts.any()
+
+
+def test_settings_out_of_range_are_refused():
+    with pytest.raises(ParameterError, match='integral'):
+        LateralSettings(integral=-1.0)

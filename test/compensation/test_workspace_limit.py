@@ -1,0 +1,90 @@
+"""The border of the workspace, led into without a corner."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.workspace_limit import Border, BorderSettings, soft_clamp
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import certify, Geometry, Pose
+
+GEOMETRY = Geometry()
+SETTINGS = BorderSettings()
+anywhere = st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0)).map(
+    lambda values: Pose(*values))
+well_inside = st.tuples(
+    st.floats(-0.25, 0.25), st.floats(0.2, 0.28), st.floats(-0.1, 0.1)).map(
+    lambda values: Pose(*values))
+
+
+@given(anywhere)
+def test_whatever_is_wanted_the_machine_may_stand_where_it_is_led(pose):
+    certify(GEOMETRY, Border(GEOMETRY, SETTINGS).lead_in(pose).pose)
+
+
+@given(anywhere)
+def test_pose_and_excess_make_up_what_was_wanted(pose):
+    saturated = Border(GEOMETRY, SETTINGS).lead_in(pose)
+    assert np.add(saturated.pose, saturated.excess) == pytest.approx(tuple(pose), abs=1e-12)
+
+
+@given(well_inside)
+def test_a_pose_well_inside_is_left_alone(pose):
+    saturated = Border(GEOMETRY, SETTINGS).lead_in(pose)
+    assert saturated.pose == pose
+    assert saturated.excess == (0.0, 0.0, 0.0)
+
+
+def test_only_the_axis_beyond_the_border_is_held_back():
+    border = Border(GEOMETRY, SETTINGS)
+    excess = border.lead_in(Pose(0.6, 0.25, 0.02)).excess
+    assert excess.x > 0.1
+    assert excess.y == excess.theta == 0.0
+
+
+@given(anywhere, st.floats(-0.3, 0.3))
+def test_at_the_end_of_x_the_distance_from_an_oblique_wall_is_kept(pose, slope):
+    border = Border(GEOMETRY, SETTINGS)
+    pose = pose._replace(y=0.25, theta=0.0)
+    inside = border.lead_in(pose, slope)
+    certify(GEOMETRY, inside.pose)
+    if not inside.excess.y:
+        gained = inside.pose.y - pose.y
+        assert gained == pytest.approx(slope * inside.excess.x, abs=0.12 * abs(gained) + 1e-9)
+
+
+@pytest.mark.parametrize('axis', range(3))
+def test_along_a_sweep_through_the_border_nothing_jumps_and_speed_changes_gently(axis):
+    border = Border(GEOMETRY, SETTINGS)
+    bounds = ((-0.7, 0.7), (0.0, 0.4), (-0.6, 0.6))[axis]
+    places = []
+    for value in np.linspace(*bounds, 4001):
+        wanted = [0.0, 0.25, 0.0]
+        wanted[axis] = value
+        places.append(border.lead_in(Pose(*wanted)).pose[axis])
+    slopes = np.diff(places) / ((bounds[1] - bounds[0]) / 4000)
+    assert slopes.min() >= -1e-9
+    assert slopes.max() <= 1.0 + 1e-9
+    assert abs(np.diff(slopes)).max() < 0.03
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-1.0, 1.0), st.floats(0.0, 1.0), st.floats(1e-3, 0.5))
+def test_a_soft_clamp_stays_in_its_interval(value, low, width, knee):
+    result = soft_clamp(value, low, low + width, knee)
+    assert low - 1e-12 <= result <= low + width + 1e-12
+
+
+def test_a_soft_clamp_of_an_empty_interval_gives_its_middle():
+    assert soft_clamp(5.0, 1.0, 0.0, 0.1) == 0.5
+
+
+def test_a_margin_that_leaves_no_workspace_is_refused():
+    with pytest.raises(ParameterError, match='margin'):
+        Border(Geometry(link_length=0.1, platform_half_length=0.3, carriage_gap=0.0),
+               BorderSettings(margin=0.06))
+
+
+def test_a_margin_of_nothing_is_refused():
+    with pytest.raises(ParameterError, match='margin'):
+        BorderSettings(margin=0.0)

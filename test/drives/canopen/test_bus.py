@@ -1,0 +1,256 @@
+import errno
+import time
+from types import SimpleNamespace
+
+import can
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.canopen import link
+from facade_manipulator.drives.canopen.bus import (
+    BusCongestedError,
+    CanBus,
+    Condition,
+    condition_of,
+)
+from facade_manipulator.drives.canopen.link import BusSettings, check_link, open_bus
+from facade_manipulator.drives.canopen.pdo import PDO_MAP
+from facade_manipulator.drives.controller.bus_load import (
+    bus_load,
+    check_bus_load,
+    frame_bits,
+    transmission_type,
+)
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.errors import BusError, ParameterError
+
+MEGABIT = 1_000_000
+
+
+class FailingBus(can.BusABC):
+    """A bus whose every call fails in the same way."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__('failing')
+        self.channel_info = 'can9'
+        self.error = error
+
+    def _recv_internal(self, timeout):
+        raise self.error
+
+    def send(self, msg, timeout=None):
+        raise self.error
+
+    def shutdown(self):
+        super().shutdown()
+        raise self.error
+
+
+@pytest.fixture
+def pair(request):
+    ends = [can.Bus(interface='virtual', channel=request.node.name) for _ in range(2)]
+    bus = CanBus(ends[0])
+    yield bus, ends[1]
+    bus.close()
+    ends[1].shutdown()
+
+
+# --- receiving and sending
+
+def test_a_data_frame_is_received_with_its_time_on_both_clocks(pair):
+    bus, other = pair
+    before = time.monotonic(), time.time()
+    other.send(can.Message(arbitration_id=0x181, data=b'abc', is_extended_id=False))
+    frame = bus.receive(1.0)
+    assert (frame.cob_id, frame.data) == (0x181, b'abc')
+    assert before[0] - 1e-3 <= frame.time <= time.monotonic()
+    assert before[1] <= frame.stamp <= time.time()
+
+
+def test_silence_is_none_after_the_time_out(pair):
+    assert pair[0].receive(0.0) is None
+    assert pair[0].receive(-1.0) is None
+
+
+@pytest.mark.parametrize('details', [
+    {'is_extended_id': True}, {'is_remote_frame': True, 'is_extended_id': False},
+    {'is_fd': True, 'is_extended_id': False}])
+def test_frames_of_another_kind_are_counted_and_dropped(pair, details):
+    bus, other = pair
+    other.send(can.Message(arbitration_id=0x181, **details))
+    assert bus.receive(1.0) is None
+    assert bus.statistics.ignored == 1
+    assert bus.statistics.received == 0
+
+
+def test_a_sent_frame_is_a_standard_data_frame(pair):
+    bus, other = pair
+    bus.send(0x77F, b'\x05')
+    message = other.recv(1.0)
+    assert (message.arbitration_id, bytes(message.data)) == (0x77F, b'\x05')
+    assert not (message.is_extended_id or message.is_remote_frame)
+    assert bus.statistics.sent == 1
+
+
+def test_a_time_stamp_of_a_clock_that_was_set_does_not_move_the_frame(pair):
+    bus, other = pair
+    for stamp in (time.time() + 3600.0, time.time() - 3600.0):
+        other.preserve_timestamps = True
+        other.send(can.Message(arbitration_id=1, is_extended_id=False, timestamp=stamp))
+        before = time.monotonic()
+        assert before <= bus.receive(1.0).time <= time.monotonic()
+
+
+# --- trouble
+
+@pytest.mark.parametrize('error', [
+    can.CanOperationError('Failed to transmit', errno.ENOBUFS),
+    can.CanOperationError('Transmit buffer full'),
+    BlockingIOError(errno.EAGAIN, 'Resource temporarily unavailable')])
+def test_a_full_queue_is_told_from_a_lost_bus(error):
+    with pytest.raises(BusCongestedError, match='no node acknowledges'):
+        CanBus(FailingBus(error)).send(0x80)
+
+
+@pytest.mark.parametrize('error', [
+    can.CanOperationError('down', errno.ENETDOWN), OSError(errno.ENODEV, 'No such device'),
+    ValueError('file descriptor cannot be a negative integer (-1)')])
+def test_a_lost_interface_is_a_bus_error_on_both_ways(error):
+    bus = CanBus(FailingBus(error))
+    with pytest.raises(BusError, match='can9') as caught:
+        bus.send(0x80)
+    assert not isinstance(caught.value, BusCongestedError)
+    with pytest.raises(BusError, match='can9'):
+        bus.receive(0.0)
+    bus.close()
+
+
+def test_a_closed_bus_is_a_bus_error_and_closing_twice_is_harmless(pair):
+    bus, _ = pair
+    bus.close()
+    bus.close()
+    with pytest.raises(BusError):
+        bus.send(0x80)
+    with pytest.raises(BusError):
+        bus.receive(0.0)
+
+
+def error_frame(error_class: int, data: bytes = bytes(8)) -> can.Message:
+    return can.Message(
+        arbitration_id=error_class, data=data, is_error_frame=True, is_extended_id=False)
+
+
+def test_an_error_frame_that_says_bus_off_is_a_bus_error(pair):
+    bus, other = pair
+    other.send(error_frame(0x040))
+    with pytest.raises(BusError, match='bus-off'):
+        bus.receive(1.0)
+    assert bus.statistics.condition is Condition.OFF
+
+
+@pytest.mark.parametrize(('bits', 'condition'), [
+    (0x10, Condition.PASSIVE), (0x20, Condition.PASSIVE), (0x08, Condition.WARNING),
+    (0x04, Condition.WARNING), (0x40, Condition.ACTIVE)])
+def test_error_frames_tell_the_condition_of_the_controller(pair, bits, condition):
+    bus, other = pair
+    other.send(error_frame(0x004, bytes([0, bits, 0, 0, 0, 0, 0, 0])))
+    assert bus.receive(1.0) is None
+    assert bus.statistics.condition is condition
+    assert bus.statistics.error_frames == 1
+
+
+def test_an_overflow_is_counted(pair):
+    bus, other = pair
+    other.send(error_frame(0x004, bytes([0, 0x01, 0, 0, 0, 0, 0, 0])))
+    bus.receive(1.0)
+    assert bus.statistics.overflows == 1
+
+
+@given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))
+def test_any_error_frame_has_a_meaning_or_none(cob_id, data):
+    condition = condition_of(cob_id, data)
+    assert condition is None or isinstance(condition, Condition)
+    assert (condition is Condition.OFF) == bool(cob_id & 0x040)
+
+
+# --- the interface
+
+@pytest.fixture
+def interface(tmp_path, monkeypatch):
+    """An interface of /sys with what iproute2 says about it."""
+    folder = tmp_path / 'can0'
+    folder.mkdir()
+    (folder / 'flags').write_text('0x1\n')
+    monkeypatch.setattr(link, '_SYSTEM', tmp_path)
+    details = {'state': 'ERROR-ACTIVE', 'bittiming': {'bitrate': MEGABIT}}
+    monkeypatch.setattr(link, '_details', lambda channel: details)
+    return SimpleNamespace(folder=folder, details=details)
+
+
+def test_an_interface_that_is_up_at_our_bit_rate_is_accepted(interface):
+    check_link('can0', MEGABIT)
+
+
+def test_an_interface_without_bit_rate_is_accepted(interface):
+    interface.details.clear()
+    check_link('can0', MEGABIT)
+
+
+def test_a_missing_interface_is_named(interface):
+    with pytest.raises(BusError, match='no CAN interface can7'):
+        check_link('can7', MEGABIT)
+
+
+def test_an_interface_that_is_down_comes_with_the_command_to_raise_it(interface):
+    (interface.folder / 'flags').write_text('0x0\n')
+    with pytest.raises(BusError, match='sudo ip link set can0 up type can bitrate 1000000'):
+        check_link('can0', MEGABIT)
+
+
+def test_another_bit_rate_is_told_with_both_figures(interface):
+    interface.details['bittiming'] = {'bitrate': 500_000}
+    with pytest.raises(BusError, match='500000 bit/s, not at 1000000 bit/s'):
+        check_link('can0', MEGABIT)
+
+
+def test_a_controller_that_is_bus_off_is_refused(interface):
+    interface.details['state'] = 'BUS-OFF'
+    with pytest.raises(BusError, match='BUS-OFF'):
+        check_link('can0', MEGABIT)
+
+
+def test_a_bus_that_cannot_be_opened_is_a_bus_error():
+    with pytest.raises(BusError, match='no CAN interface nowhere0'):
+        open_bus(BusSettings(interface='socketcan', channel='nowhere0'))
+    with pytest.raises(BusError, match='cannot be opened'):
+        open_bus(BusSettings(interface='no_such_kind'))
+
+
+def test_a_virtual_bus_opens():
+    bus = open_bus(BusSettings(interface='virtual', channel='opens'))
+    bus.shutdown()
+
+
+# --- its load
+
+def test_a_frame_of_eight_bytes_has_at_most_135_bits():
+    assert frame_bits(8) == 135
+    assert frame_bits(0) == 55
+
+
+@pytest.mark.parametrize(('rate', 'percent'), [(100, 16), (200, 31)])
+def test_the_load_is_what_the_bus_was_designed_for(rate, percent):
+    assert round(100 * bus_load(ControllerSettings(rate=rate), MEGABIT)) == percent
+
+
+@pytest.mark.parametrize('rate', [10, 50, 100, 125, 200, 250, 500])
+def test_every_rate_fits_at_full_bit_rate(rate):
+    settings = ControllerSettings(rate=rate)
+    assert check_bus_load(settings, MEGABIT) <= 0.5
+    assert all(1 <= transmission_type(pdo, rate) <= 240 for pdo in PDO_MAP)
+
+
+def test_a_bus_that_is_too_slow_is_refused_with_both_figures():
+    with pytest.raises(ParameterError, match=r'bus load = 63 % at 100 Hz.* 50 %'):
+        check_bus_load(ControllerSettings(), 250_000)

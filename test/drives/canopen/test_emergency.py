@@ -1,0 +1,68 @@
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.canopen.emergency import (
+    decode_emergency,
+    describe,
+    Emergency,
+    encode_emergency,
+    fault,
+    is_error_reset,
+    Reaction,
+)
+from facade_manipulator.errors import InputError
+
+CODES = st.integers(0, 0xFFFF)
+
+
+@given(CODES)
+def test_every_code_has_a_sentence_with_the_code_in_it(code):
+    sentence = describe(code)
+    assert f'{code:04X}h' in sentence and sentence[0].islower() and len(sentence) > 20
+
+
+@pytest.mark.parametrize('code, words', [
+    (0x8611, 'following error'), (0x8A80, 'negative limit'), (0x8A81, 'positive limit'),
+    (0x8A82, 'software position limit'), (0x8A88, 'torque off'), (0x8110, 'lost CAN frames'),
+    (0x8130, 'heartbeat'), (0x81AB, 'communication'), (0x8210, 'wrong length'),
+    (0x7320, 'position sensor'), (0x738C, 'position is lost'), (0x7392, 'against the motor'),
+    (0x2310, 'current'), (0x3210, 'too high'), (0x3220, 'too low'), (0x4210, 'too hot'),
+    (0xFF02, 'watchdog'), (0x2F00, 'current'), (0xFFAA, 'manufacturer'), (0xE000, 'no table'),
+])
+def test_a_code_is_described_by_its_narrowest_row(code, words):
+    assert words in describe(code)
+
+
+@pytest.mark.parametrize('code', [0x7380, 0x738F, 0x7392, 0xFF02])
+def test_a_lost_position_disables_all_and_asks_for_homing(code):
+    meaning = fault(code)
+    assert meaning.reaction is Reaction.DISABLE_ALL and meaning.home_again
+    assert 'home' in meaning.remedy
+
+
+@given(CODES.filter(lambda code: code not in (0x7392, 0xFF02) and code & 0xFFF0 != 0x7380))
+def test_any_other_fault_stops_all_and_keeps_the_home_position(code):
+    meaning = fault(code)
+    assert meaning.reaction is Reaction.QUICK_STOP_ALL and not meaning.home_again
+
+
+@given(CODES)
+def test_only_codes_of_the_form_00xx_reset_errors(code):
+    assert is_error_reset(code) == (code < 0x100)
+
+
+@given(CODES, st.integers(0, 255), st.binary(min_size=5, max_size=5))
+def test_decoding_undoes_encoding(code, register, vendor_data):
+    message = Emergency(code, register, vendor_data)
+    assert decode_emergency(encode_emergency(message)) == message
+
+
+def test_an_emergency_message_has_the_bytes_of_cia_301():
+    assert encode_emergency(Emergency(0x8611, 0x21)) == bytes.fromhex('1186210000000000')
+
+
+@given(st.binary(max_size=12).filter(lambda data: len(data) != 8))
+def test_a_message_of_wrong_length_is_refused(data):
+    with pytest.raises(InputError, match='bytes'):
+        decode_emergency(data)

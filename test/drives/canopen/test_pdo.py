@@ -1,0 +1,88 @@
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.errors import InputError
+
+U8, U16, U32 = (st.integers(0, 2**bits - 1) for bits in (8, 16, 32))
+I8, I16, I32 = (st.integers(-2**(bits - 1), 2**(bits - 1) - 1) for bits in (8, 16, 32))
+NODES = st.integers(1, pdo.MASTER_NODE_ID)
+
+
+@given(U16, I8, I32)
+def test_decoding_undoes_encoding(word, mode, position):
+    assert pdo.decode_rpdo1(pdo.encode_rpdo1(word, mode, position)) == (word, mode, position)
+    assert pdo.decode_tpdo1(pdo.encode_tpdo1(word, mode, position)) == (word, mode, position)
+
+
+@given(I32, I32)
+def test_decoding_tpdo2_undoes_packing(velocity, error):
+    assert pdo.decode_tpdo2(pdo.TPDO2.codec.pack(velocity, error)) == (velocity, error)
+
+
+@given(U16, I16, U32)
+def test_decoding_tpdo3_undoes_packing(code, torque, inputs):
+    assert pdo.decode_tpdo3(pdo.TPDO3.codec.pack(code, torque, inputs)) == (code, torque, inputs)
+
+
+def test_the_bytes_are_little_endian_and_packed():
+    assert pdo.encode_rpdo1(0x000F, 8, -2) == bytes.fromhex('0f0008feffffff')
+    assert pdo.decode_tpdo1(bytes.fromhex('371208785634f2')) == (0x1237, 8, -0x0DCBA988)
+    assert pdo.decode_tpdo2(bytes.fromhex('01000000ffffffff')) == (1, -1)
+    assert pdo.decode_tpdo3(bytes.fromhex('1186ffff04000000')) == (0x8611, -1, 4)
+
+
+@pytest.mark.parametrize('decode, size', [
+    (pdo.decode_rpdo1, 7), (pdo.decode_tpdo1, 7), (pdo.decode_tpdo2, 8), (pdo.decode_tpdo3, 8)])
+@given(data=st.binary(max_size=9))
+def test_a_frame_of_wrong_length_is_refused(decode, size, data):
+    if len(data) == size:
+        decode(data)
+        return
+    with pytest.raises(InputError, match=f'{len(data)} bytes, not {size}') as caught:
+        decode(data)
+    assert caught.value.reason == 'length'
+
+
+def test_cob_ids_are_those_of_the_predefined_connection_set():
+    assert [p.cob_id(2) for p in pdo.PDO_MAP] == [0x202, 0x182, 0x282, 0x382]
+    assert [p.cob_id(2) for p in pdo.UNUSED_PDOS] == [0x302, 0x402, 0x502, 0x482]
+    assert pdo.emergency_cob_id(2) == 0x82 and pdo.heartbeat_cob_id(2) == 0x702
+    assert pdo.sdo_request_cob_id(2) == 0x602 and pdo.sdo_response_cob_id(2) == 0x582
+
+
+@given(NODES, NODES)
+def test_no_two_nodes_share_a_cob_id(one, other):
+    functions = [p.cob_id for p in (*pdo.PDO_MAP, *pdo.UNUSED_PDOS)]
+    functions += [pdo.emergency_cob_id, pdo.heartbeat_cob_id, pdo.sdo_request_cob_id,
+                  pdo.sdo_response_cob_id]
+    ids = [f(one) for f in functions]
+    assert len(set(ids)) == len(ids) and max(ids) <= 0x7FF
+    assert one == other or not set(ids) & {f(other) for f in functions}
+
+
+@pytest.mark.parametrize('item', pdo.PDO_MAP, ids=lambda item: item.name)
+def test_the_mapping_has_the_length_of_the_codec_and_fits_a_frame(item):
+    bits = sum(entry.mapping & 0xFF for entry in item.content)
+    assert bits == 8 * item.codec.size <= 64
+
+
+@pytest.mark.parametrize('item', pdo.PDO_MAP, ids=lambda item: item.name)
+def test_a_pdo_is_off_while_its_mapping_is_written(item):
+    writes = item.configure_writes(3)
+    switches = [k for k, w in enumerate(writes) if (w.index, w.subindex) == (
+        item.communication_index, 1)]
+    assert switches == [0, len(writes) - 1]
+    assert writes[0].value & pdo.DISABLED and not writes[-1].value & pdo.DISABLED
+    assert writes[0].value & 0x7FF == writes[-1].value & 0x7FF == item.cob_id(3)
+    counts = [w.value for w in writes if (w.index, w.subindex) == (item.mapping_index, 0)]
+    assert counts == [0, len(item.content)]
+
+
+def test_the_configuration_of_tpdo1_is_this_transcript():
+    assert pdo.TPDO1.configure_writes(1) == [
+        (0x1800, 1, 0xC0000181, 4), (0x1A00, 0, 0, 1), (0x1A00, 1, 0x60410010, 4),
+        (0x1A00, 2, 0x60610008, 4), (0x1A00, 3, 0x60640020, 4), (0x1A00, 0, 3, 1),
+        (0x1800, 2, 1, 1), (0x1800, 1, 0x40000181, 4),
+    ]

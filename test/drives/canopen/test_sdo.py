@@ -1,0 +1,151 @@
+from concurrent.futures import ThreadPoolExecutor
+import threading
+
+import can
+import canopen
+import pytest
+
+from facade_manipulator.drives.canopen import sdo as network
+from facade_manipulator.drives.canopen.bus import CanBus
+from facade_manipulator.drives.canopen.sdo import PumpedNetwork, SdoAbortError, SdoChannel
+from facade_manipulator.errors import BusError, DriveTimeoutError
+
+NODE = 2
+REQUEST, ANSWER = 0x602, 0x582
+VALUE = bytes.fromhex('4365600080430000')  # 6065h:00 = 17280
+WRITTEN = bytes.fromhex('6065600000000000')
+ABSENT = bytes.fromhex('8065600000000206')
+OTHER = bytes.fromhex('430010009201 0200'.replace(' ', ''))
+
+
+class Pump:
+    """A control thread in small: receives and feeds; the test is the drive."""
+
+    def __init__(self, channel: str) -> None:
+        self.drive = can.Bus(interface='virtual', channel=channel)
+        self.bus = CanBus(can.Bus(interface='virtual', channel=channel))
+        self.network = PumpedNetwork(self.bus)
+        self.channel = SdoChannel(self.network, NODE, 'q2')
+        self.worker = ThreadPoolExecutor(1)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._ended.is_set():
+            try:
+                frame = self.bus.receive(0.02)
+            except BusError:
+                return
+            if frame is not None:
+                self.network.feed(frame)
+
+    def close(self) -> None:
+        self._ended.set()
+        self._thread.join()
+        self.worker.shutdown()
+        self.bus.close()
+        self.drive.shutdown()
+
+    def expect(self) -> bytes:
+        """Return the next SDO request that the drive gets."""
+        while (message := self.drive.recv(5.0)) is not None:
+            if message.arbitration_id == REQUEST:
+                return bytes(message.data)
+        raise AssertionError('no request')
+
+    def answer(self, *frames: bytes) -> None:
+        for data in frames:
+            self.drive.send(can.Message(arbitration_id=ANSWER, data=data, is_extended_id=False))
+
+
+@pytest.fixture
+def pump(request, monkeypatch):
+    monkeypatch.setattr(network, 'RESPONSE_TIMEOUT', 0.1)
+    made = Pump(request.node.name)
+    yield made
+    made.close()
+
+
+def test_an_object_is_read_by_a_worker_while_another_thread_pumps(pump):
+    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
+    assert pump.expect()[:4] == bytes.fromhex('40656000')
+    pump.answer(VALUE)
+    assert int.from_bytes(job.result(5.0), 'little') == 17280
+
+
+def test_an_object_is_written(pump):
+    job = pump.worker.submit(pump.channel.write, 0x6065, 0, (5).to_bytes(4, 'little'))
+    assert pump.expect() == bytes.fromhex('2365600005000000')
+    pump.answer(WRITTEN)
+    assert job.result(5.0) is None
+
+
+def test_an_abort_is_told_with_its_code_and_not_tried_again(pump):
+    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
+    pump.expect()
+    pump.answer(ABSENT)
+    with pytest.raises(SdoAbortError, match=r'q2 \(node 2\) refuses object 6065h:00: object does '
+                                            r'not exist \(abort 0602 0000h\)') as caught:
+        job.result(5.0)
+    assert caught.value.is_absent
+
+
+def test_a_lost_answer_is_asked_for_again(pump):
+    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
+    pump.expect()
+    while pump.expect()[:1] != b'\x40':  # the client aborts before it asks again
+        continue
+    pump.answer(VALUE)
+    assert int.from_bytes(job.result(5.0), 'little') == 17280
+
+
+def test_a_silent_drive_is_a_time_out_that_says_what_to_check(pump):
+    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
+    with pytest.raises(DriveTimeoutError, match='does not answer for object 6065h:00 within 3 ×'):
+        job.result(5.0)
+
+
+def test_an_answer_for_another_object_does_not_count(pump):
+    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
+    pump.expect()
+    pump.answer(OTHER)
+    while pump.expect()[:1] != b'\x40':
+        continue
+    pump.answer(VALUE)
+    assert int.from_bytes(job.result(5.0), 'little') == 17280
+
+
+def test_answers_that_nobody_waits_for_do_not_pile_up(pump):
+    for _ in range(200):
+        pump.answer(VALUE)
+    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
+    pump.expect()
+    pump.answer(VALUE)
+    job.result(5.0)
+    assert pump.channel._client.responses.qsize() <= network._LONGEST_QUEUE
+
+
+@pytest.mark.parametrize('data', [b'', b'\x43', VALUE[:7]])
+def test_answers_of_the_wrong_length_are_not_answers(pump, data):
+    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
+    pump.expect()
+    pump.answer(data, VALUE)
+    assert int.from_bytes(job.result(5.0), 'little') == 17280
+
+
+def test_a_lost_bus_ends_the_waiting(pump):
+    pump.bus.close()
+    with pytest.raises(BusError):
+        pump.worker.submit(pump.channel.read, 0x6065, 0).result(5.0)
+
+
+def test_the_eds_knows_the_size_of_an_object():
+    from facade_manipulator.drives.cia402.profile import load_profile
+
+    eds = load_profile('simulated').eds
+    channel = SdoChannel(PumpedNetwork(None), NODE, 'q2', eds)
+    assert channel.size(0x6040, 0) == 2
+    assert channel.size(0x6098, 0) == 1
+    assert channel.size(0x5FFF, 0) is None
+    assert isinstance(channel._client.od, canopen.ObjectDictionary)

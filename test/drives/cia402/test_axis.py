@@ -1,0 +1,138 @@
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.cia402 import axis
+from facade_manipulator.drives.cia402.axis import AxisStepper, Feedback, Step
+from facade_manipulator.drives.cia402.states import (
+    Controlword,
+    decode_command,
+    Mode,
+    State,
+    STATUSWORDS,
+    TRANSITIONS,
+)
+from facade_manipulator.errors import (
+    DriveError,
+    DriveFaultError,
+    DriveStateError,
+    DriveTimeoutError,
+)
+
+CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
+PLANS = {
+    'power on': (axis.power_on(CSP), State.SWITCH_ON_DISABLED, State.OPERATION_ENABLED),
+    'power on for homing': (
+        axis.power_on(Mode.HOMING), State.SWITCH_ON_DISABLED, State.OPERATION_ENABLED),
+    'power down': (axis.POWER_DOWN, State.OPERATION_ENABLED, State.SWITCH_ON_DISABLED),
+    'reset': (axis.RESET_FAULT, State.FAULT, State.SWITCH_ON_DISABLED),
+}
+ALL_STEPS = [
+    *axis.power_on(CSP), *axis.POWER_DOWN, *axis.RESET_FAULT, axis.POWER_OFF, axis.FOLLOW,
+    axis.COME_TO_REST, axis.QUICK_STOP, axis.STAY_STOPPED, axis.CUT_POWER, axis.HOME,
+    axis.END_HOMING]
+
+
+def feedback_in(state: State, mode: int = CSP, **details) -> Feedback:
+    return Feedback(STATUSWORDS[state][1], mode, **details)
+
+
+def stepper(step: Step, deadline: float = 1.0) -> AxisStepper:
+    watched = AxisStepper('q2')
+    watched.begin(step, deadline)
+    return watched
+
+
+@pytest.mark.parametrize('plan', PLANS)
+def test_each_plan_leads_a_cia_402_drive_from_its_start_to_its_end(plan):
+    plan_steps, state, end = PLANS[plan]
+    for step in plan_steps:
+        watched = stepper(step)
+        state = TRANSITIONS.get((state, decode_command(step.controlword)), state)
+        mode = CSP if step.mode is None else step.mode
+        assert watched.advance(feedback_in(state, mode), now=0.0)
+    assert state is end
+
+
+def test_a_drive_that_is_still_on_its_way_is_waited_for():
+    watched = stepper(axis.power_on(CSP)[1])
+    assert not watched.advance(feedback_in(State.SWITCH_ON_DISABLED), now=0.5)
+    assert watched.advance(feedback_in(State.READY_TO_SWITCH_ON), now=0.9)
+
+
+def test_a_drive_that_takes_too_long_is_named_with_its_state():
+    watched = stepper(axis.power_on(CSP)[1])
+    with pytest.raises(DriveTimeoutError, match=r'q2 did not get ready.*switch on disabled'):
+        watched.advance(feedback_in(State.SWITCH_ON_DISABLED), now=1.1)
+
+
+def test_a_drive_in_another_mode_is_named_with_both_modes():
+    watched = stepper(axis.power_on(CSP)[0])
+    assert not watched.advance(feedback_in(State.SWITCH_ON_DISABLED, Mode.HOMING), now=0.5)
+    with pytest.raises(DriveTimeoutError, match='in mode 6 instead of 8'):
+        watched.advance(feedback_in(State.SWITCH_ON_DISABLED, Mode.HOMING), now=1.1)
+
+
+def test_a_drive_that_falls_back_is_not_waited_for_again():
+    watched = stepper(axis.power_on(CSP)[1])
+    assert watched.advance(feedback_in(State.READY_TO_SWITCH_ON), now=0.1)
+    with pytest.raises(DriveStateError, match='q2 left its way to get ready'):
+        watched.advance(feedback_in(State.SWITCH_ON_DISABLED), now=0.2)
+
+
+@pytest.mark.parametrize('state', sorted(axis.FAULT_STATES, key=str))
+def test_a_fault_is_told_with_its_error_code(state):
+    watched = stepper(axis.FOLLOW)
+    with pytest.raises(DriveFaultError, match=r'q2 .*following error.*8611h'):
+        watched.advance(feedback_in(state, error_code=0x8611), now=0.0)
+
+
+def test_a_fault_without_error_code_is_told_as_such():
+    with pytest.raises(DriveFaultError, match='cause not told'):
+        stepper(axis.FOLLOW).advance(feedback_in(State.FAULT), now=0.0)
+
+
+def test_a_statusword_of_no_state_names_the_axis():
+    with pytest.raises(DriveStateError, match=r'q2: statusword 0x0025'):
+        stepper(axis.FOLLOW).advance(Feedback(0x0025), now=0.0)
+
+
+def test_a_moving_carriage_has_not_come_to_rest():
+    watched = stepper(axis.COME_TO_REST)
+    moving = feedback_in(State.OPERATION_ENABLED, at_rest=False)
+    assert not watched.advance(moving, now=0.5)
+    with pytest.raises(DriveTimeoutError, match='still moving'):
+        watched.advance(moving, now=1.1)
+
+
+@pytest.mark.parametrize('mode', [CSP, Mode.HOMING])
+def test_powering_on_takes_one_rung_at_a_time(mode):
+    words = [step.controlword for step in axis.power_on(mode)]
+    assert words == [
+        Controlword.DISABLE_VOLTAGE, Controlword.SHUTDOWN, Controlword.SWITCH_ON,
+        Controlword.ENABLE_OPERATION]
+    assert {step.mode for step in axis.power_on(mode)} == {mode}
+
+
+def test_a_drive_that_shows_no_statusword_before_its_first_controlword_is_waited_for():
+    watched = stepper(axis.POWER_OFF)
+    assert not watched.advance(Feedback(0x0000), now=0.0)
+    assert watched.advance(feedback_in(State.SWITCH_ON_DISABLED), now=0.1)
+
+
+@given(st.sampled_from(ALL_STEPS), st.integers(0, 0xFFFF), st.integers(-128, 127),
+       st.booleans(), st.floats(0.0, 2.0))
+def test_a_step_is_done_only_in_a_goal_state_of_the_right_mode(
+        step, statusword, mode, at_rest, now):
+    watched = stepper(step)
+    try:
+        done = watched.advance(Feedback(statusword, mode, at_rest), now)
+    except DriveError as error:
+        assert str(error).startswith('q2')
+        return
+    if done:
+        assert any(statusword & mask == value for state in step.goal
+                   for mask, value in [STATUSWORDS[state]])
+        assert step.mode in (None, mode)
+    else:
+        assert now <= 1.0

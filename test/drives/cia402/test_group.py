@@ -1,0 +1,528 @@
+from dataclasses import replace
+import itertools
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.cia402.axis import Feedback
+from facade_manipulator.drives.cia402.cause import Cause
+from facade_manipulator.drives.cia402.group import Group
+from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence
+from facade_manipulator.drives.cia402.plans import Phase, POWERED_PHASES
+from facade_manipulator.drives.cia402.states import Command as DriveCommand
+from facade_manipulator.drives.cia402.states import (
+    Controlword,
+    decode_command,
+    Mode,
+    State,
+    Status,
+    STATUSWORDS,
+    TRANSITIONS,
+)
+from facade_manipulator.errors import DriveStateError
+
+NAMES = ('q1', 'q2', 'q3')
+PERIOD = 0.01
+CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
+STATES = sorted(State, key=str)
+FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+
+
+class Drives:
+    """Three drives that obey the tables of CiA 402, one cycle late as on a bus."""
+
+    def __init__(self, group: Group) -> None:
+        self.group = group
+        self.states = [State.SWITCH_ON_DISABLED] * 3
+        self.modes = [0, 0, 0]
+        self.bits = [0, 0, 0]
+        self.at_rest = True
+        self.now = 0.0
+        self.commands = ()
+        self.history = []
+        self.deaf = set()
+
+    def feedback(self) -> tuple[Feedback, ...]:
+        return tuple(
+            Feedback(STATUSWORDS[state][1] | bits, mode, self.at_rest)
+            for state, mode, bits in zip(self.states, self.modes, self.bits, strict=True))
+
+    def cycle(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.now += PERIOD
+            self.commands = self.group.step(self.feedback(), self.now)
+            self.history.append(self.commands)
+            for number, command in enumerate(self.commands):
+                if number not in self.deaf:
+                    self._take(number, command)
+
+    def _take(self, number, command) -> None:
+        self.modes[number] = command.mode
+        key = self.states[number], decode_command(command.controlword)
+        self.states[number] = TRANSITIONS.get(key, self.states[number])
+
+    def until(self, *phases: Phase, cycles: int = 1000) -> None:
+        for _ in range(cycles):
+            if self.group.phase in phases:
+                return
+            self.cycle()
+        raise AssertionError(f'{self.group.phase} after {cycles} cycles, not {phases}')
+
+
+def is_enabling(command) -> bool:
+    return decode_command(command.controlword) is DriveCommand.ENABLE_OPERATION
+
+
+def switched_off(**details) -> Drives:
+    drives = Drives(Group(NAMES, **details))
+    drives.cycle(3)
+    return drives
+
+
+def running() -> Drives:
+    drives = switched_off()
+    drives.group.enable(drives.now)
+    drives.until(Phase.RUNNING)
+    return drives
+
+
+def halted() -> Drives:
+    drives = running()
+    drives.group.halt(drives.now)
+    drives.until(Phase.HALTED)
+    return drives
+
+
+def holding() -> Drives:
+    drives = switched_off()
+    drives.group.enable(drives.now)
+    drives.until(Phase.HOLDING)
+    return drives
+
+
+def enabling() -> Drives:
+    drives = switched_off()
+    drives.group.enable(drives.now)
+    drives.cycle(3)
+    assert drives.group.phase is Phase.ENABLING
+    return drives
+
+
+def ramping() -> Drives:
+    drives = running()
+    drives.at_rest = False
+    drives.group.disable(drives.now)
+    drives.cycle()
+    assert drives.group.phase is Phase.RAMPING
+    return drives
+
+
+def homing(ranks=(1, 1, 1)) -> Drives:
+    drives = switched_off()
+    drives.group.home(HomingSequence(tuple(
+        AxisHoming(name, 1.0, rank) for name, rank in zip(NAMES, ranks, strict=True))), drives.now)
+    drives.until(Phase.HOMING)
+    drives.cycle()
+    return drives
+
+
+SITUATIONS = {
+    'off': switched_off, 'enabling': enabling, 'holding': holding, 'running': running,
+    'ramping': ramping, 'halted': halted, 'homing': homing,
+}
+situations = pytest.mark.parametrize('situation', SITUATIONS)
+
+
+# --- the way up and down
+
+def test_all_three_drives_take_each_step_together():
+    drives = running()
+    assert drives.states == [State.OPERATION_ENABLED] * 3
+    for commands in drives.history:
+        assert len({command.controlword for command in commands}) == 1
+
+
+def test_no_drive_is_enabled_before_all_are_switched_on():
+    drives = switched_off()
+    drives.deaf = {1}
+    drives.group.enable(drives.now)
+    drives.until(Phase.STOPPED)
+    assert not any(is_enabling(command) for cycle in drives.history for command in cycle)
+    assert 'q2' in drives.group.cause.sentence
+
+
+def test_the_drives_hold_before_they_follow():
+    drives = holding()
+    before = len(drives.history)
+    drives.until(Phase.RUNNING)
+    assert len(drives.history) - before >= 20
+
+
+def test_powering_off_waits_until_the_carriages_stand_still():
+    drives = ramping()
+    drives.cycle(50)
+    assert drives.group.phase is Phase.RAMPING
+    assert all(map(is_enabling, drives.commands))
+    drives.at_rest = True
+    drives.until(Phase.OFF)
+    drives.cycle(3)
+    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
+    assert drives.group.is_settled
+
+
+def test_carriages_that_do_not_come_to_rest_are_stopped():
+    drives = ramping()
+    drives.until(Phase.STOPPING)
+    assert 'still moving' in drives.group.cause.sentence
+
+
+def test_after_a_halt_the_drives_follow_again_without_powering_off():
+    drives = halted()
+    drives.cycle(2)
+    drives.group.enable(drives.now)
+    drives.cycle()
+    assert drives.group.phase is Phase.RUNNING
+    assert drives.states == [State.OPERATION_ENABLED] * 3
+
+
+@situations
+def test_requests_that_do_not_fit_are_refused_and_change_nothing(situation):
+    drives = SITUATIONS[situation]()
+    group = drives.group
+    before = group.phase
+    refused = 0
+    for request in (group.enable, group.disable, group.halt, group.reset,
+                    lambda now: group.home(HomingSequence(()), now)):
+        phase = group.phase
+        try:
+            request(drives.now)
+        except DriveStateError as error:
+            refused += 1
+            assert 'not possible' in str(error)
+            assert group.phase is phase
+    assert refused or before is not group.phase
+
+
+def test_enabling_waits_for_every_drive_to_have_confirmed_that_it_is_off():
+    group = Group(NAMES)
+    with pytest.raises(DriveStateError, match='not every drive has confirmed'):
+        group.enable(0.0)
+
+
+# --- homing
+
+def test_homing_powers_on_in_mode_6_and_off_again():
+    drives = homing()
+    assert [command.mode for command in drives.commands] == [Mode.HOMING] * 3
+    assert all(command.controlword & Controlword.HOMING_START for command in drives.commands)
+    drives.bits = [Status.HOMING_ATTAINED | Status.TARGET_REACHED] * 3
+    drives.until(Phase.DISABLING)
+    assert not any(
+        command.controlword & Controlword.HOMING_START for command in drives.group.commands)
+    drives.bits = [0] * 3
+    drives.until(Phase.OFF)
+    drives.cycle(2)
+    assert drives.group.cause is None
+    assert drives.modes == [CSP] * 3
+    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
+
+
+def test_homing_in_order_moves_one_rank_at_a_time():
+    drives = homing(ranks=(1, 3, 2))
+    words = [command.controlword & Controlword.HOMING_START for command in drives.commands]
+    assert words == [Controlword.HOMING_START, 0, 0]
+
+
+def test_a_homing_error_of_one_axis_stops_all():
+    drives = homing()
+    drives.bits[1] = Status.HOMING_ERROR
+    drives.until(Phase.STOPPING)
+    assert 'q2: homing failed' in drives.group.cause.sentence
+    assert not any(map(is_enabling, drives.commands))
+
+
+def test_a_homing_that_takes_too_long_stops_all():
+    drives = homing()
+    drives.until(Phase.STOPPING)
+    assert 'homing took longer' in drives.group.cause.sentence
+
+
+def test_a_halt_gives_homing_up_and_powers_off():
+    drives = homing()
+    drives.group.halt(drives.now)
+    drives.cycle()
+    assert not any(
+        command.controlword & Controlword.HOMING_START for command in drives.commands)
+    drives.until(Phase.OFF)
+    assert drives.group.cause is None
+
+
+# --- any doubt about one stops all
+
+@situations
+@pytest.mark.parametrize('axis', range(3))
+@pytest.mark.parametrize('state', FAULTS)
+def test_a_fault_of_one_drive_stops_all_three_in_the_same_step(situation, axis, state):
+    drives = SITUATIONS[situation]()
+    drives.states[axis] = state
+    drives.cycle()
+    assert drives.group.phase in (Phase.STOPPING, Phase.STOPPED)
+    assert not any(map(is_enabling, drives.commands))
+    assert drives.group.cause.axis == NAMES[axis]
+    drives.cycle(300)
+    assert drives.group.phase is Phase.STOPPED
+    assert State.OPERATION_ENABLED not in drives.states
+
+
+@pytest.mark.parametrize('situation', ['holding', 'running', 'ramping', 'halted', 'homing'])
+@pytest.mark.parametrize('state', [
+    state for state in STATES if state is not State.OPERATION_ENABLED])
+def test_a_drive_that_leaves_operation_by_itself_stops_all(situation, state):
+    drives = SITUATIONS[situation]()
+    drives.states[2] = state
+    drives.cycle()
+    assert drives.group.phase in (Phase.STOPPING, Phase.STOPPED)
+    assert 'q3' in drives.group.cause.sentence
+
+
+def test_a_following_error_stops_all_but_not_while_homing_has_just_begun():
+    drives = running()
+    drives.bits[0] = Status.FOLLOWING_ERROR
+    drives.cycle()
+    assert 'q1 is farther behind' in drives.group.cause.sentence
+
+
+def test_a_drive_that_changes_its_mode_stops_all():
+    drives = running()
+    drives.deaf = {0}
+    drives.modes[0] = Mode.HOMING
+    drives.until(Phase.STOPPING, Phase.STOPPED)
+    assert 'in mode 6 instead of 8' in drives.group.cause.sentence
+
+
+@situations
+def test_a_stop_from_outside_lasts_until_the_reset(situation):
+    drives = SITUATIONS[situation]()
+    drives.group.stop(Cause('the operator said so'), drives.now)
+    drives.cycle(400)
+    assert drives.group.phase is Phase.STOPPED
+    assert str(drives.group.cause).startswith('the operator said so; next: ')
+    assert not any(map(is_enabling, drives.commands))
+    with pytest.raises(DriveStateError, match='the operator said so'):
+        drives.group.enable(drives.now)
+
+
+def test_the_mode_is_not_changed_while_the_drives_stop():
+    drives = homing()
+    drives.group.stop(Cause('enough'), drives.now)
+    drives.cycle(5)
+    assert [command.mode for command in drives.commands] == [Mode.HOMING] * 3
+
+
+def test_a_cause_that_asks_for_it_cuts_the_power_once_the_carriages_stand():
+    drives = running()
+    drives.at_rest = False
+    drives.group.stop(Cause('position lost', cut_power=True), drives.now)
+    drives.cycle(5)
+    assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
+    drives.at_rest = True
+    drives.cycle(5)
+    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
+    assert drives.group.phase is Phase.STOPPED
+
+
+def test_a_later_cause_may_still_cut_the_power():
+    drives = running()
+    drives.group.stop(Cause('first'), drives.now)
+    drives.cycle(5)
+    assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
+    drives.group.stop(Cause('second', cut_power=True), drives.now)
+    drives.cycle(5)
+    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
+    assert drives.group.cause.sentence == 'first'
+    assert [cause.sentence for cause in drives.group.further_causes] == ['second']
+
+
+def test_a_drive_that_does_not_obey_the_quick_stop_loses_its_power():
+    drives = running()
+    drives.deaf = {1}
+    drives.group.stop(Cause('enough'), drives.now)
+    drives.cycle(150)
+    assert drives.group.disobedient == {'q2'}
+    assert drives.commands[0].controlword == Controlword.DISABLE_VOLTAGE
+    assert drives.group.needs_configuration
+
+
+def test_the_emergency_message_explains_a_fault_that_the_statusword_only_shows():
+    drives = running()
+    drives.states[1] = State.FAULT
+    drives.cycle()
+    assert drives.group.cause.is_vague
+    drives.group.stop(Cause('q2 (node 2): the motor current is too high', axis='q2'), drives.now)
+    assert 'current' in drives.group.cause.sentence
+
+
+SILENCE = Cause('q2 did not answer', 'configure again', 'q2', configure_again=True,
+                is_silence=True)
+RESTART = Cause('q2 has restarted', 'configure again, home', 'q2', configure_again=True,
+                is_restart=True)
+
+
+def test_a_drive_that_fell_silent_because_it_restarted_is_told_in_one_sentence():
+    drives = running()
+    for cause in (SILENCE, RESTART):
+        drives.group.stop(cause, drives.now)
+    assert str(drives.group.cause) == (
+        'q2 did not answer; q2 has restarted; next: configure again, home')
+    assert not drives.group.further_causes
+    drives.group.stop(RESTART, drives.now)
+    assert list(drives.group.further_causes) == [RESTART]
+
+
+@pytest.mark.parametrize('first', [
+    replace(SILENCE, axis='q1'), replace(SILENCE, is_silence=False)])
+def test_a_restart_explains_no_other_stop(first):
+    drives = running()
+    for cause in (first, RESTART):
+        drives.group.stop(cause, drives.now)
+    assert drives.group.cause is first
+    assert list(drives.group.further_causes) == [RESTART]
+
+
+def test_the_next_step_is_that_of_the_cause_that_clearing_does_not_mend():
+    drives = running()
+    drives.group.stop(Cause('the loop was late'), drives.now)
+    assert drives.group.severest_cause is drives.group.cause
+    drives.group.stop(RESTART, drives.now)
+    assert drives.group.severest_cause is RESTART
+    drives.until(Phase.STOPPED)
+    with pytest.raises(DriveStateError, match='not enough: q2 has restarted; clean up'):
+        drives.group.reset(drives.now)
+
+
+# --- clearing
+
+@pytest.mark.parametrize('states', list(itertools.product(
+    (State.SWITCH_ON_DISABLED, State.QUICK_STOP_ACTIVE, State.FAULT), repeat=3)))
+def test_a_reset_leads_every_stopped_drive_to_switched_off_and_no_further(states):
+    drives = running()
+    drives.states = list(states)
+    drives.group.stop(Cause('enough'), drives.now)
+    drives.until(Phase.STOPPED)
+    drives.history.clear()
+    drives.group.reset(drives.now)
+    drives.until(Phase.OFF)
+    drives.cycle(100)
+    assert drives.group.phase is Phase.OFF
+    assert drives.group.cause is None
+    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
+    words = [cycle[0].controlword for cycle in drives.history]
+    assert words.count(Controlword.FAULT_RESET) == 1
+    assert set(words) == {Controlword.DISABLE_VOLTAGE, Controlword.FAULT_RESET}
+
+
+def test_a_fault_that_persists_leaves_the_group_stopped():
+    drives = running()
+    drives.states[1] = State.FAULT
+    drives.deaf = {1}
+    drives.cycle(3)
+    drives.until(Phase.STOPPED)
+    drives.group.reset(drives.now)
+    drives.cycle(300)
+    assert drives.group.phase is Phase.STOPPED
+    assert 'q2 did not leave the fault' in drives.group.further_causes[-1].sentence
+
+
+def test_a_fourth_reset_within_a_minute_is_refused_and_possible_after_it():
+    drives = switched_off()
+    for _ in range(3):
+        drives.group.stop(Cause('again'), drives.now)
+        drives.until(Phase.STOPPED)
+        drives.group.reset(drives.now)
+        drives.until(Phase.OFF)
+    drives.group.stop(Cause('again'), drives.now)
+    drives.until(Phase.STOPPED)
+    with pytest.raises(DriveStateError, match=r'3 fault resets within 60 s.*again.*in \d+ s'):
+        drives.group.reset(drives.now)
+    drives.now += 60.0
+    drives.group.reset(drives.now)
+    drives.until(Phase.OFF)
+
+
+def test_drives_that_must_be_configured_again_are_not_cleared():
+    drives = running()
+    drives.group.stop(Cause('q1 has restarted', configure_again=True), drives.now)
+    drives.until(Phase.STOPPED)
+    with pytest.raises(DriveStateError, match='configure again'):
+        drives.group.reset(drives.now)
+
+
+# --- whatever the drives do
+
+REQUESTS = ('enable', 'disable', 'halt', 'reset', 'home', 'stop', 'cut')
+statuswords = st.one_of(
+    st.sampled_from([value for _, value in STATUSWORDS.values()]), st.integers(0, 0xFFFF))
+feedbacks = st.builds(
+    Feedback, statuswords, st.sampled_from([0, 6, 8]), st.booleans(), st.just(0))
+
+
+def ask(group: Group, request: str, now: float) -> bool:
+    """Return whether an operator has asked for power and was not refused."""
+    sequence = HomingSequence(tuple(AxisHoming(name, 0.5) for name in NAMES))
+    actions = {
+        'home': lambda: group.home(sequence, now),
+        'stop': lambda: group.stop(Cause('said so'), now),
+        'cut': lambda: group.stop(Cause('said so', cut_power=True), now),
+    }
+    try:
+        actions.get(request, lambda: getattr(group, request)(now))()
+    except DriveStateError:
+        return False
+    return request in ('enable', 'home')
+
+
+@settings(max_examples=300)
+@given(st.lists(st.tuples(
+    st.sampled_from([None] * 8 + list(REQUESTS)), st.tuples(feedbacks, feedbacks, feedbacks)),
+    max_size=60))
+def test_no_sequence_of_statuswords_enables_what_was_not_asked_for(cycles):
+    group = Group(NAMES, step_timeout=0.1, hold_cycles=2)
+    allowed = False
+    for number, (request, feedback) in enumerate(cycles):
+        now = PERIOD * number
+        if request is not None:
+            allowed = ask(group, request, now) or allowed
+        commands = group.step(feedback, now)
+        allowed = allowed and group.phase in POWERED_PHASES
+        assert len({command.controlword & 0xEF for command in commands}) == 1
+        assert allowed or not any(map(is_enabling, commands))
+
+
+@settings(max_examples=200)
+@given(st.sampled_from(sorted(SITUATIONS)), st.integers(0, 2), st.sampled_from(FAULTS),
+       st.lists(st.tuples(feedbacks, feedbacks, feedbacks), max_size=20))
+def test_after_a_fault_nothing_but_a_reset_and_a_request_enables_again(
+        situation, axis, state, cycles):
+    drives = SITUATIONS[situation]()
+    drives.states[axis] = state
+    drives.cycle()
+    for feedback in cycles:
+        drives.now += PERIOD
+        assert not any(map(is_enabling, drives.group.step(feedback, drives.now)))
+
+
+@settings(max_examples=50)
+@given(st.sampled_from(STATES), st.integers(0, 2), st.integers(0, 3))
+def test_a_drive_in_any_state_at_any_rung_of_powering_on_never_leaves_another_enabled(
+        state, axis, cycles):
+    drives = switched_off()
+    drives.group.enable(drives.now)
+    drives.cycle(cycles)
+    drives.states[axis] = state
+    drives.deaf = {axis}
+    drives.cycle(400)
+    others = [drives.states[number] for number in range(3) if number != axis]
+    if state is State.OPERATION_ENABLED and drives.group.phase is Phase.RUNNING:
+        return
+    assert State.OPERATION_ENABLED not in others

@@ -1,0 +1,125 @@
+from canopen import import_od
+from canopen.objectdictionary import ODVariable
+import pytest
+import yaml
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.cia402.profile import load_profile, QUANTITIES
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.resources import config_path
+
+NAMES = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
+SAFETY = {  # what no drive may lack: it stops for a dead master, a lost axis, and at its limits
+    'master_heartbeat', 'heartbeat_time', 'quick_stop_deceleration', 'following_error_window',
+    'min_position', 'max_position', 'home_position', 'homing_method'}
+
+
+def entry(name, **changes):
+    data = yaml.safe_load(config_path(f'drives/{name}.yaml').read_text())
+    data.update(changes)
+    return data
+
+
+def write(directory, data):
+    (directory / 'cia402.eds').write_text('')
+    text = data if isinstance(data, str) else yaml.safe_dump(data)
+    (directory / 'mine.yaml').write_text(text)
+
+
+def variable(dictionary, index, subindex):
+    item = dictionary[index]
+    return item if isinstance(item, ODVariable) else item[subindex]
+
+
+def test_the_three_drive_types_are_there():
+    assert {'simulated', 'epos4', 'generic_cia402'} <= set(NAMES)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_every_object_of_a_profile_is_a_writable_one_of_its_eds(name):
+    profile = load_profile(name)
+    dictionary = import_od(str(profile.eds), 1)
+    for item in profile.objects:
+        assert variable(dictionary, item.index, item.subindex).writable, hex(item.index)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_every_profile_requires_what_keeps_the_machine_safe(name):
+    profile = load_profile(name)
+    assert {item.value for item in profile.objects if item.required} >= SAFETY
+    assert all(profile.location(quantity) for quantity in SAFETY)
+    assert (0x6007, 0, 3, True) in profile.objects
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_no_profile_writes_an_object_twice(name):
+    places = [(item.index, item.subindex) for item in load_profile(name).objects]
+    assert len(set(places)) == len(places)
+
+
+@pytest.mark.parametrize('name', NAMES)
+def test_the_eds_has_every_object_of_the_pdo_map_mappable(name):
+    dictionary = import_od(str(load_profile(name).eds), 1)
+    for item in pdo.PDO_MAP:
+        for mapped in item.content:
+            found = variable(dictionary, mapped.index, mapped.subindex)
+            assert found.pdo_mappable and len(found) == mapped.mapping & 0xFF
+        for write_ in item.configure_writes(1):
+            assert variable(dictionary, write_.index, write_.subindex).writable
+
+
+def test_the_lists_of_the_eds_name_exactly_its_objects():
+    text = config_path('drives/cia402.eds').read_text()
+    listed = [line.split('=')[1] for line in text.splitlines()
+              if '=0x' in line and line.split('=')[0].isdigit()]
+    sections = [line[1:-1] for line in text.splitlines()
+                if line.startswith('[') and len(line) == 6]
+    assert sorted(int(item, 16) for item in listed) == sorted(int(s, 16) for s in sections)
+
+
+def test_a_quantity_that_a_drive_does_not_take_has_no_place():
+    assert load_profile('generic_cia402').location('homing_current_threshold') is None
+
+
+def test_a_profile_of_ones_own_is_read_from_its_directory(tmp_path):
+    write(tmp_path, entry('epos4', quirks={'boots_operational': True}))
+    profile = load_profile('mine', tmp_path)
+    assert profile.quirks.boots_operational and not profile.quirks.never_follows
+    assert profile.velocity_unit == 'rpm' and profile.eds == tmp_path / 'cia402.eds'
+
+
+OBJECT = {'index': 0x6085, 'subindex': 0, 'value': 'quick_stop_deceleration', 'required': True}
+
+
+@pytest.mark.parametrize('data, words', [
+    (entry('epos4', velocity_unit='knots'), 'velocity_unit = knots'),
+    (entry('epos4', eds='nowhere.eds'), 'nowhere.eds does not exist'),
+    (entry('epos4', homing_methods=[37, 'x']), "homing method = 'x'"),
+    (entry('epos4', quirks={'boots_operational': 1}), 'neither true nor false'),
+    (entry('epos4', quirks={'is_blue': True}), 'unknown entry is_blue'),
+    (entry('epos4', colour='blue'), 'unknown entry colour'),
+    (entry('epos4', objects=[{**OBJECT, 'value': 'speed_of_light'}]), 'speed_of_light'),
+    (entry('epos4', objects=[{**OBJECT, 'index': 0x10000}]), 'index = 65536'),
+    (entry('epos4', objects=[{**OBJECT, 'subindex': -1}]), 'subindex = -1'),
+    (entry('epos4', objects=[{**OBJECT, 'value': 1.5}]), '6085'),
+    (entry('epos4', objects=[{'index': 0x6085}]), 'value is missing'),
+    (entry('epos4', objects=None), 'not valid'),
+    ({'eds': 'cia402.eds'}, 'is missing'),
+    ('- a list', 'not a table'),
+    ('a: [', 'cannot be read'),
+])
+def test_a_profile_that_makes_no_sense_is_refused_with_the_file_and_the_reason(
+        tmp_path, data, words):
+    write(tmp_path, data)
+    with pytest.raises(ParameterError, match='mine.yaml') as caught:
+        load_profile('mine', tmp_path)
+    assert words in str(caught.value)
+
+
+def test_a_profile_that_does_not_exist_is_refused():
+    with pytest.raises(ParameterError, match='there is no drive profile nothing'):
+        load_profile('nothing')
+
+
+def test_quantities_are_described():
+    assert all(QUANTITIES.values())

@@ -1,0 +1,278 @@
+from dataclasses import replace
+import struct
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.canopen.pdo import PDO_MAP, RPDO1, TPDO1
+from facade_manipulator.drives.canopen.sdo import SdoAbortError
+from facade_manipulator.drives.cia402.profile import load_profile, QUANTITIES
+from facade_manipulator.drives.cia402.settings import AxisSettings, check_axes, DEFAULT_AXES
+from facade_manipulator.drives.controller.configuration import (
+    check_identity,
+    Identity,
+    object_writes,
+    pdo_writes,
+    quantities,
+    read_identity,
+    verify_objects,
+    Write,
+    write_objects,
+)
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.errors import (
+    DriveIdentityError,
+    DriveObjectError,
+    DriveTimeoutError,
+    ParameterError,
+)
+
+SETTINGS = ControllerSettings()
+ABSENT, READ_ONLY = 0x06020000, 0x06010002
+PROFILES = ('simulated', 'epos4', 'generic_cia402')
+
+
+class Objects:
+    """An object dictionary of bytes that can refuse, forget and fall silent."""
+
+    name = 'q2'
+    node_id = 2
+
+    def __init__(self) -> None:
+        self.values = {}
+        self.refused = {}
+        self.kept = {}
+        self.silent = False
+        self.written = []
+
+    def read(self, index: int, subindex: int) -> bytes:
+        self._require(index, subindex)
+        return self.kept.get((index, subindex), self.values.get((index, subindex), bytes(4)))
+
+    def write(self, index: int, subindex: int, data: bytes) -> None:
+        self._require(index, subindex)
+        self.written.append((index, subindex))
+        self.values[index, subindex] = data
+
+    def size(self, index: int, subindex: int) -> int | None:
+        return None if index == 0x2000 else 4
+
+    def _require(self, index: int, subindex: int) -> None:
+        if self.silent:
+            raise DriveTimeoutError('q2 does not answer')
+        if (index, subindex) in self.refused:
+            raise SdoAbortError(
+                f'q2 refuses object {index:04X}h:{subindex:02X}', self.refused[index, subindex])
+
+
+@pytest.fixture
+def drive():
+    return Objects()
+
+
+def test_objects_are_written_in_order_and_read_back(drive):
+    writes = [Write(0x6065, 0, 17280), Write(0x607D, 1, -5), Write(0x6080, 0, 2**32 - 1)]
+    assert write_objects(drive, writes) == []
+    assert drive.written == [(0x6065, 0), (0x607D, 1), (0x6080, 0)]
+    assert struct.unpack('<i', drive.values[0x607D, 1]) == (-5,)
+
+
+def test_an_object_that_reads_back_otherwise_is_named_with_both_values(drive):
+    drive.kept[0x6065, 0] = (100).to_bytes(4, 'little')
+    with pytest.raises(DriveObjectError, match=r'q2 .*6065h:00 reads back as 100 .*17280'):
+        write_objects(drive, [Write(0x6065, 0, 17280)])
+
+
+def test_an_optional_object_that_the_drive_lacks_is_skipped_and_told(drive):
+    drive.refused[0x60C5, 0] = ABSENT
+    notes = write_objects(drive, [Write(0x60C5, 0, 1, required=False), Write(0x6065, 0, 1)])
+    assert notes == ['q2 has no object 60C5h:00, which is optional']
+    assert (0x6065, 0) in drive.values
+
+
+def test_a_required_object_that_the_drive_lacks_is_refused_by_name(drive):
+    drive.refused[0x6065, 0] = ABSENT
+    with pytest.raises(DriveObjectError, match='6065h:00'):
+        write_objects(drive, [Write(0x6065, 0, 1)])
+
+
+def test_an_optional_object_that_is_refused_for_another_reason_is_not_skipped(drive):
+    drive.refused[0x60C5, 0] = READ_ONLY
+    with pytest.raises(DriveObjectError, match='60C5h:00'):
+        write_objects(drive, [Write(0x60C5, 0, 1, required=False)])
+
+
+def test_a_silent_drive_is_a_time_out(drive):
+    drive.silent = True
+    with pytest.raises(DriveTimeoutError):
+        write_objects(drive, [Write(0x6065, 0, 1)])
+
+
+def test_a_value_that_does_not_fit_is_refused_before_it_is_sent(drive):
+    with pytest.raises(DriveObjectError, match='300 does not fit into the 1 bytes'):
+        write_objects(drive, [Write(0x6060, 0, 300, size=1)])
+    assert drive.written == []
+
+
+def test_the_size_of_an_unknown_object_is_the_drives(drive):
+    drive.values[0x2000, 0] = bytes(2)
+    write_objects(drive, [Write(0x2000, 0, 7)])
+    assert drive.values[0x2000, 0] == b'\x07\x00'
+
+
+def test_only_the_compared_bits_must_be_read_back(drive):
+    drive.kept[0x1800, 1] = (0xC0000182).to_bytes(4, 'little')
+    verify_objects(drive, [Write(0x1800, 1, 0x80000182, compared=1 << 31)])
+    with pytest.raises(DriveObjectError, match='1800h:01'):
+        verify_objects(drive, [Write(0x1800, 1, 0x00000182, compared=1 << 31)])
+
+
+# --- what is written
+
+@pytest.mark.parametrize('name', PROFILES)
+@pytest.mark.parametrize('axis', DEFAULT_AXES, ids=['q1', 'q2', 'q3'])
+def test_every_profile_gets_a_value_for_each_of_its_objects(name, axis):
+    profile = load_profile(name)
+    writes = object_writes(profile, replace(axis, velocity_unit=profile.velocity_unit), SETTINGS)
+    assert [(write.index, write.subindex) for write in writes] == [
+        (item.index, item.subindex) for item in profile.objects]
+
+
+def test_every_quantity_a_profile_may_ask_for_is_computed():
+    assert set(quantities(DEFAULT_AXES[0], SETTINGS)) == set(QUANTITIES)
+
+
+def test_the_safety_objects_have_the_values_of_the_settings():
+    values = quantities(AxisSettings(pulses_per_revolution=500), SETTINGS)
+    assert values['master_heartbeat'] == 127 << 16 | 150
+    assert values['heartbeat_time'] == 50
+    assert values['interpolation_period'] == 10
+    assert values['following_error_window'] == round(0.02 * 430_000)
+
+
+@given(st.sampled_from([1, -1]), st.floats(-1.0, 0.4), st.floats(0.01, 1.0))
+def test_position_limits_are_in_order_and_enclose_the_stroke(direction, lower, length):
+    axis = AxisSettings(
+        direction=direction, lower_limit=lower, upper_limit=lower + length,
+        home_position=lower)
+    values = quantities(axis, SETTINGS)
+    ends = sorted((axis.to_counts(lower), axis.to_counts(lower + length)))
+    assert values['min_position'] <= ends[0] < ends[1] <= values['max_position']
+    assert min(values[name] for name in (
+        'max_velocity', 'max_acceleration', 'quick_stop_deceleration')) > 0
+
+
+def test_a_homing_method_that_the_drive_type_lacks_is_refused():
+    profile = load_profile('epos4')
+    with pytest.raises(ParameterError, match='homing_method = 35 .* epos4 supports: 37'):
+        object_writes(profile, AxisSettings(homing_method=35), SETTINGS)
+
+
+def apply(writes: list[Write]) -> dict:
+    values = {}
+    for write in writes:
+        values[write.index, write.subindex] = write.value
+    return values
+
+
+@pytest.mark.parametrize('rate', [100, 200, 500])
+def test_the_pdo_map_switches_off_what_is_not_used_and_on_what_is(rate):
+    values = apply(pdo_writes(2, rate))
+    for number in range(4):
+        assert bool(values[0x1400 + number, 1] & 1 << 31) == (number > 0)
+        assert bool(values[0x1800 + number, 1] & 1 << 31) == (number > 2)
+    assert values[0x1800, 1] & 0x7FF == TPDO1.cob_id(2)
+    assert values[0x1600, 0] == len(RPDO1.content)
+
+
+def test_each_pdo_is_off_while_its_mapping_is_written():
+    off = {}
+    for write in pdo_writes(3, 100):
+        if write.index & 0xFF00 in (0x1400, 0x1800) and write.subindex == 1:
+            off[write.index] = bool(write.value & 1 << 31)
+        if write.index & 0xFF00 in (0x1600, 0x1A00):
+            assert off[write.index - 0x200]
+    assert [off[pdo.communication_index] for pdo in PDO_MAP] == [False] * 4
+
+
+def test_the_pdo_map_is_written_to_a_drive_and_read_back(drive):
+    writes = pdo_writes(2, 100)
+    write_objects(drive, writes)
+    verify_objects(drive, writes)
+    drive.values[0x1A00, 2] = (0x60640020).to_bytes(4, 'little')
+    with pytest.raises(DriveObjectError, match='1A00h:02'):
+        verify_objects(drive, writes)
+
+
+# --- identity
+
+AXIS = AxisSettings(node_id=2, vendor_id=0xFB, product_code=7, serial_number=222)
+GENUINE = Identity(0x00020192, 0xFB, 7, 222)
+SERIALS = {111: 'q1', 222: 'q2', 333: 'q3'}
+
+
+def test_the_identity_is_read_from_the_objects_of_cia_301(drive):
+    for (index, subindex), value in zip(
+            ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)), GENUINE, strict=True):
+        drive.values[index, subindex] = value.to_bytes(4, 'little')
+    assert read_identity(drive) == GENUINE
+
+
+def test_the_configured_drive_is_accepted():
+    check_identity('q2', GENUINE, AXIS, SERIALS)
+
+
+def test_any_drive_is_accepted_where_nothing_is_configured():
+    check_identity('q2', GENUINE, AxisSettings(node_id=2), {})
+
+
+@pytest.mark.parametrize('field', ['vendor_id', 'product_code', 'serial_number'])
+def test_a_wrong_identity_is_named_with_both_numbers(field):
+    wrong = GENUINE._replace(**{field: 999})
+    with pytest.raises(DriveIdentityError, match=rf'q2 \(node 2\): {field} = 999 .*another drive'):
+        check_identity('q2', wrong, AXIS, SERIALS)
+
+
+def test_swapped_axes_are_told_as_such():
+    with pytest.raises(DriveIdentityError, match='the drive of q3, the axes are swapped'):
+        check_identity('q2', GENUINE._replace(serial_number=333), AXIS, SERIALS)
+
+
+def test_a_device_that_is_no_drive_is_refused():
+    with pytest.raises(DriveIdentityError, match='device type 401 is not 402'):
+        check_identity('q2', GENUINE._replace(device_type=401), AXIS, SERIALS)
+
+
+# --- settings
+
+def test_the_default_axes_are_the_published_prototype():
+    check_axes(DEFAULT_AXES)
+    assert [axis.home_position for axis in DEFAULT_AXES] == [-0.1, 0.1, 0.0]
+    revolutions = 0.5 * AxisSettings().counts_per_metre / AxisSettings().counts_per_revolution
+    assert round(60.0 * revolutions) == 6450
+
+
+def test_two_axes_with_one_node_or_one_serial_number_are_refused():
+    with pytest.raises(ParameterError, match='same node_id'):
+        check_axes((AxisSettings(), *DEFAULT_AXES[:2]))
+    with pytest.raises(ParameterError, match='same serial_number'):
+        check_axes(tuple(replace(axis, serial_number=5) for axis in DEFAULT_AXES))
+    with pytest.raises(ParameterError, match='2 axes'):
+        check_axes(DEFAULT_AXES[:2])
+
+
+@pytest.mark.parametrize('details', [
+    {'lower_limit': 0.2, 'upper_limit': 0.1}, {'home_position': 0.6}, {'node_id': 127},
+    {'lead': 0.0}, {'max_speed': float('nan')}, {'direction': 0}])
+def test_an_axis_that_contradicts_itself_is_refused(details):
+    with pytest.raises(ParameterError):
+        AxisSettings(**details)
+
+
+@pytest.mark.parametrize('details', [
+    {'rate': 300}, {'rate': 1000}, {'heartbeat_timeout': 0.06}, {'step_timeout': 2.0},
+    {'max_resets_per_minute': 4}])
+def test_controller_settings_out_of_bounds_are_refused(details):
+    with pytest.raises(ParameterError):
+        ControllerSettings(**details)

@@ -1,0 +1,117 @@
+"""The drive controller checks the drives: at configure, and in its self-test."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drive_rig import at_rest, inactive
+import pytest
+
+from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.simulated.drive import Identity, SimulatedDrive
+from facade_manipulator.drives.simulated.group import simulated_drives
+from facade_manipulator.drives.simulated.motor import SimulationSettings
+from facade_manipulator.errors import (
+    BusError,
+    DriveFaultError,
+    DriveIdentityError,
+    DriveObjectError,
+    DriveStateError,
+    DriveTimeoutError,
+)
+
+
+def test_a_drive_that_does_not_answer_is_named_and_configure_can_be_tried_again(rig):
+    rig.drives[1].is_silent = True
+    with pytest.raises(DriveTimeoutError, match=r'q2 \(node 2\) sent no boot-up'):
+        rig.do('configure')
+    assert rig.state is ControllerState.UNCONFIGURED
+    rig.drives[1].is_silent = False
+    rig.do('configure')
+    assert rig.state is ControllerState.INACTIVE
+
+
+def test_a_drive_with_another_identity_is_refused(make_rig):
+    axes = tuple(replace(axis, serial_number=100 + axis.node_id) for axis in DEFAULT_AXES)
+    rig = make_rig(axes=axes)
+    rig.do('configure', 'cleanup')
+    with rig.simulator.access() as drives:
+        drives[0].set_identity(Identity(serial_number=102))
+    with pytest.raises(DriveIdentityError, match='the drive of q2, the axes are swapped'):
+        rig.do('configure')
+    with rig.simulator.access() as drives:
+        drives[0].set_identity(Identity(serial_number=999))
+    with pytest.raises(DriveIdentityError, match='serial_number = 999 .*101'):
+        rig.do('configure')
+
+
+def drives_without(index: int, number: int) -> list[SimulatedDrive]:
+    """Return three drives of which one lacks an object."""
+    drives = simulated_drives(DEFAULT_AXES)
+    axis = DEFAULT_AXES[number]
+    settings = SimulationSettings(start_position=axis.home_position, missing_objects=(index,))
+    drives[number] = SimulatedDrive(
+        axis.node_id, load_profile(axis.profile), axis, settings=settings)
+    return drives
+
+
+def test_a_drive_that_lacks_a_required_object_is_refused_by_its_name(make_rig):
+    rig = make_rig(drives=drives_without(0x60C5, 2))
+    with pytest.raises(DriveObjectError, match=r'q3 \(node 3\) refuses object 60C5h'):
+        rig.do('configure')
+    assert rig.state is ControllerState.UNCONFIGURED
+
+
+def test_two_drives_on_one_node_id_are_found(make_rig):
+    rig = make_rig(drives=simulated_drives((*DEFAULT_AXES, DEFAULT_AXES[1])))
+    with pytest.raises(DriveIdentityError, match=r'q2 \(node 2\) sent \d boot-up messages'):
+        rig.do('configure')
+
+
+def test_a_missing_interface_is_said_and_configure_can_be_tried_again(rig):
+    rig.bus_is_missing = True
+    with pytest.raises(BusError, match='No such device'):
+        rig.do('configure')
+    assert rig.state is ControllerState.UNCONFIGURED
+    rig.bus_is_missing = False
+    rig.do('configure')
+
+
+def test_a_drive_in_fault_is_configured_but_stopped(rig):
+    with rig.simulator.access() as drives:
+        drives[0].axis.torque_off = True
+    assert 'but stopped' in rig.do('configure')
+    assert rig.state is ControllerState.STOPPED
+    with pytest.raises(DriveFaultError, match='The faults remain'):
+        rig.do('clear_faults')
+    with rig.simulator.access() as drives:
+        drives[0].remove_cause()
+    assert 'next: home q1 and q2 and q3, then activate' in rig.do('clear_faults')
+    assert rig.state is ControllerState.INACTIVE
+
+
+def test_the_self_test_names_identity_objects_bus_and_cycle(rig):
+    inactive(rig)
+    findings = rig.do('self_test')
+    assert [finding.name for finding in findings] == [
+        *(f'{name} {what}' for name in AXIS_NAMES for what in ('identity', 'objects')),
+        'bus', 'cycle', 'faults']
+    assert all(finding.passed for finding in findings if finding.name != 'cycle')
+    assert 'serial number 2' in findings[2].sentence
+
+
+def test_the_self_test_finds_an_object_that_somebody_has_changed(rig):
+    inactive(rig)
+    with rig.simulator.access() as drives:
+        drives[1].objects.values[0x6065, 0] = 5
+    failed = [finding for finding in rig.do('self_test') if not finding.passed]
+    assert 'q2 objects' in [finding.name for finding in failed]
+    assert '6065h:00 reads back as 5' in failed[0].sentence
+
+
+def test_the_self_test_is_refused_while_powered(rig):
+    at_rest(rig)
+    with pytest.raises(DriveStateError, match='deactivate first'):
+        rig.do('self_test')

@@ -1,0 +1,105 @@
+"""Random frames and setpoints: short runs of what ``make soak`` does with a million frames."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import random
+
+import can
+from command_watch import COMMANDS, CommandWatch
+from fault_rig import AMPLITUDE, PATIENT, SITUATIONS, StreamRig
+from fuzz import anything, fuzz_setpoints, Fuzzer, OURS, RUNS, strange
+import pytest
+from support import patiently
+
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.controller.snapshot import ControllerState
+
+FRAMES = 3000
+BUSY = replace(PATIENT, max_missed_cycles=10)  # the fuzzer takes its share of the interpreter
+EXTRAPOLATED = 0.005  # m, where a busy computer interrupts the stream for a moment
+PERIOD = 0.01
+
+
+@pytest.fixture
+def make_rig(request):
+    rigs = []
+
+    def make() -> StreamRig:
+        rigs.append(StreamRig(f'{request.node.name} {len(rigs)}', BUSY))
+        return rigs[-1]
+
+    yield make
+    for rig in rigs:
+        rig.close()
+
+
+@pytest.fixture
+def rig(make_rig):
+    return make_rig()
+
+
+@pytest.mark.parametrize(
+    ('situation', 'make'), [run[:2] for run in RUNS],
+    ids=[f'{run[0]}-{run[1].__name__}' for run in RUNS])
+def test_random_frames_raise_nothing_and_command_nothing_out_of_limits(
+        make_rig, situation, make):
+    def run():
+        verdict = Fuzzer(make_rig(), situation, make, 4000.0).run(FRAMES)
+        assert verdict.frames == FRAMES
+        assert verdict.complaints == ()
+        assert bool(verdict.stops) is (make is anything and situation != 'unconfigured')
+        assert verdict.enabling > 0 or situation in ('unconfigured', 'inactive')
+    patiently(run)
+
+
+def test_bad_setpoints_at_a_kilohertz_are_refused_and_none_reaches_a_drive(rig):
+    rig.get_ready()
+    SITUATIONS['at rest'](rig)
+    start = rig.controller.joints().positions
+    bad, watch = fuzz_setpoints(rig, 3.0)
+    assert rig.state is ControllerState.ACTIVE
+    assert bad > 500
+    assert watch.complaints == []
+    assert watch.enabling > 300
+    for q, least, greatest in zip(start, watch.least, watch.greatest, strict=True):
+        assert q - EXTRAPOLATED <= least
+        assert greatest <= q + 2.0 * AMPLITUDE + EXTRAPOLATED
+        assert greatest > q + AMPLITUDE
+
+
+def test_a_strange_frame_is_none_that_drives_and_master_exchange():
+    rng = random.Random(0)
+    for _ in range(5000):
+        frame = strange(rng)
+        plain = not (frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame)
+        assert not plain or OURS.get(frame.arbitration_id) != len(frame.data)
+
+
+def command(node: int, metres: float, controlword: int = 0x0F) -> can.Message:
+    counts = DEFAULT_AXES[node - 1].to_counts(metres)
+    return can.Message(arbitration_id=0x200 + node, is_extended_id=False,
+                       data=COMMANDS.pack(controlword, 8, counts))
+
+
+def test_the_watch_is_content_with_a_motion_within_limits():
+    watch = CommandWatch(DEFAULT_AXES, PERIOD)
+    watch.take([command(1, -0.1 + 0.005 * n) for n in range(10)])
+    assert (watch.complaints, watch.enabling) == ([], 10)
+    assert watch.greatest[0] == pytest.approx(-0.055, abs=1e-5)
+
+
+@pytest.mark.parametrize('frames, sentence', [
+    ([command(2, 0.51)], '202h: a target of 0.51'),
+    ([command(3, 0.0), command(3, 0.02)], '203h: a step of 0.02'),
+])
+def test_the_watch_complains_of_a_command_out_of_limits(frames, sentence):
+    watch = CommandWatch(DEFAULT_AXES, PERIOD)
+    watch.take(frames)
+    assert sentence in watch.complaints[0]
+
+
+def test_the_watch_takes_no_offence_at_targets_without_power():
+    watch = CommandWatch(DEFAULT_AXES, PERIOD)
+    watch.take([command(1, 0.0), command(1, 0.6, controlword=0x06), command(1, 0.3)])
+    assert watch.complaints == []

@@ -1,0 +1,93 @@
+"""Homing of all three axes under the drive controller."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drive_rig import inactive, PATIENCE
+import pytest
+from support import wait_until
+
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.errors import DriveFaultError, DriveStateError, LimitError
+
+
+def test_homing_by_switch_finds_the_home_position(make_rig):
+    axes = tuple(
+        replace(axis, homing_method=17, home_position=-0.45, homing_speed=0.5,
+                homing_zero_speed=0.2, homing_acceleration=10.0) for axis in DEFAULT_AXES)
+    rig = make_rig(axes=axes)
+    rig.do('configure')
+    assert 'is not homed' not in rig.do('home')
+    assert rig.controller.snapshot().unhomed == ()
+
+
+def test_axes_of_a_higher_rank_wait(make_rig):
+    axes = tuple(replace(axis, homing_rank=rank)
+                 for axis, rank in zip(DEFAULT_AXES, (2, 1, 3), strict=True))
+    order = []
+
+    def check(positions, homed):
+        if homed not in order:
+            order.append(homed)
+
+    rig = make_rig(axes=axes, check_homing=check)
+    inactive(rig)
+    assert order[:3] == [
+        (False, False, False), (False, True, False), (True, True, False)]
+
+
+def test_homing_stops_when_the_caller_sees_a_collision_coming(make_rig):
+    def check(positions, homed):
+        raise LimitError('q2 - q3', 0.01, 0.02, 'm', 'below')
+
+    rig = make_rig(check_homing=check)
+    rig.do('configure')
+    with pytest.raises(DriveFaultError, match='homing stopped: q2 - q3 = 0.01 m.*q1 is not homed'):
+        rig.do('home')
+    rig.until_stopped()
+
+
+def slow_homing() -> tuple:
+    return tuple(replace(axis, homing_method=17, homing_speed=0.02) for axis in DEFAULT_AXES)
+
+
+def test_a_homing_that_takes_too_long_stops_all(make_rig):
+    rig = make_rig(axes=tuple(replace(axis, homing_timeout=0.3) for axis in slow_homing()))
+    rig.do('configure')
+    with pytest.raises(DriveFaultError, match='homing took longer than 0.3 s'):
+        rig.do('home')
+    assert rig.controller.snapshot().unhomed == AXIS_NAMES
+
+
+def test_a_halt_gives_homing_up(make_rig):
+    rig = make_rig(axes=slow_homing())
+    rig.do('configure')
+    homing = rig.controller.home()
+    wait_until(lambda: State.OPERATION_ENABLED in rig.drive_states, 'power')
+    wait_until(lambda: rig.refusal('halt') is None, 'the halt')
+    with pytest.raises(DriveStateError, match='given up for halt'):
+        homing.result(PATIENCE)
+    assert rig.state is ControllerState.INACTIVE
+    assert rig.controller.snapshot().unhomed == AXIS_NAMES
+
+
+def test_a_fault_while_homing_stops_all(make_rig):
+    rig = make_rig(axes=slow_homing())
+    rig.do('configure')
+    homing = rig.controller.home()
+    wait_until(lambda: rig.drive_states == [State.OPERATION_ENABLED] * 3, 'power')
+    with rig.simulator.access() as drives:
+        drives[2].inject_fault(0x2310)
+    with pytest.raises(DriveFaultError, match='current is too high'):
+        homing.result(PATIENCE)
+    rig.until_stopped()
+    rig.do('clear_faults')
+    assert rig.controller.snapshot().unhomed == AXIS_NAMES
+
+
+def test_homing_again_does_not_take_the_old_success_for_the_new(rig):
+    inactive(rig)
+    assert 'is not homed' not in rig.do('home')

@@ -1,0 +1,112 @@
+import ctypes
+import gc
+import os
+import sys
+import threading
+
+import pytest
+
+from facade_manipulator.drives.controller import realtime
+from facade_manipulator.drives.controller.realtime import Collector, request_realtime
+from facade_manipulator.drives.controller.settings import ControllerSettings
+
+
+def refuse(*_):
+    raise PermissionError(1, 'Operation not permitted')
+
+
+def test_nothing_is_asked_for_by_default(monkeypatch):
+    monkeypatch.setattr(os, 'sched_setscheduler', refuse)
+    monkeypatch.setattr(os, 'sched_setaffinity', refuse)
+    assert request_realtime(ControllerSettings()) == []
+
+
+def test_a_refused_priority_comes_with_the_way_to_grant_it(monkeypatch):
+    monkeypatch.setattr(os, 'sched_setscheduler', refuse)
+    sentence, = request_realtime(ControllerSettings(realtime_priority=50))
+    assert 'priority 50 is refused (Operation not permitted)' in sentence
+    assert 'rtprio' in sentence
+
+
+def test_a_granted_priority_says_nothing(monkeypatch):
+    asked = []
+    monkeypatch.setattr(os, 'sched_setscheduler', lambda *wish: asked.append(wish))
+    assert request_realtime(ControllerSettings(realtime_priority=50)) == []
+    assert asked[0][1] == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    assert asked[0][2].sched_priority == 50
+
+
+def test_what_the_control_thread_starts_has_no_priority():
+    policies = []
+
+    def note():
+        policies.append(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)
+
+    def control():
+        if not request_realtime(ControllerSettings(realtime_priority=1)):
+            note()
+            in_thread(note)
+
+    in_thread(control)
+    if not policies:
+        pytest.skip('SCHED_FIFO is not permitted here')
+    assert policies == [os.SCHED_FIFO, os.SCHED_OTHER]
+
+
+def in_thread(work):
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+
+
+def test_a_cpu_that_does_not_exist_is_told():
+    before = os.sched_getaffinity(0)
+    sentence, = request_realtime(ControllerSettings(cpu=1023))
+    assert 'CPU 1023' in sentence
+    assert os.sched_getaffinity(0) == before
+
+
+@pytest.mark.parametrize(('answer', 'count'), [(0, 0), (-1, 1)])
+def test_locked_memory_is_asked_of_the_kernel(monkeypatch, answer, count):
+    class Library:
+        def __init__(self, *_, **__):
+            self.mlockall = lambda flags: answer
+
+    monkeypatch.setattr(ctypes, 'CDLL', Library)
+    sentences = request_realtime(ControllerSettings(lock_memory=True))
+    assert len(sentences) == count
+    assert all('memlock' in sentence for sentence in sentences)
+
+
+@pytest.fixture
+def collector():
+    made = Collector(rate=10)
+    yield made
+    made.stop()
+
+
+def test_the_collector_takes_over_and_gives_back(collector):
+    before = gc.isenabled(), sys.getswitchinterval()
+    collector.start()
+    collector.start()
+    assert not gc.isenabled()
+    assert sys.getswitchinterval() <= before[1]
+    collector.stop()
+    collector.stop()
+    assert (gc.isenabled(), sys.getswitchinterval()) == before
+
+
+def test_garbage_is_collected_now_and_then_in_the_slack(collector, monkeypatch):
+    asked = []
+    collector.start()
+    monkeypatch.setattr(gc, 'collect', asked.append)
+    for _ in range(200):
+        collector.use_slack()
+    assert asked.count(realtime.FULL_COLLECTION) == 2
+    assert asked.count(realtime.YOUNG_COLLECTION) == 18
+
+
+def test_a_collector_that_is_not_in_force_collects_nothing(collector, monkeypatch):
+    monkeypatch.setattr(gc, 'collect', refuse)
+    for _ in range(200):
+        collector.use_slack()

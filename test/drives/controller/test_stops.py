@@ -1,0 +1,249 @@
+"""Whatever goes wrong in one axis, or with whoever commands, stops all three."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+import time
+
+from drive_rig import at_rest, HOME, inactive, MOVING, moving, SETTINGS, SITUATIONS, situations
+import pytest
+from support import wait_until
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.nmt import NmtState
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.errors import DriveStateError, LimitError
+
+# --- what goes wrong in one axis
+
+@situations
+def test_a_lost_position_takes_the_power_from_all_and_asks_for_home(rig, situation):
+    SITUATIONS[situation](rig)
+    with rig.simulator.access() as drives:
+        drives[0].lose_position(0.01)
+    rig.until_stopped()
+    wait_until(lambda: State.QUICK_STOP_ACTIVE not in rig.drive_states, 'power off')
+    assert rig.controller.snapshot().unhomed == ('q1',)
+    assert 'home q1, then activate' in rig.do('clear_faults')
+    with pytest.raises(DriveStateError, match='q1 must be homed'):
+        rig.do('activate')
+    rig.do('home')
+
+
+@situations
+def test_a_silent_drive_stops_the_others_and_asks_to_configure_again(make_rig, situation):
+    rig = make_rig(settings=replace(SETTINGS, max_missed_cycles=3))
+    SITUATIONS[situation](rig)
+    rig.drives[2].is_silent = True
+    rig.until(ControllerState.STOPPED)
+    snapshot = rig.controller.snapshot()
+    assert 'q3 (node 3) did not answer 3 cycles in a row, bound 3' in snapshot.cause
+    assert 'configure again' in snapshot.next_step
+    wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'all to stop')
+    assert 'configure again' in rig.refusal('clear_faults')
+    rig.drives[2].is_silent = False
+    rig.do('cleanup', 'configure')
+
+
+@situations
+def test_a_drive_that_restarts_by_itself_is_no_longer_homed(make_rig, situation):
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.4))  # a drive that boots obeys nobody
+    SITUATIONS[situation](rig)
+    with rig.simulator.access() as drives:
+        drives[1].reboot()
+    wait_until(lambda: 'restarted' in rig.controller.snapshot().cause, 'the boot-up message')
+    assert 'q2' in rig.controller.snapshot().unhomed
+    wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'all to stop')
+    assert 'configure again' in rig.refusal('clear_faults')
+    rig.do('cleanup', 'configure', 'home')
+
+
+def test_drives_that_all_fall_silent_are_blamed_on_the_bus(rig):
+    at_rest(rig)
+    with rig.simulator.access() as drives:
+        for drive in drives:
+            drive.is_silent = True
+    rig.until(ControllerState.STOPPED)
+    assert 'no drive answers any more' in rig.controller.snapshot().cause
+    with rig.simulator.access() as drives:
+        for drive in drives:
+            drive.is_silent = False
+    rig.do('clear_faults', 'activate')
+
+
+def test_a_drive_whose_heartbeat_stops_is_missed(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, heartbeat_timeout=0.3))
+    at_rest(rig)
+    with rig.simulator.access() as drives:
+        drives[0].objects.values[0x1017, 0] = 0
+        drives[0]._producer.deadline = math.inf
+    rig.until_stopped()
+    assert 'q1 (node 1) sent no heartbeat for' in rig.controller.snapshot().cause
+    assert 'bound 300 ms' in rig.controller.snapshot().cause
+
+
+def test_a_drive_that_leaves_nmt_operational_stops_all(rig):
+    at_rest(rig)
+    rig.forge(pdo.heartbeat_cob_id(2), bytes([NmtState.PRE_OPERATIONAL]))
+    rig.until_stopped()
+    assert 'q2 (node 2) is no longer operational' in rig.controller.snapshot().cause
+    rig.do('clear_faults')
+
+
+def test_a_position_that_jumps_is_not_believed_and_asks_for_home(rig):
+    at_rest(rig)
+    with rig.simulator.access() as drives:
+        drives[2].axis.reference.offset += 40_000
+    rig.until_stopped()
+    assert 'q3 (node 3): the position has jumped by 0.09' in rig.controller.snapshot().cause
+    wait_until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3, 'power off')
+    assert rig.controller.snapshot().unhomed == ('q3',)
+    rig.do('clear_faults', 'home')
+
+
+def test_an_undefined_statusword_stops_all(rig):
+    at_rest(rig)
+    with rig.simulator.access() as drives:
+        told = drives[0].objects.readers[0x6041, 0]
+        drives[0].objects.readers[0x6041, 0] = lambda: 0x0025
+        drives[0]._pdo.forget()
+    rig.until(ControllerState.STOPPED)
+    assert 'q1: statusword 0x0025 names no state' in rig.all_causes
+    with rig.simulator.access() as drives:
+        drives[0].objects.readers[0x6041, 0] = told
+        drives[0]._pdo.forget()
+
+
+# --- whoever commands us
+
+@pytest.mark.parametrize(('distort', 'sentence'), [
+    (lambda p: (math.nan, p[1], p[2]), 'target of q1 = nan m is not a finite number'),
+    (lambda p: (p[0], math.inf, p[2]), 'target of q2 = inf m is not a finite number'),
+    (lambda p: (p[0], p[1], 0.6), r'target of q3 = 0.6 m is above the bound 0.5 m'),
+    (lambda p: (p[0] + 0.02, p[1], p[2]), r'step of the target of q1 in one cycle = 0.02 m is '
+                                         'above the bound 0.0066 m'),
+])
+def test_a_target_that_must_not_go_to_the_drives_stops_all(rig, distort, sentence):
+    at_rest(rig)
+    rig.frames()
+    rig.source.distort = distort
+    rig.until_stopped()
+    assert sentence in rig.controller.snapshot().cause
+    for message in rig.frames():
+        if message.arbitration_id & 0x780 == 0x200:
+            frame = pdo.decode_rpdo1(bytes(message.data))
+            axis = DEFAULT_AXES[(message.arbitration_id & 0x7F) - 1]
+            assert axis.to_metres(frame.target_counts) == pytest.approx(
+                HOME[axis.node_id - 1], abs=1e-4)
+
+
+def test_a_source_that_fails_stops_all_and_the_loop_goes_on(rig):
+    at_rest(rig)
+
+    def fail(positions):
+        raise RuntimeError('out of ideas')
+
+    rig.source.distort = fail
+    rig.until_stopped()
+    assert 'RuntimeError: out of ideas' in rig.controller.snapshot().cause
+    rig.source.distort = None
+    rig.do('clear_faults', 'activate')
+
+
+def test_the_callers_check_of_targets_is_the_last_word(make_rig):
+    def check(positions):
+        if positions[0] > HOME[0] + 0.005:
+            raise LimitError('q1', positions[0], -0.095, 'm', 'above')
+
+    rig = make_rig(check_targets=check)
+    rig.source.speed = MOVING
+    at_rest(rig)
+    rig.until_stopped()
+    assert 'q1 = -0.09' in rig.controller.snapshot().cause
+    assert rig.carriages[0] < HOME[0] + 0.006
+
+
+def test_carriages_that_stand_where_they_must_not_are_not_powered(make_rig):
+    def check(positions):
+        raise LimitError('q3 - q1', 0.01, 0.02, 'm', 'below')
+
+    rig = make_rig(check_targets=check)
+    inactive(rig)
+    with pytest.raises(DriveStateError, match='q3 - q1 = 0.01 m is below the bound 0.02 m'):
+        rig.do('activate')
+    assert rig.state is ControllerState.INACTIVE
+
+
+@situations
+def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
+    SITUATIONS[situation](rig)
+    rig.controller.stop('the operator pressed the red button', 'release the button')
+    rig.until_stopped()
+    snapshot = rig.controller.snapshot()
+    assert snapshot.cause == 'the operator pressed the red button'
+    assert snapshot.next_step == 'release the button'
+    rig.do('clear_faults')
+    rig.source.speed = 0.0
+    rig.do('activate')
+
+
+def test_an_executor_that_hangs_stops_the_drives(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, watchdog_timeout=0.3))
+    moving(rig)
+    rig.beats.clear()
+    rig.until_stopped()
+    assert 'the executor has not run for' in rig.controller.snapshot().cause
+    assert 'bound 300 ms' in rig.controller.snapshot().cause
+
+
+def test_an_executor_that_hangs_while_nothing_has_power_stops_nothing(rig):
+    inactive(rig)
+    rig.beats.clear()
+    rig.cycles(20)
+    assert rig.state is ControllerState.INACTIVE
+
+
+def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_rig):
+    trouble = []
+
+    def on_cycle():
+        if trouble:
+            raise KeyError(trouble.pop())
+
+    rig = make_rig(on_cycle=on_cycle)
+    at_rest(rig)
+    trouble.append('surprise')
+    rig.until_stopped()
+    assert "the control loop failed: KeyError: 'surprise'" in rig.controller.snapshot().cause
+    rig.do('clear_faults', 'activate')
+
+
+def test_a_loop_that_stood_still_blames_this_computer_and_no_drive(make_rig):
+    pauses = []
+
+    def on_cycle():
+        if pauses:
+            time.sleep(pauses.pop())
+
+    settings = replace(SETTINGS, heartbeat_timeout=0.3)
+    rig = make_rig(settings=settings, on_cycle=on_cycle)
+    at_rest(rig)
+    pauses.append(1.2 * settings.heartbeat_timeout)
+    rig.until_stopped()
+    assert 'the control loop stood still for' in rig.controller.snapshot().cause
+    assert 'take load off this computer' in rig.controller.snapshot().next_step
+    rig.do('clear_faults', 'activate')
+
+
+def test_a_fourth_clearing_within_a_minute_is_refused(rig):
+    inactive(rig)
+    for _ in range(3):
+        rig.controller.stop('again')
+        rig.until_stopped()
+        rig.do('clear_faults')
+    rig.controller.stop('again')
+    rig.until_stopped()
+    assert 'possible in' in rig.refusal('clear_faults')

@@ -1,0 +1,156 @@
+import math
+
+from drive_rig import Source
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.cia402.group import Command
+from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import Mode
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.targets import MOST_SLIP, require_inside, Targets
+from facade_manipulator.errors import (
+    InputError,
+    LimitError,
+    ManipulatorError,
+    SetpointLimitError,
+    StrokeLimitError,
+)
+
+CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
+OFF, ON, HOMING = Command(0x00, CSP), Command(0x0F, CSP), Command(0x1F, Mode.HOMING)
+HERE = (-43_000, 43_000, 0)
+SETTINGS = ControllerSettings()
+LARGEST_STEP = SETTINGS.step_margin * 0.6 * SETTINGS.period
+
+
+def targets(source=None, check=lambda positions: None) -> Targets:
+    return Targets(AXIS_NAMES, DEFAULT_AXES, SETTINGS, source or Source(), check)
+
+
+def following(source=None, **details) -> Targets:
+    one = targets(source, **details)
+    one.choose(Phase.ENABLING, Command(0x07, CSP), HERE, 0.0)
+    one.choose(Phase.HOLDING, ON, HERE, 0.0)
+    one.choose(Phase.RUNNING, ON, HERE, 0.0)
+    return one
+
+
+def elsewhere(counts: int) -> tuple[int, ...]:
+    return tuple(value + counts for value in HERE)
+
+
+def test_without_power_the_targets_are_where_the_carriages_are():
+    one = targets()
+    for counts in (0, 500, -900):
+        one.choose(Phase.OFF, OFF, elsewhere(counts), 0.0)
+        assert one.counts == elsewhere(counts)
+        assert one.positions is None
+
+
+def test_the_targets_stay_where_the_power_found_the_carriages():
+    one = targets()
+    one.choose(Phase.ENABLING, Command(0x07, CSP), HERE, 0.0)
+    one.choose(Phase.ENABLING, ON, elsewhere(30), 0.0)
+    one.choose(Phase.HOLDING, ON, elsewhere(30), 0.0)
+    assert one.counts == HERE
+
+
+def test_while_homing_the_targets_follow_the_carriages_though_they_have_power():
+    one = targets()
+    one.choose(Phase.HOMING, HOMING, elsewhere(777), 0.0)
+    assert one.counts == elsewhere(777)
+
+
+def test_the_source_begins_where_the_drives_hold():
+    source = Source()
+    following(source)
+    assert source.start == pytest.approx((-0.1, 0.1, 0.0))
+
+
+def test_a_carriage_that_is_elsewhere_when_power_has_come_is_a_doubt():
+    one = targets()
+    one.choose(Phase.ENABLING, Command(0x07, CSP), HERE, 0.0)
+    with pytest.raises(SetpointLimitError, match='distance of q1 from its target'):
+        one.choose(Phase.HOLDING, ON, elsewhere(round(1.1 * MOST_SLIP * 430_000)), 0.0)
+
+
+@pytest.mark.parametrize('phase', [Phase.RAMPING, Phase.HALTED])
+def test_the_source_is_told_to_hold_as_long_as_the_carriages_shall_rest(phase):
+    source = Source()
+    one = following(source)
+    source.held = False
+    one.choose(phase, ON, HERE, 0.0)
+    assert source.held
+
+
+def test_after_a_halt_the_source_begins_anew():
+    source = Source()
+    one = following(source)
+    one.choose(Phase.HALTED, ON, HERE, 0.0)
+    source.positions = None
+    one.choose(Phase.RUNNING, ON, HERE, 0.0)
+    assert source.start == pytest.approx((-0.1, 0.1, 0.0))
+
+
+@pytest.mark.parametrize(('targets_wanted', 'error'), [
+    ((math.nan, 0.1, 0.0), InputError), ((-0.1, -math.inf, 0.0), InputError),
+    ((-0.1, 0.1 + 1.01 * LARGEST_STEP, 0.0), SetpointLimitError)])
+def test_a_target_that_is_no_step_away_is_refused_and_the_last_one_kept(targets_wanted, error):
+    source = Source()
+    one = following(source)
+    source.distort = lambda positions: targets_wanted
+    with pytest.raises(error):
+        one.choose(Phase.RUNNING, ON, HERE, 0.0)
+    assert one.counts == HERE
+
+
+def test_a_target_beyond_the_stroke_is_refused():
+    source = Source()
+    one = targets(source)
+    end = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
+    one.choose(Phase.OFF, OFF, end, 0.0)
+    one.choose(Phase.HOLDING, ON, end, 0.0)
+    source.distort = lambda positions: (0.501, 0.499, 0.499)
+    with pytest.raises(StrokeLimitError, match='target of q1 = 0.501 m is above the bound 0.5 m'):
+        one.choose(Phase.RUNNING, ON, end, 0.0)
+
+
+def test_the_callers_check_is_asked_with_every_target():
+    def check(positions):
+        raise LimitError('q3 - q1', 0.0, 0.02, 'm', 'below')
+
+    with pytest.raises(LimitError, match='q3 - q1'):
+        following(check=check)
+
+
+phases = st.sampled_from(sorted(Phase, key=str))
+numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
+
+
+@given(st.lists(st.tuples(phases, st.tuples(numbers, numbers, numbers)), max_size=30))
+def test_whatever_the_source_says_no_step_to_the_drives_is_too_large(cycles):
+    source = Source()
+    one = targets(source)
+    one.choose(Phase.OFF, OFF, HERE, 0.0)
+    for phase, wanted in cycles:
+        source.distort = lambda positions, wanted=wanted: wanted
+        before = one.counts
+        command = ON if phase in FOLLOWING_PHASES else OFF
+        try:
+            one.choose(phase, command, HERE, 0.0)
+        except ManipulatorError:
+            assert one.counts == before
+            one.choose(Phase.STOPPING, Command(0x02, CSP), HERE, 0.0)
+            continue
+        if command is ON:
+            largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
+            assert max(abs(a - b) for a, b in zip(one.counts, before, strict=True)) <= largest
+
+
+def test_carriages_beyond_the_stroke_and_its_margin_are_named():
+    require_inside(AXIS_NAMES, DEFAULT_AXES, (-0.504, 0.504, 0.0))
+    with pytest.raises(LimitError, match='position of q2 = 0.51 m is above the bound 0.505 m'):
+        require_inside(AXIS_NAMES, DEFAULT_AXES, (0.0, 0.51, 0.0))

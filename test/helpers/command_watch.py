@@ -1,0 +1,77 @@
+"""What the master commands, judged from outside: it shares nothing with it but the bus."""
+
+from __future__ import annotations
+
+import struct
+
+import can
+
+from facade_manipulator.drives.cia402.settings import AxisSettings
+
+COMMANDS = struct.Struct('<Hbi')  # controlword, mode of operation, target position
+ENABLED, CYCLIC_POSITION = 0x0F, 8
+MOST_COMPLAINTS = 20
+
+
+class CommandWatch:
+    """
+    Judge every command that enables a drive: inside its stroke, and no farther than it can go.
+
+    Parameters
+    ----------
+    axes : tuple of AxisSettings
+        Node id, stroke and speed limit of each axis.
+    period : float
+        Of the cycle [s].
+    margin : float
+        Largest step per cycle, as a multiple of the speed limit.
+
+    Attributes
+    ----------
+    enabling : int
+        Commands with power that were judged.
+    complaints : list of str
+        What was wrong; the first of it.
+    least, greatest : list of float
+        Range of the targets of each axis [m].
+
+    """
+
+    def __init__(self, axes: tuple[AxisSettings, ...], period: float, margin: float = 1.1) -> None:
+        self.enabling = 0
+        self.complaints: list[str] = []
+        self.least, self.greatest = [9.9] * len(axes), [-9.9] * len(axes)
+        self._axes = {0x200 + axis.node_id: (n, axis) for n, axis in enumerate(axes)}
+        self._last: dict[int, float] = {}
+        self._steps = [margin * axis.max_speed * period + 1e-5 for axis in axes]
+
+    def take(self, frames: list[can.Message]) -> None:
+        """Judge the frames that an independent listener has heard."""
+        for frame in frames:
+            if frame.arbitration_id in self._axes and _is_plain(frame):
+                self._judge(frame.arbitration_id, bytes(frame.data))
+
+    def _judge(self, cob_id: int, data: bytes) -> None:
+        number, axis = self._axes[cob_id]
+        controlword, mode, counts = COMMANDS.unpack(data)
+        if controlword & 0x0F != ENABLED or mode != CYCLIC_POSITION:
+            self._last.pop(cob_id, None)
+            return
+        target = axis.to_metres(counts)
+        self.enabling += 1
+        self.least[number] = min(self.least[number], target)
+        self.greatest[number] = max(self.greatest[number], target)
+        step = abs(target - self._last.get(cob_id, target))
+        self._last[cob_id] = target
+        if step > self._steps[number]:
+            self._complain(f'{cob_id:03X}h: a step of {step:.6f} m')
+        if not axis.lower_limit - 1e-5 <= target <= axis.upper_limit + 1e-5:
+            self._complain(f'{cob_id:03X}h: a target of {target:.6f} m')
+
+    def _complain(self, sentence: str) -> None:
+        if len(self.complaints) < MOST_COMPLAINTS:
+            self.complaints.append(sentence)
+
+
+def _is_plain(frame: can.Message) -> bool:
+    return not (frame.is_extended_id or frame.is_remote_frame or frame.is_error_frame)

@@ -1,0 +1,182 @@
+"""A drive controller and three simulated drives on one CAN bus, with somebody listening."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+import threading
+
+import can
+import pytest
+from support import wait_until
+
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.controller.controller import DriveController
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.simulated.bus import DriveSimulator
+from facade_manipulator.drives.simulated.group import simulated_drives
+from facade_manipulator.errors import ManipulatorError
+
+PATIENCE = 20.0
+HOME = (-0.1, 0.1, 0.0)
+# what a busy computer does to the cycle must fail no test that is not about it
+SETTINGS = ControllerSettings(
+    own_garbage_collection=False, boot_timeout=0.5, hold_cycles=3, watchdog_timeout=1.0,
+    max_missed_cycles=10, heartbeat_timeout=0.5)
+MOVING = 0.1  # m/s
+
+
+class Source:
+    """Targets that go to and fro from where they were reset, at a constant speed."""
+
+    def __init__(self, period: float = SETTINGS.period) -> None:
+        self.speed = 0.0
+        self.time = 0.0
+        self.period = period
+        self.distort = None
+        self.start = self.positions = None
+        self.held = False
+
+    @property
+    def at_rest(self) -> bool:
+        return self.held or self.speed == 0.0
+
+    def reset(self, positions) -> None:
+        self.start = self.positions = positions
+        self.held = False
+        self.time = 0.0
+
+    def hold(self) -> None:
+        self.held = True
+
+    def sample(self, latch_time: float):
+        if not self.held:
+            self.time += self.period
+            step = self.speed * self.period * (1.0 if self.time % 2.0 < 1.0 else -1.0)
+            self.positions = tuple(position + step for position in self.positions)
+        return self.distort(self.positions) if self.distort else self.positions
+
+
+class Rig:
+    """A controller and three simulated drives on one virtual bus, with somebody listening."""
+
+    def __init__(
+        self, channel: str, interface='virtual', settings=SETTINGS, axes=DEFAULT_AXES,
+        drives=None, source=None, **details,
+    ) -> None:
+        self.channel = channel
+        self.interface = interface
+        self.axes = axes
+        self.source = source or Source(settings.period)
+        self.beats = threading.Event()
+        self.beats.set()
+        self.buses = []
+        self.bus_is_missing = False
+        self._bus = self._new_bus()
+        self.drives = drives or simulated_drives(axes)
+        self.simulator = DriveSimulator(self._bus, self.drives)
+        self.listener = self._new_bus()
+        self.simulator.start()
+        self.controller = DriveController(
+            settings, axes, self.open_bus, self.source, **details)
+        self._ended = threading.Event()
+        self._beater = threading.Thread(target=self._beat)
+        self._beater.start()
+
+    def _new_bus(self) -> can.BusABC:
+        return can.Bus(interface=self.interface, channel=self.channel)
+
+    def open_bus(self) -> can.BusABC:
+        if self.bus_is_missing:
+            raise OSError(19, 'No such device')
+        self.buses.append(self._new_bus())
+        return self.buses[-1]
+
+    def _beat(self) -> None:
+        while not self._ended.wait(0.02):
+            if self.beats.is_set():
+                self.controller.beat()
+
+    def close(self) -> None:
+        self.controller.close()
+        self._ended.set()
+        self._beater.join()
+        self.simulator.stop()
+        for bus in (self._bus, self.listener):
+            bus.shutdown()
+
+    def do(self, *names: str) -> str:
+        for name in names:
+            answer = getattr(self.controller, name)().result(PATIENCE)
+        return answer
+
+    @property
+    def state(self) -> ControllerState:
+        return self.controller.snapshot().state
+
+    @property
+    def drive_states(self) -> list[State]:
+        with self.simulator.access() as drives:
+            return [drive.state for drive in drives]
+
+    @property
+    def carriages(self) -> list[float]:
+        with self.simulator.access() as drives:
+            return [drive.motor.carriage_position for drive in drives]
+
+    def refusal(self, name: str) -> str | None:
+        """Return why a request is refused, None if it is not."""
+        try:
+            self.do(name)
+        except ManipulatorError as error:
+            return str(error)
+        return None
+
+    @property
+    def all_causes(self) -> str:
+        snapshot = self.controller.snapshot()
+        return ' '.join((snapshot.cause, *snapshot.further_causes))
+
+    def cycles(self, count: int) -> None:
+        """Wait for a number of cycles."""
+        goal = self.controller.snapshot().cycle.cycles + count
+        wait_until(lambda: self.controller.snapshot().cycle.cycles >= goal, f'{count} cycles')
+
+    def until(self, *states: ControllerState) -> None:
+        wait_until(lambda: self.state in states, f'{states}')
+
+    def until_stopped(self) -> None:
+        self.until(ControllerState.STOPPED)
+        wait_until(lambda: State.OPERATION_ENABLED not in self.drive_states, 'the drives to stop')
+
+    def frames(self) -> list[can.Message]:
+        """Return what the listener has heard since it was last asked."""
+        heard = []
+        with suppress(can.CanOperationError):  # a socket tells once that the interface went down
+            while (message := self.listener.recv(0.0)) is not None:
+                heard.append(message)
+        return heard
+
+    def forge(self, cob_id: int, data: bytes) -> None:
+        self.listener.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
+
+
+def inactive(rig: Rig) -> None:
+    rig.do('configure', 'home')
+
+
+def at_rest(rig: Rig) -> None:
+    rig.do('configure', 'home', 'activate')
+
+
+def moving(rig: Rig) -> None:
+    rig.source.speed = MOVING
+    at_rest(rig)
+    start = rig.controller.joints().positions
+    wait_until(
+        lambda: abs(rig.controller.joints().positions[0] - start[0]) > 0.003, 'motion')
+
+
+SITUATIONS = {'inactive': inactive, 'at rest': at_rest, 'moving': moving}
+situations = pytest.mark.parametrize('situation', SITUATIONS)

@@ -1,0 +1,76 @@
+"""Planar poses form a group, whatever their angles."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.planar import (
+    add,
+    compose,
+    difference,
+    invert,
+    relative,
+    subtract,
+    wrap_angle,
+)
+
+NOWHERE = Pose(0.0, 0.0, 0.0)
+coordinates = st.floats(-10.0, 10.0)
+angles = st.floats(-20.0, 20.0)
+poses = st.builds(Pose, coordinates, coordinates, angles)
+
+
+def same(pose):
+    return pytest.approx(tuple(pose), abs=1e-12)
+
+
+@given(poses)
+def test_a_pose_and_its_inverse_lead_back_from_either_side(a):
+    assert compose(a, invert(a)) == same(NOWHERE)
+    assert compose(invert(a), a) == same(NOWHERE)
+
+
+@given(poses, poses)
+def test_a_pose_seen_from_another_leads_back_to_itself(a, b):
+    assert compose(a, relative(a, b)) == same(b)
+    assert relative(a, b) == same(compose(invert(a), b))
+
+
+@given(poses, poses, poses)
+def test_it_does_not_matter_which_two_of_three_poses_are_composed_first(a, b, c):
+    assert compose(compose(a, b), c) == same(compose(a, compose(b, c)))
+
+
+@given(poses)
+def test_nowhere_changes_no_pose(a):
+    assert compose(a, NOWHERE) == same(a) == compose(NOWHERE, a)
+
+
+def test_the_order_of_two_poses_matters():
+    turn, shift = Pose(0.0, 0.0, 0.5 * math.pi), Pose(1.0, 0.0, 0.0)
+    assert compose(turn, shift) == same(Pose(0.0, 1.0, 0.5 * math.pi))
+    assert compose(shift, turn) == same(Pose(1.0, 0.0, 0.5 * math.pi))
+
+
+@given(angles)
+def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(theta):
+    wrapped = wrap_angle(theta)
+    assert abs(wrapped) <= math.pi
+    assert (math.cos(wrapped), math.sin(wrapped)) == pytest.approx(
+        (math.cos(theta), math.sin(theta)), abs=1e-12)
+
+
+@given(poses, poses)
+def test_a_difference_takes_the_shorter_way_round(a, b):
+    change = difference(a, b)
+    assert (b.x + change.x, b.y + change.y) == pytest.approx((a.x, a.y), abs=1e-12)
+    assert abs(change.theta) <= math.pi
+    assert math.cos(b.theta + change.theta) == pytest.approx(math.cos(a.theta), abs=1e-12)
+
+
+@given(poses, poses)
+def test_offsets_add_axis_by_axis_and_no_angle_is_wrapped(a, b):
+    assert add(b, subtract(a, b)) == pytest.approx(tuple(a), abs=1e-12)

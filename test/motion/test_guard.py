@@ -1,0 +1,85 @@
+import math
+
+from hypothesis import assume, given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.errors import (
+    CarriageGapError,
+    LimitError,
+    ParameterError,
+    StrokeLimitError,
+)
+from facade_manipulator.kinematics import certify, Geometry, Pose
+from facade_manipulator.motion.guard import HomingGuard, MechanismGuard
+
+GEOMETRY = Geometry()
+guard = MechanismGuard(GEOMETRY)
+
+
+@given(st.floats(-0.5, 0.5), st.floats(0.01, 0.36), st.floats(-0.5, 0.5))
+def test_every_certified_pose_passes_the_guard(x, y, theta):
+    try:
+        carriages = certify(GEOMETRY, Pose(x, y, theta))
+    except LimitError:
+        assume(False)
+    guard(tuple(carriages))
+
+
+def test_the_home_position_passes():
+    guard((-0.1, 0.1, 0.0))
+
+
+@pytest.mark.parametrize('positions, error, quantity', [
+    ((-0.51, -0.1, -0.3), StrokeLimitError, 'q1'),
+    ((0.31, 0.51, 0.4), StrokeLimitError, 'q2'),
+    ((-0.1, 0.3, -0.085), CarriageGapError, 'q3 - q1'),
+    ((-0.4, 0.4, 0.0), LimitError, ''),
+    ((0.1, -0.1, 0.0), LimitError, ''),
+])
+def test_positions_the_mechanism_cannot_take_are_refused_by_their_limit(
+        positions, error, quantity):
+    with pytest.raises(error) as refusal:
+        guard(positions)
+    assert quantity in refusal.value.quantity
+    assert isinstance(refusal.value, LimitError)
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize('axis', range(3))
+def test_a_position_that_is_no_number_is_refused(bad, axis):
+    positions = [-0.1, 0.1, 0.0]
+    positions[axis] = bad
+    with pytest.raises((ParameterError, LimitError)):
+        guard(tuple(positions))
+
+
+def test_what_passed_before_excuses_nothing_that_comes_after():
+    mutable, own = [-0.1, 0.1, 0.0], MechanismGuard(GEOMETRY)
+    own(mutable)
+    mutable[0] = 0.3
+    with pytest.raises(LimitError):
+        own(mutable)
+    with pytest.raises(LimitError):  # what was refused stays refused
+        own(tuple(mutable))
+    own((-0.1, 0.1, 0.0))
+
+
+NEAR = (-0.1, 0.1, -0.09)
+
+
+@pytest.mark.parametrize('homed', [
+    (False, False, False), (True, True, False), (False, True, True), (True, False, False)])
+def test_while_homing_only_homed_neighbours_are_held_apart(homed):
+    HomingGuard(GEOMETRY)(NEAR, homed)
+
+
+def test_homed_neighbours_too_close_are_refused():
+    with pytest.raises(CarriageGapError, match='q3 - q1 = 0.01 m is below the bound 0.02 m'):
+        HomingGuard(GEOMETRY)(NEAR, (True, False, True))
+
+
+def test_once_all_are_homed_the_whole_mechanism_is_checked():
+    HomingGuard(GEOMETRY)((-0.1, 0.1, 0.0), (True, True, True))
+    with pytest.raises(LimitError):
+        HomingGuard(GEOMETRY)((-0.4, 0.4, 0.0), (True, True, True))

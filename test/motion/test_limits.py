@@ -1,0 +1,118 @@
+import math
+import sys
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.motion.limits import Motion, MotionLimits, PathLimiter
+
+PERIOD = 0.01
+LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)
+SLACK = 1.0 + 1e-6
+
+positions = st.tuples(*[st.floats(-0.4, 0.4)] * 3)
+speeds = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
+
+
+def within_limits(before, after):
+    step = [(b - a) / PERIOD for a, b in zip(before.position, after.position, strict=True)]
+    rate = [(b - a) / PERIOD for a, b in zip(before.velocity, after.velocity, strict=True)]
+    jerk = [(b - a) / PERIOD for a, b in zip(before.acceleration, after.acceleration, strict=True)]
+    return (max(map(abs, step)) <= LIMITS.speed * SLACK
+            and max(map(abs, rate)) <= LIMITS.acceleration * SLACK
+            and max(map(abs, jerk)) <= LIMITS.jerk * SLACK)
+
+
+def follow(limiter, motion, target, velocity):
+    return limiter.reach(motion, target, velocity) or limiter.chase(motion, target, velocity)
+
+
+@given(targets=st.lists(st.tuples(positions, speeds), min_size=1, max_size=30))
+def test_no_sequence_of_targets_leaves_the_speed_acceleration_and_jerk_limits(targets):
+    limiter, motion = PathLimiter(LIMITS, PERIOD), Motion((0.0, 0.0, 0.0))
+    for target, velocity in targets:
+        after = follow(limiter, motion, target, velocity)
+        assert within_limits(motion, after)
+        motion = after
+
+
+@given(target=positions, velocity=speeds)
+def test_a_motion_brakes_to_rest_inside_the_limits_and_at_the_foretold_position(
+        target, velocity):
+    limiter, motion = PathLimiter(LIMITS, PERIOD), Motion((0.0, 0.0, 0.0))
+    for _ in range(20):
+        motion = follow(limiter, motion, target, velocity)
+    bound = limiter.rest_position(motion)
+    steps = 0
+    while not motion.at_rest:
+        after = limiter.brake(motion)
+        assert within_limits(motion, after)
+        motion, steps = after, steps + 1
+        assert steps < 100
+    assert motion.position == pytest.approx(bound, abs=1e-4)
+
+
+def test_a_target_inside_the_limits_is_reached_exactly():
+    limiter = PathLimiter(LIMITS, PERIOD)
+    motion = Motion((0.1, 0.2, 0.3))
+    after = limiter.reach(motion, (0.1 + 1e-5, 0.2, 0.3), (0.0,) * 3)
+    assert after.position == (0.1 + 1e-5, 0.2, 0.3)
+
+
+def test_a_target_beyond_the_limits_is_not_reached_in_one_period():
+    assert PathLimiter(LIMITS, PERIOD).reach(
+        Motion((0.0,) * 3), (0.01, 0.0, 0.0), (0.0,) * 3) is None
+
+
+def test_a_chase_from_rest_keeps_the_straight_line_to_the_target():
+    limiter, motion = PathLimiter(LIMITS, PERIOD), Motion((0.0, 0.0, 0.0))
+    target = (0.2, -0.1, 0.05)
+    for _ in range(200):
+        motion = follow(limiter, motion, target, (0.0, 0.0, 0.0))
+        x, y, z = motion.position
+        assert y == pytest.approx(-0.5 * x, abs=1e-9)
+        assert z == pytest.approx(0.25 * x, abs=1e-9)
+    assert motion.position == pytest.approx(target, abs=1e-12)
+    assert motion.at_rest
+
+
+def test_a_chase_catches_a_moving_target_and_then_follows_it_exactly():
+    limiter, motion = PathLimiter(LIMITS, PERIOD), Motion((0.0, 0.0, 0.0))
+    exact = 0
+    for k in range(1, 200):
+        t = k * PERIOD
+        target = (0.1 + 0.1 * math.sin(2.0 * t), -0.05 * math.sin(2.0 * t), 0.02)
+        velocity = (0.2 * math.cos(2.0 * t), -0.1 * math.cos(2.0 * t), 0.0)
+        motion = follow(limiter, motion, target, velocity)
+        exact = exact + 1 if motion.position == target else 0
+    assert exact > 100
+
+
+small = st.floats(-1e-12, 1e-12)
+
+
+@given(speed=st.floats(-0.49, 0.49), apart=st.tuples(small, small, small),
+       sign=st.sampled_from((-1.0, 1.0)), beyond=st.tuples(*[st.integers(-4, 4)] * 3))
+def test_an_acceleration_that_rounding_has_put_beyond_its_limit_does_not_end_the_way(
+        speed, apart, sign, beyond):
+    limiter = PathLimiter(LIMITS, PERIOD)
+    acceleration = tuple(
+        sign * LIMITS.acceleration * (1.0 + n * sys.float_info.epsilon) for n in beyond)
+    motion = Motion((-0.1, 0.1, 0.0), tuple(speed + a for a in apart), acceleration)
+    limiter.rest_position(motion)
+    assert within_limits(motion, limiter.brake(motion))
+    limiter.chase(motion, (-0.05, 0.15, 0.05), (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize('name, value', [
+    ('speed', 0.0), ('speed', math.nan), ('acceleration', -1.0), ('jerk', math.inf)])
+def test_limits_out_of_their_range_are_refused_by_name(name, value):
+    with pytest.raises(ParameterError, match=name):
+        MotionLimits(**{name: value})
+
+
+def test_a_jerk_that_would_make_ramps_endless_is_refused():
+    with pytest.raises(ParameterError, match='jerk = 1 m/s'):
+        MotionLimits(acceleration=3.0, jerk=1.0)

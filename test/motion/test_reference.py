@@ -1,0 +1,116 @@
+"""The path of the head on the wall."""
+
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from ruckig import Ruckig, RuckigError, Synchronization
+
+from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.motion.reference import Motion, Reference, ReferenceSettings
+
+SETTINGS = ReferenceSettings()
+poses = st.tuples(st.floats(-0.3, 0.3), st.floats(0.1, 0.3), st.floats(-0.3, 0.3)).map(
+    lambda values: Pose(*values))
+
+
+def planned(start, goal):
+    reference = Reference(SETTINGS)
+    reference.anchor(100.0, Motion(start), goal)
+    return reference
+
+
+@given(poses, poses)
+def test_a_path_begins_at_its_start_and_ends_at_rest_at_its_goal(start, goal):
+    reference = planned(start, goal)
+    assert reference.at(99.0).position == pytest.approx(start)
+    end = reference.at(reference.arrival() + 1.0)
+    assert end.position == pytest.approx(tuple(goal), abs=1e-8)
+    assert end.velocity == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
+
+
+@given(poses, poses)
+def test_limits_of_speed_acceleration_and_jerk_hold(start, goal):
+    reference = planned(start, goal)
+    times = np.linspace(100.0, reference.arrival(), 300)
+    motions = [reference.at(time) for time in times]
+    for i in range(3):
+        speeds = [abs(motion.velocity[i]) for motion in motions]
+        accelerations = np.array([motion.acceleration[i] for motion in motions])
+        assert max(speeds) <= SETTINGS.speed[i] * (1 + 1e-6)
+        assert abs(accelerations).max() <= SETTINGS.acceleration[i] * (1 + 1e-6)
+        jerks = np.diff(accelerations) / np.maximum(np.diff(times), 1e-9)
+        assert abs(jerks).max(initial=0.0) <= SETTINGS.jerk[i] * (1 + 1e-3)
+
+
+@given(poses, poses)
+def test_from_rest_the_path_is_straight(start, goal):
+    reference = planned(start, goal)
+    way = np.subtract(goal, start)
+    for share in (0.2, 0.5, 0.8):
+        time = 100.0 + share * (reference.arrival() - 100.0)
+        gone = np.subtract(reference.at(time).position, start)
+        along = way * (gone @ way) / max(way @ way, 1e-30)
+        assert gone == pytest.approx(along, abs=1e-6)
+
+
+@given(poses, poses, poses, st.floats(0.05, 0.95))
+def test_a_new_goal_on_the_way_changes_nothing_at_once(start, goal, other, share):
+    reference = planned(start, goal)
+    time = 100.0 + share * (reference.arrival() - 100.0)
+    before = reference.at(time)
+    reference.retarget(time, other)
+    after = reference.at(time)
+    for old, new in zip(before, after, strict=True):
+        assert new == pytest.approx(old, abs=1e-9)
+    assert reference.at(reference.arrival()).position == pytest.approx(tuple(other), abs=1e-7)
+
+
+def test_the_shorter_way_round_is_taken():
+    reference = planned(Pose(0.0, 0.25, math.radians(175)), Pose(0.0, 0.25, math.radians(-175)))
+    assert reference.goal.theta == pytest.approx(math.radians(185))
+
+
+def test_a_stroke_of_a_quarter_metre_arrives_before_its_error_counts():
+    reference = planned(Pose(-0.12, 0.25, 0.0), Pose(0.12, 0.25, 0.0))
+    assert reference.arrival() - 100.0 < 2.3
+
+
+@pytest.mark.parametrize('values', [
+    {'speed': (0.1, 0.1)}, {'jerk': (0.0, 1.0, 1.0)}, {'acceleration': (1.0, math.nan, 1.0)}])
+def test_settings_that_make_no_sense_are_refused(values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        ReferenceSettings(**values)
+
+
+class Reluctant:
+    """A planner that fails for some kinds of synchronisation, as ruckig does now and then."""
+
+    def __init__(self, *failing):
+        self._planner, self._failing = Ruckig(3), failing
+
+    def calculate(self, plan, trajectory):
+        if plan.synchronization in self._failing:
+            raise RuckigError('error in step 2')
+        return self._planner.calculate(plan, trajectory)
+
+
+def test_where_rounding_leaves_no_straight_path_there_is_another():
+    reference = planned(Pose(0.0, 0.25, 0.0), Pose(0.1, 0.2, 0.1))
+    reference._planner = Reluctant(Synchronization.Phase)
+    goal = Pose(0.0, 0.2, 0.0)
+    reference.retarget(100.1, goal)
+    assert reference.at(reference.arrival()).position == pytest.approx(tuple(goal), abs=1e-8)
+
+
+def test_a_goal_without_a_path_leaves_the_path_as_it_was():
+    reference = planned(Pose(0.0, 0.25, 0.0), Pose(0.1, 0.2, 0.1))
+    reference._planner = Reluctant(Synchronization.Phase, Synchronization.TimeIfNecessary)
+    before = reference.at(100.1)
+    with pytest.raises(ManipulatorError, match='no jerk-limited path'):
+        reference.retarget(100.1, Pose(0.0, 0.2, 0.0))
+    assert reference.at(100.1) == before
+    assert reference.goal == Pose(0.1, 0.2, 0.1)

@@ -1,0 +1,251 @@
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.errors import (
+    InputError,
+    ManipulatorError,
+    ParameterError,
+    SetpointLimitError,
+    StrokeLimitError,
+)
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.setpoints import (
+    Activity,
+    Setpoint,
+    SetpointFollower,
+    StreamSettings,
+)
+
+PERIOD = 0.01
+LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)
+HOME = (-0.1, 0.1, 0.0)
+
+
+def inside(position):
+    for q in position:
+        if abs(q) > 0.5:
+            raise StrokeLimitError('q', q, math.copysign(0.5, q), 'm', 'above')
+
+
+def follower(check=inside):
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, check)
+    made.reset(HOME)
+    return made
+
+
+def sine(time, amplitude=0.05):
+    wave, rate = amplitude * math.sin(time), amplitude * math.cos(time)
+    return Setpoint(time, (HOME[0] + wave, HOME[1] + wave, HOME[2]), (rate, rate, 0.0))
+
+
+def run(made, start, end, stream=sine, ahead=0.03):
+    """Stream and sample for a while, as the driver does; return the positions and their times."""
+    cycles = range(round(start / PERIOD), round(end / PERIOD))
+    commanded = []
+    for k in cycles:
+        now = k * PERIOD
+        if stream is not None:
+            made.add(stream(now + ahead), now)
+        commanded.append((now + 0.02, made.sample(now + 0.02)))
+    return commanded
+
+
+def test_the_carriages_follow_the_stream_between_its_points():
+    made = follower()
+    made.add(sine(0.0), 0.0)
+    for time, position in run(made, 0.0, 3.0)[60:]:
+        # off the grid of the stream: ahead and the sampling instants differ by one period
+        assert position == pytest.approx(sine(time).position, abs=1e-7)
+    assert made.activity is Activity.FOLLOWING
+
+
+@pytest.mark.parametrize(('ahead', 'is_smooth'), [(0.06, True), (0.03, False)])
+def test_mean_velocities_make_no_jerks_once_later_setpoints_are_known(ahead, is_smooth):
+    period, interval = PERIOD / 5, PERIOD
+    made = SetpointFollower(StreamSettings(), LIMITS, period, inside)
+    made.reset(HOME)
+    for k in range(1500):
+        now = k * period
+        if k % 5 == 0:
+            here, before = sine(now + ahead, 0.2), sine(now + ahead - interval, 0.2)
+            mean = tuple((b - a) / interval for a, b in zip(
+                before.position, here.position, strict=True))
+            made.add(here._replace(velocity=mean), now)
+        if k == 500:
+            made.limited_cycles = 0
+        made.sample(now + 0.02)
+    assert (made.limited_cycles == 0) is is_smooth
+
+
+def test_a_silent_stream_brakes_to_rest_and_holds():
+    made = follower()
+    run(made, 0.0, 1.0)
+    silent = run(made, 1.0, 2.0, stream=None)
+    assert made.activity is Activity.HOLDING
+    assert made.at_rest
+    assert made.brakes == 1
+    assert silent[-1][1] == silent[-2][1]
+
+
+def test_a_stream_that_comes_back_is_followed_again():
+    made = follower()
+    run(made, 0.0, 1.0)
+    run(made, 1.0, 2.0, stream=None)
+    run(made, 2.0, 3.0)
+    assert made.activity is Activity.FOLLOWING
+
+
+def test_holding_forgets_the_stream():
+    made = follower()
+    run(made, 0.0, 1.0)
+    made.hold()
+    run(made, 1.0, 1.3, stream=None)
+    assert made.at_rest
+
+
+def test_nothing_moves_before_the_first_setpoint():
+    made = follower()
+    assert {position for _, position in run(made, 0.0, 0.5, stream=None)} == {HOME}
+
+
+def test_without_a_reset_nothing_is_commanded():
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, inside)
+    with pytest.raises(InputError, match='reset first'):
+        made.sample(0.0)
+    with pytest.raises(InputError, match='holds no position'):
+        made.add(sine(0.0), 0.0)
+
+
+@pytest.mark.parametrize('setpoint, reason', [
+    (Setpoint(1.0, (math.nan, 0.1, 0.0), (0.0,) * 3), 'not_finite'),
+    (Setpoint(1.0, HOME, (0.0, math.inf, 0.0)), 'not_finite'),
+    (Setpoint(0.7, HOME, (0.0,) * 3), 'stale'),
+    (Setpoint(math.nan, HOME, (0.0,) * 3), 'stale'),
+    (Setpoint(2.5, HOME, (0.0,) * 3), 'future'),
+])
+def test_a_bad_setpoint_is_refused_with_its_reason(setpoint, reason):
+    made = follower()
+    with pytest.raises(InputError) as refusal:
+        made.add(setpoint, 1.0)
+    assert refusal.value.reason == reason
+    assert made.sample(1.0) == HOME
+
+
+def test_a_setpoint_out_of_order_is_refused_and_the_next_in_order_taken():
+    made = follower()
+    made.add(sine(1.02), 1.0)
+    for late in (1.02, 1.01):
+        with pytest.raises(InputError) as refusal:
+            made.add(sine(late), 1.0)
+        assert refusal.value.reason == 'out_of_order'
+    made.add(sine(1.03), 1.0)
+
+
+def test_a_far_first_setpoint_is_refused_with_distance_and_bound():
+    made = follower()
+    with pytest.raises(SetpointLimitError, match='q3 to the setpoint = 0.06 m is above.*0.05 m'):
+        made.add(Setpoint(1.0, (-0.1, 0.1, 0.06), (0.0,) * 3), 1.0)
+
+
+def test_a_jump_in_the_stream_is_refused():
+    made = follower()
+    made.add(sine(1.0, 0.0), 1.0)
+    with pytest.raises(SetpointLimitError):
+        made.add(Setpoint(1.01, (0.0, 0.2, 0.1), (0.0,) * 3), 1.0)
+
+
+def test_a_setpoint_where_the_mechanism_cannot_be_is_refused():
+    made = follower()
+    with pytest.raises(StrokeLimitError):
+        made.add(Setpoint(1.0, (-0.1, 0.6, 0.0), (0.0,) * 3), 1.0)
+
+
+def test_a_velocity_that_leads_out_of_the_mechanism_is_braked_before_the_border():
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, inside)
+    made.reset((-0.1, 0.45, 0.0))
+    for k in range(60):
+        now = k * PERIOD
+        q2 = min(0.45 + 0.3 * now, 0.499)
+        made.add(Setpoint(now + 0.03, (-0.1, q2, 0.0), (0.0, 0.3, 0.0)), now)
+        assert made.sample(now + 0.02)[1] <= 0.5
+    assert 'q = 0.5' in made.last_refusal
+    assert made.brakes >= 1
+
+
+def test_a_stop_that_the_mechanism_cannot_survive_is_an_error_for_the_controller():
+    made = follower()
+    run(made, 0.0, 1.0)
+
+    def refuse(position):
+        raise StrokeLimitError('q1', 9.0, 0.5, 'm', 'above')
+
+    made._check = refuse
+    with pytest.raises(ManipulatorError):
+        made.sample(1.02)
+
+
+@given(st.lists(st.tuples(
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.tuples(*[st.floats(-1.0, 1.0) | st.just(math.nan)] * 3),
+    st.tuples(*[st.floats(-5.0, 5.0) | st.just(math.inf)] * 3)), max_size=20))
+def test_whatever_arrives_the_command_stays_finite_inside_and_within_the_speed(stream):
+    made = follower()
+    before = HOME
+    for k, (time, position, velocity) in enumerate(stream):
+        now = k * PERIOD
+        for stamp in (time, now + 0.01):
+            try:
+                made.add(Setpoint(stamp, position, velocity), now)
+            except ManipulatorError:
+                pass
+        after = made.sample(now + 0.02)
+        for p, q in zip(before, after, strict=True):
+            assert math.isfinite(q) and abs(q) <= 0.5
+            assert abs(q - p) <= LIMITS.speed * PERIOD * (1 + 1e-9)
+        before = after
+
+
+def test_contradicting_settings_are_refused():
+    with pytest.raises(ParameterError, match='stale_after = 0.5 s'):
+        StreamSettings(stale_after=0.5, oldest=0.2)
+
+
+def test_a_lower_speed_limit_slows_the_carriages_down_within_their_acceleration():
+    made = follower()
+    fast = run(made, 0.0, 3.0, lambda time: sine(time, 0.3))  # up to 0.3 m/s
+    made.change_limits(MotionLimits(speed=0.1, acceleration=3.0, jerk=150.0))
+    slow = run(made, 3.0, 5.0, lambda time: sine(time, 0.3))
+    positions = [position[0] for _, position in (*fast, *slow)]
+    speeds = [(b - a) / PERIOD for a, b in zip(positions, positions[1:], strict=False)]
+    changes = [abs(b - a) / PERIOD for a, b in zip(speeds, speeds[1:], strict=False)]
+    assert abs(speeds[298]) > 0.28
+    assert max(map(abs, speeds[315:])) < 0.1 + 1e-6
+    assert max(changes[290:]) < 3.0 * 1.05
+
+
+@given(stall_at=st.floats(0.0, 0.6), stall=st.floats(0.0, 0.08), late=st.floats(0.0, 0.026),
+       late_cycle=st.integers(0, 80))
+def test_whatever_delays_the_stream_the_carriages_come_to_rest_at_its_end(
+        stall_at, stall, late, late_cycle):
+    made, way = follower(), (0.05, 0.05, 0.05)
+
+    def smooth(time):
+        share = min(max(time / 0.5, 0.0), 1.0)
+        blend, slope = share * share * (3.0 - 2.0 * share), 12.0 * share * (1.0 - share)
+        return Setpoint(time, tuple(q + blend * w for q, w in zip(HOME, way, strict=True)),
+                        tuple(slope * w for w in way))
+
+    sent = 0
+    for cycle in range(250):
+        now = cycle * PERIOD
+        if not stall_at < now < stall_at + stall:
+            while sent <= cycle:  # what waited comes at once
+                made.add(smooth(sent * PERIOD + 0.06), now)
+                sent += 1
+        delay = late if cycle == late_cycle else 0.0
+        position = made.sample(now + 0.02 + delay)
+    assert position == pytest.approx([q + w for q, w in zip(HOME, way, strict=True)], abs=1e-9)
+    assert made.activity is Activity.FOLLOWING

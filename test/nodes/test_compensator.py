@@ -1,0 +1,275 @@
+"""The compensator node, spoken to as its neighbours do."""
+
+import math
+import signal
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import (
+    PointStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    WrenchStamped,
+)
+import pytest
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from std_srvs.srv import SetBool, Trigger
+from support import wait_until
+
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics.planar import compose
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.ros.conversions import (
+    planar_pose,
+    pose_message,
+    pose_stamped,
+    seconds,
+    stamp,
+)
+from facade_manipulator.ros.runtime import LATEST, RELIABLE
+
+GOAL = Pose(0.03, 0.25, 0.02)
+DISTURBANCE = Pose(0.05, 0.01, 0.02)
+
+
+class Neighbours:
+    """Supervisor, estimator and ik_service in one test node."""
+
+    def __init__(self, ros, **parameters):
+        self.ros = ros
+        parameters = {'correction.fade_time': 1.0, **parameters}
+        ros.add(CompensatorNode(parameter_overrides=[
+            Parameter(name, value=value) for name, value in parameters.items()]))
+        self.node = ros.node()
+        self.disturbance = Pose(*DISTURBANCE)
+        self.goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
+        self.estimates = self.node.create_publisher(
+            PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
+        self.heads = self.node.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
+        self.corrected = ros.collect(self.node, PoseStamped, 'corrected_pose', LATEST)
+        self.references = ros.collect(self.node, PoseStamped, 'compensator/reference')
+        self.diagnostics = ros.collect(self.node, DiagnosticArray, '/diagnostics')
+        for publisher in (self.goals, self.estimates, self.heads):
+            ros.until(lambda p=publisher: p.get_subscription_count() == 1, 'the compensator')
+
+    def now(self):
+        return self.node.get_clock().now().nanoseconds * 1e-9
+
+    def estimate(self, pose=None, frame='facade', age=0.0):
+        message = PoseWithCovarianceStamped()
+        message.header.frame_id = frame
+        message.header.stamp = stamp(self.now() - age)
+        message.pose.pose = pose_message(pose or self.disturbance)
+        self.estimates.publish(message)
+
+    def start_estimator(self):
+        self.timer = self.node.create_timer(0.02, self.estimate)
+
+    def send_goal(self, pose=GOAL, frame='facade'):
+        self.goals.publish(pose_stamped(frame, self.now(), pose))
+
+    def until_corrected(self, condition, what):
+        self.ros.until(
+            lambda: self.corrected and condition(planar_pose(self.corrected[-1].pose, 'pose')),
+            what)
+
+    def value(self, key):
+        for message in reversed(self.diagnostics):
+            for item in message.status[0].values:
+                if item.key == key:
+                    return item.value
+        return None
+
+    def sentence(self):
+        return self.diagnostics[-1].status[0].message if self.diagnostics else ''
+
+
+@pytest.fixture
+def neighbours(ros):
+    return Neighbours(ros)
+
+
+def on_the_wall(pose):
+    return compose(DISTURBANCE, pose)
+
+
+def near(pose, goal, tolerance=1e-3):
+    return max(abs(a - b) for a, b in zip(pose, goal, strict=True)) < tolerance
+
+
+def test_a_goal_is_corrected_for_the_disturbance_ahead_of_time(neighbours):
+    neighbours.start_estimator()
+    neighbours.send_goal()
+    neighbours.until_corrected(
+        lambda pose: near(on_the_wall(pose), GOAL), 'the corrected goal')
+    message = neighbours.corrected[-1]
+    assert message.header.frame_id == 'rail'
+    assert seconds(message.header.stamp) - neighbours.now() < 0.07
+    reference = neighbours.references[-1]
+    assert reference.header.frame_id == 'facade'
+    assert planar_pose(reference.pose, 'reference') == pytest.approx(tuple(GOAL), abs=1e-6)
+    neighbours.ros.until(lambda: neighbours.sentence() == 'compensating', 'the diagnosis')
+    assert neighbours.value('horizon [ms]') == '60'
+
+
+def test_without_an_estimate_the_goal_is_the_corrected_pose_and_diagnostics_say_why(neighbours):
+    neighbours.send_goal()
+    neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the goal')
+    neighbours.ros.until(lambda: 'no estimate' in neighbours.sentence(), 'the diagnosis')
+
+
+@pytest.mark.parametrize(('pose', 'frame', 'reason'), [
+    (Pose(math.nan, 0.25, 0.0), 'facade', 'not_finite'),
+    (GOAL, 'rail', 'frame'),
+    (Pose(0.0, 0.5, 0.0), 'facade', 'unreachable'),
+    (Pose(0.49, 0.25, 0.0), 'facade', 'stroke'),
+    (Pose(0.0, 0.06, 0.0), 'facade', 'carriage_gap'),
+])
+def test_a_bad_goal_is_refused_counted_and_changes_nothing(neighbours, pose, frame, reason):
+    neighbours.send_goal()
+    neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the good goal')
+    neighbours.send_goal(pose, frame)
+    neighbours.ros.until(
+        lambda: neighbours.value(f'refused: {reason}') == '1', 'the count of the refusal')
+    assert 'bound' in neighbours.value('last refusal') or reason in ('not_finite', 'frame')
+    assert near(planar_pose(neighbours.corrected[-1].pose, 'pose'), GOAL, 1e-6)
+
+
+@pytest.mark.parametrize(('arguments', 'reason'), [
+    ({'pose': Pose(math.inf, 0.0, 0.0)}, 'not_finite'),
+    ({'frame': 'map'}, 'frame'),
+    ({'age': 1.0}, 'stale'),
+    ({'age': -1.0}, 'future'),
+    ({'pose': Pose(5.0, 0.0, 0.0)}, 'range'),
+])
+def test_a_bad_estimate_is_refused_and_counted(neighbours, arguments, reason):
+    neighbours.estimate(**arguments)
+    neighbours.ros.until(
+        lambda: neighbours.value(f'refused: {reason}') == '1', 'the count of the refusal')
+    assert 'no estimate' in neighbours.sentence()
+
+
+def test_an_estimator_that_falls_silent_is_reported_and_the_correction_fades(neighbours):
+    neighbours.start_estimator()
+    neighbours.send_goal()
+    neighbours.until_corrected(
+        lambda pose: near(on_the_wall(pose), GOAL), 'the corrected goal')
+    neighbours.node.destroy_timer(neighbours.timer)
+    neighbours.ros.until(lambda: 'silent' in neighbours.sentence(), 'the diagnosis')
+    neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal itself')
+
+
+def test_the_correction_can_be_disabled_and_enabled(neighbours):
+    neighbours.start_estimator()
+    neighbours.send_goal()
+    neighbours.until_corrected(
+        lambda pose: near(on_the_wall(pose), GOAL), 'the corrected goal')
+    for enabled, way in ((False, 'out'), (True, 'in')):
+        reply = neighbours.ros.call(
+            neighbours.node, SetBool, 'compensator/enable', SetBool.Request(data=enabled))
+        assert reply.success
+        assert f'fades {way}' in reply.message
+        neighbours.until_corrected(
+            lambda pose, e=enabled: near(on_the_wall(pose) if e else pose, GOAL),
+            f'the correction to fade {way}')
+
+
+def test_a_tare_makes_the_present_place_nominal(neighbours):
+    neighbours.start_estimator()
+    neighbours.send_goal()
+    neighbours.until_corrected(
+        lambda pose: near(on_the_wall(pose), GOAL), 'the corrected goal')
+    reply = neighbours.ros.call(neighbours.node, Trigger, 'compensator/tare')
+    assert reply.success
+    assert 'x +50.0 mm' in reply.message
+    neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal at the new place')
+
+
+def test_a_tare_without_an_estimate_is_refused(neighbours):
+    reply = neighbours.ros.call(neighbours.node, Trigger, 'compensator/tare')
+    assert not reply.success
+    assert 'none has come' in reply.message
+
+
+def test_the_course_begins_at_the_head(neighbours):
+    head = Pose(-0.05, 0.24, 0.0)
+    for _ in range(3):
+        neighbours.heads.publish(pose_stamped('rail', neighbours.now(), head))
+        neighbours.ros.executor.spin_once(0.02)
+    neighbours.send_goal()
+    neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
+    first = planar_pose(neighbours.corrected[0].pose, 'pose')
+    assert near(first, head, 0.01)
+
+
+def wrench(now, frame='end_effector', force=-10.0):
+    message = WrenchStamped()
+    message.header.frame_id, message.header.stamp = frame, stamp(now)
+    message.wrench.force.y = force
+    return message
+
+
+def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros):
+    neighbours = Neighbours(ros, **{'impedance.enabled': True, 'impedance.force': 10.0})
+    sensor = neighbours.node.create_publisher(
+        WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+
+    def feel():
+        pose = planar_pose(neighbours.corrected[-1].pose, 'pose') if neighbours.corrected else GOAL
+        sensor.publish(wrench(neighbours.now(), force=-600.0 * max(pose.y - 0.24, 0.0)))
+
+    neighbours.node.create_timer(0.02, feel)
+    neighbours.send_goal()
+    pressed = 0.24 + 10.0 / 600.0
+    neighbours.until_corrected(lambda pose: abs(pose.y - pressed) < 1e-3, 'the desired force')
+    ros.until(lambda: any(
+        status.name.endswith('compensator: contact') for message in neighbours.diagnostics
+        for status in message.status), 'the contact in the diagnostics')
+
+
+def test_the_slip_on_the_wall_is_brought_back(ros):
+    neighbours = Neighbours(ros, **{'lateral.enabled': True})
+    sensor = neighbours.node.create_publisher(
+        PointStamped, 'lateral_offset', qos_profile_sensor_data)
+
+    def see():
+        pose = planar_pose(neighbours.corrected[-1].pose, 'pose') if neighbours.corrected else GOAL
+        message = PointStamped()
+        message.header.frame_id = 'end_effector'
+        message.header.stamp = stamp(neighbours.now())
+        message.point.x = GOAL.x + 0.02 - pose.x
+        sensor.publish(message)
+
+    neighbours.node.create_timer(0.02, see)
+    neighbours.send_goal()
+    neighbours.until_corrected(lambda pose: abs(pose.x - GOAL.x - 0.02) < 1e-3, 'the slip')
+
+
+@pytest.mark.parametrize(('arguments', 'reason'), [
+    ({'frame': 'rail'}, 'frame'), ({'force': math.nan}, 'not_finite'), ({'age': 2.0}, 'stale')])
+def test_a_bad_wrench_is_refused_and_counted(neighbours, arguments, reason):
+    sensor = neighbours.node.create_publisher(
+        WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+    neighbours.ros.until(lambda: sensor.get_subscription_count() == 1, 'the compensator')
+    sensor.publish(wrench(neighbours.now() - arguments.pop('age', 0.0), **arguments))
+    neighbours.ros.until(
+        lambda: neighbours.value(f'refused: {reason}') == '1', 'the count of the refusal')
+
+
+def test_the_process_ends_cleanly_on_a_signal(start_process, ros):
+    for number in (signal.SIGINT, signal.SIGTERM):
+        process = start_process('facade_manipulator.nodes.compensator')
+        node = ros.node(f'listener_{int(number)}')
+        heard = ros.collect(node, DiagnosticArray, '/diagnostics')
+        ros.until(lambda found=heard: found, 'diagnostics')
+        process.send_signal(number)
+        wait_until(lambda p=process: p.poll() is not None, 'the process to end')
+        assert process.returncode == 0, process.log.read_text()
+
+
+def test_a_parameter_out_of_range_ends_the_process_with_a_sentence(start_process):
+    process = start_process(
+        'facade_manipulator.nodes.compensator', '--ros-args', '-p', 'horizon:=-1.0')
+    wait_until(lambda: process.poll() is not None, 'the process to end')
+    assert process.returncode == 2
+    assert 'horizon' in process.log.read_text()

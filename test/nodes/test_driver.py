@@ -1,0 +1,257 @@
+"""The driver node with simulated drives on its own virtual bus, from its topics and services."""
+
+import math
+import os
+import signal
+
+from diagnostic_msgs.srv import SelfTest
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+import pytest
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+from support import wait_until
+
+from facade_manipulator.drives.simulated.drive import Identity
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.ros.client import ManipulatorClient
+from facade_manipulator.ros.conversions import stamp
+from facade_manipulator.ros.runtime import LATEST, RELIABLE
+
+HOME = (-0.1, 0.1, 0.0)
+SIMULATED = (
+    Parameter('simulate_drives', value=True),
+    Parameter('bus.interface', value='virtual'),
+    # the machine of the tests may be busy; that such time-outs act is the controller's tests'
+    Parameter('controller.heartbeat_timeout', value=1.0),
+    Parameter('controller.watchdog_timeout', value=1.0),
+    Parameter('controller.max_missed_cycles', value=10),
+)
+
+
+class Bench:
+    """A driver node and an operator beside it."""
+
+    def __init__(self, ros, *overrides):
+        self.ros = ros
+        self.node = ros.add(DriverNode(parameter_overrides=[*SIMULATED, *overrides]))
+        self.operator = ros.node('operator')
+        self.states = ros.collect(self.operator, JointState, 'joint_states', RELIABLE)
+        self.setpoints = self.operator.create_publisher(JointState, 'joint_setpoints', LATEST)
+        self.software_stop = self.operator.create_publisher(Bool, 'software_stop', LATEST)
+        ros.until(lambda: self.setpoints.get_subscription_count()
+                  and self.software_stop.get_subscription_count(), 'the subscriptions')
+
+    def change(self, transition):
+        request = ChangeState.Request(transition=Transition(id=transition))
+        return self.ros.call(self.operator, ChangeState, 'driver/change_state', request).success
+
+    def ask(self, name):
+        return self.ros.call(self.operator, Trigger, f'driver/{name}', deadline=60.0)
+
+    def state(self):
+        return self.ros.call(
+            self.operator, GetState, 'driver/get_state').current_state.label
+
+    def bring_up(self):
+        assert self.change(Transition.TRANSITION_CONFIGURE)
+        assert self.ask('home').success
+        assert self.change(Transition.TRANSITION_ACTIVATE)
+
+    def now(self):
+        return self.operator.get_clock().now().nanoseconds * 1e-9
+
+    def send(self, positions, velocities=(0.0, 0.0, 0.0), ahead=0.06,
+             names=('q1', 'q2', 'q3')):
+        message = JointState(name=names, position=positions, velocity=velocities)
+        message.header.stamp = stamp(self.now() + ahead)
+        self.setpoints.publish(message)
+
+    def stream_to(self, shift, duration=0.6):
+        """Stream a smooth move of all carriages by `shift` until they are there."""
+        begin = self.now()
+        target = [q + shift for q in HOME]
+
+        def arrived():
+            share = min(1.0, (self.now() + 0.06 - begin) / duration)
+            blend = share * share * (3.0 - 2.0 * share)
+            self.send([q + blend * shift for q in HOME])
+            self.ros.executor.spin_once(0.005)
+            return self.position() == pytest.approx(target, abs=1e-3)
+        self.ros.until(arrived, 'the end of the move')
+
+    def position(self):
+        return list(self.states[-1].position) if self.states else None
+
+    def values(self, component='operation'):
+        statuses = {status.name: status for status in self.node._components()}
+        return {item.key: item.value for item in statuses[component].values}
+
+    def sentence(self, component='operation'):
+        return {status.name: status.message for status in self.node._components()}[component]
+
+
+@pytest.fixture
+def bench(ros):
+    return Bench(ros)
+
+
+def test_the_drives_follow_a_stream_of_setpoints_and_joint_states_tell_where_they_are(bench):
+    bench.bring_up()
+    bench.stream_to(0.04)  # within reach from anywhere on the way, should the stream pause
+    newest = bench.states[-1]
+    assert list(newest.name) == ['q1', 'q2', 'q3']
+    assert len(newest.velocity) == len(newest.effort) == 3
+    assert bench.change(Transition.TRANSITION_DEACTIVATE)
+    assert bench.state() == 'inactive'
+    assert bench.change(Transition.TRANSITION_CLEANUP)
+    assert bench.state() == 'unconfigured'
+
+
+def test_nothing_moves_before_the_operator_activates(bench):
+    bench.change(Transition.TRANSITION_CONFIGURE)
+    assert bench.states == []  # not homed: nobody knows where the carriages are
+    bench.ask('home')
+    bench.ros.until(lambda: bench.states, 'joint_states')
+    bench.send([q + 0.01 for q in HOME])
+    bench.ros.until(lambda: bench.node._refusals.total, 'the refusal')
+    assert 'setpoint refused: the drives are inactive' in bench.node._refusals.last_sentence
+    assert bench.position() == pytest.approx(HOME, abs=1e-4)
+
+
+def test_activation_is_refused_before_homing_and_says_so(bench):
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert 'home' in bench.sentence()
+    assert bench.state() == 'inactive'
+
+
+def test_home_is_refused_before_configure_with_the_next_step(bench):
+    reply = bench.ask('home')
+    assert not reply.success
+    assert 'configure the drives first' in reply.message
+
+
+@pytest.mark.parametrize('positions, names, reason', [
+    ((math.nan, 0.1, 0.0), ('q1', 'q2', 'q3'), 'refused: not_finite'),
+    ((-0.1, 0.1, 0.0), ('q1', 'q2', 'q2'), 'refused: names'),
+    ((-0.1, 0.1), ('q1', 'q2'), 'refused: names'),
+    ((0.2, 0.4, 0.3), ('q1', 'q2', 'q3'), 'refused: far_setpoint'),
+    ((-0.1, 0.6, 0.0), ('q1', 'q2', 'q3'), 'refused: stroke'),
+    ((-0.1, 0.1, -0.09), ('q1', 'q2', 'q3'), 'refused: carriage_gap'),
+])
+def test_a_bad_setpoint_is_counted_and_moves_nothing(bench, positions, names, reason):
+    bench.bring_up()
+    bench.send(positions, (0.0,) * len(positions), names=names)
+    bench.ros.until(lambda: bench.node._refusals.total, 'the refusal')
+    assert bench.values()[reason] == '1'
+    assert bench.state() == 'active'
+    assert bench.position() == pytest.approx(HOME, abs=1e-4)
+
+
+def test_a_stream_that_falls_silent_leaves_the_carriages_at_rest(bench):
+    bench.bring_up()
+    bench.stream_to(0.03)
+    bench.ros.until(lambda: bench.values()['activity'] == 'holding', 'rest')
+    assert bench.state() == 'active'
+
+
+def test_halt_holds_until_it_is_cleared(bench):
+    bench.bring_up()
+    assert bench.ask('halt').success
+    bench.send(HOME)
+    bench.ros.until(lambda: bench.node._refusals.total, 'the refusal')
+    assert 'halted' in bench.node._refusals.last_sentence
+    assert bench.ask('clear_faults').success
+    bench.stream_to(0.02)
+
+
+def test_software_stop_stops_the_drives_and_they_stay_stopped(bench):
+    bench.bring_up()
+    bench.software_stop.publish(Bool(data=True))
+    bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
+    assert 'software_stop was set' in bench.sentence()
+    bench.software_stop.publish(Bool(data=False))
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    bench.ros.until(lambda: bench.ask('clear_faults').success, 'cleared faults')
+    assert bench.change(Transition.TRANSITION_ACTIVATE)
+
+
+def test_a_software_stop_that_falls_silent_stops_the_drives(bench):
+    bench.bring_up()
+    bench.software_stop.publish(Bool(data=False))
+    bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
+    assert 'software_stop has been silent' in bench.sentence()
+
+
+def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(bench):
+    bench.bring_up()
+    with bench.node._simulator.access() as drives:
+        drives[1].inject_fault(0x8611)
+    bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
+    assert 'q2' in bench.sentence()
+    assert bench.values()['drive faults'] == '1'
+    assert bench.values()['next step']
+
+
+def test_the_last_minute_before_a_fault_is_written_down(ros, tmp_path):
+    bench = Bench(ros, Parameter('recorder.directory', value=str(tmp_path)),
+                  Parameter('recorder.aftermath', value=0.1))
+    bench.bring_up()
+    with bench.node._simulator.access() as drives:
+        drives[0].inject_fault(0x7320)
+    bench.ros.until(lambda: list(tmp_path.glob('drive_fault_*.zip')), 'the record')
+
+
+def test_the_self_test_reports_each_part(bench):
+    before = bench.ros.call(bench.operator, SelfTest, 'driver/self_test')
+    assert before.passed == b'\x00' and before.status[0].message
+    bench.change(Transition.TRANSITION_CONFIGURE)
+    reply = bench.ros.call(bench.operator, SelfTest, 'driver/self_test')
+    assert reply.passed == b'\x01', [status.message for status in reply.status]
+    assert len(reply.status) >= 3
+
+
+def test_a_drive_of_another_identity_is_refused_by_name(ros):
+    bench = Bench(ros, Parameter('q2.serial_number', value=77))
+    with bench.node._simulator.access() as drives:
+        drives[1].set_identity(Identity(serial_number=78))
+    assert not bench.change(Transition.TRANSITION_CONFIGURE)
+    assert 'q2' in bench.sentence() and '78' in bench.sentence() and '77' in bench.sentence()
+    assert bench.state() == 'unconfigured'
+
+
+def exit_status(process):
+    wait_until(lambda: process.poll() is not None, 'the end of the process')
+    return process.returncode
+
+
+def test_parameters_that_contradict_are_one_sentence_and_exit_status_2(start_process):
+    process = start_process(
+        'facade_manipulator.nodes.driver', '--ros-args', '-p', 'controller.rate:=300')
+    assert exit_status(process) == 2
+    assert 'rate = 300 Hz' in process.log.read_text()
+    assert 'Traceback' not in process.log.read_text()
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_active_driver_ends_cleanly_on_a_signal(ros_domain, start_process, number):
+    import rclpy
+
+    process = start_process(
+        'facade_manipulator.nodes.driver', '--ros-args', '-p', 'simulate_drives:=true',
+        '-p', 'controller.heartbeat_timeout:=1.0', '-p', 'controller.watchdog_timeout:=1.0',
+        '-p', 'controller.max_missed_cycles:=10')
+    rclpy.init(domain_id=ros_domain)
+    try:
+        with ManipulatorClient() as client:
+            client.configure()
+            client.home()
+            client.activate()
+            os.kill(process.pid, number)
+            assert exit_status(process) == 0
+    finally:
+        rclpy.try_shutdown()
+    assert 'Traceback' not in process.log.read_text()

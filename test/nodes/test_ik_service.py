@@ -1,0 +1,248 @@
+import math
+import re
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from nav_msgs.srv import GetPlan
+import pytest
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+
+from facade_manipulator.kinematics import (
+    Carriages,
+    forward_kinematics,
+    Geometry,
+    inverse_kinematics,
+    Pose,
+)
+from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.ros.conversions import planar_pose, pose_stamped, seconds, stamp
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
+
+GEOMETRY = Geometry()
+MIDDLE = Pose(0.05, 0.25, 0.1)
+
+
+@pytest.fixture
+def bench(ros):
+    """Give an ik_service node and everything around it."""
+    class Bench:
+        node = ros.add(IkServiceNode())
+        tester = ros.node('tester')
+
+        def __init__(self):
+            self.setpoints = ros.collect(self.tester, JointState, 'joint_setpoints', LATEST)
+            self.statuses = ros.collect(
+                self.tester, DiagnosticStatus, 'ik_service/status', LATCHED)
+            self.heads = ros.collect(self.tester, PoseStamped, 'end_effector_pose', RELIABLE)
+            self.goals = self.tester.create_publisher(PoseStamped, 'corrected_pose', LATEST)
+            self.states = self.tester.create_publisher(JointState, 'joint_states', RELIABLE)
+            ros.until(lambda: self.goals.get_subscription_count() == 1
+                      and self.states.get_subscription_count() == 1
+                      and self.node.count_subscribers('joint_setpoints') == 1
+                      and self.statuses, 'the graph')
+
+        def now(self):
+            return self.tester.get_clock().now().nanoseconds * 1e-9
+
+        def refusal(self, message):
+            self.statuses.clear()
+            self.goals.publish(message)
+            ros.until(lambda: self.statuses, 'a status')
+            assert self.statuses[-1].level == DiagnosticStatus.ERROR
+            assert self.setpoints == []
+            return self.statuses[-1].message
+
+        def solve(self, goal, start=None, tolerance=0.0):
+            request = GetPlan.Request(goal=goal, tolerance=tolerance)
+            if start is not None:
+                request.start = start
+            return ros.call(self.tester, GetPlan, 'ik_service/solve', request).plan
+
+    made = Bench()
+    made.until = ros.until
+    return made
+
+
+def rail(pose, time=0.0):
+    return pose_stamped('rail', time, pose)
+
+
+def test_a_stream_of_goals_becomes_setpoints_with_positions_and_velocities(bench):
+    begin, step, speed = bench.now(), 0.01, 0.2
+    for k in range(5):
+        pose = MIDDLE._replace(x=MIDDLE.x + speed * k * step)
+        bench.goals.publish(rail(pose, begin + k * step))
+        bench.until(lambda count=k: len(bench.setpoints) > count, 'a setpoint')
+    last = bench.setpoints[-1]
+    assert list(last.name) == ['q1', 'q2', 'q3']
+    assert list(last.position) == pytest.approx(inverse_kinematics(GEOMETRY, pose), abs=1e-12)
+    assert list(last.velocity) == pytest.approx([speed] * 3, rel=1e-3)
+    assert seconds(last.header.stamp) == pytest.approx(begin + 4 * step, abs=1e-6)
+
+
+def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
+    start = Pose(-0.05, 0.25, 0.0)
+    assert bench.node._leading.is_canceled()  # nothing to lead, nothing to wake up for
+    bench.states.publish(JointState(
+        name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, start)))
+    bench.until(lambda: bench.heads, 'end_effector_pose')
+    bench.goals.publish(rail(MIDDLE))
+    there = list(inverse_kinematics(GEOMETRY, MIDDLE))
+    bench.until(lambda: bench.setpoints and list(bench.setpoints[-1].position)
+                == pytest.approx(there, abs=1e-9), 'the setpoint of the goal')
+    times = [seconds(item.header.stamp) for item in bench.setpoints]
+    assert times == sorted(times)
+    steps = [abs(b.position[2] - a.position[2])
+             for a, b in zip(bench.setpoints, bench.setpoints[1:], strict=False)]
+    assert abs(bench.setpoints[0].position[2] - start.x) < 0.001 and max(steps) < 0.02
+    bench.until(bench.node._leading.is_canceled, 'the end of the approach')
+    count = len(bench.setpoints)
+    bench.goals.publish(rail(MIDDLE._replace(y=0.4)))
+    bench.until(lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the refusal')
+    assert len(bench.setpoints) == count
+
+
+@pytest.mark.parametrize('message, sentence', [
+    (rail(MIDDLE._replace(x=math.nan)), 'x = nan is not a finite number'),
+    (pose_stamped('facade', 0.0, MIDDLE), "in frame 'facade', expected 'rail'"),
+    (rail(MIDDLE._replace(y=0.4)), 'bound 0.352 m'),
+    (rail(MIDDLE._replace(y=0.055)), 'q3 - q1'),
+    (rail(MIDDLE._replace(x=0.5)), 'q2'),
+    (rail(MIDDLE._replace(y=-0.25)), 'y = -0.25 m'),
+    (rail(Pose(0.0, 0.35199, 0.0)), 'conditioning index'),
+])
+def test_a_goal_that_cannot_be_gives_no_setpoint_but_a_status_with_value_and_bound(
+        bench, message, sentence):
+    assert sentence in bench.refusal(message)
+
+
+def test_a_goal_out_of_the_plane_is_refused(bench):
+    message = rail(MIDDLE)
+    message.pose.position.z = 0.1
+    assert 'z = 0.1 m is out of the plane' in bench.refusal(message)
+
+
+def test_refusals_are_counted_by_reason_in_the_diagnostics(bench):
+    arrays = []
+    bench.tester.create_subscription(DiagnosticArray, '/diagnostics', arrays.append, RELIABLE)
+    bench.refusal(pose_stamped('facade', 0.0, MIDDLE))
+
+    def counted():
+        values = {item.key: item.value for array in arrays for status in array.status
+                  if status.name == 'ik_service: goal' for item in status.values}
+        return values.get('refused: frame') == '1'
+    bench.until(counted, 'the counter')
+
+
+def test_after_a_refused_goal_the_next_good_one_is_followed(bench):
+    bench.refusal(rail(MIDDLE._replace(y=0.4)))
+    bench.goals.publish(rail(MIDDLE, bench.now()))
+    bench.until(lambda: bench.setpoints, 'a setpoint')
+
+
+def test_the_pose_of_the_head_is_that_of_the_carriages_at_their_stamp(bench):
+    carriages = inverse_kinematics(GEOMETRY, MIDDLE)
+    message = JointState(name=['q3', 'q1', 'q2'],
+                         position=[carriages.q3, carriages.q1, carriages.q2])
+    message.header.stamp = stamp(12.5)
+    bench.states.publish(message)
+    bench.until(lambda: bench.heads, 'end_effector_pose')
+    head = bench.heads[-1]
+    assert head.header.frame_id == 'rail' and seconds(head.header.stamp) == 12.5
+    assert planar_pose(head.pose, 'head') == pytest.approx(MIDDLE, abs=1e-9)
+
+
+def test_solve_answers_with_the_carriages_of_one_pose(bench):
+    plan = bench.solve(rail(MIDDLE))
+    assert plan.header.frame_id == 'actuator_space'
+    point = plan.poses[0].pose.position
+    assert len(plan.poses) == 1
+    assert (point.x, point.y, point.z) == pytest.approx(inverse_kinematics(GEOMETRY, MIDDLE))
+
+
+def test_solve_answers_with_a_straight_path_whose_poses_lie_within_the_spacing(bench):
+    goal = Pose(-0.1, 0.28, -0.1)
+    plan = bench.solve(rail(goal), rail(MIDDLE), 0.002)
+    poses = [forward_kinematics(GEOMETRY, Carriages(p.x, p.y, p.z))
+             for p in (item.pose.position for item in plan.poses)]
+    assert poses[0] == pytest.approx(MIDDLE, abs=1e-9)
+    assert poses[-1] == pytest.approx(goal, abs=1e-9)
+    for a, b in zip(poses, poses[1:], strict=False):
+        assert math.hypot(b.x - a.x, b.y - a.y) <= 0.002
+    share = [(pose.x - MIDDLE.x) / (goal.x - MIDDLE.x) for pose in poses]
+    assert [pose.theta for pose in poses] == pytest.approx(
+        [MIDDLE.theta + s * (goal.theta - MIDDLE.theta) for s in share], abs=1e-9)
+
+
+@pytest.mark.parametrize('goal, start, tolerance, sentence', [
+    (rail(Pose(0.0, 0.4, 0.0)), None, 0.0, 'bound 0.352 m'),
+    (pose_stamped('facade', 0.0, MIDDLE), None, 0.0, "'facade'"),
+    (rail(MIDDLE), pose_stamped('map', 0.0, MIDDLE), 0.0, "start is in frame 'map'"),
+    (rail(Pose(-0.3, 0.25, 0.0)), rail(Pose(0.3, 0.25, 0.0)), 1e-7, 'tolerance|poses, bound'),
+    (rail(MIDDLE), rail(MIDDLE), -1.0, 'tolerance = -1.0 m is not a distance'),
+    (rail(MIDDLE), rail(MIDDLE), math.nan, 'tolerance = nan'),
+    (rail(Pose(0.0, 0.25, -0.25)), rail(Pose(0.0, 0.25, 0.5)), 0.0, 'b \\|sin'),
+])
+def test_solve_refuses_with_an_empty_plan_and_the_reason_on_the_status(
+        bench, goal, start, tolerance, sentence):
+    bench.statuses.clear()
+    assert len(bench.solve(goal, start, tolerance).poses) == 0
+    bench.until(lambda: bench.statuses, 'the status')
+    assert re.search(sentence, bench.statuses[-1].message)
+
+
+def test_a_live_change_of_the_conditioning_bound_takes_effect(bench):
+    pose = Pose(0.0, 0.34, 0.0)
+    assert len(bench.solve(rail(pose)).poses) == 1
+    assert bench.node.set_parameters([Parameter('min_conditioning', value=0.39)])[0].successful
+    assert len(bench.solve(rail(pose)).poses) == 0
+
+
+def test_joint_states_that_cannot_be_give_no_head_and_are_counted(bench):
+    bench.states.publish(JointState(name=['q1', 'q2'], position=[0.0, 0.1]))
+    bench.until(lambda: bench.node._refusals.total, 'the refusal')
+    assert bench.heads == []
+
+
+def test_the_drives_are_the_force_sensor_where_that_is_asked_for(ros):
+    ros.add(IkServiceNode(parameter_overrides=[
+        Parameter('contact_wrench.from_drives', value=True)]))
+    tester = ros.node('tester')
+    wrenches = ros.collect(tester, WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+    states = tester.create_publisher(JointState, 'joint_states', RELIABLE)
+    ros.until(lambda: states.get_subscription_count()
+              and tester.count_publishers('contact_wrench'), 'the graph')
+
+    def heard():
+        states.publish(JointState(
+            name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE),
+            velocity=[0.0] * 3, effort=[1.0, 2.0, 3.0]))
+        return wrenches
+    ros.until(heard, 'contact_wrench')
+    force = wrenches[-1].wrench.force
+    assert wrenches[-1].header.frame_id == 'end_effector'
+    along = math.cos(MIDDLE.theta) * force.x - math.sin(MIDDLE.theta) * force.y
+    assert along == pytest.approx(-6.0)
+
+
+def test_without_the_efforts_the_head_is_told_and_the_missing_force_is_refused(ros):
+    node = ros.add(IkServiceNode(parameter_overrides=[
+        Parameter('contact_wrench.from_drives', value=True)]))
+    tester = ros.node('tester')
+    heads = ros.collect(tester, PoseStamped, 'end_effector_pose', RELIABLE)
+    states = tester.create_publisher(JointState, 'joint_states', RELIABLE)
+
+    def heard():
+        states.publish(JointState(
+            name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE),
+            velocity=[0.0] * 3))
+        return heads and node._refusals.total
+
+    ros.until(heard, 'the head and the refusal')
+    assert node._refusals.last_sentence == 'joint_states has no effort for each of q1, q2, q3'
+
+
+def test_nobody_claims_to_be_a_force_sensor_unasked(bench):
+    assert bench.tester.count_publishers('contact_wrench') == 0

@@ -1,0 +1,76 @@
+"""The SROS2 policies allow each node what it does and no more."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+from rclpy.parameter import Parameter
+
+from facade_manipulator import config_path
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.monitor import Observer
+from facade_manipulator.ros.client import ManipulatorClient
+
+NAMESPACE = '/gondola_1'
+NODES = {'driver': DriverNode, 'compensator': CompensatorNode, 'ik_service': IkServiceNode}
+KINDS = {
+    ('topics', 'publish'): 'get_publisher_names_and_types_by_node',
+    ('topics', 'subscribe'): 'get_subscriber_names_and_types_by_node',
+    ('services', 'reply'): 'get_service_names_and_types_by_node',
+    ('services', 'request'): 'get_client_names_and_types_by_node',
+}
+POLICY = ElementTree.parse(config_path('sros2/gondola_1.policy.xml')).getroot()
+
+
+def allowed(node: str, tag: str, what: str) -> set[str]:
+    """Return the full names that a node's profile allows."""
+    profile, = (item for item in POLICY.iter('profile') if item.get('node') == node)
+    assert profile.get('ns') == NAMESPACE
+    names = [name.text for group in profile.findall(tag) if group.get(what) == 'ALLOW'
+             for name in group]
+    assert len(names) == len(set(names))
+    names = [name.replace('~', node) for name in names]
+    return {name if name.startswith('/') else f'{NAMESPACE}/{name}' for name in names}
+
+
+def used(node, name: str, method: str) -> set[str]:
+    return {topic for topic, _ in getattr(node, method)(name, NAMESPACE)}
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_a_nodes_profile_is_what_the_node_does(ros, name):
+    node = ros.add(NODES[name](
+        namespace=NAMESPACE, parameter_overrides=[Parameter('bus.interface', value='virtual')]))
+    if name == 'ik_service':
+        node._linkage._open()  # as when somebody looks
+    for (tag, what), method in KINDS.items():
+        ros.until(lambda t=tag, w=what, m=method: used(node, name, m) == allowed(name, t, w),
+                  f'{what}: {used(node, name, method) ^ allowed(name, tag, what)}', 3.0)
+
+
+@pytest.mark.parametrize('name, look', [('supervisor', id), ('monitor', Observer)])
+def test_supervisor_and_monitor_do_no_more_than_they_may(ros, name, look):
+    client = ManipulatorClient(NAMESPACE, name)
+    look(client)
+    try:
+        for what in ('publish', 'subscribe'):
+            own = {topic for topic in used(client.node, name, KINDS['topics', what])
+                   if not topic.startswith(NAMESPACE + '/' + name)}
+            assert own and own <= allowed(name, 'topics', what)
+        offered = used(client.node, name, KINDS['services', 'reply'])
+        assert offered == allowed(name, 'services', 'reply')
+    finally:
+        client.close()
+
+
+def test_only_ik_service_sends_setpoints_and_only_the_supervisor_powers_the_drives():
+    def profiles_with(tag, what, name):
+        return {profile.get('node') for profile in POLICY.iter('profile')
+                if f'{NAMESPACE}/{name}' in allowed(profile.get('node'), tag, what)}
+    assert profiles_with('topics', 'publish', 'joint_setpoints') == {'ik_service'}
+    assert profiles_with('services', 'request', 'driver/change_state') == {'supervisor'}
+    assert profiles_with('services', 'request', 'driver/set_parameters') == set()
+    assert profiles_with('services', 'request', 'driver/home') == {'supervisor'}

@@ -1,0 +1,182 @@
+"""What is believed of the estimator and what is refused."""
+
+from dataclasses import replace
+import itertools
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.errors import InputError, ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.prediction.estimate import (
+    Estimate,
+    EstimateGate,
+    EstimateMean,
+    EstimateSettings,
+    LEARNING_PERIOD,
+)
+
+SETTINGS = EstimateSettings()
+NOW = 1000.0
+STILL = Pose(0.0, 0.0, 0.0)
+VARIANCES = Pose(1e-6, 1e-6, 3e-6)
+
+
+def refusal(gate, now, stamp, pose):
+    with pytest.raises(InputError) as caught:
+        gate.check(now, stamp, pose)
+    return caught.value
+
+
+@given(st.tuples(*[st.floats(-0.5, 0.5)] * 3), st.floats(0.0, 0.29))
+def test_a_first_plausible_estimate_passes_unchanged(values, age):
+    pose = Pose(*values)
+    estimate = EstimateGate(SETTINGS).check(NOW, NOW - age, pose, (1e-4, 4e-4, 9e-4))
+    assert estimate == (NOW - age, pose, Pose(1e-4, 4e-4, 9e-4))
+
+
+@pytest.mark.parametrize('axis', Pose._fields)
+@pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_not_finite_is_refused_by_its_name(axis, value):
+    error = refusal(EstimateGate(SETTINGS), NOW, NOW, STILL._replace(**{axis: value}))
+    assert error.reason == 'not_finite'
+    assert axis in str(error)
+
+
+@pytest.mark.parametrize('pose', [Pose(2.1, 0.0, 0.0), Pose(0.0, -3.0, 0.0), Pose(0.0, 0.0, 0.7)])
+def test_a_gondola_that_far_away_is_not_believed(pose):
+    error = refusal(EstimateGate(SETTINGS), NOW, NOW, pose)
+    assert error.reason == 'range'
+    assert 'm' in str(error) or 'rad' in str(error)
+
+
+@pytest.mark.parametrize(('age', 'reason'), [(0.31, 'stale'), (-0.02, 'future')])
+def test_age_and_lead_have_bounds(age, reason):
+    error = refusal(EstimateGate(SETTINGS), NOW, NOW - age, STILL)
+    assert error.reason == reason
+    assert f'{abs(age):.3f} s' in str(error)
+
+
+@pytest.mark.parametrize('age', [0.299, 0.0, -0.009])
+def test_age_and_lead_within_their_bounds_pass(age):
+    EstimateGate(SETTINGS).check(NOW, NOW - age, STILL)
+
+
+@pytest.mark.parametrize('step', [0.0, -0.02])
+def test_an_estimate_that_is_not_newer_is_out_of_order(step):
+    gate = EstimateGate(SETTINGS)
+    gate.check(NOW, NOW - 0.05, STILL)
+    assert refusal(gate, NOW, NOW - 0.05 + step, STILL).reason == 'out_of_order'
+    gate.check(NOW, NOW - 0.03, STILL)
+
+
+@pytest.mark.parametrize('pose', [Pose(0.1, 0.0, 0.0), Pose(0.0, -0.1, 0.0), Pose(0.0, 0.0, 0.1)])
+def test_a_jump_is_refused_and_what_follows_on_the_old_course_passes(pose):
+    gate = EstimateGate(SETTINGS)
+    gate.check(NOW, NOW, STILL)
+    error = refusal(gate, NOW + 0.02, NOW + 0.02, pose)
+    assert error.reason == 'jump'
+    assert 'bound' in str(error)
+    gate.check(NOW + 0.04, NOW + 0.04, STILL)
+
+
+def test_a_jump_that_lasts_is_believed_once_the_gondola_could_be_there():
+    gate = EstimateGate(SETTINGS)
+    gate.check(NOW, NOW, STILL)
+    there, outcomes = Pose(0.2, 0.0, 0.0), []
+    for k in range(1, 20):
+        try:
+            gate.check(NOW + 0.02 * k, NOW + 0.02 * k, there)
+            outcomes.append('believed')
+        except InputError as error:
+            outcomes.append(error.reason)
+    believed = outcomes.index('believed')
+    assert set(outcomes[:believed]) == {'jump'}
+    assert set(outcomes[believed:]) == {'believed'}
+    assert believed * 0.02 == pytest.approx(0.17, abs=0.021)
+
+
+@pytest.mark.parametrize('variance', [0.0, -1.0, math.nan, math.inf])
+def test_an_unknown_variance_becomes_the_configured_one(variance):
+    estimate = EstimateGate(SETTINGS).check(NOW, NOW, STILL, (variance,) * 3)
+    assert estimate.variances == pytest.approx(
+        (SETTINGS.position_noise ** 2, SETTINGS.position_noise ** 2, SETTINGS.yaw_noise ** 2))
+
+
+def test_a_variance_too_good_to_be_true_is_raised():
+    estimate = EstimateGate(SETTINGS).check(NOW, NOW, STILL, (1e-30,) * 3)
+    assert estimate.variances == pytest.approx((SETTINGS.least_noise ** 2,) * 3)
+
+
+def test_other_variances_or_bounds_are_believed_from_the_next_estimate_on():
+    gate, pose = EstimateGate(SETTINGS), Pose(0.0, 0.0, 0.0)
+    told = [
+        gate.check(1000.0 + 0.02 * k, 1000.0 + 0.02 * k, pose, variances).variances
+        for k, variances in enumerate([(1e-6,) * 3, (1e-6,) * 3, (4e-6, 0.0, 1e-6)])]
+    assert told[0] == told[1] == pytest.approx((1e-6,) * 3)
+    assert told[2] == pytest.approx((4e-6, SETTINGS.position_noise ** 2, 1e-6))
+    gate.change_settings(replace(SETTINGS, least_noise=0.1))
+    estimate = gate.check(1000.06, 1000.06, pose, (4e-6, 0.0, 1e-6))
+    assert estimate.variances.x == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize('change', [
+    {'longest_age': 0.0}, {'fastest': math.nan}, {'largest_yaw': 4.0}, {'yaw_jump': -1.0}])
+def test_settings_out_of_range_are_refused(change):
+    with pytest.raises(ParameterError, match=next(iter(change))):
+        replace(SETTINGS, **change)
+
+
+def estimates(*stamps):
+    """Return one estimate per stamp, which says its number."""
+    return [Estimate(NOW + stamp, Pose(float(k), 0.0, -float(k)), VARIANCES)
+            for k, stamp in enumerate(stamps)]
+
+
+def learnt(given):
+    mean = EstimateMean()
+    return [one for one in map(mean.add, given) if one is not None]
+
+
+@pytest.mark.parametrize('rate', [20.0, 50.0, 60.0])
+def test_an_estimate_that_comes_in_its_time_is_learnt_as_it_is(rate):
+    given = estimates(*(k / rate for k in range(20)))
+    assert learnt(given) == given
+
+
+@given(st.lists(st.floats(-5e-4, 5e-4), min_size=100, max_size=100))
+def test_jitter_at_60_hz_loses_no_estimate(jitter):
+    given = estimates(*(k / 60.0 + late for k, late in enumerate(jitter)))
+    used = sum(round(VARIANCES[0] / one.variances[0]) for one in learnt(given))
+    assert used >= len(given) - 1  # the last may wait for its next
+
+
+def test_of_faster_estimates_the_mean_is_learnt():
+    first, second = learnt(estimates(0.0, 0.004, 0.008, 0.012, 0.016))
+    assert first.stamp == NOW
+    assert second.stamp == pytest.approx(NOW + 0.010)
+    assert second.pose == pytest.approx((2.5, 0.0, -2.5))
+    assert second.variances == pytest.approx([v / 4 for v in VARIANCES])
+
+
+@given(st.lists(st.floats(0.001, 0.1), min_size=1, max_size=60))
+def test_whatever_their_rate_means_follow_closely_and_in_order(steps):
+    mean, last = EstimateMean(), -math.inf
+    for estimate in estimates(*itertools.accumulate(steps)):
+        one = mean.add(estimate)
+        if one is not None:
+            assert last < one.stamp <= estimate.stamp
+            assert estimate.stamp - one.stamp < 2 * LEARNING_PERIOD
+            last = one.stamp
+
+
+def test_what_was_kept_before_a_silence_is_in_no_mean():
+    *_, last = learnt(estimates(0.0, 0.01, 5.0))
+    assert last == estimates(0.0, 0.01, 5.0)[-1]
+
+
+def test_with_the_clock_set_back_the_next_estimate_is_learnt_at_once():
+    *_, last = learnt(estimates(0.0, 0.01, -100.0))
+    assert last == estimates(0.0, 0.01, -100.0)[-1]

@@ -1,0 +1,51 @@
+"""The client: no goal is lost, and a request is answered with the node's own sentence."""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import PoseStamped
+import pytest
+from support import DEADLINE
+
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRefusedError
+from facade_manipulator.ros.runtime import LATEST
+
+GOAL = Pose(0.05, 0.25, 0.0)
+
+
+@pytest.fixture
+def client(ros):
+    with ManipulatorClient('gondola_1') as made:
+        yield made
+
+
+def test_the_first_goal_reaches_all_who_listen(ros, client):
+    heard = [ros.collect(ros.node(f'listener_{i}', namespace='gondola_1'), PoseStamped,
+                         'goal_pose', LATEST) for i in range(3)]
+    client.wait_until(lambda: client.node.count_subscribers('goal_pose') == 3, 'the listeners')
+    client.send_goal(GOAL)
+    ros.until(lambda: all(heard), 'the goal at each listener')
+    assert client.goal == GOAL
+
+
+def test_a_goal_that_nobody_takes_is_an_error(client, monkeypatch):
+    monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
+    with pytest.raises(NoAnswerError, match='a compensator that takes goals: not within 0.1 s'):
+        client.send_goal(GOAL)
+    assert client.goal is None
+
+
+def test_the_compensation_is_asked_for_by_its_names_and_its_refusal_is_raised(
+        client, start_process):
+    start_process('facade_manipulator.nodes.compensator', '--ros-args', '-r', '__ns:=/gondola_1')
+    client.wait_until(lambda: client.component('compensator: correction'), 'it', DEADLINE)
+    assert 'fades out' in client.enable_compensation(False)
+    assert 'fades in' in client.enable_compensation()
+    with pytest.raises(RequestRefusedError, match='compensator/tare: cannot tare without'):
+        client.tare()
+
+
+def test_one_who_only_looks_publishes_nothing_of_the_machine(client):
+    published = {name for name, _ in client.node.get_publisher_names_and_types_by_node(
+        'supervisor', '/gondola_1')}
+    assert published <= {'/rosout', '/parameter_events'}

@@ -1,0 +1,72 @@
+"""The computer's clock is set: everything learns anew and the head does not jump."""
+
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.compensator import Compensator
+from facade_manipulator.compensation.correction import Mode
+from facade_manipulator.errors import InputError
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics.planar import compose, invert
+
+PERIOD = 0.01
+GOAL = Pose(0.05, 0.25, 0.0)
+STEPS = (-3600.0, -5.0, -0.6, 5.0, 3600.0)
+
+
+def sway(time):
+    return Pose(0.08 * math.sin(0.7 * time), 0.01 * math.sin(1.2 * time), 0.0)
+
+
+class Course:
+    """A compensator whose head follows at once, on a clock that can be set."""
+
+    def __init__(self):
+        self.compensator = Compensator(Geometry())
+        self.compensator.take_goal(GOAL)
+        self.true, self.set_by = 1000.0, 0.0
+        self.head = compose(invert(sway(self.true)), GOAL)
+        self.poses, self.refused = [], 0
+
+    def go(self, duration):
+        for k in range(round(duration / PERIOD)):
+            self.true += PERIOD
+            now = self.true + self.set_by
+            self.hear(self.compensator.take_head, now - PERIOD, self.head)
+            if k % 2:
+                self.hear(self.compensator.take_estimate, now, now - 0.05,
+                          sway(self.true - 0.05), (0.0, 0.0, 0.0))
+            corrected = self.compensator.update(now)
+            self.head = corrected.pose
+            self.poses.append(corrected.pose)
+
+    def hear(self, take, *arguments):
+        try:
+            take(*arguments)
+        except InputError:
+            self.refused += 1
+
+
+@pytest.mark.parametrize('step', STEPS)
+def test_a_set_clock_neither_stops_the_correction_nor_makes_the_head_jump(step):
+    course = Course()
+    course.go(8.0)
+    course.set_by = step
+    course.go(10.0)
+    assert course.compensator.correction.mode is Mode.ACTIVE
+    here = compose(sway(course.true + 0.06), course.head)
+    assert here == pytest.approx(tuple(GOAL), abs=4e-3)
+    moves = abs(np.diff([pose[:2] for pose in course.poses], axis=0))
+    assert moves.max() < 0.02
+    assert course.refused < 100
+
+
+def test_hardly_anything_is_refused_after_the_clock_was_set_back():
+    course = Course()
+    course.go(2.0)
+    before = course.refused
+    course.set_by = -3600.0
+    course.go(2.0)
+    assert course.refused - before < 5

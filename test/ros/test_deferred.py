@@ -1,0 +1,121 @@
+from concurrent.futures import Future
+import threading
+
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+import pytest
+from std_srvs.srv import Trigger
+
+from facade_manipulator.errors import DriveTimeoutError
+from facade_manipulator.ros.deferred import Deferred, DeferredReplies
+from facade_manipulator.ros.lifecycle import ManagedNode
+
+
+def answer(job):
+    return Trigger.Response(success=True, message=job.result())
+
+
+def test_a_deferred_answer_comes_when_its_job_is_done_and_the_node_answers_others_meanwhile(ros):
+    node = ros.node('server')
+    job = Future()
+    replies = DeferredReplies(node)
+    replies.attach(node.create_service(Trigger, 'slow', lambda *_: Deferred(job, answer)))
+    node.create_service(Trigger, 'quick', lambda _, r: Trigger.Response(success=True))
+    caller = ros.node('caller')
+    slow = caller.create_client(Trigger, 'slow')
+    ros.until(slow.service_is_ready, 'slow')
+    pending = slow.call_async(Trigger.Request())
+    assert ros.call(caller, Trigger, 'quick').success
+    assert not pending.done()
+    threading.Thread(target=job.set_result, args=('homed',)).start()
+    ros.until(pending.done, 'the deferred answer')
+    assert pending.result().message == 'homed'
+
+
+def test_a_job_that_is_done_already_is_answered_too(ros):
+    node = ros.node('server')
+    job = Future()
+    job.set_result('at once')
+    DeferredReplies(node).attach(
+        node.create_service(Trigger, 'done', lambda *_: Deferred(job, answer)))
+    assert ros.call(ros.node('caller'), Trigger, 'done').message == 'at once'
+
+
+def test_an_attached_service_may_still_answer_at_once(ros):
+    node = ros.node('server')
+    DeferredReplies(node).attach(node.create_service(
+        Trigger, 'plain', lambda *_: Trigger.Response(success=False, message='no')))
+    assert ros.call(ros.node('caller'), Trigger, 'plain').message == 'no'
+
+
+class Machine(ManagedNode):
+    """A managed node whose next jobs the test holds."""
+
+    def __init__(self, **kwargs):
+        super().__init__('machine', **kwargs)
+        self.job = Future()
+
+    def transition_jobs(self):
+        return dict.fromkeys((
+            State.TRANSITION_STATE_CONFIGURING, State.TRANSITION_STATE_ACTIVATING,
+            State.TRANSITION_STATE_DEACTIVATING, State.TRANSITION_STATE_SHUTTINGDOWN,
+        ), self._start)
+
+    def _start(self):
+        self.job = Future()
+        return self.job
+
+
+@pytest.fixture
+def machine(ros):
+    node = ros.add(Machine())
+    caller = ros.node('caller')
+    client = caller.create_client(ChangeState, 'machine/change_state')
+    ros.until(client.service_is_ready, 'change_state')
+
+    def change(transition, outcome=None, **by):
+        before = node.job
+        pending = client.call_async(
+            ChangeState.Request(transition=Transition(id=transition, **by)))
+        ros.until(lambda: node.job is not before or pending.done(), 'the transition to begin')
+        if node.job is not before:
+            during = ros.call(caller, GetState, 'machine/get_state').current_state.label
+            set_outcome = (node.job.set_exception if isinstance(outcome, Exception)
+                           else node.job.set_result)
+            set_outcome(outcome)
+            ros.until(pending.done, 'the end of the transition')
+            return pending.result().success, during, node.state_label
+        return pending.result().success, None, node.state_label
+
+    change.node = node
+    return change
+
+
+def test_a_transition_takes_its_time_in_the_transition_state(machine):
+    assert machine(Transition.TRANSITION_CONFIGURE, 'ready') == (True, 'configuring', 'inactive')
+    assert machine(Transition.TRANSITION_ACTIVATE, 'on') == (True, 'activating', 'active')
+
+
+def test_a_transition_is_found_by_its_label(machine):
+    assert machine(0, 'ready', label='configure') == (True, 'configuring', 'inactive')
+    assert machine(0, 'bye', label='shutdown') == (True, 'shuttingdown', 'finalized')
+
+
+def test_a_failing_job_leaves_the_node_where_it_was(machine):
+    outcome = machine(Transition.TRANSITION_CONFIGURE, DriveTimeoutError('q1 is silent'))
+    assert outcome == (False, 'configuring', 'unconfigured')
+
+
+@pytest.mark.parametrize('transition', [
+    Transition.TRANSITION_ACTIVATE, 99, Transition.TRANSITION_CALLBACK_SUCCESS])
+def test_a_transition_that_is_not_possible_now_is_refused(machine, transition):
+    assert machine(transition) == (False, None, 'unconfigured')
+
+
+def test_a_node_whose_drives_stopped_falls_back_to_inactive(machine):
+    machine(Transition.TRANSITION_CONFIGURE, 'ready')
+    machine(Transition.TRANSITION_ACTIVATE, 'on')
+    machine.node.fall_back()
+    assert machine.node.state_label == 'inactive'
+    machine.node.fall_back()
+    assert machine.node.state_label == 'inactive'

@@ -1,0 +1,53 @@
+import time
+
+import pytest
+import rclpy
+from rclpy import experimental
+from rclpy.executors import SingleThreadedExecutor
+from std_msgs.msg import Empty
+
+from facade_manipulator.ros import executors
+from facade_manipulator.ros.executors import choose_executor
+
+
+class Deaf:
+    """An executor as rclpy 7.1.6 has it when spun without a time-out: nothing ever arrives."""
+
+    def add_node(self, _):
+        pass
+
+    def remove_node(self, _):
+        pass
+
+    def spin_once(self, timeout_sec):
+        time.sleep(0.001)
+
+
+def broken():
+    raise RuntimeError('not in this build')
+
+
+def test_messages_arrive_in_the_executor_that_is_chosen(ros):
+    node = rclpy.create_node('listener')
+    heard = []
+    node.create_subscription(Empty, 'told', heard.append, 1)
+    publisher = node.create_publisher(Empty, 'told', 1)
+    node.create_timer(0.01, lambda: publisher.publish(Empty()))
+    executor = choose_executor()
+    executor.add_node(node)
+    ros.executor = executor
+    ros.until(lambda: heard, 'a message')
+    node.destroy_node()
+
+
+@pytest.mark.parametrize('events_executor', [Deaf, broken])
+def test_an_events_executor_that_does_not_work_is_replaced(ros, monkeypatch, events_executor):
+    monkeypatch.setattr(experimental, 'EventsExecutor', events_executor)
+    monkeypatch.setattr(executors, 'PATIENCE', 0.1)
+    assert isinstance(choose_executor(), SingleThreadedExecutor)
+
+
+def test_nothing_of_the_check_remains_in_the_graph(ros):
+    choose_executor()
+    witness = ros.node('witness')
+    ros.until(lambda: witness.get_node_names() == ['witness'], 'the check to be gone')

@@ -1,0 +1,78 @@
+"""What the nodes say and what the README says about it are the same."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+import re
+
+import pytest
+
+import facade_manipulator
+from facade_manipulator.compensation.correction import Mode
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.errors import LimitError
+from facade_manipulator.nodes.compensator_report import HOLDS
+
+PACKAGE = Path(facade_manipulator.__file__).parent
+README = PACKAGE.parent / 'README.md'
+OF_A_STOP = ('Cause', '_supervised', '_stop_drives')
+
+if not README.is_file():
+    pytest.skip('the README stands in the source tree alone', allow_module_level=True)
+
+
+def text(node: ast.expr) -> str:
+    """Return a literal string with … for what is formatted into it, '' for anything else."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return ''.join(text(part) or '…' for part in node.values)
+    return ''
+
+
+def first_arguments(*names: str) -> set[str]:
+    """Return the first argument of every call of a function in the package, if it is literal."""
+    found = set()
+    for path in PACKAGE.rglob('*.py'):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and node.args:
+                called = getattr(node.func, 'id', getattr(node.func, 'attr', ''))
+                if called in names:
+                    found.add(text(node.args[0]))
+    return {item for item in found if item.strip('…: ')}
+
+
+def table(after: str) -> list[str]:
+    """Return the code of the first column of the README's table after a phrase."""
+    rest = README.read_text().split(after, 1)[1]
+    rows = re.search(r'\n\n\|.*\n\|[-|]+\n((?:\|.*\n)+)', rest).group(1).splitlines()
+    return [code for row in rows for code in re.findall('`([^`]+)`', row.split('|')[1])]
+
+
+def subclasses(kind: type) -> set[type]:
+    return {kind}.union(*(subclasses(child) for child in kind.__subclasses__()))
+
+
+def test_every_reason_of_a_refusal_stands_in_the_readme_and_no_other():
+    reasons = first_arguments('InputError')
+    reasons |= {kind.reason for kind in subclasses(LimitError) - {LimitError}}
+    reasons |= {state.value for state in ControllerState} - {'active'}
+    documented = table('**Refused messages**')
+    assert len(documented) == len(set(documented))
+    assert set(documented) == reasons | {'other'}
+
+
+def test_every_cause_of_a_stop_stands_in_the_readme_and_no_other():
+    causes = first_arguments(*OF_A_STOP)
+    documented = [code for code in table('**Stopped drives**') if not re.match(r'\d{4}h', code)]
+    assert len(causes) > 8
+    missing = {cause for cause in causes if not any(code in cause for code in documented)}
+    assert not missing
+    gone = {code for code in documented if not any(code in cause for cause in causes)}
+    assert gone == {ControllerState.BUS_LOST.value}
+
+
+def test_everything_that_keeps_the_compensator_from_compensating_stands_in_the_readme():
+    assert set(table('**Not compensating**')) == (
+        {mode.value for mode in Mode} - {'compensating'} | set(HOLDS.values()))

@@ -1,0 +1,86 @@
+"""How a node's process ends."""
+
+import os
+import signal
+from threading import Timer
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
+
+from facade_manipulator.ros import executors, runtime
+
+DEADLINE = 10.0
+
+
+@pytest.fixture(params=['chosen', 'fall-back'], autouse=True)
+def executor(request, monkeypatch):
+    """Run every test in the executor that is chosen here, and in that of last resort."""
+    if request.param == 'fall-back':
+        monkeypatch.setattr(runtime, 'choose_executor', SingleThreadedExecutor)
+    return request.param
+
+
+@pytest.fixture
+def handlers():
+    """Put back the signal handlers that a process of nodes has for itself."""
+    before = {number: signal.getsignal(number) for number in runtime.STOP_SIGNALS}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+def ending(how):
+    """Return what makes a node that ends its process in a callback."""
+    def make_nodes():
+        node = rclpy.create_node('ending')
+        node.create_timer(0.01, how)
+        return [node]
+
+    return make_nodes
+
+
+@pytest.mark.parametrize('number', runtime.STOP_SIGNALS)
+def test_a_signal_ends_a_node_in_order(ros_domain, handlers, capfd, number):
+    assert runtime.run(ending(lambda: os.kill(os.getpid(), number))) == 0
+    assert 'ended' not in capfd.readouterr().err
+
+
+@pytest.mark.parametrize('number', runtime.STOP_SIGNALS)
+def test_a_signal_ends_a_node_where_nothing_happens(ros_domain, handlers, number):
+    timers = [Timer(0.3, os.kill, (os.getpid(), number)), Timer(DEADLINE, rclpy.try_shutdown)]
+    for timer in timers:
+        timer.start()
+    assert runtime.run(lambda: [rclpy.create_node('idle')]) == 0
+    timers[1].cancel()
+
+
+def test_an_error_in_a_callback_ends_the_node_and_is_not_hidden(ros_domain, handlers):
+    def fail():
+        raise ZeroDivisionError('nobody foresaw this')
+
+    with pytest.raises(ZeroDivisionError, match='nobody foresaw'):
+        runtime.run(ending(fail))
+
+
+def test_no_event_leaves_anything_on_the_future_that_ends_it(ros, executor):
+    end, left = Future(), []
+
+    def look():
+        left.append(len(end._callbacks))
+        if len(left) > 200:
+            end.set_result(None)
+
+    chosen = executors.choose_executor() if executor == 'chosen' else SingleThreadedExecutor()
+    node = rclpy.create_node('busy')
+    node.create_timer(0.001, look)
+    chosen.add_node(node)
+    executors.spin(chosen, end)
+    assert max(left) <= 2
+    node.destroy_node()
+
+
+def test_no_node_ends_in_silence_when_ros_is_shut_down(ros_domain, handlers, capfd):
+    assert runtime.run(ending(rclpy.try_shutdown)) == 1
+    assert 'by no signal' in capfd.readouterr().err

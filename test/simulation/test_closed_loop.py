@@ -1,0 +1,79 @@
+"""The whole loop, simulated: the head stands still on the wall while the gondola sways."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.compensator import CompensatorSettings
+from facade_manipulator.compensation.correction import CorrectionSettings
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings
+from facade_manipulator.simulation.estimator import EstimatorSettings
+from facade_manipulator.simulation.sway import Sway, SwaySettings
+
+HEAD = Pose(0.0, 0.2498, 0.0)
+GOAL = Pose(0.0, 0.25, 0.0)
+STROKES = (GOAL, Pose(0.12, 0.25, 0.0), Pose(-0.12, 0.265, math.radians(3.0)))
+
+
+def loop(**changes):
+    return ClosedLoop(
+        Geometry(), LoopSettings()._replace(**changes), Sway(SwaySettings()).at, HEAD)
+
+
+def test_the_default_wind_is_attenuated_while_the_head_cleans():
+    run = loop()
+    run.run(1.0)
+    for stroke in STROKES:
+        run.send_goal(stroke)
+        run.run(6.0)
+    report = run.wall.report()['axes']
+    assert run.refusals == []
+    assert run.follower.brakes == 0
+    for axis, least in (('x', 34.0), ('y', 18.0), ('theta', 22.0)):
+        assert report[axis]['attenuation_db'] > least
+
+
+def test_without_compensation_nothing_is_attenuated():
+    run = loop(compensator=CompensatorSettings(correction=CorrectionSettings(enabled=False)))
+    run.send_goal(GOAL)
+    run.run(12.0)
+    for axis in run.wall.report()['axes'].values():
+        assert axis['attenuation_db'] == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize('event', ['disable', 'tare', 'lost'])
+def test_no_transition_makes_the_head_jump(event):
+    silence = {'silent_from': 10.0, 'silent_for': 3.0} if event == 'lost' else {}
+    run = loop(estimator=EstimatorSettings(**silence))
+    run.send_goal(GOAL)
+    run.run(10.0)
+    correction = run.compensator.correction
+    if event == 'disable':
+        correction.enabled = False
+    elif event == 'tare':
+        correction.tare(run.now)
+    steps = run.run(3.0)
+    correction.enabled = True
+    steps += run.run(5.0)
+    heads = np.array([step.sample.head for step in steps])
+    assert (abs(np.diff(heads, 2, axis=0)).max(axis=0) < (1e-3, 1e-3, math.radians(0.1))).all()
+    assert run.refusals == []
+    assert run.follower.brakes == 0
+
+
+def test_slower_drives_than_assumed_cost_some_attenuation_but_no_stability():
+    run = loop(drive_lag=0.03)
+    run.send_goal(GOAL)
+    run.run(15.0)
+    assert run.wall.report()['axes']['x']['attenuation_db'] > 30.0
+
+
+def test_lost_and_late_estimates_are_refused_and_survived():
+    run = loop(estimator=replace(EstimatorSettings(), loss=0.2, latency=0.08, jitter=0.06))
+    run.send_goal(GOAL)
+    run.run(15.0)
+    assert any('older than the one before' in sentence for sentence in run.refusals)
+    assert run.wall.report()['axes']['x']['attenuation_db'] > 26.0
