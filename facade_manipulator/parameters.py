@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 from facade_manipulator.errors import ParameterError
 
 METADATA_KEY = 'parameter'
+Class = TypeVar('Class')
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,32 @@ def parameter(default: Any, description: str, **info: Any) -> Any:
     return field(default=default, metadata={METADATA_KEY: ParameterInfo(description, **info)})
 
 
+def settings(cls: type[Class]) -> type[Class]:
+    """
+    Make a class a frozen dataclass that checks its parameters whenever one is made.
+
+    Rules between fields stand in the class's own ``__post_init__``, which runs after the check.
+
+    Raises
+    ------
+    ParameterError
+        When an instance is made, as `check_parameters` does.
+
+    """
+    rules = getattr(cls, '__post_init__', None)
+
+    def check(self: Any) -> None:
+        check_parameters(self)
+        if rules is not None:
+            rules(self)
+
+    cls.__post_init__ = check
+    return dataclass(frozen=True)(cls)
+
+
 def check_parameters(instance: Any) -> None:
     """
     Check every parameter of a dataclass instance against its declared range.
-
-    Call it first in ``__post_init__``, rules between fields after it.
 
     Raises
     ------

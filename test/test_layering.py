@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,7 @@ ROOMS = {
 ROS_ROOMS = {'ros', 'nodes', 'demo'}  # these may import everything
 PURE_ROOMS = {'errors', 'parameters', 'kinematics', 'prediction', 'motion', 'compensation',
               'simulation'}
+DRAWING = {('simulation', 'pictures')}
 CLOCKS_AND_IO = {'datetime', 'os', 'random', 'select', 'signal', 'socket', 'subprocess', 'time'}
 ROS_PREFIXES, ROS_SUFFIXES = ('rcl', 'ros', 'launch', 'tf2', 'ament'), ('_msgs', '_srvs')
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob('*.py'))
@@ -78,6 +80,28 @@ def test_imports_point_one_way():
              if (beyond := rooms_imported(imports_of(module)) - ROOMS[room_of_module(module)]
                  - {room_of_module(module)})}
     assert not wrong
+
+
+def test_across_rooms_one_imports_from_faces():
+    """A room's face is what its `__init__` exports; what draws is imported by who draws."""
+    faces = {room: set(importlib.import_module(f'{NAME}.{room}').__all__)
+             for room in (*ROOMS, 'ros') if (PACKAGE / room.replace('.', '/')).is_dir()}
+    wrong = [f'{module}: {".".join(name)}' for module in MODULES for name in imports_of(module)
+             if name[0] == NAME and len(name) > 2 and name[1:3] not in DRAWING
+             and (room := room_of(name[1:])) in faces and room != room_of_module(module)
+             and not on_the_face(name, room, faces[room])]
+    assert not wrong
+
+
+def on_the_face(name: tuple[str, ...], room: str, face: set[str]) -> bool:
+    """Return whether an imported name is exported by the room's face."""
+    return name[1:-1] == tuple(room.split('.')) and name[-1] in face
+
+
+def test_every_room_says_what_comes_in_and_goes_out():
+    wordless = [module for module in MODULES if module.name == '__init__.py'
+                and not ast.get_docstring(ast.parse((PACKAGE / module).read_text()))]
+    assert not wordless
 
 
 def test_only_the_nodes_import_ros():

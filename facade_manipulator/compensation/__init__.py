@@ -1,0 +1,29 @@
+"""
+The compensation: a goal on the wall and the disturbance in, the pose to send to the rail out.
+
+In: goals in frame `facade`, estimates of the disturbance, wrench and lateral offset of the
+contact, the head's measured pose, each with its time. Out: `CorrectedPose` in frame `rail`,
+within the workspace and the limits of motion, for the instant it is meant for. Knows no ROS,
+clock or I/O.
+"""
+
+from facade_manipulator.compensation.compensator import (
+    Compensator,
+    CompensatorSettings,
+    CorrectedPose,
+    DEFAULTS,
+)
+from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
+from facade_manipulator.compensation.correction import Mode
+from facade_manipulator.compensation.workspace_limit import Border
+
+__all__ = [
+    'Border',
+    'Compensator',
+    'CompensatorSettings',
+    'contact_wrench',
+    'CorrectedPose',
+    'DEFAULTS',
+    'FrictionSettings',
+    'Mode',
+]

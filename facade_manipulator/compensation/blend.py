@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from facade_manipulator.kinematics import Pose, Twist
-from facade_manipulator.kinematics.planar import MotionState, ZERO_STATE
+from facade_manipulator.kinematics import MotionState, Pose, Twist, ZERO_STATE
 
 QUICKEST = 1e-3
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left

@@ -8,7 +8,6 @@ motion, then led in at the border of the workspace, so that nothing can lead it 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 from typing import Any, NamedTuple
 
@@ -24,26 +23,28 @@ from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpe
 from facade_manipulator.compensation.lateral import LateralSettings
 from facade_manipulator.compensation.tracker import Tracker
 from facade_manipulator.compensation.workspace_limit import Border, BorderSettings
-from facade_manipulator.kinematics import certify, Geometry, Pose, Wrench
-from facade_manipulator.kinematics.planar import (
+from facade_manipulator.kinematics import (
     add,
+    certify,
     compose,
+    Geometry,
     MotionState,
+    Pose,
     relative,
     subtract,
+    Wrench,
     ZERO_POSE,
     ZERO_TWIST,
 )
-from facade_manipulator.motion.reference import Motion, Reference, ReferenceSettings
-from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.prediction.estimate import EstimateGate, EstimateSettings
-from facade_manipulator.prediction.predictor import PredictionSettings
+from facade_manipulator.motion import Motion, Reference, ReferenceSettings
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.prediction import EstimateGate, EstimateSettings, PredictionSettings
 
 BORDER_TIME = 0.2  # s, time constant of the way to a new border
 LONGEST_INTERVAL = 0.1  # s, a pause counts as no longer
 
 
-@dataclass(frozen=True)
+@settings
 class CompensationSettings:
     """How far ahead and how fast the compensation moves the head."""
 
@@ -58,9 +59,6 @@ class CompensationSettings:
     acceleration: tuple[float, ...] = parameter(
         (2.8, 2.5, 7.0), 'Highest acceleration of the head along the rail: x, y, theta',
         unit='m/s^2, rad/s^2', minimum=1e-2, maximum=100.0, elements=Pose._fields)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class CorrectedPose(NamedTuple):

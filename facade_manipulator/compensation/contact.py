@@ -11,8 +11,7 @@ from facade_manipulator.compensation.impedance import (
 )
 from facade_manipulator.compensation.lateral import LateralRegulator, LateralSettings
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose, Wrench
-from facade_manipulator.kinematics.planar import add
+from facade_manipulator.kinematics import add, Pose, Wrench
 
 FUTURE_TOLERANCE = 0.02  # s
 CLOCK_STEP = 2.0  # s, older than that means that the clock was set back

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
 from facade_manipulator.kinematics import Carriages, end_effector_force, Geometry, Pose, Wrench
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 Triple = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
+@settings
 class FrictionSettings:
     """Friction of the three carriages: measure it by slow strokes off the wall."""
 
@@ -24,9 +23,6 @@ class FrictionSettings:
     stiction_speed: float = parameter(
         0.002, 'Speed below which the Coulomb friction fades, its sign being unknown', unit='m/s',
         minimum=1e-5, maximum=0.1)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 def contact_wrench(

@@ -8,30 +8,25 @@ difference dies out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import enum
 import math
 
 from facade_manipulator.compensation.blend import Blend
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.kinematics.planar import (
-    compose,
-    invert,
-    MotionState,
-    ZERO_POSE,
-    ZERO_STATE,
+from facade_manipulator.kinematics import compose, invert, MotionState, Pose, ZERO_POSE, ZERO_STATE
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.prediction import (
+    Estimate,
+    EstimateMean,
+    make_predictor,
+    PredictionSettings,
 )
-from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.prediction.estimate import Estimate, EstimateMean
-from facade_manipulator.prediction.plain import make_predictor
-from facade_manipulator.prediction.predictor import PredictionSettings
 
 DECAYS = 6.0
 LONGEST_PAUSE = 0.5  # s
 
 
-@dataclass(frozen=True)
+@settings
 class CorrectionSettings:
     """How the correction fades and how smoothly it takes new estimates."""
 
@@ -52,9 +47,6 @@ class CorrectionSettings:
     blend_acceleration: tuple[float, ...] = parameter(
         (0.5, 0.5, 1.0), 'Highest acceleration of fading: x, y, theta', unit='m/s^2, rad/s^2',
         minimum=0.01, maximum=20.0, read_only=True, elements=Pose._fields)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class Mode(enum.Enum):

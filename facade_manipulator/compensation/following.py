@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections import deque
-from dataclasses import dataclass
 import math
 from operator import itemgetter
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.kinematics.planar import difference
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.kinematics import difference, Pose
+from facade_manipulator.parameters import parameter, settings
 
 KEPT_TIME = 2.0
 ARM = 0.35  # m, weighs yaw against displacement
 LEAST_SPEED = 0.02
 
 
-@dataclass(frozen=True)
+@settings
 class FollowingSettings:
     """When the head counts as not following, and how its lag is measured."""
 
@@ -37,9 +35,6 @@ class FollowingSettings:
     greatest_lag: float = parameter(
         0.05, 'Greatest lag of the head that is made up for; 0 for none', unit='s', minimum=0.0,
         maximum=0.2)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class Following:

@@ -25,13 +25,13 @@ from dataclasses import dataclass
 import math
 
 from facade_manipulator.compensation.history import History
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 CONTACT_SHARE = 0.2
 NEGLIGIBLE = 1e-9  # m or rad, and per s
 
 
-@dataclass(frozen=True)
+@settings
 class ImpedanceSettings:
     """Desired force and what the head is to feel like on the axis y."""
 
@@ -65,9 +65,6 @@ class ImpedanceSettings:
     longest_age: float = parameter(
         0.2, 'Age from which a measurement is not used; the offset returns to 0', unit='s',
         minimum=0.01, maximum=5.0)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,12 @@ Park et al., conclusion: the lateral disturbance compensated by a conventional r
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 
-@dataclass(frozen=True)
+@settings
 class LateralSettings:
     """Gains and limits of the lateral regulator."""
 
@@ -34,9 +33,6 @@ class LateralSettings:
     longest_age: float = parameter(
         0.3, 'Age from which a measurement is not used; the shift is held', unit='s',
         minimum=0.01, maximum=5.0)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class LateralRegulator:

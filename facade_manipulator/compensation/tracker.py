@@ -5,8 +5,7 @@ from __future__ import annotations
 from itertools import repeat
 import math
 
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.kinematics.planar import subtract
+from facade_manipulator.kinematics import Pose, subtract
 
 BRAKING_SHARE = 0.5
 

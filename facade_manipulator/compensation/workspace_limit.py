@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 REFINEMENTS = 3
 
 
-@dataclass(frozen=True)
+@settings
 class BorderSettings:
     """How close to the limits of the mechanism the compensation goes."""
 
@@ -28,9 +27,6 @@ class BorderSettings:
     yaw_knee: float = parameter(
         0.02, 'Depth over which theta is led into the border', unit='rad', minimum=1e-4,
         maximum=0.2)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class Saturated(NamedTuple):

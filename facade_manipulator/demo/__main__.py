@@ -42,13 +42,8 @@ from facade_manipulator.demo.view import live_view, summary_lines
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.monitor import Observer
-from facade_manipulator.ros.client import ManipulatorClient
-from facade_manipulator.ros.runtime import USAGE_ERROR
-from facade_manipulator.simulation.scenario import (
-    compensator_parameters,
-    load_scenario,
-    Scenario,
-)
+from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
+from facade_manipulator.simulation import compensator_parameters, load_scenario, Scenario
 
 NODES = ('gondola_simulator', 'driver', 'manipulator')
 FIRST_GOAL_AFTER = 1.0

@@ -13,12 +13,9 @@ import numpy as np
 from PIL import Image  # matplotlib needs it too
 
 from facade_manipulator.demo.record import Course
-from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.kinematics.linkage import joints
-from facade_manipulator.kinematics.planar import compose, relative
-from facade_manipulator.simulation.facade import Facade, FacadeSettings
+from facade_manipulator.kinematics import compose, Geometry, joints, Pose, relative
+from facade_manipulator.simulation import Facade, FacadeSettings, SCALES
 from facade_manipulator.simulation.pictures import GOAL, WITH, WITHOUT
-from facade_manipulator.simulation.wall import SCALES
 
 FRAMES, FRAME_PERIOD = 120, 0.1  # 12 s as fast as they went
 TRAIL = 3.0

@@ -8,6 +8,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator.demo.record import Course
+from facade_manipulator.simulation import SCALES, UNITS
 from facade_manipulator.simulation.pictures import (
     amplitudes,
     attenuation,
@@ -24,7 +25,6 @@ from facade_manipulator.simulation.pictures import (
     WITH,
     WITHOUT,
 )
-from facade_manipulator.simulation.wall import SCALES, UNITS
 
 TOO_SHORT = 'too short for figures: no goal stood long enough'
 

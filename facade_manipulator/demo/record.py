@@ -11,11 +11,9 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from facade_manipulator.kinematics import Pose, Wrench
-from facade_manipulator.kinematics.planar import compose, invert
-from facade_manipulator.ros.conversions import planar_pose, planar_wrench, seconds
-from facade_manipulator.ros.runtime import RELIABLE
-from facade_manipulator.simulation.facade import Facade
+from facade_manipulator.kinematics import compose, invert, Pose, Wrench
+from facade_manipulator.ros import planar_pose, planar_wrench, RELIABLE, seconds
+from facade_manipulator.simulation import Facade
 
 PARTS = ('head_pose', 'wall_error', 'uncompensated_error')
 NEWEST = 30000  # samples kept whole: 5 min at 100 Hz

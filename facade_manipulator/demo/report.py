@@ -11,8 +11,7 @@ from facade_manipulator.demo.record import Recorder
 from facade_manipulator.files import whole
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.monitor import Observer
-from facade_manipulator.simulation.scenario import Scenario
-from facade_manipulator.simulation.wall import AXES
+from facade_manipulator.simulation import AXES, Scenario
 
 KEPT = ('disturbance_rms', 'residual_rms', 'attenuation_db')  # of each axis
 SUMMARY = 'summary.json'

@@ -12,8 +12,7 @@ from rich.progress_bar import ProgressBar
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.monitor import Observer, render
-from facade_manipulator.simulation.scenario import Scenario
-from facade_manipulator.simulation.wall import SCALES, UNITS
+from facade_manipulator.simulation import SCALES, Scenario, UNITS
 
 
 @contextmanager

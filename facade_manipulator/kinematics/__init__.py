@@ -7,39 +7,90 @@ carriages A1, A3, A2 stand on y = 0 in that order; q3 = x.
 
 from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.batch import forward_kinematics_batch, inverse_kinematics_batch
-from facade_manipulator.kinematics.certify import certify, check_carriages, MIN_CONDITIONING
-from facade_manipulator.kinematics.conditioning import local_conditioning_index
+from facade_manipulator.kinematics.certify import (
+    certify,
+    check_branch,
+    check_carriages,
+    MIN_CONDITIONING,
+)
+from facade_manipulator.kinematics.conditioning import (
+    check_characteristic_length,
+    local_conditioning_index,
+    squared_index,
+)
 from facade_manipulator.kinematics.forward import forward_kinematics
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Twist, Wrench
-from facade_manipulator.kinematics.inverse import inverse_kinematics
+from facade_manipulator.kinematics.geometry import (
+    Carriages,
+    Geometry,
+    not_finite,
+    Pose,
+    Twist,
+    Wrench,
+)
+from facade_manipulator.kinematics.inverse import inverse_kinematics, links
 from facade_manipulator.kinematics.jacobian import (
+    branch_number,
     carriage_velocity,
     end_effector_force,
     jacobian,
     parallel_singularity,
     platform_velocity,
 )
+from facade_manipulator.kinematics.linkage import Joints, joints, Point
 from facade_manipulator.kinematics.modes import WorkingMode
+from facade_manipulator.kinematics.planar import (
+    add,
+    compose,
+    difference,
+    invert,
+    MotionState,
+    relative,
+    subtract,
+    wrap_angle,
+    ZERO_POSE,
+    ZERO_STATE,
+    ZERO_TWIST,
+)
 
 __all__ = [
+    'add',
     'assembly_modes',
-    'Carriages',
+    'branch_number',
     'carriage_velocity',
+    'Carriages',
     'certify',
+    'check_branch',
     'check_carriages',
+    'check_characteristic_length',
+    'compose',
+    'difference',
     'end_effector_force',
     'forward_kinematics',
     'forward_kinematics_batch',
     'Geometry',
     'inverse_kinematics',
     'inverse_kinematics_batch',
+    'invert',
     'jacobian',
+    'joints',
+    'Joints',
+    'links',
     'local_conditioning_index',
     'MIN_CONDITIONING',
+    'MotionState',
+    'not_finite',
     'parallel_singularity',
     'platform_velocity',
+    'Point',
     'Pose',
+    'relative',
+    'squared_index',
+    'subtract',
     'Twist',
-    'Wrench',
     'WorkingMode',
+    'wrap_angle',
+    'Wrench',
+    'ZERO_POSE',
+    'ZERO_STATE',
+    'ZERO_TWIST',
 ]

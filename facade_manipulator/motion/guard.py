@@ -7,12 +7,12 @@ from dataclasses import replace
 from facade_manipulator.errors import CarriageGapError
 from facade_manipulator.kinematics import (
     Carriages,
+    check_branch,
     check_carriages,
     forward_kinematics,
     Geometry,
+    links,
 )
-from facade_manipulator.kinematics.certify import check_branch
-from facade_manipulator.kinematics.inverse import links
 
 ROUNDING = 1e-6
 NEIGHBOURS = ((0, 2), (2, 1), (0, 1))

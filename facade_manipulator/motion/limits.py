@@ -8,7 +8,6 @@ duration for all three axes, so that the head turns no corner that the stream do
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
@@ -23,7 +22,7 @@ from ruckig import (
 )
 
 from facade_manipulator.errors import ManipulatorError, ParameterError
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 Triple = tuple[float, float, float]
 AT_REST_SPEED = 1e-5
@@ -32,7 +31,7 @@ PLAN_TOLERANCE = 1e-9
 ROUNDING = 1e-9  # relative
 
 
-@dataclass(frozen=True)
+@settings
 class MotionLimits:
     """Bounds on the motion of each carriage."""
 
@@ -44,7 +43,6 @@ class MotionLimits:
         150.0, 'Highest jerk of a carriage', unit='m/s^3', minimum=0.1, maximum=10000.0)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         if self.jerk < self.acceleration:
             raise ParameterError(
                 f'jerk = {self.jerk:g} m/s^3 is below acceleration = {self.acceleration:g} m/s^2: '

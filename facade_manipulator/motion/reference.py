@@ -3,23 +3,21 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.kinematics.planar import wrap_angle
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.kinematics import Pose, wrap_angle
+from facade_manipulator.parameters import parameter, settings
 
 UNITS = 'm, rad'
 SHORTEST_WAY = 1e-9
 STILL = Pose(0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
+@settings
 class ReferenceSettings:
     """How fast the head moves on the wall: x, y and θ."""
 
@@ -32,9 +30,6 @@ class ReferenceSettings:
     jerk: tuple[float, ...] = parameter(
         (6.0, 4.0, 15.0), 'Highest jerk: x, y, theta', unit='m/s^3, rad/s^3', minimum=0.1,
         maximum=1e4, elements=Pose._fields)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class Motion(NamedTuple):

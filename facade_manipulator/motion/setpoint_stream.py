@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 import math
 
 from facade_manipulator.errors import InputError
@@ -11,15 +10,15 @@ from facade_manipulator.kinematics import (
     carriage_velocity,
     Carriages,
     certify,
+    difference,
     Geometry,
     Pose,
 )
-from facade_manipulator.kinematics.planar import difference
 from facade_manipulator.motion.setpoints import Setpoint
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 
-@dataclass(frozen=True)
+@settings
 class GoalSettings:
     """What ik_service takes as a goal."""
 
@@ -36,9 +35,6 @@ class GoalSettings:
     lead: float = parameter(
         0.05, 'How far ahead of their time the setpoints of an approach are sent', unit='s',
         minimum=0.0, maximum=0.5)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class SetpointStream:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 import enum
 import math
 from threading import Lock
@@ -27,7 +26,7 @@ from facade_manipulator.errors import (
 from facade_manipulator.kinematics import Carriages
 from facade_manipulator.motion.limits import Motion, MotionLimits, PathLimiter, Triple
 from facade_manipulator.motion.spline import inner_slopes
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 CARRIAGES = Carriages._fields
 KEPT_MARGINS = 1000
@@ -51,7 +50,7 @@ class Knot(NamedTuple):
     told: Triple
 
 
-@dataclass(frozen=True)
+@settings
 class StreamSettings:
     """How old, how early and how far a setpoint may be."""
 
@@ -67,7 +66,6 @@ class StreamSettings:
         minimum=0.001, maximum=0.5)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         if self.stale_after > self.oldest:
             raise ParameterError(
                 f'stale_after = {self.stale_after:g} s is above oldest = {self.oldest:g} s: '

@@ -1,0 +1,1 @@
+"""The nodes, one executable a file: parameters, pure core, publishers."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
     PointStamped,
@@ -15,43 +13,39 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 
-from facade_manipulator.compensation.compensator import (
-    Compensator,
-    CompensatorSettings,
-    DEFAULTS,
-)
-from facade_manipulator.compensation.workspace_limit import Border
+from facade_manipulator.compensation import Border, Compensator, CompensatorSettings, DEFAULTS
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
-from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.ros.codec import estimate_wire, pose_wire
-from facade_manipulator.ros.conversions import (
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros import (
+    declare,
+    DiagnosticsPublisher,
     END_EFFECTOR,
+    estimate_wire,
     FACADE,
+    LATEST,
     node_time,
     planar,
     planar_pose,
     planar_wrench,
+    pose_wire,
+    PoseStream,
     RAIL,
+    Refusals,
+    RELIABLE,
     require_frame,
+    run,
     seconds,
 )
-from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
-from facade_manipulator.ros.parameters import declare
-from facade_manipulator.ros.pose_stream import PoseStream
-from facade_manipulator.ros.runtime import LATEST, RELIABLE, run
 
 
-@dataclass(frozen=True)
+@settings
 class RateSettings:
     """How often the node publishes."""
 
     rate: float = parameter(
         100.0, 'Rate of corrected poses', unit='Hz', minimum=10.0, maximum=1000.0)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class CompensatorNode(Node):

@@ -7,10 +7,9 @@ import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator.compensation.compensator import Compensator, CorrectedPose
-from facade_manipulator.compensation.correction import Mode
+from facade_manipulator.compensation import Compensator, CorrectedPose, Mode
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.ros.conversions import diagnostic_status
+from facade_manipulator.ros import diagnostic_status
 
 LEAST_TOLD = 1e-4
 TOLD_FOR = 1.0

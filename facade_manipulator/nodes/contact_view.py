@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
+from facade_manipulator.compensation import contact_wrench, FrictionSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.ros.conversions import (
-    CARRIAGES,
-    END_EFFECTOR,
-    require_finite,
-    wrench_stamped,
-)
-from facade_manipulator.ros.parameters import declare
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros import CARRIAGES, declare, END_EFFECTOR, require_finite, wrench_stamped
 
 
-@dataclass(frozen=True)
+@settings
 class ContactSettings:
     """Whether the drives are the force sensor."""
 
     from_drives: bool = parameter(
         False, 'Whether contact_wrench is published from the torque of the drives', read_only=True)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class ContactView:

@@ -9,7 +9,7 @@ never does so by itself, and whatever stops the drives makes it inactive again, 
 from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -19,35 +19,49 @@ from rclpy.logging import get_logging_directory
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from facade_manipulator.drives.canopen.link import BusSettings, open_bus
-from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
-from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.controller import DriveController
-from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
-from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.simulated.bus import DriveSimulator
-from facade_manipulator.drives.simulated.group import simulated_drives
+from facade_manipulator.drives.canopen import BusSettings, open_bus
+from facade_manipulator.drives.cia402 import AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.controller import (
+    ControllerSettings,
+    ControllerState,
+    DriveController,
+    FaultRecorder,
+    Finding,
+    RecorderSettings,
+)
+from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
 from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion.guard import HomingGuard, MechanismGuard
-from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, StreamSettings
+from facade_manipulator.motion import (
+    HomingGuard,
+    MechanismGuard,
+    MotionLimits,
+    Setpoint,
+    SetpointFollower,
+    StreamSettings,
+)
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
     finding_status,
     operation_status,
 )
-from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.ros.codec import setpoint_wire, states_wire
-from facade_manipulator.ros.conversions import CARRIAGES, node_time
-from facade_manipulator.ros.deferred import Deferred
-from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
-from facade_manipulator.ros.lifecycle import ManagedNode
-from facade_manipulator.ros.parameters import declare
-from facade_manipulator.ros.runtime import LATEST, RELIABLE, run
-from facade_manipulator.ros.software_stop import SoftwareStop
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros import (
+    CARRIAGES,
+    declare,
+    Deferred,
+    DiagnosticsPublisher,
+    LATEST,
+    ManagedNode,
+    node_time,
+    Refusals,
+    RELIABLE,
+    run,
+    setpoint_wire,
+    SoftwareStop,
+    states_wire,
+)
 
 SUPERVISION_PERIOD = 0.02
 ACTIVE_STATES = frozenset({
@@ -57,7 +71,7 @@ ACTIVE_STATES = frozenset({
 POWERED_STATES = ACTIVE_STATES | {ControllerState.HOMING}
 
 
-@dataclass(frozen=True)
+@settings
 class DriverSettings:
     """What the node itself does beside the controller."""
 
@@ -70,9 +84,6 @@ class DriverSettings:
     software_stop_timeout: float = parameter(
         0.5, 'Silence of software_stop, once heard, that stops the drives', unit='s',
         minimum=0.05, maximum=10.0)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class DriverNode(ManagedNode):

@@ -7,16 +7,16 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 import numpy as np
 
-from facade_manipulator.drives.cia402.states import State
-from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.cycle import LATENESS_BOUNDS
-from facade_manipulator.drives.controller.snapshot import (
+from facade_manipulator.drives.cia402 import State
+from facade_manipulator.drives.controller import (
     AxisSnapshot,
     ControllerSnapshot,
     ControllerState,
+    Finding,
+    LATENESS_BOUNDS,
 )
-from facade_manipulator.motion.setpoints import SetpointFollower
-from facade_manipulator.ros.conversions import diagnostic_status
+from facade_manipulator.motion import SetpointFollower
+from facade_manipulator.ros import diagnostic_status
 
 STATE_LEVELS = {
     ControllerState.STOPPED: 'error',

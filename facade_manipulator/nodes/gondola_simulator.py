@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 import json
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -20,41 +20,46 @@ from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, certify, Geometry, Pose
-from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.ros.conversions import (
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros import (
     carriages_from,
+    declare,
     diagnostic_status,
+    DiagnosticsPublisher,
     END_EFFECTOR,
     FACADE,
+    LATEST,
     node_time,
     planar_pose,
     pose_message,
     pose_stamped,
+    Refusals,
+    RELIABLE,
     require_frame,
+    run,
     seconds,
     stamp,
     VARIANCES,
     wrench_stamped,
 )
-from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
-from facade_manipulator.ros.parameters import declare
-from facade_manipulator.ros.runtime import LATEST, RELIABLE, run
-from facade_manipulator.simulation.estimator import Delivery, SimulatedEstimator
-from facade_manipulator.simulation.facade import Facade
-from facade_manipulator.simulation.scenario import load_scenario, Scenario
-from facade_manipulator.simulation.wall import WallMeasurement, WallSample
+from facade_manipulator.simulation import (
+    Delivery,
+    Facade,
+    load_scenario,
+    Scenario,
+    SimulatedEstimator,
+    WallMeasurement,
+    WallSample,
+)
 
 DELIVERY_PERIOD = 0.005
 
 
-@dataclass(frozen=True)
+@settings
 class ScenarioSettings:
     """Which scenario gives the defaults of all other parameters."""
 
     scenario: str = parameter('', 'A name in config/scenarios or a file; empty for a breeze')
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class GondolaSimulatorNode(Node):

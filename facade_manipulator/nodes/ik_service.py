@@ -11,38 +11,38 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import (
-    Carriages,
-    certify,
-    forward_kinematics,
-    Geometry,
-    Pose,
-)
-from facade_manipulator.motion.approach import Approach
-from facade_manipulator.motion.reference import ReferenceSettings
-from facade_manipulator.motion.setpoint_stream import (
+from facade_manipulator.kinematics import Carriages, certify, forward_kinematics, Geometry, Pose
+from facade_manipulator.motion import (
+    Approach,
     certified_path,
     GoalSettings,
+    ReferenceSettings,
     SetpointStream,
 )
 from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.linkage import LinkageView
 from facade_manipulator.nodes.workspace_map import WorkspaceMap
-from facade_manipulator.ros.codec import pose_wire, setpoint_wire, states_wire
-from facade_manipulator.ros.conversions import (
+from facade_manipulator.ros import (
     CARRIAGES,
+    declare,
     diagnostic_status,
+    DiagnosticsPublisher,
+    LATCHED,
+    LATEST,
     node_time,
     planar,
     planar_pose,
+    pose_wire,
+    PoseStream,
     RAIL,
+    Refusals,
+    RELIABLE,
     require_finite,
     require_frame,
+    run,
+    setpoint_wire,
+    states_wire,
 )
-from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
-from facade_manipulator.ros.parameters import declare
-from facade_manipulator.ros.pose_stream import PoseStream
-from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE, run
 
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01

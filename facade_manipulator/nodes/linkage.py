@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -18,16 +17,17 @@ from visualization_msgs.msg import Marker, MarkerArray
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.shapes import Scene, Shape, shapes
-from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.ros.conversions import (
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros import (
+    declare,
+    LATEST,
     LEVELS,
     node_time,
     planar_pose,
     pose_message,
     RAIL,
+    RELIABLE,
 )
-from facade_manipulator.ros.parameters import declare
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 PERIOD = 0.1
 OLDEST = 0.5  # s: what is older is not drawn, and markers vanish by themselves
@@ -41,16 +41,13 @@ KINDS = {
 LEVEL_NAMES = {value: name for name, value in LEVELS.items()}
 
 
-@dataclass(frozen=True)
+@settings
 class LinkageSettings:
     """What the picture cannot know by itself."""
 
     wall_distance: float = parameter(
         0.3, 'Distance of the wall from the rail in still air, for the picture alone', unit='m',
         minimum=-10.0, maximum=10.0)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class LinkageView:

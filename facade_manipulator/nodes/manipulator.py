@@ -6,7 +6,7 @@ from rclpy.node import Node
 
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.ros.runtime import run
+from facade_manipulator.ros import run
 
 
 def make_nodes(**kwargs) -> list[Node]:

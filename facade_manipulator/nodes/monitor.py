@@ -21,9 +21,14 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.ros.client import Component, ManipulatorClient
-from facade_manipulator.ros.conversions import CARRIAGES, planar_pose
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
+from facade_manipulator.ros import (
+    CARRIAGES,
+    Component,
+    LATEST,
+    ManipulatorClient,
+    planar_pose,
+    RELIABLE,
+)
 
 REFRESH_PERIOD = 0.25
 SILENT_AFTER = 2.5  # s without a word from a component that speaks once a second

@@ -6,9 +6,7 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.kinematics.linkage import joints, Point
-from facade_manipulator.kinematics.planar import compose, relative
+from facade_manipulator.kinematics import compose, Geometry, joints, Point, Pose, relative
 
 Colour = tuple[float, float, float, float]
 

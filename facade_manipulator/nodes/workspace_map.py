@@ -4,25 +4,19 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Callable
-from dataclasses import dataclass
 
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.ros.conversions import (
-    pose_message,
-    RAIL,
-)
-from facade_manipulator.ros.parameters import declare
-from facade_manipulator.ros.runtime import LATCHED
-from facade_manipulator.workspace.occupancy import lci_grid
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros import declare, LATCHED, pose_message, RAIL
+from facade_manipulator.workspace import lci_grid
 
 PERIOD = 0.25
 
 
-@dataclass(frozen=True)
+@settings
 class WorkspaceSettings:
     """How fine the map of the workspace is and how often it is drawn anew."""
 
@@ -31,9 +25,6 @@ class WorkspaceSettings:
     theta_step: float = parameter(
         0.01, 'Change of theta after which ik_service/workspace is published anew', unit='rad',
         minimum=0.001, maximum=1.0)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class WorkspaceMap:

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 import math
 from operator import le, sub
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 UNITS = Pose('m', 'm', 'rad')
 LEARNING_PERIOD = 0.015  # s, well below what a gondola needs to move: 3 Hz lose 0.3 %
 
 
-@dataclass(frozen=True)
+@settings
 class EstimateSettings:
     """What an estimate of the disturbance may look like."""
 
@@ -48,9 +47,6 @@ class EstimateSettings:
     least_noise: float = parameter(
         1e-4, 'Standard deviation below which none is believed', unit='m or rad', minimum=1e-6,
         maximum=0.1)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class Estimate(NamedTuple):

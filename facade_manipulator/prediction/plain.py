@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.kinematics.planar import MotionState, ZERO_POSE
+from facade_manipulator.kinematics import MotionState, Pose, ZERO_POSE
 from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
 
 VELOCITY_TIME = 0.1

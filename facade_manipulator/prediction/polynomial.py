@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.kinematics.planar import MotionState
+from facade_manipulator.kinematics import MotionState, Pose
 
 
 class PolynomialMotion(NamedTuple):

@@ -13,15 +13,13 @@ they would grow in opposition without end.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 import math
 
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Pose
-from facade_manipulator.kinematics.planar import MotionState
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.kinematics import MotionState, Pose
+from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction import oscillators
 from facade_manipulator.prediction.filter_bank import FilterBank
 from facade_manipulator.prediction.polynomial import PolynomialMotion
@@ -45,7 +43,7 @@ COURSE_REACH = 0.02  # s: asked from the last estimate to the next one, an expan
 COURSE_DEGREE = 6
 
 
-@dataclass(frozen=True)
+@settings
 class PredictionSettings:
     """Settings of the disturbance's prediction."""
 
@@ -95,7 +93,6 @@ class PredictionSettings:
         unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0, elements=Pose._fields)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         if not self.gusts:
             raise ParameterError('gusts has no element, expected at least 1')
 

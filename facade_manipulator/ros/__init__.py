@@ -1,0 +1,76 @@
+"""
+What the nodes share of ROS: messages to core values and back, parameters, life cycle, diagnostics.
+
+Everything that rclpy offers beyond its public interface is used in this package alone.
+"""
+
+from facade_manipulator.ros.client import Component, ManipulatorClient
+from facade_manipulator.ros.codec import estimate_wire, pose_wire, setpoint_wire, states_wire
+from facade_manipulator.ros.conversions import (
+    CARRIAGES,
+    carriages_from,
+    diagnostic_status,
+    END_EFFECTOR,
+    FACADE,
+    LEVELS,
+    node_time,
+    planar,
+    planar_pose,
+    planar_wrench,
+    pose_message,
+    pose_stamped,
+    RAIL,
+    require_finite,
+    require_frame,
+    seconds,
+    stamp,
+    VARIANCES,
+    wrench_stamped,
+)
+from facade_manipulator.ros.deferred import Deferred
+from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.ros.lifecycle import ManagedNode
+from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.pose_stream import PoseStream
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE, run, USAGE_ERROR
+from facade_manipulator.ros.software_stop import SoftwareStop
+
+__all__ = [
+    'CARRIAGES',
+    'carriages_from',
+    'Component',
+    'declare',
+    'Deferred',
+    'diagnostic_status',
+    'DiagnosticsPublisher',
+    'END_EFFECTOR',
+    'estimate_wire',
+    'FACADE',
+    'LATCHED',
+    'LATEST',
+    'LEVELS',
+    'ManagedNode',
+    'ManipulatorClient',
+    'node_time',
+    'planar',
+    'planar_pose',
+    'planar_wrench',
+    'pose_message',
+    'pose_stamped',
+    'pose_wire',
+    'PoseStream',
+    'RAIL',
+    'Refusals',
+    'RELIABLE',
+    'require_finite',
+    'require_frame',
+    'run',
+    'seconds',
+    'setpoint_wire',
+    'SoftwareStop',
+    'stamp',
+    'states_wire',
+    'USAGE_ERROR',
+    'VARIANCES',
+    'wrench_stamped',
+]

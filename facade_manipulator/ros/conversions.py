@@ -14,8 +14,7 @@ from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.node import Node
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Carriages, Pose, Wrench
-from facade_manipulator.kinematics.planar import wrap_angle
+from facade_manipulator.kinematics import Carriages, Pose, wrap_angle, Wrench
 
 PLANE_TOLERANCE = 1e-6
 TILT_TOLERANCE = 1e-3

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import math
 from typing import NamedTuple
 
-from facade_manipulator.compensation.compensator import (
+from facade_manipulator.compensation import (
     Compensator,
     CompensatorSettings,
     CorrectedPose,
@@ -27,10 +27,14 @@ from facade_manipulator.kinematics import (
     Pose,
     Wrench,
 )
-from facade_manipulator.motion.guard import MechanismGuard
-from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.motion.setpoint_stream import GoalSettings, SetpointStream
-from facade_manipulator.motion.setpoints import SetpointFollower, StreamSettings
+from facade_manipulator.motion import (
+    GoalSettings,
+    MechanismGuard,
+    MotionLimits,
+    SetpointFollower,
+    SetpointStream,
+    StreamSettings,
+)
 from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
 from facade_manipulator.simulation.facade import Facade, FacadeSettings
 from facade_manipulator.simulation.wall import WallMeasurement, WallSample, WallSettings

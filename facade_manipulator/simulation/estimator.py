@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 import heapq
 from typing import NamedTuple
 
@@ -11,10 +10,10 @@ import numpy as np
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 
-@dataclass(frozen=True)
+@settings
 class EstimatorSettings:
     """How often, how late and how well the disturbance is estimated."""
 
@@ -38,7 +37,6 @@ class EstimatorSettings:
     seed: int = parameter(1, 'Seed of noise, jitter and losses', minimum=0)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         if self.jitter > self.latency:
             raise ParameterError(
                 f'jitter = {self.jitter:g} s is above latency = {self.latency:g} s: estimates '

@@ -7,17 +7,16 @@ wall has a ramp as long as the brush needs to roll over its edge.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose, Wrench
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 ENDS = (-0.5, 0.5)
 
 
-@dataclass(frozen=True)
+@settings
 class FacadeSettings:
     """Where the wall is, how the brush feels on it, and its steps."""
 
@@ -43,7 +42,6 @@ class FacadeSettings:
         minimum=1e-3, maximum=1.0)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         if len(self.step_places) != len(self.step_heights):
             raise ParameterError(
                 f'step_places has {len(self.step_places)} elements, step_heights '

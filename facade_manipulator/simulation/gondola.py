@@ -14,13 +14,12 @@ what they pull more or less than the weight makes the pendulums stiffer or softe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
 import numpy as np
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.simulation.interpolation import catmull_rom
 from facade_manipulator.simulation.wind import Wind, WindSettings
 
@@ -32,7 +31,7 @@ WARM_UP = 60.0
 VERTICAL = 5
 
 
-@dataclass(frozen=True)
+@settings
 class GondolaSettings:
     """The gondola and its cables."""
 
@@ -63,9 +62,6 @@ class GondolaSettings:
     pressure_offset: float = parameter(
         0.15, 'Offset of the wind force from the centre, which makes yaw', unit='m',
         minimum=-5.0, maximum=5.0)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class Gondola:

@@ -8,16 +8,16 @@ default. The section ``compensator`` holds sections of the compensator's own set
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import yaml
 
-from facade_manipulator.compensation.compensator import CompensatorSettings, DEFAULTS
+from facade_manipulator.compensation import CompensatorSettings, DEFAULTS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.estimator import EstimatorSettings
 from facade_manipulator.simulation.facade import FacadeSettings
@@ -32,7 +32,7 @@ Sections = Mapping[str, Any]
 Motion = Callable[[float], Pose]
 
 
-@dataclass(frozen=True)
+@settings
 class MissionSettings:
     """What moves the gondola and what the head is to do meanwhile."""
 
@@ -52,7 +52,6 @@ class MissionSettings:
         minimum=-10.0, maximum=10.0)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         if not self.goals or len(self.goals) % len(Pose._fields):
             raise ParameterError(
                 f'goals has {len(self.goals)} elements, expected x, y and theta of each goal')

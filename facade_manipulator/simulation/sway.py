@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 DEGREE = math.pi / 180.0
 
 
-@dataclass(frozen=True)
+@settings
 class SwaySettings:
     """Amplitudes, frequencies and phases of the sines of each axis; empty for a still axis."""
 
@@ -33,7 +32,6 @@ class SwaySettings:
     yaw_phase: tuple[float, ...] = parameter((0.0,), 'Phases of the yaw', unit='rad')
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         for axis in ('x', 'y', 'yaw'):
             lengths = {len(values) for values in self.sines(axis)}
             if len(lengths) > 1:

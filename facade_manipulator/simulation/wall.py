@@ -3,29 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
-from facade_manipulator.kinematics import Carriages, forward_kinematics, Geometry, Pose
-from facade_manipulator.kinematics.planar import compose, difference
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.kinematics import (
+    Carriages,
+    compose,
+    difference,
+    forward_kinematics,
+    Geometry,
+    Pose,
+)
+from facade_manipulator.parameters import parameter, settings
 
 AXES = Pose._fields
 UNITS = Pose('mm', 'mm', '°')  # in which people read an axis
 SCALES = Pose(1e3, 1e3, math.degrees(1.0))  # from m and rad to them
 
 
-@dataclass(frozen=True)
+@settings
 class WallSettings:
     """When a sample of the head's error counts, and who sees it."""
 
     settling_time: float = parameter(
         2.5, 'Time for which a goal must have stood', unit='s', minimum=0.0, maximum=60.0)
     slip_sensor: bool = parameter(False, 'Whether a sensor sees the head slip along the wall')
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class WallSample(NamedTuple):

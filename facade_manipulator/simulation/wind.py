@@ -11,13 +11,12 @@ Academy of Sciences 34 (1948) 530-539, https://doi.org/10.1073/pnas.34.11.530.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 VON_KARMAN_CONSTANT = 0.4
 LOWEST_FREQUENCY = 0.004
@@ -28,7 +27,7 @@ KAIMAL = ((105.0, 33.0, 1.0, 5.0 / 3.0), (17.0, 9.5, 1.0, 5.0 / 3.0), (2.1, 5.3,
 ACROSS_SHARES = (1.0, 0.75, 0.5)
 
 
-@dataclass(frozen=True)
+@settings
 class WindSettings:
     """Mean wind, turbulence and seed."""
 
@@ -50,7 +49,6 @@ class WindSettings:
     seed: int = parameter(1, 'Seed of the gusts', minimum=0)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         if self.height <= 2.0 * self.roughness_length:
             raise ParameterError(
                 f'height = {self.height:g} m is not above twice roughness_length = '

@@ -1,4 +1,10 @@
-"""Where the head can go and how well: limits, maps, good-condition workspace, design study."""
+"""
+Where the head can go and how well: limits, maps, good-condition workspace, design study.
+
+In: a `Geometry` and a pose, a section or a grid. Out: intervals, areas, maps of conditioning
+and, from `workspace.study`, figures and tables of the design. Built on `kinematics`; knows no
+time.
+"""
 
 from facade_manipulator.workspace.gcw import count_poses, Grid, PoseCount
 from facade_manipulator.workspace.limits import Interval, theta_max, x_interval, y_range

@@ -15,8 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from facade_manipulator.kinematics.geometry import Geometry, Pose
-from facade_manipulator.kinematics.linkage import Joints, joints
+from facade_manipulator.kinematics import Geometry, Joints, joints, Pose
 
 COLOUR_MAP = 'viridis'  # even in lightness, safe for the colour-blind, and in grey
 # Okabe and Ito's colours, told apart by every eye.

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 import numpy as np
 
-from facade_manipulator.kinematics.geometry import Geometry
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace.drawing import COLOUR_MAP, figure, GREY, MILLIMETRES, Study
 from facade_manipulator.workspace.maps import pose_map
 from facade_manipulator.workspace.volume import theta_bounds

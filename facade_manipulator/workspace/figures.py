@@ -15,7 +15,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 import numpy as np
 
-from facade_manipulator.kinematics.geometry import Geometry
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace.drawing import (
     BLACK,
     BLUE,

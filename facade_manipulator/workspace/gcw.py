@@ -14,9 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics.conditioning import check_characteristic_length
-from facade_manipulator.kinematics.geometry import Geometry
-from facade_manipulator.kinematics.jacobian import branch_number
+from facade_manipulator.kinematics import branch_number, check_characteristic_length, Geometry
 from facade_manipulator.workspace.maps import index_of, link_arrays
 
 BLOCK = 1 << 14  # (y, θ) cells worked at once: a dozen arrays of 128 KiB

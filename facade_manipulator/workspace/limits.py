@@ -13,9 +13,7 @@ from math import acos, asin, atan2, cos, hypot, isfinite, sin, sqrt
 from typing import NamedTuple
 
 from facade_manipulator.errors import CarriageGapError, StrokeLimitError, UnreachableError
-from facade_manipulator.kinematics.geometry import Geometry, not_finite, Pose
-from facade_manipulator.kinematics.inverse import links
-from facade_manipulator.kinematics.jacobian import branch_number
+from facade_manipulator.kinematics import branch_number, Geometry, links, not_finite, Pose
 
 _BISECTIONS = 60
 _SAMPLES = 64

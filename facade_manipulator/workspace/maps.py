@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.kinematics.conditioning import (
+from facade_manipulator.kinematics import (
+    branch_number,
     check_characteristic_length,
+    Geometry,
     squared_index,
 )
-from facade_manipulator.kinematics.geometry import Geometry
-from facade_manipulator.kinematics.jacobian import branch_number
 
 
 class PoseMap(NamedTuple):

@@ -8,14 +8,13 @@ design by design.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics.geometry import Geometry
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.workspace.section import good_section_area, section_area
 from facade_manipulator.workspace.volume import measure, Workspace
 
@@ -24,7 +23,7 @@ THETA_NODES, Y_CELLS = 512, 64  # the ratio to 2e-4, the volume far better
 Tick = Callable[[int], None]  # called with the number of designs done
 
 
-@dataclass(frozen=True)
+@settings
 class Requirements:
     """What every design must satisfy, and what is called good."""
 
@@ -49,7 +48,6 @@ class Requirements:
         0.001, 'Unit of length of the index', unit='m', minimum=1e-9, maximum=1e3)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         for name in ('link_range', 'platform_range'):
             lower, upper = getattr(self, name)
             if lower > upper:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics.geometry import Geometry
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace.maps import pose_map
 
 UNREACHABLE = -1

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics.jacobian import branch_number
+from facade_manipulator.kinematics import branch_number
 from facade_manipulator.workspace.objectives import Requirements
 from facade_manipulator.workspace.section import good_section_bounds
 from facade_manipulator.workspace.volume import theta_bounds_of

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.kinematics.geometry import Geometry, Pose
+from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.workspace.maps import branch_map
 from facade_manipulator.workspace.volume import measure
 

@@ -15,7 +15,7 @@ import sys
 from typing import Any
 
 from facade_manipulator.errors import LimitError, ManipulatorError, ParameterError
-from facade_manipulator.kinematics.geometry import Geometry
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace.limits import theta_max, x_interval
 from facade_manipulator.workspace.objectives import OBJECTIVES, Requirements
 from facade_manipulator.workspace.optimise import optimise, sweep_size

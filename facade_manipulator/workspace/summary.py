@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics.geometry import Geometry
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace.objectives import Requirements
 from facade_manipulator.workspace.requirements import theta_peak
 from facade_manipulator.workspace.section import good_section_area, section_area, section_bounds

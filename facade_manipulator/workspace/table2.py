@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from facade_manipulator.kinematics.geometry import Geometry
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace.gcw import count_poses
 from facade_manipulator.workspace.section import section_area
 from facade_manipulator.workspace.volume import union_area

@@ -13,9 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator.kinematics.conditioning import check_characteristic_length
-from facade_manipulator.kinematics.geometry import Geometry
-from facade_manipulator.kinematics.jacobian import branch_number
+from facade_manipulator.kinematics import branch_number, check_characteristic_length, Geometry
 from facade_manipulator.workspace.maps import index_of, link_arrays, x_intervals
 
 THETA_NODES = 128

@@ -1,0 +1,87 @@
+"""
+CANopen (CiA 301) on a python-can bus: frames, SYNC, NMT, SDO, PDO and EMCY as tables and codecs.
+
+In: an open interface and bytes. Out: frames, decoded messages, and errors that name object,
+value and next step. Knows nothing of motors.
+"""
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import (
+    BusCongestedError,
+    BusStatistics,
+    CanBus,
+    Condition,
+    Frame,
+)
+from facade_manipulator.drives.canopen.emergency import (
+    decode_emergency,
+    describe,
+    Emergency,
+    encode_emergency,
+    fault,
+    is_error_reset,
+    Reaction,
+)
+from facade_manipulator.drives.canopen.link import BusSettings, open_bus
+from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
+from facade_manipulator.drives.canopen.pdo import (
+    ConditionFrame,
+    decode_tpdo1,
+    decode_tpdo2,
+    decode_tpdo3,
+    DISABLED,
+    heartbeat_cob_id,
+    MASTER_NODE_ID,
+    MotionFrame,
+    NMT_COB_ID,
+    NO_REMOTE,
+    Pdo,
+    PDO_MAP,
+    StatusFrame,
+    UNUSED_PDOS,
+)
+from facade_manipulator.drives.canopen.sdo import (
+    PumpedNetwork,
+    SDO_FRAME_LENGTH,
+    SdoAbortError,
+    SdoChannel,
+)
+
+__all__ = [
+    'BusCongestedError',
+    'BusSettings',
+    'BusStatistics',
+    'CanBus',
+    'Condition',
+    'ConditionFrame',
+    'decode_emergency',
+    'decode_tpdo1',
+    'decode_tpdo2',
+    'decode_tpdo3',
+    'describe',
+    'DISABLED',
+    'Emergency',
+    'encode_emergency',
+    'fault',
+    'Frame',
+    'heartbeat_cob_id',
+    'is_error_reset',
+    'MASTER_NODE_ID',
+    'MotionFrame',
+    'NMT_COB_ID',
+    'NMT_TRANSITIONS',
+    'NmtCommand',
+    'NmtState',
+    'NO_REMOTE',
+    'open_bus',
+    'Pdo',
+    'pdo',
+    'PDO_MAP',
+    'PumpedNetwork',
+    'Reaction',
+    'SDO_FRAME_LENGTH',
+    'SdoAbortError',
+    'SdoChannel',
+    'StatusFrame',
+    'UNUSED_PDOS',
+]

@@ -7,7 +7,6 @@ looked up first, with iproute2 where it is installed, else in /sys.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import json
 from pathlib import Path
 import shutil
@@ -17,7 +16,7 @@ from typing import Any
 import can
 
 from facade_manipulator.errors import BusError
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 _SYSTEM = Path('/sys/class/net')
 _IS_UP = 0x1
@@ -25,7 +24,7 @@ _QUERY_TIMEOUT = 2.0
 _BAD_CONDITIONS = ('BUS-OFF', 'STOPPED', 'SLEEPING')
 
 
-@dataclass(frozen=True)
+@settings
 class BusSettings:
     """Which CAN interface the drives are on."""
 
@@ -35,9 +34,6 @@ class BusSettings:
     bitrate: int = parameter(
         1_000_000, 'Bit rate of the bus', unit='bit/s', minimum=10_000, maximum=1_000_000,
         read_only=True)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 def open_bus(settings: BusSettings) -> can.BusABC:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen.emergency import describe
+from facade_manipulator.drives.canopen import describe
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
 from facade_manipulator.errors import DriveFaultError, DriveStateError, DriveTimeoutError
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from facade_manipulator.drives.canopen.pdo import MASTER_NODE_ID
+from facade_manipulator.drives.canopen import MASTER_NODE_ID
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import parameter
+from facade_manipulator.parameters import parameter, settings
 
 AXIS_NAMES = ('q1', 'q2', 'q3')
 Triple = tuple[float, float, float]
 
 
-@dataclass(frozen=True)
+@settings
 class AxisSettings(AxisScale):
     """
     One axis: which drive, on which mechanics, within which limits.

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 import math
 
 from facade_manipulator.errors import InputError, LimitError, ParameterError
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
 
@@ -19,7 +18,7 @@ VELOCITY_UNITS = {
 }
 
 
-@dataclass(frozen=True)
+@settings
 class AxisScale:
     """
     Motor, gear and ball screw of one axis: metres to counts and torque to force.
@@ -50,7 +49,6 @@ class AxisScale:
         choices=tuple(VELOCITY_UNITS), read_only=True)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         if self.direction == 0:
             raise ParameterError('direction = 0 is neither 1 nor -1')
 

@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from math import ceil
 
-from facade_manipulator.drives.canopen.pdo import Pdo, PDO_MAP
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES
+from facade_manipulator.drives.canopen import Pdo, PDO_MAP
+from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 

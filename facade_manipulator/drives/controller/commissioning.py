@@ -19,10 +19,8 @@ import threading
 import time
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen.bus import CanBus
-from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
-from facade_manipulator.drives.canopen.pdo import NMT_COB_ID
-from facade_manipulator.drives.cia402.profile import DriveProfile
+from facade_manipulator.drives.canopen import CanBus, NMT_COB_ID, NmtCommand, NmtState
+from facade_manipulator.drives.cia402 import DriveProfile
 from facade_manipulator.drives.controller.configuration import (
     check_identity,
     object_writes,

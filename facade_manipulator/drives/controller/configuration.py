@@ -16,16 +16,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple, Protocol
 
-from facade_manipulator.drives.canopen.pdo import (
+from facade_manipulator.drives.canopen import (
     MASTER_NODE_ID,
     NO_REMOTE,
     Pdo,
     PDO_MAP,
+    SdoAbortError,
     UNUSED_PDOS,
 )
-from facade_manipulator.drives.canopen.sdo import SdoAbortError
-from facade_manipulator.drives.cia402.profile import DriveProfile
-from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.cia402 import AxisSettings, DriveProfile
 from facade_manipulator.drives.controller.bus_load import transmission_type
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError, ParameterError

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 
 import can
 
-from facade_manipulator.drives.canopen.bus import CanBus
-from facade_manipulator.drives.canopen.nmt import NmtCommand
-from facade_manipulator.drives.canopen.sdo import PumpedNetwork, SdoChannel
-from facade_manipulator.drives.cia402.cause import Cause
-from facade_manipulator.drives.cia402.profile import DriveProfile
+from facade_manipulator.drives.canopen import CanBus, NmtCommand, PumpedNetwork, SdoChannel
+from facade_manipulator.drives.cia402 import Cause, DriveProfile
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive, send_nmt
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings

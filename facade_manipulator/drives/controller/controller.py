@@ -19,9 +19,7 @@ import time
 
 import can
 
-from facade_manipulator.drives.cia402.cause import Cause, CLEAR_REMEDY
-from facade_manipulator.drives.cia402.plans import Phase
-from facade_manipulator.drives.cia402.settings import AxisSettings, Triple
+from facade_manipulator.drives.cia402 import AxisSettings, Cause, CLEAR_REMEDY, Phase, Triple
 from facade_manipulator.drives.controller import motion_operations, service_operations
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.operation import Operation

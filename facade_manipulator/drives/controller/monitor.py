@@ -9,26 +9,27 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen.emergency import (
-    decode_emergency,
-    describe,
-    fault,
-    is_error_reset,
-    Reaction,
-)
-from facade_manipulator.drives.canopen.nmt import NmtState
-from facade_manipulator.drives.canopen.pdo import (
+from facade_manipulator.drives.canopen import (
     ConditionFrame,
+    decode_emergency,
     decode_tpdo1,
     decode_tpdo2,
     decode_tpdo3,
+    describe,
+    fault,
+    is_error_reset,
     MotionFrame,
+    NmtState,
+    Reaction,
     StatusFrame,
 )
-from facade_manipulator.drives.cia402.axis import Feedback
-from facade_manipulator.drives.cia402.cause import Cause, CONFIGURE_REMEDY
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.states import Status
+from facade_manipulator.drives.cia402 import (
+    AxisSettings,
+    Cause,
+    CONFIGURE_REMEDY,
+    Feedback,
+    Status,
+)
 from facade_manipulator.drives.controller.settings import ControllerSettings
 
 SYNC_TOLERANCE = 0.001

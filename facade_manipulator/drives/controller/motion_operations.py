@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence, HomingState
-from facade_manipulator.drives.cia402.plans import Phase
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES
+from facade_manipulator.drives.cia402 import (
+    AXIS_NAMES,
+    AxisHoming,
+    HomingSequence,
+    HomingState,
+    Phase,
+)
 from facade_manipulator.drives.controller.operation import Operation
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import require_inside

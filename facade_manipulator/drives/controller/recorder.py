@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 import csv
-from dataclasses import dataclass
 import io
 from itertools import count
 import logging
@@ -22,18 +21,17 @@ from typing import NamedTuple
 import zipfile
 
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.cia402.cause import Cause
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, Cause
 from facade_manipulator.errors import InputError
 from facade_manipulator.files import whole
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 _RECORD = struct.Struct('<dHB8s')
 _PATTERN = 'drive_fault_*.zip'
 _log = logging.getLogger(__name__)
 
 
-@dataclass(frozen=True)
+@settings
 class RecorderSettings:
     """Where and how much is recorded."""
 
@@ -51,9 +49,6 @@ class RecorderSettings:
     max_files: int = parameter(
         10, 'Records to keep; the oldest goes when there are more', minimum=1, maximum=1000,
         read_only=True)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class Recorded(NamedTuple):

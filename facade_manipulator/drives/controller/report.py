@@ -8,11 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen.bus import BusStatistics, CanBus
-from facade_manipulator.drives.canopen.emergency import describe
-from facade_manipulator.drives.cia402.cause import Cause
-from facade_manipulator.drives.cia402.settings import Triple
-from facade_manipulator.drives.cia402.states import decode_state, State
+from facade_manipulator.drives.canopen import BusStatistics, CanBus, describe
+from facade_manipulator.drives.cia402 import Cause, decode_state, State, Triple
 from facade_manipulator.drives.controller.cycle import CycleClock, CycleStatistics
 from facade_manipulator.drives.controller.monitor import AxisMonitor, Told
 from facade_manipulator.drives.controller.snapshot import (

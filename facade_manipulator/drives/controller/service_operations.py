@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from concurrent.futures import Future
 
-from facade_manipulator.drives.canopen.bus import Condition
-from facade_manipulator.drives.cia402.cause import Cause, CONFIGURE_REMEDY
-from facade_manipulator.drives.cia402.plans import Phase
+from facade_manipulator.drives.canopen import Condition
+from facade_manipulator.drives.cia402 import Cause, CONFIGURE_REMEDY, Phase
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.operation import Operation, result_of
 from facade_manipulator.drives.controller.snapshot import ControllerState

@@ -15,13 +15,21 @@ import time
 
 import can
 
-from facade_manipulator.drives.canopen.bus import BusStatistics, Condition
-from facade_manipulator.drives.cia402.cause import BUS_REMEDY, Cause
-from facade_manipulator.drives.cia402.group import Group
-from facade_manipulator.drives.cia402.homing import HomingSequence, HomingState
-from facade_manipulator.drives.cia402.plans import Phase, STOPPED_PHASES
-from facade_manipulator.drives.cia402.profile import load_profile
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES, AxisSettings, check_axes, Triple
+from facade_manipulator.drives.canopen import BusStatistics, Condition
+from facade_manipulator.drives.cia402 import (
+    AXIS_NAMES,
+    AxisSettings,
+    BUS_REMEDY,
+    Cause,
+    check_axes,
+    Group,
+    HomingSequence,
+    HomingState,
+    load_profile,
+    Phase,
+    STOPPED_PHASES,
+    Triple,
+)
 from facade_manipulator.drives.controller.bus_load import check_bus_load
 from facade_manipulator.drives.controller.configuration import object_writes
 from facade_manipulator.drives.controller.connection import connect, Connection, open_frames

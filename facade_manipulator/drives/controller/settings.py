@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 
-@dataclass(frozen=True)
+@settings
 class ControllerSettings:
     """The cycle, its supervision and the time-outs."""
 
@@ -72,7 +70,6 @@ class ControllerSettings:
         minimum=-1, maximum=1023, read_only=True)
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         if 1000 % self.rate:
             raise ParameterError(
                 f'rate = {self.rate} Hz is not a whole number of milliseconds per cycle: '

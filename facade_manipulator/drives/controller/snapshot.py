@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen.bus import BusStatistics
-from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.canopen import BusStatistics
+from facade_manipulator.drives.cia402 import State
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 
 

@@ -10,19 +10,28 @@ from __future__ import annotations
 from collections.abc import Callable
 import time
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.bus import BusCongestedError, CanBus, Frame
-from facade_manipulator.drives.canopen.nmt import NmtCommand, NmtState
-from facade_manipulator.drives.canopen.sdo import PumpedNetwork, SDO_FRAME_LENGTH
-from facade_manipulator.drives.cia402.cause import (
+from facade_manipulator.drives.canopen import (
+    BusCongestedError,
+    CanBus,
+    Frame,
+    NmtCommand,
+    NmtState,
+    pdo,
+    PumpedNetwork,
+    SDO_FRAME_LENGTH,
+)
+from facade_manipulator.drives.cia402 import (
     BUS_REMEDY,
     Cause,
+    Command,
     COMPUTER_REMEDY,
+    Controlword,
+    FOLLOWING_PHASES,
+    Group,
+    Phase,
+    STOPPED_PHASES,
     TARGET_REMEDY,
 )
-from facade_manipulator.drives.cia402.group import Command, Group
-from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
-from facade_manipulator.drives.cia402.states import Controlword
 from facade_manipulator.drives.controller.commissioning import Hearing, send_nmt
 from facade_manipulator.drives.controller.cycle import cycle_clock
 from facade_manipulator.drives.controller.monitor import AxisMonitor

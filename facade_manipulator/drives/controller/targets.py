@@ -11,10 +11,15 @@ from collections.abc import Callable
 import math
 from typing import Protocol
 
-from facade_manipulator.drives.cia402.group import Command
-from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase
-from facade_manipulator.drives.cia402.settings import AxisSettings, Triple
-from facade_manipulator.drives.cia402.states import Controlword, Mode
+from facade_manipulator.drives.cia402 import (
+    AxisSettings,
+    Command,
+    Controlword,
+    FOLLOWING_PHASES,
+    Mode,
+    Phase,
+    Triple,
+)
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import InputError, LimitError, SetpointLimitError, StrokeLimitError
 

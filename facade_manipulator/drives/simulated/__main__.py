@@ -15,9 +15,8 @@ import sys
 import threading
 from typing import Any
 
-from facade_manipulator.drives.canopen.link import BusSettings, open_bus
-from facade_manipulator.drives.cia402.settings import AxisSettings, DEFAULT_AXES
-from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.canopen import BusSettings, open_bus
+from facade_manipulator.drives.cia402 import AxisScale, AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.simulated.bus import DriveSimulator
 from facade_manipulator.drives.simulated.drive import SimulatedDrive
 from facade_manipulator.drives.simulated.group import simulated_drives

@@ -14,12 +14,15 @@ import math
 
 from canopen import SdoAbortedError
 
-from facade_manipulator.drives.cia402.profile import DriveProfile
-from facade_manipulator.drives.cia402.states import (
+from facade_manipulator.drives.cia402 import (
     AUTOMATIC_TRANSITIONS,
+    AxisScale,
     Command,
     Controlword,
     decode_command,
+    DriveProfile,
+    INT32_MAX,
+    INT32_MIN,
     Mode,
     POWERED_STATES,
     State,
@@ -27,7 +30,6 @@ from facade_manipulator.drives.cia402.states import (
     STATUSWORDS,
     TRANSITIONS,
 )
-from facade_manipulator.drives.cia402.units import AxisScale, INT32_MAX, INT32_MIN
 from facade_manipulator.drives.simulated.demand import SpeedRamp
 from facade_manipulator.drives.simulated.modes import make_modes, Reference
 from facade_manipulator.drives.simulated.motor import SimulatedMotor, STANDSTILL

@@ -15,10 +15,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen.nmt import NmtState
-from facade_manipulator.drives.cia402.profile import DriveProfile
-from facade_manipulator.drives.cia402.states import State, Status
-from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.canopen import NmtState
+from facade_manipulator.drives.cia402 import AxisScale, DriveProfile, State, Status
 from facade_manipulator.drives.simulated.axis import SAFE_TORQUE_OFF, SimulatedAxis
 from facade_manipulator.drives.simulated.motor import SimulatedMotor, SimulationSettings
 from facade_manipulator.drives.simulated.network import ErrorHistory

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import heapq
 from itertools import count
 import math
 import random
 
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 Frame = tuple[int, bytes]
 
 
-@dataclass(frozen=True)
+@settings
 class FrameLoss:
     """How badly frames travel; the default is a perfect wire."""
 
@@ -27,9 +26,6 @@ class FrameLoss:
     delay: float = parameter(
         0.005, 'Longest delay of a late frame', unit='s', minimum=0.0, maximum=10.0)
     seed: int = parameter(0, 'Seed of the chance', minimum=0)
-
-    def __post_init__(self) -> None:
-        check_parameters(self)
 
 
 class FrameFilter:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields, replace
 
-from facade_manipulator.drives.cia402.profile import load_profile
-from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.cia402 import AxisScale, AxisSettings, load_profile
 from facade_manipulator.drives.simulated.drive import Identity, SimulatedDrive
 from facade_manipulator.drives.simulated.motor import SimulationSettings
 

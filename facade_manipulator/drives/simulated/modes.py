@@ -11,8 +11,7 @@ IEC 61800-7-201 (CiA 402-2): profile position, homing and cyclic synchronous pos
 
 from __future__ import annotations
 
-from facade_manipulator.drives.cia402.profile import DriveProfile
-from facade_manipulator.drives.cia402.states import Controlword, Mode, Status
+from facade_manipulator.drives.cia402 import Controlword, DriveProfile, Mode, Status
 from facade_manipulator.drives.simulated.demand import Interpolator, PositionRamp, SpeedRamp
 from facade_manipulator.drives.simulated.homing import (
     HomingFailed,

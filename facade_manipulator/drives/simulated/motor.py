@@ -7,12 +7,11 @@ Everything here counts in encoder counts from the middle of the rail, in the dri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import math
 
-from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.cia402 import AxisScale
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 NEGATIVE_LIMIT, POSITIVE_LIMIT, HOME_SWITCH = 0x1, 0x2, 0x4  # bits of the digital inputs 60FD
 
@@ -21,7 +20,7 @@ _FRICTION_SPEED = 1e-3  # m/s: below it friction fades, so that the torque does 
 _TORQUE_FILTER = 0.005  # s
 
 
-@dataclass(frozen=True)
+@settings
 class SimulationSettings:
     """What a simulated axis is made of."""
 
@@ -67,7 +66,6 @@ class SimulationSettings:
         (), 'Indices of objects that this drive does not have')
 
     def __post_init__(self) -> None:
-        check_parameters(self)
         order = ('lower_stop', 'lower_switch', 'upper_switch', 'upper_stop')
         for low, high in zip(order, order[1:], strict=False):
             if getattr(self, low) > getattr(self, high):

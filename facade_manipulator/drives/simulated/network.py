@@ -14,7 +14,7 @@ import math
 
 from canopen import SdoAbortedError
 
-from facade_manipulator.drives.canopen.pdo import heartbeat_cob_id
+from facade_manipulator.drives.canopen import heartbeat_cob_id
 from facade_manipulator.drives.simulated.objects import INVALID_VALUE, ObjectStore
 
 # which bit of the error register 1001 a code sets besides the generic one; narrow masks first

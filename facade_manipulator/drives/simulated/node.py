@@ -13,10 +13,15 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.emergency import Emergency, encode_emergency
-from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
-from facade_manipulator.drives.cia402.profile import Quirks
+from facade_manipulator.drives.canopen import (
+    Emergency,
+    encode_emergency,
+    NMT_TRANSITIONS,
+    NmtCommand,
+    NmtState,
+    pdo,
+)
+from facade_manipulator.drives.cia402 import Quirks
 from facade_manipulator.drives.simulated.axis import SimulatedAxis
 from facade_manipulator.drives.simulated.faults import Frame, FrameFilter, FrameLoss
 from facade_manipulator.drives.simulated.network import (

@@ -18,7 +18,7 @@ import struct
 from canopen import SdoAbortedError
 from canopen.objectdictionary import datatypes
 
-from facade_manipulator.drives.canopen.pdo import DISABLED
+from facade_manipulator.drives.canopen import DISABLED
 from facade_manipulator.drives.simulated import objects
 from facade_manipulator.drives.simulated.objects import Key, ObjectStore
 
