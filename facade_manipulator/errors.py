@@ -5,7 +5,7 @@ The exception tree: one base, children by what the caller would do about them.
 
     ManipulatorError
     ├── ParameterError (also a ValueError)   mend the configuration
-    ├── InputError                           the message is refused and counted
+    ├── InputError                           the message is rejected and counted
     ├── LimitError                           the machine cannot go there
     │   ├── UnreachableError
     │   ├── StrokeLimitError
@@ -17,10 +17,10 @@ The exception tree: one base, children by what the caller would do about them.
         ├── DriveStateError                  not possible in the present state
         ├── DriveTimeoutError                the drive did not answer
         ├── DriveIdentityError               another drive than configured
-        ├── DriveObjectError                 an object refused or read back wrong
+        ├── DriveObjectError                 an object rejected or read back wrong
         └── DriveFaultError                  the drive reports a fault
 
-Messages are sentences with the value, the bound and the unit.
+Messages are messages with the value, the bound and the unit.
 """
 
 from __future__ import annotations
@@ -36,43 +36,43 @@ class ParameterError(ManipulatorError, ValueError):
 
 class InputError(ManipulatorError):
     """
-    A message is refused.
+    A message is rejected.
 
     Parameters
     ----------
     reason : str
-        Short key under which the refusal is counted, such as ``'stale'``.
-    sentence : str
+        Short key under which the rejection is counted, such as ``'stale'``.
+    message : str
         What is wrong, with value, bound and unit.
 
     """
 
-    def __init__(self, reason: str, sentence: str) -> None:
-        super().__init__(sentence)
+    def __init__(self, reason: str, message: str) -> None:
+        super().__init__(message)
         self.reason = reason
 
     @staticmethod
     def not_finite(what: str, value: float, unit: str = '') -> InputError:
-        """Return the refusal of a number that is none, ready to be raised."""
+        """Return the rejection of a number that is none, ready to be raised."""
         suffix = f' {unit}' if unit else ''
         return InputError(
             'not_finite', f'{what} = {value}{suffix} is not a finite number')
 
     @staticmethod
     def stale(what: str, age: float, bound: float) -> InputError:
-        """Return the refusal of what is older than its bound [s], ready to be raised."""
+        """Return the rejection of what is older than its bound [s], ready to be raised."""
         return InputError('stale', f'{what} is {age:.3f} s old, bound {bound:g} s')
 
     @staticmethod
     def from_future(what: str, lead: float, bound: float) -> InputError:
-        """Return the refusal of what was measured later than now [s], ready to be raised."""
+        """Return the rejection of what was measured later than now [s], ready to be raised."""
         return InputError(
             'future', f'{what} is {lead:.3f} s from the future, bound {bound:g} s: are the '
             'clocks synchronised?')
 
     @staticmethod
     def out_of_order(what: str, behind: float) -> InputError:
-        """Return the refusal of what came after something newer [s], ready to be raised."""
+        """Return the rejection of what came after something newer [s], ready to be raised."""
         return InputError(
             'out_of_order', f'{what} is {behind:.3f} s older than the one before, expected a '
             'newer one')
@@ -141,7 +141,7 @@ class SetpointLimitError(LimitError):
 
 
 class BusError(ManipulatorError):
-    """The CAN interface is missing, down, bus-off or refuses frames."""
+    """The CAN interface is missing, down, bus-off or rejects frames."""
 
 
 class DriveError(ManipulatorError):
@@ -161,7 +161,7 @@ class DriveIdentityError(DriveError):
 
 
 class DriveObjectError(DriveError):
-    """A drive refused an object, or read it back with another value."""
+    """A drive rejected an object, or read it back with another value."""
 
 
 class DriveFaultError(DriveError):

@@ -143,13 +143,13 @@ def _clear(rig: StreamRig) -> None:
 def _clear_and_home(rig: StreamRig) -> None:
     assert 'q2' in rig.controller.snapshot().unhomed
     assert 'home ' in rig.clear()
-    assert 'homed' in rig.refusal('activate')
+    assert 'homed' in rig.rejection('activate')
     if not rig.is_homing_rig:
         rig.do('home')
 
 
 def _configure_again(rig: StreamRig) -> None:
-    assert 'configure again' in rig.refusal('clear_faults')
+    assert 'configure again' in rig.rejection('clear_faults')
     rig.do('cleanup')
     rig.configure()
 
@@ -186,11 +186,11 @@ class Row:
 
     `cycles` is how many SYNCs may pass before all are commanded to stop; None for as many as a
     drive may miss. `told` is what a request under way is told, where the stop comes before the
-    sentence is complete.
+    message is complete.
     """
 
     inject: Callable[[StreamRig], None]
-    sentence: str
+    message: str
     next_step: str = 'clear the faults'
     recover: Callable[[StreamRig], None] = _clear
     cuts_power: bool = False
@@ -200,20 +200,20 @@ class Row:
     told: str = ''
 
 
-def _lost(inject: Callable[[StreamRig], None], sentence: str) -> Row:
-    return Row(inject, sentence, 'home', _clear_and_home, cuts_power=True)
+def _lost(inject: Callable[[StreamRig], None], message: str) -> Row:
+    return Row(inject, message, 'home', _clear_and_home, cuts_power=True)
 
 
 def _node(
-    inject: Callable[[StreamRig], None], sentence: str, cycles: float | None = None,
+    inject: Callable[[StreamRig], None], message: str, cycles: float | None = None,
     next_step: str = 'configure again', **details,
 ) -> Row:
-    return Row(inject, sentence, next_step, cycles=cycles,
+    return Row(inject, message, next_step, cycles=cycles,
                **{'recover': _configure_again, **details})
 
 
-def _bus(inject: Callable[[StreamRig], None], sentence: str) -> Row:
-    return Row(inject, sentence, 'wait until it is back', _wait_for_the_bus, cycles=math.inf,
+def _bus(inject: Callable[[StreamRig], None], message: str) -> Row:
+    return Row(inject, message, 'wait until it is back', _wait_for_the_bus, cycles=math.inf,
                stopped=_by_itself, axis='')
 
 
@@ -277,9 +277,9 @@ def prove(rig: StreamRig, name: str, situation: str) -> float | None:
     assert _syncs_to_the_last_enabling(rig.heard, begin) <= most
     _check_cause(rig, row)
     if situation == 'homing':
-        assert (row.told or row.sentence) in str(rig.homing.exception(PATIENCE))
+        assert (row.told or row.message) in str(rig.homing.exception(PATIENCE))
         assert rig.controller.snapshot().unhomed == AXIS_NAMES
-    assert rig.refusal('activate')
+    assert rig.rejection('activate')
     rig.fall_silent()
     mend(rig)
     row.recover(rig)
@@ -297,8 +297,8 @@ def _measured(rig: StreamRig, row: Row, begin: float) -> float | None:
 
 
 def _check_cause(rig: StreamRig, row: Row) -> None:
-    wait_until(lambda: row.sentence in rig.controller.snapshot().cause,
-               f'the cause to say: {row.sentence}', 2.0)
+    wait_until(lambda: row.message in rig.controller.snapshot().cause,
+               f'the cause to say: {row.message}', 2.0)
     snapshot = rig.controller.snapshot()
     assert row.axis in snapshot.cause
     assert row.next_step in snapshot.next_step
@@ -317,7 +317,7 @@ def _syncs_to_the_last_enabling(frames: list[can.Message], begin: float) -> int:
 SETPOINTS: dict[str, Spoil] = {
     'setpoints: silence': lambda setpoint: None,
     'setpoints: stale': lambda setpoint: setpoint._replace(time=setpoint.time - 1.0),
-    'setpoints: refused': lambda setpoint: setpoint._replace(position=(0.0, 0.4, 0.1)),
+    'setpoints: rejected': lambda setpoint: setpoint._replace(position=(0.0, 0.4, 0.1)),
 }
 
 

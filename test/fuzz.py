@@ -114,12 +114,12 @@ class Complaints(logging.Handler):
 
     def __init__(self) -> None:
         super().__init__(logging.ERROR)
-        self.sentences: list[str] = []
+        self.messages: list[str] = []
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep the sentence, and the error's if there is one."""
+        """Keep the message, and the error's if there is one."""
         error = record.exc_info[1] if record.exc_info else ''
-        self.sentences.append(f'{record.getMessage()} {error!r}')
+        self.messages.append(f'{record.getMessage()} {error!r}')
 
 
 @contextmanager
@@ -128,7 +128,7 @@ def complaints():
     handler, logger = Complaints(), logging.getLogger('facade_manipulator')
     logger.addHandler(handler)
     try:
-        yield handler.sentences
+        yield handler.messages
     finally:
         logger.removeHandler(handler)
 
@@ -281,7 +281,7 @@ def fuzz_setpoints(rig: StreamRig, seconds: float, seed: int = 0) -> tuple[int, 
     Stream at 100 Hz and throw nine bad setpoints among each good one: 1 kHz together.
 
     Returns how many bad ones were sent, and the watch over the commands; raises AssertionError
-    if one of them is not refused.
+    if one of them is not rejected.
     """
     rng, bad = random.Random(seed), 0
     watch = CommandWatch(rig.axes, PATIENT.period)

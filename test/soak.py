@@ -102,7 +102,7 @@ def main() -> int:
             wrong = [*soak(rig, options.duration), *said]
         finally:
             rig.close()
-    print(*(f'FAILED: {sentence}' for sentence in wrong), sep='\n', flush=True)
+    print(*(f'FAILED: {message}' for message in wrong), sep='\n', flush=True)
     good = run_all(options.frames) if options.frames else True
     print('good' if good and not wrong else 'NOT GOOD')
     return 0 if good and not wrong else 1

@@ -51,10 +51,10 @@ def test_each_growth_names_what_it_meets_first(table):
         'Manipulators at 100 Hz': {
             'at': [1, 8], 'lines': {'CPU [%]': [5.0, 40.0], 'p99 [µs]': [600.0, 900.0]}}}
     add_bottlenecks(growth)
-    sentences = [one['bottleneck'] for one in growth.values()]
-    for sentence, figure in zip(
-            sentences, ('below 10 poses', '4.0 times', '2500 Hz', '5.0 %'), strict=True):
-        assert figure in sentence
+    messages = [one['bottleneck'] for one in growth.values()]
+    for message, figure in zip(
+            messages, ('below 10 poses', '4.0 times', '2500 Hz', '5.0 %'), strict=True):
+        assert figure in message
 
 
 def test_a_growth_that_nobody_knows_is_an_error(table):

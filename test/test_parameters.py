@@ -27,7 +27,7 @@ class Sample:
             raise ParameterError(f'low = {self.low:g} m is not below high = {self.high:g} m')
 
 
-@pytest.mark.parametrize('values, sentence', [
+@pytest.mark.parametrize('values, message', [
     ({'low': -0.5}, 'low = -0.5 m is below its minimum 0 m'),
     ({'high': 1.5}, 'high = 1.5 m is above its maximum 1 m'),
     ({'low': math.nan}, 'low = nan is not a finite number'),
@@ -36,8 +36,8 @@ class Sample:
     ({'kind': 'c'}, "kind = 'c' is none of a, b"),
     ({'low': 0.95}, 'low = 0.95 m is not below high'),
 ])
-def test_a_value_out_of_its_range_is_refused_with_bound_and_unit(values, sentence):
-    with pytest.raises(ParameterError, match=sentence):
+def test_a_value_out_of_its_range_is_rejected_with_bound_and_unit(values, message):
+    with pytest.raises(ParameterError, match=message):
         Sample(**values)
 
 
@@ -68,27 +68,27 @@ def test_a_live_change_reaches_the_listener_once_and_whole(ros):
     assert heard == [Sample(low=0.3, high=0.4)]
 
 
-@pytest.mark.parametrize('name, value, sentence', [
+@pytest.mark.parametrize('name, value, message', [
     ('low', 0.95, 'low = 0.95 m is not below high = 0.9 m'),
     ('low', 2.0, ''),
     ('kind', 'z', 'is none of a, b'),
     ('span', [0.0, 2.0], 'read-only'),
 ])
-def test_an_invalid_live_change_is_refused_with_the_reason_and_changes_nothing(
-        ros, name, value, sentence):
+def test_an_invalid_live_change_is_rejected_with_the_reason_and_changes_nothing(
+        ros, name, value, message):
     node, heard = ros.node('node'), []
     declare(node, Sample, '', heard.append)
     before = node.get_parameter(name).value
     result = node.set_parameters([Parameter(name, value=value)])[0]
     assert not result.successful
-    assert sentence in result.reason
+    assert message in result.reason
     assert node.get_parameter(name).value == before
     assert heard == []
 
 
 @pytest.mark.parametrize('override', [
     Parameter('low', value='much'), Parameter('low', value=7.0), Parameter('high', value=0.05)])
-def test_a_wrong_value_at_start_is_one_sentence(ros, override):
+def test_a_wrong_value_at_start_is_one_message(ros, override):
     node = ros.node('node', parameter_overrides=[override])
     with pytest.raises(ParameterError, match='low|high'):
         declare(node, Sample)

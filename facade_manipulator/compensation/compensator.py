@@ -131,7 +131,7 @@ class Compensator:
     goal : Pose or None
         Where on the wall the head is to rest.
     anchors : int
-        How often the course began anew.
+        How often the course began again.
 
     """
 
@@ -175,7 +175,7 @@ class Compensator:
         part : str
             A field of `CompensatorSettings`.
         settings : object
-            Of the class of that field. A new prediction learns anew: the correction fades out
+            Of the class of that field. A new prediction learns again: the correction fades out
             and in again. A new reference holds from the next goal on.
 
         Raises
@@ -274,13 +274,13 @@ class Compensator:
         ----------
         now : float
             Present time [s]; later than at the update before. If the clock is set, the course
-            begins anew.
+            begins again.
 
         """
         time = now + self.settings.horizon
         if self._last is not None and (
                 not -LONGEST_INTERVAL <= time - self._last.time <= LONGEST_PAUSE):
-            self._last = None  # the clock was set: begin anew
+            self._last = None  # the clock was set: begin again
         aim = time + self.following.lag
         disturbance = self.correction.at(now, aim).position
         if self.goal is None:

@@ -50,7 +50,7 @@ class CorrectionSettings:
 
 
 class Mode(enum.Enum):
-    """What the correction aims at, as a sentence."""
+    """What the correction aims at, as a message."""
 
     DISABLED = 'disabled by the operator'
     UNHEARD = 'no estimate of the disturbance has come yet'
@@ -100,7 +100,7 @@ class Correction:
                 self._time, self._course.minus(self._aim()), self.settings.smoothing)
 
     def change_prediction(self, settings: PredictionSettings) -> None:
-        """Learn anew by other settings; meanwhile the correction fades out, and in again."""
+        """Learn again by other settings; meanwhile the correction fades out, and in again."""
         self._change(mode=Mode.UNHEARD)
         self.predictor = make_predictor(settings)
 

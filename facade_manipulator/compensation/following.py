@@ -27,7 +27,7 @@ class FollowingSettings:
         0.035, 'Yaw of the head from the course from which it is not following', unit='rad',
         minimum=1e-3, maximum=1.0)
     patience: float = parameter(
-        0.5, 'Time of not following after which the course begins anew at the head', unit='s',
+        0.5, 'Time of not following after which the course begins again at the head', unit='s',
         minimum=0.05, maximum=10.0)
     lag_memory: float = parameter(
         10.0, "Time constant with which the head's lag is measured", unit='s', minimum=0.5,

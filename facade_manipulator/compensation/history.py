@@ -24,7 +24,7 @@ class History:
         self._items: deque[tuple[float, float]] = deque()
 
     def add(self, time: float, value: float) -> None:
-        """Add the value at a time [s] later than all before; an earlier one begins anew."""
+        """Add the value at a time [s] later than all before; an earlier one begins again."""
         if self._items and time <= self._items[-1][0]:
             self._items.clear()
         self._items.append((time, value))

@@ -36,7 +36,7 @@ class Tracker:
         return subtract(self._target, self._place)
 
     def reset(self) -> None:
-        """Begin anew at the next target."""
+        """Begin again at the next target."""
         self._time = None
 
     def step(self, time: float, target: Pose) -> Pose:

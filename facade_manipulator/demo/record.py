@@ -119,7 +119,7 @@ class Recorder:
         """Return the newest minutes, every sample."""
         return self._course(self._newest)
 
-    def whole(self) -> Course:
+    def atomic_write(self) -> Course:
         """Return the whole run, thinned if it was long."""
         return self._course(self._whole.items)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from facade_manipulator.demo.record import Recorder
-from facade_manipulator.files import whole
+from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.monitor import Observer
 from facade_manipulator.simulation import AXES, Scenario
@@ -40,7 +40,7 @@ def summarise(measured: dict, observer: Observer, duration: float) -> dict:
         'pipeline_latency_ms': _latency(observer),
         'bus_cycles': observer.count('driver: bus', 'cycles'),
         'missed_cycles': observer.count('driver: bus', 'missed cycles'),
-        'refused_goals': observer.count('ik_service: goal', 'refused'),
+        'rejected_goals': observer.count('ik_service: goal', 'rejected'),
         'drive_faults': observer.count('driver: operation', 'drive faults'),
     }
 
@@ -67,7 +67,7 @@ def _latency(observer: Observer) -> dict[str, float | None]:
 
 def write_json(path: Path, content: Any) -> None:
     """Write a JSON file whole or not at all."""
-    with whole(path) as draft:
+    with atomic_write(path) as draft:
         draft.write_text(json.dumps(content, indent=2) + '\n')
 
 
@@ -106,13 +106,13 @@ def draw(
         return
     for done, (name, picture) in enumerate(_pictures(recorder, summary, scenario).items()):
         yield 0.1 * done
-        with whole(folder / name) as draft:
+        with atomic_write(folder / name) as draft:
             picture(draft)
     images = []
     for image in animation.frames(course, geometry, scenario.facade):
         images.append(image)
         yield 0.4 + 0.5 * len(images) / animation.FRAMES
-    with whole(folder / LINKAGE) as draft:
+    with atomic_write(folder / LINKAGE) as draft:
         animation.save(draft, images)
     yield 1.0
 
@@ -127,7 +127,7 @@ def _pictures(
     times, forces = recorder.forces()
     drawings = {
         TIME_COURSES: lambda draft: pictures.draw_time_courses(
-            draft, recorder.whole(), summary['axes']),
+            draft, recorder.atomic_write(), summary['axes']),
         SPECTRUM: lambda draft: pictures.draw_spectrum(draft, course),
         PATH: lambda draft: pictures.draw_paths(draft, course),
     }

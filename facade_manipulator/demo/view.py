@@ -39,13 +39,13 @@ def summary_lines(summary: dict, scenario: Scenario) -> list[str]:
                 (result['attenuation_db'], 1.0, 'dB', 14))))
     lines.append(
         f'{summary["bus_cycles"]} bus cycles, {summary["missed_cycles"]} missed, '
-        f'{summary["drive_faults"]} drive faults, {summary["refused_goals"]} goals refused')
+        f'{summary["drive_faults"]} drive faults, {summary["rejected_goals"]} goals rejected')
     return lines + _giving_way(scenario)
 
 
 def _table(observer: Observer, elapsed: float, duration: float) -> Group:
     view = render(observer, f'{elapsed:5.1f} s of {duration:g} s   '
-                  f'{observer.refused()} rejections   (Ctrl-C stops the drives first)')
+                  f'{observer.rejected()} rejections   (Ctrl-C stops the drives first)')
     bar = ProgressBar(total=duration, completed=elapsed)
     view.renderables.insert(1, Padding(bar))  # a bar alone does not end its line
     return view
@@ -59,7 +59,7 @@ def _line(observer: Observer, elapsed: float) -> str:
     )
     cells = [f'{name} {_triple(pose)}' for name, pose in columns]
     cells.append(f'{observer.count("driver: bus", "cycles")} cycles')
-    cells.append(f'{observer.refused()} rejections')
+    cells.append(f'{observer.rejected()} rejections')
     return f'{elapsed:5.1f} s  ' + '  '.join(cells)
 
 

@@ -68,7 +68,7 @@ class Reference:
 
     def anchor(self, time: float, motion: Motion, goal: Pose) -> None:
         """
-        Begin the path anew at a motion and plan it to a goal.
+        Begin the path again at a motion and plan it to a goal.
 
         Parameters
         ----------

@@ -58,7 +58,7 @@ class StreamSettings:
         0.1, 'Silence after which the carriages brake and hold', unit='s',
         minimum=0.01, maximum=1.0)
     oldest: float = parameter(
-        0.2, 'Age beyond which a setpoint is refused', unit='s', minimum=0.01, maximum=2.0)
+        0.2, 'Age beyond which a setpoint is rejected', unit='s', minimum=0.01, maximum=2.0)
     earliest: float = parameter(
         1.0, 'How far in the future a setpoint may be meant', unit='s', minimum=0.01, maximum=10.0)
     first_step: float = parameter(
@@ -69,7 +69,7 @@ class StreamSettings:
         if self.stale_after > self.oldest:
             raise ParameterError(
                 f'stale_after = {self.stale_after:g} s is above oldest = {self.oldest:g} s: '
-                'a stream would be refused before it counts as silent')
+                'a stream would be rejected before it counts as silent')
 
 
 class Activity(enum.Enum):
@@ -316,7 +316,7 @@ class SetpointFollower:
 
     def _require_near(self, setpoint: Setpoint, stream: tuple[Knot, ...]) -> None:
         if self._motion is None:
-            raise InputError('inactive', 'setpoint refused: the driver holds no position')
+            raise InputError('inactive', 'setpoint rejected: the driver holds no position')
         start = stream[-1].position if stream else self._motion.position
         for carriage, value, near in zip(CARRIAGES, setpoint.position, start, strict=True):
             if abs(value - near) > self.settings.first_step:

@@ -22,17 +22,17 @@ from facade_manipulator.ros import (
     declare,
     DiagnosticsPublisher,
     END_EFFECTOR,
-    estimate_wire,
+    estimate_codec,
     FACADE,
     LATEST,
     node_time,
     planar,
     planar_pose,
     planar_wrench,
-    pose_wire,
+    pose_codec,
     PoseStream,
     RAIL,
-    Refusals,
+    Rejections,
     RELIABLE,
     require_frame,
     run,
@@ -59,12 +59,12 @@ class CompensatorNode(Node):
             part: self._declare(geometry, part, type(default))
             for part, default in DEFAULTS._asdict().items()})
         self._compensator = Compensator(geometry, self.settings)
-        self._refusals = Refusals(self)
+        self._rejections = Rejections(self)
         self._report = CompensatorReport(self._compensator)
         self.corrected = PoseStream(self, 'corrected_pose', RAIL, LATEST)
         self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
-        self._disturbance_wire = estimate_wire('disturbance', FACADE)
-        self._head_wire = pose_wire('end_effector_pose', RAIL)
+        self._disturbance_codec = estimate_codec('disturbance', FACADE)
+        self._head_codec = pose_codec('end_effector_pose', RAIL)
         self._subscribe()
         self.create_service(SetBool, 'compensator/enable', self._enable)
         self.create_service(Trigger, 'compensator/tare', self._tare)
@@ -103,33 +103,33 @@ class CompensatorNode(Node):
             require_frame(message.header.frame_id, FACADE, 'goal_pose')
             goal = planar_pose(message.pose, 'goal_pose')
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
             return
         try:
             self._compensator.take_goal(goal)
         except ManipulatorError as error:
-            self._refusals.add(error, 'goal_pose')
+            self._rejections.add(error, 'goal_pose')
 
     def _take_disturbance(self, data: bytes) -> None:
         try:
-            time, (*pose, x, y, yaw) = self._disturbance_wire.read(data)
+            time, (*pose, x, y, yaw) = self._disturbance_codec.read(data)
             self._compensator.take_estimate(
                 node_time(self), time, planar(pose, 'disturbance'), (x, y, yaw))
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
 
     def _take_head(self, data: bytes) -> None:
         try:
-            time, pose = self._head_wire.read(data)
+            time, pose = self._head_codec.read(data)
             self._compensator.take_head(time, planar(pose, 'end_effector_pose'))
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
 
     def _see_head(self, time: float, pose: Pose) -> None:
         try:
             self._compensator.take_head(time, pose)
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
 
     def _take_wrench(self, message: WrenchStamped) -> None:
         try:
@@ -137,7 +137,7 @@ class CompensatorNode(Node):
             self._compensator.take_wrench(
                 node_time(self), seconds(message.header.stamp), planar_wrench(message))
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
 
     def _take_lateral_offset(self, message: PointStamped) -> None:
         try:
@@ -145,14 +145,14 @@ class CompensatorNode(Node):
             self._compensator.take_lateral_offset(
                 node_time(self), seconds(message.header.stamp), message.point.x)
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
 
     def _update(self) -> None:
         now = node_time(self)
         try:
             corrected = self._compensator.update(now)
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
             return
         if corrected is not None:
             self.corrected.tell(corrected.time, corrected.pose)
@@ -181,7 +181,7 @@ class CompensatorNode(Node):
         return response
 
     def _components(self) -> list[DiagnosticStatus]:
-        return self._report.components(node_time(self), self._refusals.values())
+        return self._report.components(node_time(self), self._rejections.values())
 
 
 def main(args: list[str] | None = None) -> int:

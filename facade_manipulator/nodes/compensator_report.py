@@ -54,17 +54,17 @@ class CompensatorReport:
                 self._held_until[what, axis] = until
 
     def changed(self, now: float) -> bool:
-        """Tell whether level or sentence are others than last told; looks now and then."""
+        """Tell whether level or message are others than last told; looks now and then."""
         if 0.0 < self._next_look - now <= LOOK_PERIOD:  # further off, the clock was set
             return False
         self._next_look = now + LOOK_PERIOD
         return self._outcome(now) != self._told
 
-    def components(self, now: float, refusals: Mapping) -> list[DiagnosticStatus]:
+    def components(self, now: float, rejections: Mapping) -> list[DiagnosticStatus]:
         """Return the diagnostics of this moment."""
         self._told = self._outcome(now)
         components = [diagnostic_status(
-            'correction', *self._told, {**self._values(now), **refusals})]
+            'correction', *self._told, {**self._values(now), **rejections})]
         contact = self._compensator.contact
         if any(axis.settings.enabled for axis in (contact.lateral, contact.press, contact.turn)):
             components.append(diagnostic_status(
@@ -72,7 +72,7 @@ class CompensatorReport:
         return components
 
     def _outcome(self, now: float) -> tuple[str, str]:
-        """Return level and sentence; no number that changes, so that a change means something."""
+        """Return level and message; no number that changes, so that a change means something."""
         mode = self._compensator.correction.mode
         held_back = self._held_back(now)
         if held_back:

@@ -55,12 +55,12 @@ from facade_manipulator.ros import (
     LATEST,
     ManagedNode,
     node_time,
-    Refusals,
+    Rejections,
     RELIABLE,
     run,
-    setpoint_wire,
+    setpoint_codec,
     SoftwareStop,
-    states_wire,
+    states_codec,
 )
 
 SUPERVISION_PERIOD = 0.02
@@ -104,13 +104,13 @@ class DriverNode(ManagedNode):
         self._simulator = None
         self._controller = self._make_controller()
         self._closer = ThreadPoolExecutor(max_workers=1)
-        self._refusals = Refusals(self)
+        self._rejections = Rejections(self)
         self._published_stamp: float | None = None
         self._drive_faults = 0
         self._was_stopped = False
         self._last_failure = ''
         self._told: tuple = ()
-        self._setpoint_wire, self._states_wire = setpoint_wire(), states_wire()
+        self._setpoint_codec, self._states_codec = setpoint_codec(), states_codec()
         self._offer()
 
     def transition_jobs(self):
@@ -124,10 +124,10 @@ class DriverNode(ManagedNode):
             State.TRANSITION_STATE_SHUTTINGDOWN: self._shut_down,
         }
 
-    def tell(self, success: bool, sentence: str) -> None:
+    def tell(self, success: bool, message: str) -> None:
         """Say how a request ended, in the log and in /diagnostics."""
-        super().tell(success, sentence)
-        self._last_failure = '' if success else sentence
+        super().tell(success, message)
+        self._last_failure = '' if success else message
         self._diagnostics.publish()
 
     def close(self) -> None:
@@ -186,9 +186,9 @@ class DriverNode(ManagedNode):
     def _offer_request(self, name: str, start) -> None:
         def answer(job: Future) -> Trigger.Response:
             error = job.exception()
-            sentence = str(error or job.result())
-            self.tell(error is None, sentence)
-            return Trigger.Response(success=error is None, message=sentence)
+            message = str(error or job.result())
+            self.tell(error is None, message)
+            return Trigger.Response(success=error is None, message=message)
 
         self.replies.attach(
             self.create_service(Trigger, name, lambda *_: Deferred(start(), answer)))
@@ -198,7 +198,7 @@ class DriverNode(ManagedNode):
         findings = [Finding('self_test', False, str(error))] if error else job.result()
         passed = all(finding.passed for finding in findings)
         self.tell(passed, 'self-test passed' if passed else '; '.join(
-            f'{finding.name}: {finding.sentence}' for finding in findings if not finding.passed))
+            f'{finding.name}: {finding.message}' for finding in findings if not finding.passed))
         return SelfTest.Response(
             id=self.get_fully_qualified_name(), passed=bytes([passed]),
             status=[finding_status(finding) for finding in findings])
@@ -216,7 +216,7 @@ class DriverNode(ManagedNode):
             f'{limits.jerk:g} m/s^3')
 
     def _check_limits(self, limits: MotionLimits) -> None:
-        """Refuse what the drives, configured with limits of their own, would not follow."""
+        """Reject what the drives, configured with limits of their own, would not follow."""
         for name, axis in zip(CARRIAGES, self._axes, strict=True):
             for what, value, bound, unit in (
                 ('speed', limits.speed, axis.max_speed, 'm/s'),
@@ -243,16 +243,16 @@ class DriverNode(ManagedNode):
     def _take_setpoint(self, data: bytes) -> None:
         try:
             self._require_active()
-            time, (q1, q2, q3, *velocity) = self._setpoint_wire.read(data)
+            time, (q1, q2, q3, *velocity) = self._setpoint_codec.read(data)
             self._follower.add(Setpoint(time, (q1, q2, q3), tuple(velocity)), node_time(self))
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
 
     def _require_active(self) -> None:
         state = self._controller.state
         if state is not ControllerState.ACTIVE:
             raise InputError(
-                state.value, f'setpoint refused: the drives are {state.value}, not active')
+                state.value, f'setpoint rejected: the drives are {state.value}, not active')
 
     def _stop_by_software(self, cause: str) -> None:
         if self._controller.state in POWERED_STATES:
@@ -260,7 +260,7 @@ class DriverNode(ManagedNode):
 
     def _supervise(self) -> None:
         controller = self._controller
-        controller.beat()
+        controller.feed_watchdog()
         self._software_stop.watch(self._settings.software_stop_timeout)
         state = controller.state
         self._note_stop(state)
@@ -284,7 +284,7 @@ class DriverNode(ManagedNode):
         if joints is None or joints.stamp == self._published_stamp:
             return
         self._published_stamp = joints.stamp
-        self._joint_states.publish(self._states_wire.write(
+        self._joint_states.publish(self._states_codec.write(
             joints.stamp, joints.positions + joints.velocities + joints.forces))
 
     def _components(self) -> list[DiagnosticStatus]:
@@ -293,7 +293,7 @@ class DriverNode(ManagedNode):
         values = {
             'drive faults': self._drive_faults,
             'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
-            **self._refusals.values(),
+            **self._rejections.values(),
         }
         return [
             operation_status(snapshot, self._follower, self._last_failure, values),

@@ -31,7 +31,7 @@ def operation_status(
     snapshot: ControllerSnapshot, follower: SetpointFollower, last_failure: str,
     counters: dict[str, Any],
 ) -> DiagnosticStatus:
-    """Say what the drives do as a group, why, what was refused last and what comes next."""
+    """Say what the drives do as a group, why, what was rejected last and what comes next."""
     values = {
         'state': snapshot.state.value,
         'activity': follower.activity.value,
@@ -47,7 +47,7 @@ def operation_status(
         **counters,
     }
     level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
-    return diagnostic_status('operation', level, _sentence(snapshot, last_failure), values)
+    return diagnostic_status('operation', level, _message(snapshot, last_failure), values)
 
 
 def bus_status(snapshot: ControllerSnapshot) -> DiagnosticStatus:
@@ -88,21 +88,21 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
     }
     serial = '' if axis.serial_number is None else str(axis.serial_number)
     if axis.state in FAULTS:
-        sentence = axis.error or 'in fault, no code told'
-        return diagnostic_status(axis.name, 'error', sentence, values, serial)
+        message = axis.error or 'in fault, no code told'
+        return diagnostic_status(axis.name, 'error', message, values, serial)
     if axis.state is None:
         return diagnostic_status(axis.name, 'stale', 'not heard yet', values, serial)
-    sentence = axis.state.name.lower().replace('_', ' ') + ('' if axis.homed else ', not homed')
-    return diagnostic_status(axis.name, 'ok', sentence, values, serial)
+    message = axis.state.name.lower().replace('_', ' ') + ('' if axis.homed else ', not homed')
+    return diagnostic_status(axis.name, 'ok', message, values, serial)
 
 
 def finding_status(finding: Finding) -> DiagnosticStatus:
     """Say how one part of the self-test ended."""
     level = 'ok' if finding.passed else 'error'
-    return diagnostic_status(finding.name, level, finding.sentence, {})
+    return diagnostic_status(finding.name, level, finding.message, {})
 
 
-def _sentence(snapshot: ControllerSnapshot, last_failure: str) -> str:
+def _message(snapshot: ControllerSnapshot, last_failure: str) -> str:
     if snapshot.cause:
         return f'{snapshot.state.value}: {snapshot.cause}; next: {snapshot.next_step}'
     return f'{snapshot.state.value}; {last_failure}' if last_failure else snapshot.state.value

@@ -33,7 +33,7 @@ from facade_manipulator.ros import (
     planar_pose,
     pose_message,
     pose_stamped,
-    Refusals,
+    Rejections,
     RELIABLE,
     require_frame,
     run,
@@ -79,7 +79,7 @@ class GondolaSimulatorNode(Node):
         self._facade = Facade(scenario.facade)
         self._sees_slip = scenario.wall.slip_sensor
         self._last: WallSample | None = None
-        self._refusals = Refusals(self)
+        self._rejections = Rejections(self)
         self._connect()
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(DELIVERY_PERIOD, self._deliver)
@@ -116,7 +116,7 @@ class GondolaSimulatorNode(Node):
             goal = planar_pose(message.pose, 'goal_pose')
             certify(self._geometry, goal)
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
             return
         self._wall.take_goal(node_time(self), goal)
 
@@ -126,7 +126,7 @@ class GondolaSimulatorNode(Node):
             carriages = carriages_from(message.name, message.position, 'joint_states position')
             sample = self._wall.take_carriages(time, Carriages(*carriages))
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
             return
         self._head.publish(pose_stamped(FACADE, time, sample.head))
         if sample.error is not None:
@@ -153,7 +153,7 @@ class GondolaSimulatorNode(Node):
 
     def _components(self) -> list[DiagnosticStatus]:
         return [diagnostic_status(
-            'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._refusals.values()})]
+            'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._rejections.values()})]
 
 
 def _estimate_message(delivery: Delivery) -> PoseWithCovarianceStamped:

@@ -32,16 +32,16 @@ from facade_manipulator.ros import (
     node_time,
     planar,
     planar_pose,
-    pose_wire,
+    pose_codec,
     PoseStream,
     RAIL,
-    Refusals,
+    Rejections,
     RELIABLE,
     require_finite,
     require_frame,
     run,
-    setpoint_wire,
-    states_wire,
+    setpoint_codec,
+    states_codec,
 )
 
 ACTUATOR_SPACE = 'actuator_space'
@@ -60,12 +60,12 @@ class IkServiceNode(Node):
         self._approach = Approach(
             declare(self, ReferenceSettings, 'approach', self._change_approach))
         self._last_goal_time = -math.inf
-        self._refusals = Refusals(self)
+        self._rejections = Rejections(self)
         self._outcome = ('ok', 'no goal yet')
         self._setpoint_count = 0
         self._head: Pose | None = None
-        self._goal_wire = pose_wire('corrected_pose', RAIL)
-        self._states_wire, self._setpoint_wire = states_wire(), setpoint_wire()
+        self._goal_codec = pose_codec('corrected_pose', RAIL)
+        self._states_codec, self._setpoint_codec = states_codec(), setpoint_codec()
         self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
         self.heads = PoseStream(self, 'end_effector_pose', RAIL, RELIABLE)
         self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
@@ -89,7 +89,7 @@ class IkServiceNode(Node):
 
     def _take_goal(self, data: bytes) -> None:
         try:
-            time, pose = self._goal_wire.read(data)
+            time, pose = self._goal_codec.read(data)
             self._go_to(time or node_time(self), planar(pose, 'corrected_pose'))
         except ManipulatorError as error:
             self._give_up(error)
@@ -128,30 +128,30 @@ class IkServiceNode(Node):
 
     def _give_up(self, error: ManipulatorError) -> None:
         self._approach.end()
-        self._refuse(error)
+        self._reject(error)
 
     def _follow(self, time: float, pose: Pose) -> None:
         setpoint = self._stream.setpoint(time, pose)
         self._setpoint_count += 1
-        self._setpoints.publish(self._setpoint_wire.write(
+        self._setpoints.publish(self._setpoint_codec.write(
             setpoint.time, setpoint.position + setpoint.velocity))
         self._accept('following the goals')
 
     def _take_joint_states(self, data: bytes) -> None:
         try:
-            time, numbers = self._states_wire.read(data)
+            time, numbers = self._states_codec.read(data)
             position, velocity, effort = numbers[:3], numbers[3:6], numbers[6:]
             require_finite(CARRIAGES, position, 'joint_states position of')
             self._head = forward_kinematics(self.geometry, Carriages(*position))
         except ManipulatorError as error:
             self._head = None
-            self._refusals.add(error)
+            self._rejections.add(error)
             return
         self.heads.tell(time, self._head)
         try:
             self._contact.publish(time, self._head, velocity, effort)
         except ManipulatorError as error:
-            self._refusals.add(error)
+            self._rejections.add(error)
 
     def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         response.plan.header.frame_id = ACTUATOR_SPACE
@@ -159,7 +159,7 @@ class IkServiceNode(Node):
         try:
             path = self._path(request)
         except ManipulatorError as error:
-            self._refuse(error)
+            self._reject(error)
             return response
         response.plan.poses = [_actuator_pose(response.plan.header, point) for point in path]
         self._accept(f'solved {len(path)} pose{"s" if len(path) > 1 else ""}')
@@ -174,16 +174,16 @@ class IkServiceNode(Node):
         start = planar_pose(request.start.pose, 'start')
         return certified_path(self.geometry, self.settings, start, goal, request.tolerance)
 
-    def _refuse(self, error: ManipulatorError) -> None:
-        self._refusals.add(error)
+    def _reject(self, error: ManipulatorError) -> None:
+        self._rejections.add(error)
         self._set_outcome('error', str(error))
 
-    def _accept(self, sentence: str) -> None:
-        self._set_outcome('ok', sentence)
+    def _accept(self, message: str) -> None:
+        self._set_outcome('ok', message)
 
-    def _set_outcome(self, level: str, sentence: str) -> None:
-        if self._outcome != (level, sentence):
-            self._outcome = (level, sentence)
+    def _set_outcome(self, level: str, message: str) -> None:
+        if self._outcome != (level, message):
+            self._outcome = (level, message)
             self._publish_outcome()
 
     def _publish_outcome(self) -> None:
@@ -191,9 +191,9 @@ class IkServiceNode(Node):
         self._diagnostics.publish_change()
 
     def _outcome_status(self) -> DiagnosticStatus:
-        level, sentence = self._outcome
-        values = {'setpoints': self._setpoint_count, **self._refusals.values()}
-        return diagnostic_status('goal', level, sentence, values)
+        level, message = self._outcome
+        values = {'setpoints': self._setpoint_count, **self._rejections.values()}
+        return diagnostic_status('goal', level, message, values)
 
     def _components(self) -> list[DiagnosticStatus]:
         return [self._outcome_status()]

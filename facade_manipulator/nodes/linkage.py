@@ -112,7 +112,7 @@ class LinkageView:
         try:
             self._keep(topic, planar_pose(message, topic))
         except ManipulatorError:
-            self._seen.pop(topic, None)  # the node that refuses it says why
+            self._seen.pop(topic, None)  # the node that rejects it says why
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -135,7 +135,7 @@ class LinkageView:
             disturbance=self._newest('disturbance') or Pose(0.0, 0.0, 0.0),
             wall=self._settings.wall_distance,
             level=LEVEL_NAMES[driver.level] if driver else 'stale',
-            sentence=driver.message if driver else '')
+            message=driver.message if driver else '')
 
     def _publish(self) -> None:
         picture = shapes(self._geometry, self._scene())

@@ -44,18 +44,18 @@ POSES = {
 }
 LASTING = ('goal_pose',)  # sent once
 PROFILES = {'goal_pose': LATEST, 'corrected_pose': LATEST}
-# what is told of a component beside its sentence: diagnostic key, and how it is written
+# what is told of a component beside its message: diagnostic key, and how it is written
 DETAILS = {
     'driver: operation': (
-        ('drive faults', 'faults: {}'), ('refused', '{} setpoints refused')),
+        ('drive faults', 'faults: {}'), ('rejected', '{} setpoints rejected')),
     'driver: bus': (
         ('cycles', '{} cycles'), ('missed cycles', '{} missed'),
         ('worst lateness [ms]', '≤ {} ms late'), ('worst-case load [%]', '{} % load')),
     'compensator: correction': (
-        ('refused', '{} refused'), ('age of the estimate [ms]', 'estimate {} ms old')),
-    'ik_service: goal': (('setpoints', '{} setpoints'), ('refused', '{} goals refused')),
+        ('rejected', '{} rejected'), ('age of the estimate [ms]', 'estimate {} ms old')),
+    'ik_service: goal': (('setpoints', '{} setpoints'), ('rejected', '{} goals rejected')),
 }
-OTHER_DETAILS = (('refused', '{} refused'),)
+OTHER_DETAILS = (('rejected', '{} rejected'),)
 
 
 class Observer:
@@ -85,7 +85,7 @@ class Observer:
             try:
                 self.poses[topic] = planar_pose(message.pose, topic)
             except ManipulatorError:
-                self.poses.pop(topic, None)  # the node that refuses it says why
+                self.poses.pop(topic, None)  # the node that rejects it says why
 
         node.create_subscription(PoseStamped, topic, take, PROFILES.get(topic, RELIABLE))
 
@@ -107,10 +107,10 @@ class Observer:
         """Return one counter of a component's diagnostics, 0 before it was heard."""
         return int(self.value(component, key) or 0)
 
-    def refused(self) -> int:
-        """Return how many messages the nodes have refused."""
+    def rejected(self) -> int:
+        """Return how many messages the nodes have rejected."""
         return sum(
-            self.count(name, 'refused')
+            self.count(name, 'rejected')
             for name in ('driver: operation', 'ik_service: goal', 'compensator: correction'))
 
 
@@ -141,7 +141,7 @@ def _carriage_table(observer: Observer) -> Table:
         table.add_row(
             name, *_motion(observer, name), '-' if behind is None else f'{1e3 * behind:+.2f}',
             Text('not heard yet', style='magenta') if component is None
-            else _sentence(observer, component))
+            else _message(observer, component))
     return table
 
 
@@ -161,11 +161,11 @@ def _component_table(observer: Observer) -> Table:
     for name in (*DETAILS, *others):
         if name in components:
             component = components[name]
-            table.add_row(name, _sentence(observer, component), _details(name, component))
+            table.add_row(name, _message(observer, component), _details(name, component))
     return table
 
 
-def _sentence(observer: Observer, component: Component) -> Text:
+def _message(observer: Observer, component: Component) -> Text:
     """Return what a component says of itself, or that it has fallen silent."""
     age = observer.client.age(component)
     if age > SILENT_AFTER:

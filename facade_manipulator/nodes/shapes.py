@@ -52,7 +52,7 @@ class Scene(NamedTuple):
         Distance of the wall from the rail in still air [m].
     level : str
         Colour of the linkage: a key of `STATE_COLOURS`.
-    sentence : str
+    message : str
         What the drives are doing.
 
     """
@@ -63,7 +63,7 @@ class Scene(NamedTuple):
     disturbance: Pose = Pose(0.0, 0.0, 0.0)
     wall: float = 0.3
     level: str = 'stale'
-    sentence: str = ''
+    message: str = ''
 
 
 class Shape(NamedTuple):
@@ -131,7 +131,7 @@ def _wall(scene: Scene) -> Shape:
 
 def _text(scene: Scene) -> Shape:
     return Shape('state', 'text', TEXT_COLOUR, (TEXT_HEIGHT,) * 3, Pose(*TEXT_PLACE, 0.0),
-                 text=scene.sentence or 'the driver is not heard')
+                 text=scene.message or 'the driver is not heard')
 
 
 def _cross(name: str, pose: Pose, colour: Colour) -> Shape:

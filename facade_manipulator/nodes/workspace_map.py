@@ -18,12 +18,12 @@ PERIOD = 0.25
 
 @settings
 class WorkspaceSettings:
-    """How fine the map of the workspace is and how often it is drawn anew."""
+    """How fine the map of the workspace is and how often it is drawn again."""
 
     resolution: float = parameter(
         0.005, 'Side of a cell of ik_service/workspace', unit='m', minimum=0.001, maximum=0.1)
     theta_step: float = parameter(
-        0.01, 'Change of theta after which ik_service/workspace is published anew', unit='rad',
+        0.01, 'Change of theta after which ik_service/workspace is published again', unit='rad',
         minimum=0.001, maximum=1.0)
 
 

@@ -1,4 +1,4 @@
-"""Whether an estimate of the disturbance can be believed: everything else is refused here."""
+"""Whether an estimate of the disturbance can be believed: everything else is rejected here."""
 
 from __future__ import annotations
 

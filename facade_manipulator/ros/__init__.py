@@ -5,7 +5,7 @@ Everything that rclpy offers beyond its public interface is used in this package
 """
 
 from facade_manipulator.ros.client import Component, ManipulatorClient
-from facade_manipulator.ros.codec import estimate_wire, pose_wire, setpoint_wire, states_wire
+from facade_manipulator.ros.codec import estimate_codec, pose_codec, setpoint_codec, states_codec
 from facade_manipulator.ros.conversions import (
     CARRIAGES,
     carriages_from,
@@ -28,7 +28,7 @@ from facade_manipulator.ros.conversions import (
     wrench_stamped,
 )
 from facade_manipulator.ros.deferred import Deferred
-from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Refusals
+from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
 from facade_manipulator.ros.lifecycle import ManagedNode
 from facade_manipulator.ros.parameters import declare
 from facade_manipulator.ros.pose_stream import PoseStream
@@ -44,7 +44,7 @@ __all__ = [
     'diagnostic_status',
     'DiagnosticsPublisher',
     'END_EFFECTOR',
-    'estimate_wire',
+    'estimate_codec',
     'FACADE',
     'LATCHED',
     'LATEST',
@@ -57,19 +57,19 @@ __all__ = [
     'planar_wrench',
     'pose_message',
     'pose_stamped',
-    'pose_wire',
+    'pose_codec',
     'PoseStream',
     'RAIL',
-    'Refusals',
+    'Rejections',
     'RELIABLE',
     'require_finite',
     'require_frame',
     'run',
     'seconds',
-    'setpoint_wire',
+    'setpoint_codec',
     'SoftwareStop',
     'stamp',
-    'states_wire',
+    'states_codec',
     'USAGE_ERROR',
     'VARIANCES',
     'wrench_stamped',

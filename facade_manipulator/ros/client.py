@@ -10,7 +10,7 @@ A supervisor to copy: the manipulator's services and topics as blocking calls of
         manipulator.send_goal(Pose(0.1, 0.25, 0.0))
         manipulator.deactivate()
 
-Every call has a deadline, and what a node refuses is raised with the node's own sentence.
+Every call has a deadline, and what a node rejects is raised with the node's own message.
 """
 
 from __future__ import annotations
@@ -51,8 +51,8 @@ class Component(NamedTuple):
     status: DiagnosticStatus
 
 
-class RequestRefusedError(ManipulatorError):
-    """A node refused a request; the message is the node's reason."""
+class RequestRejectedError(ManipulatorError):
+    """A node rejected a request; the message is the node's reason."""
 
 
 class NoAnswerError(ManipulatorError):
@@ -180,7 +180,7 @@ class ManipulatorClient:
     def enable_compensation(self, enabled: bool = True) -> str:
         """Fade the compensation in or out."""
         reply = self.call(SetBool, 'compensator/enable', SetBool.Request(data=enabled))
-        return _sentence('compensator/enable', reply)
+        return _message('compensator/enable', reply)
 
     def tare(self) -> str:
         """Take the present disturbance as the gondola's nominal place."""
@@ -217,7 +217,7 @@ class ManipulatorClient:
 
         Raises
         ------
-        RequestRefusedError
+        RequestRejectedError
             With the limit that a pose violates.
 
         """
@@ -229,7 +229,7 @@ class ManipulatorClient:
         plan = self.call(GetPlan, 'ik_service/solve', request).plan
         if not plan.poses:
             status = self.wait_until(lambda: self.goal_status, 'the reason on ik_service/status')
-            raise RequestRefusedError(status.message)
+            raise RequestRejectedError(status.message)
         points = [item.pose.position for item in plan.poses]
         return [Carriages(point.x, point.y, point.z) for point in points]
 
@@ -252,16 +252,16 @@ class ManipulatorClient:
             self._goals.get_subscription_count())
 
     def _trigger(self, name: str, timeout: float = ANSWER_TIMEOUT) -> str:
-        return _sentence(name, self.call(Trigger, name, Trigger.Request(), timeout))
+        return _message(name, self.call(Trigger, name, Trigger.Request(), timeout))
 
     def _change_state(self, transition: int, what: str, timeout: float = ANSWER_TIMEOUT) -> None:
         begin = node_time(self.node)
         request = ChangeState.Request(transition=Transition(id=transition))
         if not self.call(ChangeState, 'driver/change_state', request, timeout).success:
-            raise RequestRefusedError(f'{what}: {self._driver_reason(begin)}')
+            raise RequestRejectedError(f'{what}: {self._driver_reason(begin)}')
 
     def _driver_reason(self, since: float) -> str:
-        """Return the driver's sentence; a transition's reply itself has no room for one."""
+        """Return the driver's message; a transition's reply itself has no room for one."""
         def told() -> str | None:
             component = self.component('driver: operation')
             return component.status.message if component and component.time >= since else None
@@ -269,7 +269,7 @@ class ManipulatorClient:
         try:
             return self.wait_until(told, 'the reason in /diagnostics', REASON_TIMEOUT)
         except NoAnswerError:
-            return 'refused; the reason stands in the log of the driver'
+            return 'rejected; the reason stands in the log of the driver'
 
     def _take_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
@@ -284,10 +284,10 @@ class ManipulatorClient:
         try:
             self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
         except ManipulatorError:
-            self.head_in_rail = None  # the compensator refuses it too, and says why
+            self.head_in_rail = None  # the compensator rejects it too, and says why
 
 
-def _sentence(name: str, reply: Any) -> str:
+def _message(name: str, reply: Any) -> str:
     if not reply.success:
-        raise RequestRefusedError(f'{name}: {reply.message}')
+        raise RequestRejectedError(f'{name}: {reply.message}')
     return reply.message

@@ -102,7 +102,7 @@ class Wire:
         Returns of any such message the numbers of `fields`, in their order. May raise
         `InputError`, such as for another frame.
     what : str
-        Name of the message in the sentence of a refusal.
+        Name of the message in the message of a rejection.
 
     """
 
@@ -163,7 +163,7 @@ class Wire:
         return self._checked(seconds(message.header.stamp)), self._numbers_of(message)
 
 
-def pose_wire(topic: str, frame_id: str) -> Wire:
+def pose_codec(topic: str, frame_id: str) -> Wire:
     """Return the wire of a topic of PoseStamped, whose numbers are those of the pose."""
     def numbers_of(message: PoseStamped) -> tuple[float, ...]:
         require_frame(message.header.frame_id, frame_id, topic)
@@ -172,7 +172,7 @@ def pose_wire(topic: str, frame_id: str) -> Wire:
     return Wire(PoseStamped, (text(frame_id), doubles(len(POSE_NUMBERS))), numbers_of, topic)
 
 
-def estimate_wire(topic: str, frame_id: str) -> Wire:
+def estimate_codec(topic: str, frame_id: str) -> Wire:
     """
     Return the wire of a topic of PoseWithCovarianceStamped.
 
@@ -191,18 +191,18 @@ def estimate_wire(topic: str, frame_id: str) -> Wire:
         (text(frame_id), doubles(len(POSE_NUMBERS)), *covariance), numbers_of, topic)
 
 
-def setpoint_wire() -> Wire:
+def setpoint_codec() -> Wire:
     """Return the wire of joint_setpoints: position and velocity of q1, q2 and q3."""
-    return _carriages_wire('setpoint', RAIL, needed=('position', 'velocity'), optional=())
+    return _carriages_codec('setpoint', RAIL, needed=('position', 'velocity'), optional=())
 
 
-def states_wire() -> Wire:
+def states_codec() -> Wire:
     """Return the wire of joint_states: position, velocity and effort of q1, q2 and q3."""
-    return _carriages_wire(
+    return _carriages_codec(
         'joint_states', '', needed=('position',), optional=('velocity', 'effort'))
 
 
-def _carriages_wire(
+def _carriages_codec(
     what: str, frame_id: str, needed: Sequence[str], optional: Sequence[str]
 ) -> Wire:
     """

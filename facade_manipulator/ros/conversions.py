@@ -1,10 +1,10 @@
-"""Messages to core values and back; what is not a planar pose is refused here, with a sentence."""
+"""Messages to core values and back; what is not a planar pose is rejected here, with a message."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
-from reprlib import repr as quoted  # a sentence stays one, whatever a stranger sends
+from reprlib import repr as quoted  # a message stays one, whatever a stranger sends
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -64,7 +64,7 @@ def stamp_numbers(time: float) -> tuple[int, int]:
 
 def require_frame(frame_id: str, expected: str, what: str) -> None:
     """
-    Refuse a message of another frame.
+    Reject a message of another frame.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def planar_pose(message: PoseMessage, what: str) -> Pose:
     message : geometry_msgs.msg.Pose
         Position in m, unit quaternion; in the plane, so z = 0 and roll = pitch = 0.
     what : str
-        Name of the message in the sentence of a refusal, such as ``'goal'``.
+        Name of the message in the message of a rejection, such as ``'goal'``.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def planar(numbers: Sequence[float], what: str) -> Pose:
 
 def require_finite(names: Sequence[str], values: Sequence[float], what: str) -> None:
     """
-    Refuse what is no number.
+    Reject what is no number.
 
     Raises
     ------
@@ -158,7 +158,7 @@ def carriages_from(
     names, values : sequence
         The message's names and one of its arrays.
     what : str
-        Name of the array in the sentence of a refusal, such as ``'setpoint position'``.
+        Name of the array in the message of a rejection, such as ``'setpoint position'``.
 
     Raises
     ------
@@ -231,11 +231,11 @@ def wrench_stamped(frame_id: str, time: float, wrench: Wrench) -> WrenchStamped:
 
 
 def diagnostic_status(
-    name: str, level: str, sentence: str, values: Mapping[str, Any], hardware_id: str = ''
+    name: str, level: str, message: str, values: Mapping[str, Any], hardware_id: str = ''
 ) -> DiagnosticStatus:
     """Return one component's status; `level` is a key of `LEVELS`."""
     return DiagnosticStatus(
-        name=name, level=LEVELS[level], message=sentence, hardware_id=hardware_id,
+        name=name, level=LEVELS[level], message=message, hardware_id=hardware_id,
         values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()])
 
 

@@ -1,4 +1,4 @@
-"""What an operator reads in /diagnostics: components at 1 Hz and on change, refusals counted."""
+"""What an operator reads in /diagnostics: components at 1 Hz and on change, rejections counted."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from facade_manipulator.ros.runtime import RELIABLE
 
 PERIOD = 1.0
 WARN_EVERY = 1.0  # s
-REPEAT_AFTER = 60.0  # s, for the very sentence that stands in the log already
+REPEAT_AFTER = 60.0  # s, for the very message that stands in the log already
 
 
 class DiagnosticsPublisher:
@@ -44,7 +44,7 @@ class DiagnosticsPublisher:
         self._send(self._components())
 
     def publish_change(self) -> None:
-        """Publish if a component's level or sentence is another than last published."""
+        """Publish if a component's level or message is another than last published."""
         components = self._components()
         if _summary(components) != self._summary:
             self._send(components)
@@ -62,11 +62,11 @@ def _summary(components: list[DiagnosticStatus]) -> list[tuple[str, bytes, str]]
     return [(item.name, item.level, item.message) for item in components]
 
 
-class Refusals:
+class Rejections:
     """
-    Count refused messages by reason and say in the log why, at most once a second.
+    Count rejected messages by reason and say in the log why, at most once a second.
 
-    A sentence that says nothing new, such as that the drives are not active, comes once a minute.
+    A message that says nothing new, such as that the drives are not active, comes once a minute.
 
     Parameters
     ----------
@@ -77,26 +77,26 @@ class Refusals:
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
         self._counts: Counter[str] = Counter()
-        self.last_sentence = ''
+        self.last_message = ''
         self._logged = ''
         self._logged_at = -math.inf
 
     @property
     def total(self) -> int:
-        """Count of all refusals."""
+        """Count of all rejections."""
         return self._counts.total()
 
     def add(self, error: ManipulatorError, what: str = '') -> None:
-        """Count a refusal; `what` names the message where the error's sentence does not."""
+        """Count a rejection; `what` names the message where the error's message does not."""
         self._counts[getattr(error, 'reason', 'other')] += 1
-        self.last_sentence = f'{what}: {error}' if what else str(error)
+        self.last_message = f'{what}: {error}' if what else str(error)
         now = time.monotonic()
-        pause = REPEAT_AFTER if self.last_sentence == self._logged else WARN_EVERY
+        pause = REPEAT_AFTER if self.last_message == self._logged else WARN_EVERY
         if now - self._logged_at >= pause:
-            self._logged, self._logged_at = self.last_sentence, now
-            self._logger.warning(self.last_sentence)
+            self._logged, self._logged_at = self.last_message, now
+            self._logger.warning(self.last_message)
 
     def values(self) -> dict[str, int | str]:
         """Return the counters as key-value pairs of a diagnostic status."""
-        counts = {f'refused: {reason}': n for reason, n in sorted(self._counts.items())}
-        return {'refused': self.total, **counts, 'last refusal': self.last_sentence}
+        counts = {f'rejected: {reason}': n for reason, n in sorted(self._counts.items())}
+        return {'rejected': self.total, **counts, 'last rejection': self.last_message}

@@ -50,12 +50,12 @@ class ManagedNode(LifecycleNode):
         """Label of the present lifecycle state."""
         return self._state_machine.current_state[1]
 
-    def tell(self, success: bool, sentence: str) -> None:
+    def tell(self, success: bool, message: str) -> None:
         """Say how a request ended, before it is answered: a transition's answer has no text."""
         if success:  # one line each: rclpy forbids two severities on one
-            self.get_logger().info(sentence)
+            self.get_logger().info(message)
         else:
-            self.get_logger().error(sentence)
+            self.get_logger().error(message)
 
     def fall_back(self) -> None:
         """Go from active to inactive: the drives have already stopped by themselves."""
@@ -69,7 +69,7 @@ class ManagedNode(LifecycleNode):
         if transition is None:
             self.tell(
                 False,
-                f"transition '{request.transition.label or request.transition.id}' refused: "
+                f"transition '{request.transition.label or request.transition.id}' rejected: "
                 f"not possible from state '{self.state_label}'")
             response.success = False
             return response

@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.ros.codec import pose_wire
+from facade_manipulator.ros.codec import pose_codec
 from facade_manipulator.ros.conversions import planar_numbers
 
 
@@ -27,7 +27,7 @@ class PoseStream:
     """
 
     def __init__(self, node: Node, topic: str, frame_id: str, qos: QoSProfile) -> None:
-        self._wire = pose_wire(topic, frame_id)
+        self._wire = pose_codec(topic, frame_id)
         self._neighbour: Callable[[float, Pose], None] | None = None
         self._listeners = self._needless = 0
         self._publisher = node.create_publisher(

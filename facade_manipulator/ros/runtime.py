@@ -34,7 +34,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     Spin the nodes until SIGINT or SIGTERM; return the process's exit status.
 
     A `ManipulatorError` while the nodes are made, such as a parameter out of range, is one
-    sentence on stderr and exit status 2; so is the end of ROS without a signal, with status 1:
+    message on stderr and exit status 2; so is the end of ROS without a signal, with status 1:
     no node ends in silence. A node with a method ``close`` is closed first, while
     ROS still runs: rclpy's own signal handlers would end ROS before, under a waiting executor.
     """
@@ -48,7 +48,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
     except ExternalShutdownException:
         pass
     except ManipulatorError as error:
-        print(f'refused to start: {error}', file=sys.stderr)
+        print(f'could not start: {error}', file=sys.stderr)
         return USAGE_ERROR
     finally:
         _close(nodes)
@@ -65,7 +65,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
 
 
 def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> Sequence[Node]:
-    """Make the nodes; what ROS itself refuses, such as a parameter file, is a sentence too."""
+    """Make the nodes; what ROS itself rejects, such as a parameter file, is a message too."""
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         return make_nodes()

@@ -84,8 +84,8 @@ class ClosedLoop:
     ----------
     now : float
         Time of the next cycle [s].
-    refusals : list of str
-        Sentences of everything that was refused.
+    rejections : list of str
+        Sentences of everything that was rejected.
 
     """
 
@@ -101,7 +101,7 @@ class ClosedLoop:
         self.compensator = Compensator(geometry, settings.compensator)
         self.estimator = SimulatedEstimator(settings.estimator, disturbance, START)
         self.wall = WallMeasurement(geometry, settings.wall, disturbance)
-        self.refusals: list[str] = []
+        self.rejections: list[str] = []
         self.follower = SetpointFollower(
             StreamSettings(), settings.limits, settings.period, MechanismGuard(geometry))
         self._geometry = geometry
@@ -176,4 +176,4 @@ class ClosedLoop:
         try:
             take(*arguments)
         except ManipulatorError as error:
-            self.refusals.append(str(error))
+            self.rejections.append(str(error))

@@ -1,4 +1,4 @@
-"""Where the study writes: refused before any work, complete or as it was before."""
+"""Where the study writes: rejected before any work, complete or as it was before."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import shutil
 import tempfile
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.files import whole
+from facade_manipulator.files import atomic_write
 
 
 @contextmanager
@@ -25,7 +25,7 @@ def json_file(path: Path) -> Iterator[dict]:
         Before the block, if the file cannot be written.
 
     """
-    with whole(path) as draft:
+    with atomic_write(path) as draft:
         try:
             if path.is_dir():
                 raise IsADirectoryError('it is a directory')

@@ -1,5 +1,5 @@
 """
-Margins of the requirements over arrays of designs, and the sentence where they conflict.
+Margins of the requirements over arrays of designs, and the message where they conflict.
 
 A margin is what a design has beyond what is asked for; below zero it fails.
 """

@@ -1,4 +1,4 @@
-"""What each growth meets first, in a sentence, from what was measured."""
+"""What each growth meets first, in a message, from what was measured."""
 
 from __future__ import annotations
 

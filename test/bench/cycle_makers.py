@@ -314,7 +314,7 @@ class Reader(threading.Thread):
 
     def run(self) -> None:
         while True:
-            self._controller.beat()
+            self._controller.feed_watchdog()
             begin = time.thread_time()
             self._controller.snapshot()
             self.spent += time.thread_time() - begin

@@ -26,7 +26,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
-from facade_manipulator.ros.codec import setpoint_wire
+from facade_manipulator.ros.codec import setpoint_codec
 from facade_manipulator.ros.conversions import (
     CARRIAGES,
     pose_stamped,
@@ -224,7 +224,7 @@ ROLES = {
     'hear_poses': lambda _: Listener('corrected_pose', PoseStamped),
     'hear_setpoints': lambda _: Listener('joint_setpoints', JointState),
     'hear_as_the_driver': lambda _: Listener(
-        'joint_setpoints', JointState, setpoint_wire().read),
+        'joint_setpoints', JointState, setpoint_codec().read),
 }
 
 

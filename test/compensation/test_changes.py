@@ -81,7 +81,7 @@ def test_a_wider_border_is_kept_after_a_while():
     assert course.quickest() < 1.0
 
 
-def test_a_border_that_leaves_nothing_is_refused_and_the_old_one_stays():
+def test_a_border_that_leaves_nothing_is_rejected_and_the_old_one_stays():
     compensator = Compensator(Geometry(carriage_gap=0.27))
     compensator.take_goal(Pose(0.0, 0.345, 0.0))
     before = compensator.update(1.0).pose

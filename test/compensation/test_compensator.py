@@ -84,7 +84,7 @@ def test_a_corrected_pose_is_meant_for_one_horizon_ahead():
 
 @pytest.mark.parametrize('goal', [
     Pose(0.0, 0.40, 0.0), Pose(0.48, 0.25, 0.0), Pose(0.0, 0.06, 0.0), Pose(0.0, 0.25, 0.5)])
-def test_a_goal_out_of_the_workspace_is_refused_and_the_one_before_stays(goal):
+def test_a_goal_out_of_the_workspace_is_rejected_and_the_one_before_stays(goal):
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     run.compensator.take_goal(GOAL)
     with pytest.raises(LimitError, match='bound'):
@@ -93,7 +93,7 @@ def test_a_goal_out_of_the_workspace_is_refused_and_the_one_before_stays(goal):
 
 
 @pytest.mark.parametrize('goal', [Pose(math.nan, 0.25, 0.0), Pose(0.0, math.inf, 0.0)])
-def test_a_goal_that_is_not_finite_is_refused(goal):
+def test_a_goal_that_is_not_finite_is_rejected(goal):
     with pytest.raises(ParameterError, match='finite'):
         Compensator(GEOMETRY).take_goal(goal)
 
@@ -154,14 +154,14 @@ def test_a_head_that_follows_is_left_alone():
     assert run.last.pose == pytest.approx((0.1, 0.25, 0.0), abs=1e-9)
 
 
-def test_a_head_out_of_order_is_refused():
+def test_a_head_out_of_order_is_rejected():
     compensator = Compensator(GEOMETRY)
     compensator.take_head(1000.0, GOAL)
     with pytest.raises(InputError, match='older'):
         compensator.take_head(999.9, GOAL)
 
 
-def test_an_estimate_that_cannot_be_believed_is_refused():
+def test_an_estimate_that_cannot_be_believed_is_rejected():
     with pytest.raises(InputError, match='old'):
         Compensator(GEOMETRY).take_estimate(1000.0, 990.0, GOAL, NO_VARIANCES)
 
@@ -176,6 +176,6 @@ def test_disabled_the_rail_is_taken_for_the_wall():
 @pytest.mark.parametrize('values', [
     {'speed': (1.0,)}, {'acceleration': (1.0, 1.0)}, {'horizon': 0.0},
     {'min_conditioning': math.nan}])
-def test_settings_that_make_no_sense_are_refused(values):
+def test_settings_that_make_no_sense_are_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         CompensationSettings(**values)

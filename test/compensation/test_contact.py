@@ -57,7 +57,7 @@ def test_every_axis_is_shifted_by_its_own_measurement():
     (NOW - 0.5, PRESSED, 'stale'),
     (NOW + 0.5, PRESSED, 'future'),
 ])
-def test_a_wrench_that_cannot_be_believed_is_refused(stamp, wrench, reason):
+def test_a_wrench_that_cannot_be_believed_is_rejected(stamp, wrench, reason):
     with pytest.raises(InputError) as caught:
         contact().take_wrench(NOW, stamp, wrench)
     assert caught.value.reason == reason
@@ -65,13 +65,13 @@ def test_a_wrench_that_cannot_be_believed_is_refused(stamp, wrench, reason):
 
 @pytest.mark.parametrize(('stamp', 'offset', 'reason'), [
     (NOW, math.nan, 'not_finite'), (NOW - 0.5, 0.0, 'stale'), (NOW + 0.1, 0.0, 'future')])
-def test_a_lateral_offset_that_cannot_be_believed_is_refused(stamp, offset, reason):
+def test_a_lateral_offset_that_cannot_be_believed_is_rejected(stamp, offset, reason):
     with pytest.raises(InputError) as caught:
         contact().take_lateral_offset(NOW, stamp, offset)
     assert caught.value.reason == reason
 
 
-def test_measurements_out_of_order_are_refused_each_by_its_own_order():
+def test_measurements_out_of_order_are_rejected_each_by_its_own_order():
     felt = contact()
     felt.take_wrench(NOW, NOW, PRESSED)
     felt.take_lateral_offset(NOW, NOW - 0.1, 0.0)

@@ -44,12 +44,12 @@ def test_carriages_that_push_outwards_together_press_on_the_wall():
     assert wrench.fx == pytest.approx(0.0, abs=1e-9) == wrench.mz
 
 
-def test_a_pose_that_the_mechanism_does_not_have_is_refused():
+def test_a_pose_that_the_mechanism_does_not_have_is_rejected():
     with pytest.raises(UnreachableError):
         contact_wrench(GEOMETRY, FrictionSettings(), Pose(0.0, 0.4, 0.0), STILL, STILL)
 
 
 @pytest.mark.parametrize('values', [{'coulomb': (1.0,)}, {'viscous': (-1.0, 0.0, 0.0)}])
-def test_friction_that_makes_no_sense_is_refused(values):
+def test_friction_that_makes_no_sense_is_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         FrictionSettings(**values)

@@ -114,11 +114,11 @@ def test_a_tare_takes_the_disturbance_of_the_moment_as_nominal_without_a_step():
     assert_no_step(run)
 
 
-@pytest.mark.parametrize(('heard', 'sentence'), [(False, 'none has come'), (True, 's old')])
-def test_a_tare_without_a_fresh_estimate_is_refused(heard, sentence):
+@pytest.mark.parametrize(('heard', 'message'), [(False, 'none has come'), (True, 's old')])
+def test_a_tare_without_a_fresh_estimate_is_rejected(heard, message):
     run = Run().go(1.0, heard)
     run.go(2.0, heard=False)
-    with pytest.raises(ManipulatorError, match=sentence):
+    with pytest.raises(ManipulatorError, match=message):
         run.correction.tare(run.now)
 
 

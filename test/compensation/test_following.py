@@ -78,12 +78,12 @@ def test_a_head_that_is_not_seen_is_not_lost():
     assert not following.lost(now + 1.0)
 
 
-def test_a_head_out_of_order_is_refused():
+def test_a_head_out_of_order_is_rejected():
     following, now = run(0.1, course)
     with pytest.raises(InputError, match='older'):
         following.take(now - 0.05, course(now))
 
 
-def test_settings_out_of_range_are_refused():
+def test_settings_out_of_range_are_rejected():
     with pytest.raises(ParameterError, match='patience'):
         FollowingSettings(patience=0.0)

@@ -102,7 +102,7 @@ def test_the_yaw_turns_until_the_wall_makes_no_moment():
 
 @pytest.mark.parametrize('values', [
     {'mass': 0.0}, {'contact_stiffness': 0.0}, {'damping': -1.0}, {'force': math.nan}])
-def test_settings_that_make_no_sense_are_refused(values):
+def test_settings_that_make_no_sense_are_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         ImpedanceSettings(**values)
 
@@ -123,7 +123,7 @@ def test_an_axis_that_is_switched_off_comes_back_to_the_goal_and_idles(settings)
 
 
 def test_what_the_wall_did_before_the_axis_idled_is_forgotten():
-    """Nobody steps an axis that idles, so a measurement after a pause begins anew."""
+    """Nobody steps an axis that idles, so a measurement after a pause begins again."""
     settings = replace(SETTINGS, enabled=False, observer_time=2.0)
     idle, stepped = Impedance(settings), Impedance(settings)
     for axis in (idle, stepped):

@@ -59,6 +59,6 @@ def test_disabled_nothing_is_shifted():
     assert not shifts.any()
 
 
-def test_settings_out_of_range_are_refused():
+def test_settings_out_of_range_are_rejected():
     with pytest.raises(ParameterError, match='integral'):
         LateralSettings(integral=-1.0)

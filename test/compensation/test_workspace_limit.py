@@ -79,12 +79,12 @@ def test_a_soft_clamp_of_an_empty_interval_gives_its_middle():
     assert soft_clamp(5.0, 1.0, 0.0, 0.1) == 0.5
 
 
-def test_a_margin_that_leaves_no_workspace_is_refused():
+def test_a_margin_that_leaves_no_workspace_is_rejected():
     with pytest.raises(ParameterError, match='margin'):
         Border(Geometry(link_length=0.1, platform_half_length=0.3, carriage_gap=0.0),
                BorderSettings(margin=0.06))
 
 
-def test_a_margin_of_nothing_is_refused():
+def test_a_margin_of_nothing_is_rejected():
     with pytest.raises(ParameterError, match='margin'):
         BorderSettings(margin=0.0)

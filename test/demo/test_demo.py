@@ -49,7 +49,7 @@ def test_a_run_compensates_and_leaves_its_report(start_process, tmp_path):
         assert summary['axes'][axis]['residual_rms'] < summary['axes'][axis]['disturbance_rms']
     assert summary['duration_s'] >= SETTLED
     assert summary['bus_cycles'] > 50 * SETTLED
-    assert summary['drive_faults'] == summary['refused_goals'] == 0
+    assert summary['drive_faults'] == summary['rejected_goals'] == 0
     assert 0.0 < summary['pipeline_latency_ms']['p50'] <= summary['pipeline_latency_ms']['p99']
     for name in ('time_courses.png', 'spectrum.png', 'path.png'):
         assert (tmp_path / 'report' / name).read_bytes().startswith(b'\x89PNG')
@@ -129,16 +129,16 @@ def test_a_killed_demo_takes_its_nodes_with_it(start_process, tmp_path):
     wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in nodes), 'the nodes to end')
 
 
-@pytest.mark.parametrize('arguments, sentence', [
+@pytest.mark.parametrize('arguments, message', [
     (('--duration', '0'), '0 s is not between 1 s and 86400 s'),
     (('--duration', 'nan'), 'nan s is not between'),
     (('--output', '/proc/nowhere'), '/proc/nowhere cannot be written'),
 ])
-def test_bad_arguments_are_one_sentence_and_exit_status_2(start_process, arguments, sentence):
+def test_bad_arguments_are_one_sentence_and_exit_status_2(start_process, arguments, message):
     process = start_process(DEMO, *arguments)
     wait_until(lambda: ended(process), 'the end of the demo')
     assert process.returncode == 2
-    assert sentence in process.log.read_text()
+    assert message in process.log.read_text()
     assert 'Traceback' not in process.log.read_text()
 
 

@@ -68,9 +68,9 @@ class CommandWatch:
         if not axis.lower_limit - 1e-5 <= target <= axis.upper_limit + 1e-5:
             self._complain(f'{cob_id:03X}h: a target of {target:.6f} m')
 
-    def _complain(self, sentence: str) -> None:
+    def _complain(self, message: str) -> None:
         if len(self.complaints) < MOST_COMPLAINTS:
-            self.complaints.append(sentence)
+            self.complaints.append(message)
 
 
 def _is_plain(frame: can.Message) -> bool:

@@ -96,7 +96,7 @@ class Rig:
     def _beat(self) -> None:
         while not self._ended.wait(0.02):
             if self.beats.is_set():
-                self.controller.beat()
+                self.controller.feed_watchdog()
 
     def close(self) -> None:
         self.controller.close()
@@ -125,8 +125,8 @@ class Rig:
         with self.simulator.access() as drives:
             return [drive.motor.carriage_position for drive in drives]
 
-    def refusal(self, name: str) -> str | None:
-        """Return why a request is refused, None if it is not."""
+    def rejection(self, name: str) -> str | None:
+        """Return why a request is rejected, None if it is not."""
         try:
             self.do(name)
         except ManipulatorError as error:

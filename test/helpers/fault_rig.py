@@ -90,7 +90,7 @@ class StreamRig(Rig):
         while not self._closed.wait(self.settings.period):
             setpoint = self.spoil(self.setpoint()) if self._streaming.is_set() else None
             if setpoint is not None:
-                with suppress(ManipulatorError):  # what it refuses is what some rows are about
+                with suppress(ManipulatorError):  # what it rejects is what some rows are about
                     self.follower.add(setpoint, time.time())
 
     # --- the bus

@@ -21,7 +21,7 @@ seeds = st.integers(0, 2 ** 31)
 
 
 def answers(solve, kind, geometry, rows):
-    """What the scalar path says of every row; NaN where it refuses."""
+    """What the scalar path says of every row; NaN where it rejects."""
     results = []
     for row in rows.tolist():
         try:

@@ -46,7 +46,7 @@ def test_what_is_certified_respects_every_limit(x, y, theta, geometry):
     assert local_conditioning_index(geometry, pose) >= MIN_CONDITIONING
 
 
-def refused(kind, pose, geometry=DESIGN, **settings):
+def rejected(kind, pose, geometry=DESIGN, **settings):
     with pytest.raises(kind) as error:
         certify(geometry, pose, **settings)
     return error.value
@@ -54,7 +54,7 @@ def refused(kind, pose, geometry=DESIGN, **settings):
 
 def test_reach_is_certified_up_to_its_border():
     certify(DESIGN, Pose(0.0, 0.352 - HAIR, 0.0), min_conditioning=0.0)
-    error = refused(UnreachableError, Pose(0.0, 0.352, 0.0), min_conditioning=0.0)
+    error = rejected(UnreachableError, Pose(0.0, 0.352, 0.0), min_conditioning=0.0)
     assert (error.value, error.bound, error.unit) == (0.352, 0.352, 'm')
     assert str(error) == '|y| + b |sin theta| = 0.352 m is not below the bound 0.352 m'
 
@@ -64,7 +64,7 @@ def test_the_stroke_is_certified_up_to_its_border(side, quantity):
     pose = Pose(0.0, 0.25, 0.0)
     room = 0.5 - abs(inverse_kinematics(DESIGN, pose).q1)
     certify(DESIGN, pose._replace(x=side * (room - HAIR)))
-    error = refused(StrokeLimitError, pose._replace(x=side * (room + HAIR)))
+    error = rejected(StrokeLimitError, pose._replace(x=side * (room + HAIR)))
     assert (error.quantity, error.bound, error.unit) == (quantity, side * 0.5, 'm')
     assert error.value == pytest.approx(side * 0.5, abs=2 * HAIR)
 
@@ -72,37 +72,37 @@ def test_the_stroke_is_certified_up_to_its_border(side, quantity):
 def test_the_carriage_gap_is_certified_up_to_its_border():
     y_min = math.sqrt(0.352 ** 2 - (0.348 - 0.02) ** 2)
     certify(DESIGN, Pose(0.0, y_min + HAIR, 0.0))
-    error = refused(CarriageGapError, Pose(0.0, y_min - HAIR, 0.0))
+    error = rejected(CarriageGapError, Pose(0.0, y_min - HAIR, 0.0))
     assert (error.quantity, error.bound, error.unit) == ('q3 - q1', 0.02, 'm')
 
 
 @pytest.mark.parametrize(('theta', 'quantity'), [(0.15, 'q3 - q1'), (-0.15, 'q2 - q3')])
 def test_a_turned_platform_brings_one_pair_of_carriages_together(theta, quantity):
-    assert refused(CarriageGapError, Pose(0.0, 0.15, theta)).quantity == quantity
+    assert rejected(CarriageGapError, Pose(0.0, 0.15, theta)).quantity == quantity
 
 
 def test_without_a_gap_carriages_may_come_near_but_not_change_their_order():
     y_min = math.sqrt(0.352 ** 2 - 0.348 ** 2)
     certify(NO_GAP, Pose(0.0, y_min + HAIR, 0.0))
-    assert 'not above' in str(refused(CarriageGapError, Pose(0.0, y_min - HAIR, 0.0), NO_GAP))
+    assert 'not above' in str(rejected(CarriageGapError, Pose(0.0, y_min - HAIR, 0.0), NO_GAP))
 
 
-def test_a_pose_behind_the_rail_is_refused_as_the_mirrored_branch():
-    error = refused(SingularityError, Pose(0.0, -0.25, 0.0))
+def test_a_pose_behind_the_rail_is_rejected_as_the_mirrored_branch():
+    error = rejected(SingularityError, Pose(0.0, -0.25, 0.0))
     assert (error.quantity, error.value, error.bound, error.unit) == ('y', -0.25, 0.0, 'm')
     assert 'behind the rail, on the mirrored assembly branch' in str(error)
 
 
-def test_a_pose_beyond_the_parallel_singularity_is_refused():
+def test_a_pose_beyond_the_parallel_singularity_is_rejected():
     geometry = Geometry(0.15, 0.55, carriage_gap=0.0)
-    error = refused(SingularityError, Pose(0.0, 0.02, 0.1), geometry)
+    error = rejected(SingularityError, Pose(0.0, 0.02, 0.1), geometry)
     assert error.quantity == 'N' and error.value < 0.0 and error.unit == 'm2'
 
 
-def test_weak_conditioning_is_refused_with_index_and_bound():
+def test_weak_conditioning_is_rejected_with_index_and_bound():
     pose = Pose(0.0, 0.3519, 0.0)
     index = local_conditioning_index(DESIGN, pose)
-    error = refused(SingularityError, pose)
+    error = rejected(SingularityError, pose)
     assert (error.value, error.bound, error.unit) == (pytest.approx(index), 0.05, '')
     certify(DESIGN, pose, min_conditioning=index - HAIR)
     certify(DESIGN, pose, min_conditioning=0.0)
@@ -111,7 +111,7 @@ def test_weak_conditioning_is_refused_with_index_and_bound():
 def test_the_conditioning_bound_counts_in_its_own_characteristic_length():
     pose = Pose(0.0, 0.25, 0.0)
     certify(DESIGN, pose, min_conditioning=0.004, characteristic_length=0.001)
-    assert refused(SingularityError, pose, min_conditioning=0.006,
+    assert rejected(SingularityError, pose, min_conditioning=0.006,
                    characteristic_length=0.001).value == pytest.approx(0.00495, abs=1e-5)
 
 

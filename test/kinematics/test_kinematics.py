@@ -133,12 +133,12 @@ def test_carriages_too_far_apart_have_no_assembly_mode():
         forward_kinematics(DESIGN, Carriages(-1.0, 1.0, 0.1))
 
 
-def test_a_head_that_would_stand_on_the_rail_is_refused_by_its_distance():
+def test_a_head_that_would_stand_on_the_rail_is_rejected_by_its_distance():
     with pytest.raises(UnreachableError, match='y squared'):
         forward_kinematics(Geometry(0.30, 0.40), Carriages(-0.1, 0.1, 0.0))
 
 
-def test_carriages_of_another_working_mode_are_refused_with_the_reason():
+def test_carriages_of_another_working_mode_are_rejected_with_the_reason():
     outside = inverse_kinematics(DESIGN, Pose(0.0, 0.3, 0.0), WorkingMode.MINUS_PLUS)
     with pytest.raises(UnreachableError, match='another working mode'):
         forward_kinematics(DESIGN, outside)
@@ -196,6 +196,6 @@ def test_no_number_is_so_large_or_small_that_the_answer_is_not_one(values):
         pass
 
 
-def test_carriages_out_of_all_reach_are_refused_naming_how_far_they_are_apart():
+def test_carriages_out_of_all_reach_are_rejected_naming_how_far_they_are_apart():
     with pytest.raises(UnreachableError, match='from q3 = 1000 m is above the bound 200 m'):
         forward_kinematics(DESIGN, Carriages(-1000.0, 1.0, 0.0))

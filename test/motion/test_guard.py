@@ -37,17 +37,17 @@ def test_the_home_position_passes():
     ((-0.4, 0.4, 0.0), LimitError, ''),
     ((0.1, -0.1, 0.0), LimitError, ''),
 ])
-def test_positions_the_mechanism_cannot_take_are_refused_by_their_limit(
+def test_positions_the_mechanism_cannot_take_are_rejected_by_their_limit(
         positions, error, quantity):
-    with pytest.raises(error) as refusal:
+    with pytest.raises(error) as rejection:
         guard(positions)
-    assert quantity in refusal.value.quantity
-    assert isinstance(refusal.value, LimitError)
+    assert quantity in rejection.value.quantity
+    assert isinstance(rejection.value, LimitError)
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize('axis', range(3))
-def test_a_position_that_is_no_number_is_refused(bad, axis):
+def test_a_position_that_is_no_number_is_rejected(bad, axis):
     positions = [-0.1, 0.1, 0.0]
     positions[axis] = bad
     with pytest.raises((ParameterError, LimitError)):
@@ -60,7 +60,7 @@ def test_what_passed_before_excuses_nothing_that_comes_after():
     mutable[0] = 0.3
     with pytest.raises(LimitError):
         own(mutable)
-    with pytest.raises(LimitError):  # what was refused stays refused
+    with pytest.raises(LimitError):  # what was rejected stays rejected
         own(tuple(mutable))
     own((-0.1, 0.1, 0.0))
 
@@ -74,7 +74,7 @@ def test_while_homing_only_homed_neighbours_are_held_apart(homed):
     HomingGuard(GEOMETRY)(NEAR, homed)
 
 
-def test_homed_neighbours_too_close_are_refused():
+def test_homed_neighbours_too_close_are_rejected():
     with pytest.raises(CarriageGapError, match='q3 - q1 = 0.01 m is below the bound 0.02 m'):
         HomingGuard(GEOMETRY)(NEAR, (True, False, True))
 

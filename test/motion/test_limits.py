@@ -108,11 +108,11 @@ def test_an_acceleration_that_rounding_has_put_beyond_its_limit_does_not_end_the
 
 @pytest.mark.parametrize('name, value', [
     ('speed', 0.0), ('speed', math.nan), ('acceleration', -1.0), ('jerk', math.inf)])
-def test_limits_out_of_their_range_are_refused_by_name(name, value):
+def test_limits_out_of_their_range_are_rejected_by_name(name, value):
     with pytest.raises(ParameterError, match=name):
         MotionLimits(**{name: value})
 
 
-def test_a_jerk_that_would_make_ramps_endless_is_refused():
+def test_a_jerk_that_would_make_ramps_endless_is_rejected():
     with pytest.raises(ParameterError, match='jerk = 1 m/s'):
         MotionLimits(acceleration=3.0, jerk=1.0)

@@ -81,7 +81,7 @@ def test_a_stroke_of_a_quarter_metre_arrives_before_its_error_counts():
 
 @pytest.mark.parametrize('values', [
     {'speed': (0.1, 0.1)}, {'jerk': (0.0, 1.0, 1.0)}, {'acceleration': (1.0, math.nan, 1.0)}])
-def test_settings_that_make_no_sense_are_refused(values):
+def test_settings_that_make_no_sense_are_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         ReferenceSettings(**values)
 

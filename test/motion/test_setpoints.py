@@ -126,38 +126,38 @@ def test_without_a_reset_nothing_is_commanded():
     (Setpoint(math.nan, HOME, (0.0,) * 3), 'stale'),
     (Setpoint(2.5, HOME, (0.0,) * 3), 'future'),
 ])
-def test_a_bad_setpoint_is_refused_with_its_reason(setpoint, reason):
+def test_a_bad_setpoint_is_rejected_with_its_reason(setpoint, reason):
     made = follower()
-    with pytest.raises(InputError) as refusal:
+    with pytest.raises(InputError) as rejection:
         made.add(setpoint, 1.0)
-    assert refusal.value.reason == reason
+    assert rejection.value.reason == reason
     assert made.sample(1.0) == HOME
 
 
-def test_a_setpoint_out_of_order_is_refused_and_the_next_in_order_taken():
+def test_a_setpoint_out_of_order_is_rejected_and_the_next_in_order_taken():
     made = follower()
     made.add(sine(1.02), 1.0)
     for late in (1.02, 1.01):
-        with pytest.raises(InputError) as refusal:
+        with pytest.raises(InputError) as rejection:
             made.add(sine(late), 1.0)
-        assert refusal.value.reason == 'out_of_order'
+        assert rejection.value.reason == 'out_of_order'
     made.add(sine(1.03), 1.0)
 
 
-def test_a_far_first_setpoint_is_refused_with_distance_and_bound():
+def test_a_far_first_setpoint_is_rejected_with_distance_and_bound():
     made = follower()
     with pytest.raises(SetpointLimitError, match='q3 to the setpoint = 0.06 m is above.*0.05 m'):
         made.add(Setpoint(1.0, (-0.1, 0.1, 0.06), (0.0,) * 3), 1.0)
 
 
-def test_a_jump_in_the_stream_is_refused():
+def test_a_jump_in_the_stream_is_rejected():
     made = follower()
     made.add(sine(1.0, 0.0), 1.0)
     with pytest.raises(SetpointLimitError):
         made.add(Setpoint(1.01, (0.0, 0.2, 0.1), (0.0,) * 3), 1.0)
 
 
-def test_a_setpoint_where_the_mechanism_cannot_be_is_refused():
+def test_a_setpoint_where_the_mechanism_cannot_be_is_rejected():
     made = follower()
     with pytest.raises(StrokeLimitError):
         made.add(Setpoint(1.0, (-0.1, 0.6, 0.0), (0.0,) * 3), 1.0)
@@ -179,10 +179,10 @@ def test_a_stop_that_the_mechanism_cannot_survive_is_an_error_for_the_controller
     made = follower()
     run(made, 0.0, 1.0)
 
-    def refuse(position):
+    def reject(position):
         raise StrokeLimitError('q1', 9.0, 0.5, 'm', 'above')
 
-    made._check = refuse
+    made._check = reject
     with pytest.raises(ManipulatorError):
         made.sample(1.02)
 
@@ -208,7 +208,7 @@ def test_whatever_arrives_the_command_stays_finite_inside_and_within_the_speed(s
         before = after
 
 
-def test_contradicting_settings_are_refused():
+def test_contradicting_settings_are_rejected():
     with pytest.raises(ParameterError, match='stale_after = 0.5 s'):
         StreamSettings(stale_after=0.5, oldest=0.2)
 

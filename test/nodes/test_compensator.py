@@ -80,7 +80,7 @@ class Neighbours:
                     return item.value
         return None
 
-    def sentence(self):
+    def message(self):
         return self.diagnostics[-1].status[0].message if self.diagnostics else ''
 
 
@@ -108,14 +108,14 @@ def test_a_goal_is_corrected_for_the_disturbance_ahead_of_time(neighbours):
     reference = neighbours.references[-1]
     assert reference.header.frame_id == 'facade'
     assert planar_pose(reference.pose, 'reference') == pytest.approx(tuple(GOAL), abs=1e-6)
-    neighbours.ros.until(lambda: neighbours.sentence() == 'compensating', 'the diagnosis')
+    neighbours.ros.until(lambda: neighbours.message() == 'compensating', 'the diagnosis')
     assert neighbours.value('horizon [ms]') == '60'
 
 
 def test_without_an_estimate_the_goal_is_the_corrected_pose_and_diagnostics_say_why(neighbours):
     neighbours.send_goal()
     neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the goal')
-    neighbours.ros.until(lambda: 'no estimate' in neighbours.sentence(), 'the diagnosis')
+    neighbours.ros.until(lambda: 'no estimate' in neighbours.message(), 'the diagnosis')
 
 
 @pytest.mark.parametrize(('pose', 'frame', 'reason'), [
@@ -125,13 +125,13 @@ def test_without_an_estimate_the_goal_is_the_corrected_pose_and_diagnostics_say_
     (Pose(0.49, 0.25, 0.0), 'facade', 'stroke'),
     (Pose(0.0, 0.06, 0.0), 'facade', 'carriage_gap'),
 ])
-def test_a_bad_goal_is_refused_counted_and_changes_nothing(neighbours, pose, frame, reason):
+def test_a_bad_goal_is_rejected_counted_and_changes_nothing(neighbours, pose, frame, reason):
     neighbours.send_goal()
     neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the good goal')
     neighbours.send_goal(pose, frame)
     neighbours.ros.until(
-        lambda: neighbours.value(f'refused: {reason}') == '1', 'the count of the refusal')
-    assert 'bound' in neighbours.value('last refusal') or reason in ('not_finite', 'frame')
+        lambda: neighbours.value(f'rejected: {reason}') == '1', 'the count of the rejection')
+    assert 'bound' in neighbours.value('last rejection') or reason in ('not_finite', 'frame')
     assert near(planar_pose(neighbours.corrected[-1].pose, 'pose'), GOAL, 1e-6)
 
 
@@ -142,11 +142,11 @@ def test_a_bad_goal_is_refused_counted_and_changes_nothing(neighbours, pose, fra
     ({'age': -1.0}, 'future'),
     ({'pose': Pose(5.0, 0.0, 0.0)}, 'range'),
 ])
-def test_a_bad_estimate_is_refused_and_counted(neighbours, arguments, reason):
+def test_a_bad_estimate_is_rejected_and_counted(neighbours, arguments, reason):
     neighbours.estimate(**arguments)
     neighbours.ros.until(
-        lambda: neighbours.value(f'refused: {reason}') == '1', 'the count of the refusal')
-    assert 'no estimate' in neighbours.sentence()
+        lambda: neighbours.value(f'rejected: {reason}') == '1', 'the count of the rejection')
+    assert 'no estimate' in neighbours.message()
 
 
 def test_an_estimator_that_falls_silent_is_reported_and_the_correction_fades(neighbours):
@@ -155,7 +155,7 @@ def test_an_estimator_that_falls_silent_is_reported_and_the_correction_fades(nei
     neighbours.until_corrected(
         lambda pose: near(on_the_wall(pose), GOAL), 'the corrected goal')
     neighbours.node.destroy_timer(neighbours.timer)
-    neighbours.ros.until(lambda: 'silent' in neighbours.sentence(), 'the diagnosis')
+    neighbours.ros.until(lambda: 'silent' in neighbours.message(), 'the diagnosis')
     neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal itself')
 
 
@@ -185,7 +185,7 @@ def test_a_tare_makes_the_present_place_nominal(neighbours):
     neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal at the new place')
 
 
-def test_a_tare_without_an_estimate_is_refused(neighbours):
+def test_a_tare_without_an_estimate_is_rejected(neighbours):
     reply = neighbours.ros.call(neighbours.node, Trigger, 'compensator/tare')
     assert not reply.success
     assert 'none has come' in reply.message
@@ -247,13 +247,13 @@ def test_the_slip_on_the_wall_is_brought_back(ros):
 
 @pytest.mark.parametrize(('arguments', 'reason'), [
     ({'frame': 'rail'}, 'frame'), ({'force': math.nan}, 'not_finite'), ({'age': 2.0}, 'stale')])
-def test_a_bad_wrench_is_refused_and_counted(neighbours, arguments, reason):
+def test_a_bad_wrench_is_rejected_and_counted(neighbours, arguments, reason):
     sensor = neighbours.node.create_publisher(
         WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
     neighbours.ros.until(lambda: sensor.get_subscription_count() == 1, 'the compensator')
     sensor.publish(wrench(neighbours.now() - arguments.pop('age', 0.0), **arguments))
     neighbours.ros.until(
-        lambda: neighbours.value(f'refused: {reason}') == '1', 'the count of the refusal')
+        lambda: neighbours.value(f'rejected: {reason}') == '1', 'the count of the rejection')
 
 
 def test_the_process_ends_cleanly_on_a_signal(start_process, ros):
@@ -267,7 +267,7 @@ def test_the_process_ends_cleanly_on_a_signal(start_process, ros):
         assert process.returncode == 0, process.log.read_text()
 
 
-def test_a_parameter_out_of_range_ends_the_process_with_a_sentence(start_process):
+def test_a_parameter_out_of_range_ends_the_process_with_a_message(start_process):
     process = start_process(
         'facade_manipulator.nodes.compensator', '--ros-args', '-p', 'horizon:=-1.0')
     wait_until(lambda: process.poll() is not None, 'the process to end')

@@ -89,7 +89,7 @@ class Bench:
         statuses = {status.name: status for status in self.node._components()}
         return {item.key: item.value for item in statuses[component].values}
 
-    def sentence(self, component='operation'):
+    def message(self, component='operation'):
         return {status.name: status.message for status in self.node._components()}[component]
 
 
@@ -116,36 +116,36 @@ def test_nothing_moves_before_the_operator_activates(bench):
     bench.ask('home')
     bench.ros.until(lambda: bench.states, 'joint_states')
     bench.send([q + 0.01 for q in HOME])
-    bench.ros.until(lambda: bench.node._refusals.total, 'the refusal')
-    assert 'setpoint refused: the drives are inactive' in bench.node._refusals.last_sentence
+    bench.ros.until(lambda: bench.node._rejections.total, 'the rejection')
+    assert 'setpoint rejected: the drives are inactive' in bench.node._rejections.last_message
     assert bench.position() == pytest.approx(HOME, abs=1e-4)
 
 
-def test_activation_is_refused_before_homing_and_says_so(bench):
+def test_activation_is_rejected_before_homing_and_says_so(bench):
     assert bench.change(Transition.TRANSITION_CONFIGURE)
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
-    assert 'home' in bench.sentence()
+    assert 'home' in bench.message()
     assert bench.state() == 'inactive'
 
 
-def test_home_is_refused_before_configure_with_the_next_step(bench):
+def test_home_is_rejected_before_configure_with_the_next_step(bench):
     reply = bench.ask('home')
     assert not reply.success
     assert 'configure the drives first' in reply.message
 
 
 @pytest.mark.parametrize('positions, names, reason', [
-    ((math.nan, 0.1, 0.0), ('q1', 'q2', 'q3'), 'refused: not_finite'),
-    ((-0.1, 0.1, 0.0), ('q1', 'q2', 'q2'), 'refused: names'),
-    ((-0.1, 0.1), ('q1', 'q2'), 'refused: names'),
-    ((0.2, 0.4, 0.3), ('q1', 'q2', 'q3'), 'refused: far_setpoint'),
-    ((-0.1, 0.6, 0.0), ('q1', 'q2', 'q3'), 'refused: stroke'),
-    ((-0.1, 0.1, -0.09), ('q1', 'q2', 'q3'), 'refused: carriage_gap'),
+    ((math.nan, 0.1, 0.0), ('q1', 'q2', 'q3'), 'rejected: not_finite'),
+    ((-0.1, 0.1, 0.0), ('q1', 'q2', 'q2'), 'rejected: names'),
+    ((-0.1, 0.1), ('q1', 'q2'), 'rejected: names'),
+    ((0.2, 0.4, 0.3), ('q1', 'q2', 'q3'), 'rejected: far_setpoint'),
+    ((-0.1, 0.6, 0.0), ('q1', 'q2', 'q3'), 'rejected: stroke'),
+    ((-0.1, 0.1, -0.09), ('q1', 'q2', 'q3'), 'rejected: carriage_gap'),
 ])
 def test_a_bad_setpoint_is_counted_and_moves_nothing(bench, positions, names, reason):
     bench.bring_up()
     bench.send(positions, (0.0,) * len(positions), names=names)
-    bench.ros.until(lambda: bench.node._refusals.total, 'the refusal')
+    bench.ros.until(lambda: bench.node._rejections.total, 'the rejection')
     assert bench.values()[reason] == '1'
     assert bench.state() == 'active'
     assert bench.position() == pytest.approx(HOME, abs=1e-4)
@@ -162,8 +162,8 @@ def test_halt_holds_until_it_is_cleared(bench):
     bench.bring_up()
     assert bench.ask('halt').success
     bench.send(HOME)
-    bench.ros.until(lambda: bench.node._refusals.total, 'the refusal')
-    assert 'halted' in bench.node._refusals.last_sentence
+    bench.ros.until(lambda: bench.node._rejections.total, 'the rejection')
+    assert 'halted' in bench.node._rejections.last_message
     assert bench.ask('clear_faults').success
     bench.stream_to(0.02)
 
@@ -172,7 +172,7 @@ def test_software_stop_stops_the_drives_and_they_stay_stopped(bench):
     bench.bring_up()
     bench.software_stop.publish(Bool(data=True))
     bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
-    assert 'software_stop was set' in bench.sentence()
+    assert 'software_stop was set' in bench.message()
     bench.software_stop.publish(Bool(data=False))
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     bench.ros.until(lambda: bench.ask('clear_faults').success, 'cleared faults')
@@ -183,7 +183,7 @@ def test_a_software_stop_that_falls_silent_stops_the_drives(bench):
     bench.bring_up()
     bench.software_stop.publish(Bool(data=False))
     bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
-    assert 'software_stop has been silent' in bench.sentence()
+    assert 'software_stop has been silent' in bench.message()
 
 
 def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(bench):
@@ -191,7 +191,7 @@ def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(be
     with bench.node._simulator.access() as drives:
         drives[1].inject_fault(0x8611)
     bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
-    assert 'q2' in bench.sentence()
+    assert 'q2' in bench.message()
     assert bench.values()['drive faults'] == '1'
     assert bench.values()['next step']
 
@@ -214,12 +214,12 @@ def test_the_self_test_reports_each_part(bench):
     assert len(reply.status) >= 3
 
 
-def test_a_drive_of_another_identity_is_refused_by_name(ros):
+def test_a_drive_of_another_identity_is_rejected_by_name(ros):
     bench = Bench(ros, Parameter('q2.serial_number', value=77))
     with bench.node._simulator.access() as drives:
         drives[1].set_identity(Identity(serial_number=78))
     assert not bench.change(Transition.TRANSITION_CONFIGURE)
-    assert 'q2' in bench.sentence() and '78' in bench.sentence() and '77' in bench.sentence()
+    assert 'q2' in bench.message() and '78' in bench.message() and '77' in bench.message()
     assert bench.state() == 'unconfigured'
 
 

@@ -127,10 +127,10 @@ def test_before_a_goal_only_the_head_is_shown(manipulator):
     (lambda m: m.send_joints(names=('q1', 'q1', 'q3')), None),
     (lambda m: m.send_joints(positions=(math.nan, 0.1, 0.0)), None),
 ])
-def test_bad_input_is_refused_and_counted(manipulator, send, reason):
+def test_bad_input_is_rejected_and_counted(manipulator, send, reason):
     send(manipulator)
-    key = f'refused: {reason}' if reason else 'refused'
-    manipulator.ros.until(lambda: manipulator.value(key) == '1', 'the count of the refusal')
+    key = f'rejected: {reason}' if reason else 'rejected'
+    manipulator.ros.until(lambda: manipulator.value(key) == '1', 'the count of the rejection')
     assert manipulator.errors == []
     assert manipulator.report()['samples'] == 0
 

@@ -46,7 +46,7 @@ def bench(ros):
         def now(self):
             return self.tester.get_clock().now().nanoseconds * 1e-9
 
-        def refusal(self, message):
+        def rejection(self, message):
             self.statuses.clear()
             self.goals.publish(message)
             ros.until(lambda: self.statuses, 'a status')
@@ -100,11 +100,11 @@ def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
     bench.until(bench.node._leading.is_canceled, 'the end of the approach')
     count = len(bench.setpoints)
     bench.goals.publish(rail(MIDDLE._replace(y=0.4)))
-    bench.until(lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the refusal')
+    bench.until(lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the rejection')
     assert len(bench.setpoints) == count
 
 
-@pytest.mark.parametrize('message, sentence', [
+@pytest.mark.parametrize('message, expected', [
     (rail(MIDDLE._replace(x=math.nan)), 'x = nan is not a finite number'),
     (pose_stamped('facade', 0.0, MIDDLE), "in frame 'facade', expected 'rail'"),
     (rail(MIDDLE._replace(y=0.4)), 'bound 0.352 m'),
@@ -114,30 +114,30 @@ def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
     (rail(Pose(0.0, 0.35199, 0.0)), 'conditioning index'),
 ])
 def test_a_goal_that_cannot_be_gives_no_setpoint_but_a_status_with_value_and_bound(
-        bench, message, sentence):
-    assert sentence in bench.refusal(message)
+        bench, message, expected):
+    assert expected in bench.rejection(message)
 
 
-def test_a_goal_out_of_the_plane_is_refused(bench):
+def test_a_goal_out_of_the_plane_is_rejected(bench):
     message = rail(MIDDLE)
     message.pose.position.z = 0.1
-    assert 'z = 0.1 m is out of the plane' in bench.refusal(message)
+    assert 'z = 0.1 m is out of the plane' in bench.rejection(message)
 
 
 def test_refusals_are_counted_by_reason_in_the_diagnostics(bench):
     arrays = []
     bench.tester.create_subscription(DiagnosticArray, '/diagnostics', arrays.append, RELIABLE)
-    bench.refusal(pose_stamped('facade', 0.0, MIDDLE))
+    bench.rejection(pose_stamped('facade', 0.0, MIDDLE))
 
     def counted():
         values = {item.key: item.value for array in arrays for status in array.status
                   if status.name == 'ik_service: goal' for item in status.values}
-        return values.get('refused: frame') == '1'
+        return values.get('rejected: frame') == '1'
     bench.until(counted, 'the counter')
 
 
-def test_after_a_refused_goal_the_next_good_one_is_followed(bench):
-    bench.refusal(rail(MIDDLE._replace(y=0.4)))
+def test_after_a_rejected_goal_the_next_good_one_is_followed(bench):
+    bench.rejection(rail(MIDDLE._replace(y=0.4)))
     bench.goals.publish(rail(MIDDLE, bench.now()))
     bench.until(lambda: bench.setpoints, 'a setpoint')
 
@@ -176,7 +176,7 @@ def test_solve_answers_with_a_straight_path_whose_poses_lie_within_the_spacing(b
         [MIDDLE.theta + s * (goal.theta - MIDDLE.theta) for s in share], abs=1e-9)
 
 
-@pytest.mark.parametrize('goal, start, tolerance, sentence', [
+@pytest.mark.parametrize('goal, start, tolerance, message', [
     (rail(Pose(0.0, 0.4, 0.0)), None, 0.0, 'bound 0.352 m'),
     (pose_stamped('facade', 0.0, MIDDLE), None, 0.0, "'facade'"),
     (rail(MIDDLE), pose_stamped('map', 0.0, MIDDLE), 0.0, "start is in frame 'map'"),
@@ -185,12 +185,12 @@ def test_solve_answers_with_a_straight_path_whose_poses_lie_within_the_spacing(b
     (rail(MIDDLE), rail(MIDDLE), math.nan, 'tolerance = nan'),
     (rail(Pose(0.0, 0.25, -0.25)), rail(Pose(0.0, 0.25, 0.5)), 0.0, 'b \\|sin'),
 ])
-def test_solve_refuses_with_an_empty_plan_and_the_reason_on_the_status(
-        bench, goal, start, tolerance, sentence):
+def test_solve_rejects_with_an_empty_plan_and_the_reason_on_the_status(
+        bench, goal, start, tolerance, message):
     bench.statuses.clear()
     assert len(bench.solve(goal, start, tolerance).poses) == 0
     bench.until(lambda: bench.statuses, 'the status')
-    assert re.search(sentence, bench.statuses[-1].message)
+    assert re.search(message, bench.statuses[-1].message)
 
 
 def test_a_live_change_of_the_conditioning_bound_takes_effect(bench):
@@ -202,7 +202,7 @@ def test_a_live_change_of_the_conditioning_bound_takes_effect(bench):
 
 def test_joint_states_that_cannot_be_give_no_head_and_are_counted(bench):
     bench.states.publish(JointState(name=['q1', 'q2'], position=[0.0, 0.1]))
-    bench.until(lambda: bench.node._refusals.total, 'the refusal')
+    bench.until(lambda: bench.node._rejections.total, 'the rejection')
     assert bench.heads == []
 
 
@@ -227,7 +227,7 @@ def test_the_drives_are_the_force_sensor_where_that_is_asked_for(ros):
     assert along == pytest.approx(-6.0)
 
 
-def test_without_the_efforts_the_head_is_told_and_the_missing_force_is_refused(ros):
+def test_without_the_efforts_the_head_is_told_and_the_missing_force_is_rejected(ros):
     node = ros.add(IkServiceNode(parameter_overrides=[
         Parameter('contact_wrench.from_drives', value=True)]))
     tester = ros.node('tester')
@@ -238,10 +238,10 @@ def test_without_the_efforts_the_head_is_told_and_the_missing_force_is_refused(r
         states.publish(JointState(
             name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, MIDDLE),
             velocity=[0.0] * 3))
-        return heads and node._refusals.total
+        return heads and node._rejections.total
 
-    ros.until(heard, 'the head and the refusal')
-    assert node._refusals.last_sentence == 'joint_states has no effort for each of q1, q2, q3'
+    ros.until(heard, 'the head and the rejection')
+    assert node._rejections.last_message == 'joint_states has no effort for each of q1, q2, q3'
 
 
 def test_nobody_claims_to_be_a_force_sensor_unasked(bench):

@@ -106,16 +106,16 @@ def test_the_death_of_one_node_ends_all_and_stops_the_drives(launch, ros, victim
         assert re.search(r'\[driver-\d+\]: process has finished cleanly', log)
 
 
-@pytest.mark.parametrize('argument, sentence', [
+@pytest.mark.parametrize('argument, message', [
     ('config:=nowhere.yaml', 'config: nowhere.yaml is not a file'),
     ('log_level:=loud', "'debug', 'info', 'warn', 'error'"),
     ('use_mock_hardware:=perhaps', "'true', 'false'"),
 ])
-def test_a_wrong_argument_starts_nothing_and_says_so(launch, argument, sentence):
+def test_a_wrong_argument_starts_nothing_and_says_so(launch, argument, message):
     process = launch(argument)
     assert process.wait(DEADLINE) != 0
     log = process.log.read_text()
-    assert sentence in log and 'process started' not in log
+    assert message in log and 'process started' not in log
 
 
 def test_without_the_can_interface_the_driver_says_so_and_stays_unconfigured(launch, ros):

@@ -8,7 +8,7 @@ from support import wait_until
 
 from facade_manipulator import config_path
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.ros.client import ManipulatorClient, RequestRefusedError
+from facade_manipulator.ros.client import ManipulatorClient, RequestRejectedError
 from facade_manipulator.ros.runtime import LATEST
 
 GONDOLAS = ('gondola_1', 'gondola_2')
@@ -41,7 +41,7 @@ def spin(clients):
         client.spin(0.02)
 
 
-def test_each_gondola_moves_stops_and_refuses_for_itself(gondolas):
+def test_each_gondola_moves_stops_and_rejects_for_itself(gondolas):
     first, second = (gondolas[name] for name in GONDOLAS)
     at_rest = second.head_in_rail
     first.send_goal(GOAL)
@@ -55,7 +55,7 @@ def test_each_gondola_moves_stops_and_refuses_for_itself(gondolas):
     wait_until(lambda: second.component('driver: operation').status.message.startswith('stopped'),
                'the stop of gondola_2', step=lambda: spin(gondolas))
     assert first.driver_state() == 'active' and second.driver_state() == 'inactive'
-    with pytest.raises(RequestRefusedError, match='software_stop was set'):
+    with pytest.raises(RequestRejectedError, match='software_stop was set'):
         second.activate()
 
     first.send_goal(GOAL._replace(x=0.0))

@@ -32,8 +32,8 @@ class Screen:
         for publisher in (self.diagnostics, self.joints, self.goals, self.heads):
             ros.until(lambda p=publisher: p.get_subscription_count(), 'the observer')
 
-    def tell(self, name, level, sentence, values=(), ago=0.0):
-        status = diagnostic_status(name, level, sentence, dict(values))
+    def tell(self, name, level, message, values=(), ago=0.0):
+        status = diagnostic_status(name, level, message, dict(values))
         message = DiagnosticArray(status=[status])
         now = self.tester.get_clock().now().nanoseconds * 1e-9
         message.header.stamp = stamp(now - ago)

@@ -1,4 +1,4 @@
-"""What is believed of the estimator and what is refused."""
+"""What is believed of the estimator and what is rejected."""
 
 from dataclasses import replace
 import itertools
@@ -24,7 +24,7 @@ STILL = Pose(0.0, 0.0, 0.0)
 VARIANCES = Pose(1e-6, 1e-6, 3e-6)
 
 
-def refusal(gate, now, stamp, pose):
+def rejection(gate, now, stamp, pose):
     with pytest.raises(InputError) as caught:
         gate.check(now, stamp, pose)
     return caught.value
@@ -39,22 +39,22 @@ def test_a_first_plausible_estimate_passes_unchanged(values, age):
 
 @pytest.mark.parametrize('axis', Pose._fields)
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_a_number_that_is_not_finite_is_refused_by_its_name(axis, value):
-    error = refusal(EstimateGate(SETTINGS), NOW, NOW, STILL._replace(**{axis: value}))
+def test_a_number_that_is_not_finite_is_rejected_by_its_name(axis, value):
+    error = rejection(EstimateGate(SETTINGS), NOW, NOW, STILL._replace(**{axis: value}))
     assert error.reason == 'not_finite'
     assert axis in str(error)
 
 
 @pytest.mark.parametrize('pose', [Pose(2.1, 0.0, 0.0), Pose(0.0, -3.0, 0.0), Pose(0.0, 0.0, 0.7)])
 def test_a_gondola_that_far_away_is_not_believed(pose):
-    error = refusal(EstimateGate(SETTINGS), NOW, NOW, pose)
+    error = rejection(EstimateGate(SETTINGS), NOW, NOW, pose)
     assert error.reason == 'range'
     assert 'm' in str(error) or 'rad' in str(error)
 
 
 @pytest.mark.parametrize(('age', 'reason'), [(0.31, 'stale'), (-0.02, 'future')])
 def test_age_and_lead_have_bounds(age, reason):
-    error = refusal(EstimateGate(SETTINGS), NOW, NOW - age, STILL)
+    error = rejection(EstimateGate(SETTINGS), NOW, NOW - age, STILL)
     assert error.reason == reason
     assert f'{abs(age):.3f} s' in str(error)
 
@@ -68,15 +68,15 @@ def test_age_and_lead_within_their_bounds_pass(age):
 def test_an_estimate_that_is_not_newer_is_out_of_order(step):
     gate = EstimateGate(SETTINGS)
     gate.check(NOW, NOW - 0.05, STILL)
-    assert refusal(gate, NOW, NOW - 0.05 + step, STILL).reason == 'out_of_order'
+    assert rejection(gate, NOW, NOW - 0.05 + step, STILL).reason == 'out_of_order'
     gate.check(NOW, NOW - 0.03, STILL)
 
 
 @pytest.mark.parametrize('pose', [Pose(0.1, 0.0, 0.0), Pose(0.0, -0.1, 0.0), Pose(0.0, 0.0, 0.1)])
-def test_a_jump_is_refused_and_what_follows_on_the_old_course_passes(pose):
+def test_a_jump_is_rejected_and_what_follows_on_the_old_course_passes(pose):
     gate = EstimateGate(SETTINGS)
     gate.check(NOW, NOW, STILL)
-    error = refusal(gate, NOW + 0.02, NOW + 0.02, pose)
+    error = rejection(gate, NOW + 0.02, NOW + 0.02, pose)
     assert error.reason == 'jump'
     assert 'bound' in str(error)
     gate.check(NOW + 0.04, NOW + 0.04, STILL)
@@ -124,7 +124,7 @@ def test_other_variances_or_bounds_are_believed_from_the_next_estimate_on():
 
 @pytest.mark.parametrize('change', [
     {'longest_age': 0.0}, {'fastest': math.nan}, {'largest_yaw': 4.0}, {'yaw_jump': -1.0}])
-def test_settings_out_of_range_are_refused(change):
+def test_settings_out_of_range_are_rejected(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         replace(SETTINGS, **change)
 

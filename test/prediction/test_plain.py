@@ -58,6 +58,6 @@ def test_after_a_long_gap_they_learn_anew(model):
     assert predictor.predict(1100.1).position == pytest.approx((0.0, 0.0, 0.0), abs=1e-9)
 
 
-def test_an_unknown_model_is_refused():
+def test_an_unknown_model_is_rejected():
     with pytest.raises(ParameterError, match='crystal'):
         PredictionSettings(model='crystal ball')

@@ -228,6 +228,6 @@ def test_the_cable_length_sets_the_first_frequency():
 @pytest.mark.parametrize('change', [
     {'frequencies': (0.1,)}, {'acceleration': (1.0, 1.0)}, {'gusts': ()}, {'gusts': (math.nan,)},
     {'bandwidth': 0.0}, {'cable_length': -1.0}])
-def test_settings_that_make_no_sense_are_refused(change):
+def test_settings_that_make_no_sense_are_rejected(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         replace(SETTINGS, **change)

@@ -1,4 +1,4 @@
-"""The client: no goal is lost, and a request is answered with the node's own sentence."""
+"""The client: no goal is lost, and a request is answered with the node's own message."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from support import DEADLINE
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRefusedError
+from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
 from facade_manipulator.ros.runtime import LATEST
 
 GOAL = Pose(0.05, 0.25, 0.0)
@@ -41,7 +41,7 @@ def test_the_compensation_is_asked_for_by_its_names_and_its_refusal_is_raised(
     client.wait_until(lambda: client.component('compensator: correction'), 'it', DEADLINE)
     assert 'fades out' in client.enable_compensation(False)
     assert 'fades in' in client.enable_compensation()
-    with pytest.raises(RequestRefusedError, match='compensator/tare: cannot tare without'):
+    with pytest.raises(RequestRejectedError, match='compensator/tare: cannot tare without'):
         client.tare()
 
 

@@ -1,4 +1,4 @@
-"""The computer's clock is set: everything learns anew and the head does not jump."""
+"""The computer's clock is set: everything learns again and the head does not jump."""
 
 import math
 
@@ -28,7 +28,7 @@ class Course:
         self.compensator.take_goal(GOAL)
         self.true, self.set_by = 1000.0, 0.0
         self.head = compose(invert(sway(self.true)), GOAL)
-        self.poses, self.refused = [], 0
+        self.poses, self.rejected = [], 0
 
     def go(self, duration):
         for k in range(round(duration / PERIOD)):
@@ -46,7 +46,7 @@ class Course:
         try:
             take(*arguments)
         except InputError:
-            self.refused += 1
+            self.rejected += 1
 
 
 @pytest.mark.parametrize('step', STEPS)
@@ -60,13 +60,13 @@ def test_a_set_clock_neither_stops_the_correction_nor_makes_the_head_jump(step):
     assert here == pytest.approx(tuple(GOAL), abs=4e-3)
     moves = abs(np.diff([pose[:2] for pose in course.poses], axis=0))
     assert moves.max() < 0.02
-    assert course.refused < 100
+    assert course.rejected < 100
 
 
-def test_hardly_anything_is_refused_after_the_clock_was_set_back():
+def test_hardly_anything_is_rejected_after_the_clock_was_set_back():
     course = Course()
     course.go(2.0)
-    before = course.refused
+    before = course.rejected
     course.set_by = -3600.0
     course.go(2.0)
-    assert course.refused - before < 5
+    assert course.rejected - before < 5

@@ -12,8 +12,8 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.ros import codec as wire_module
-from facade_manipulator.ros.codec import estimate_wire, pose_wire, setpoint_wire, states_wire
+from facade_manipulator.ros import codec as codec
+from facade_manipulator.ros.codec import estimate_codec, pose_codec, setpoint_codec, states_codec
 from facade_manipulator.ros.conversions import (
     CARRIAGES,
     pose_stamped,
@@ -61,10 +61,10 @@ def _stamped(message, frame_id):
 
 
 @pytest.fixture(params=[
-    (lambda: pose_wire('corrected_pose', 'rail'), poses, 7),
-    (lambda: estimate_wire('disturbance', 'facade'), estimates, 10),
-    (setpoint_wire, setpoints, 6),
-    (states_wire, states, 9),
+    (lambda: pose_codec('corrected_pose', 'rail'), poses, 7),
+    (lambda: estimate_codec('disturbance', 'facade'), estimates, 10),
+    (setpoint_codec, setpoints, 6),
+    (states_codec, states, 9),
 ], ids=['pose', 'estimate', 'setpoint', 'states'], scope='module')
 def topic(request):
     """Return a wire, what makes a message of its kind from numbers, and their count."""
@@ -75,10 +75,10 @@ def topic(request):
 @pytest.fixture
 def no_slow_way(monkeypatch):
     """Fail where a message goes through rclpy."""
-    def refuse(*_):
+    def reject(*_):
         raise AssertionError('went the slow way')
 
-    monkeypatch.setattr(wire_module, 'deserialize_message', refuse)
+    monkeypatch.setattr(codec, 'deserialize_message', reject)
 
 
 @given(st.data())
@@ -101,7 +101,7 @@ def test_what_rclpy_writes_is_read(topic, data):
 def test_every_stamp_is_read_as_rclpy_does(sec, nanosec):
     message = poses([0.0] * 7)
     message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
-    time, _ = pose_wire('pose', 'rail').read(serialize_message(message))
+    time, _ = pose_codec('pose', 'rail').read(serialize_message(message))
     assert time == seconds(message.header.stamp)
 
 
@@ -132,15 +132,15 @@ def _same(data, other, message_type):
 
 
 @pytest.mark.parametrize('wire, message', [
-    (pose_wire('corrected_pose', 'rail'), poses([0.0] * 7, 'map')),
-    (pose_wire('corrected_pose', 'rail'), poses([0.0] * 7, 'RAIL')),
-    (pose_wire('corrected_pose', 'rail'), poses([0.0] * 7, 'rail\n' * 500)),
-    (estimate_wire('disturbance', 'facade'), estimates([0.0] * 10, '')),
+    (pose_codec('corrected_pose', 'rail'), poses([0.0] * 7, 'map')),
+    (pose_codec('corrected_pose', 'rail'), poses([0.0] * 7, 'RAIL')),
+    (pose_codec('corrected_pose', 'rail'), poses([0.0] * 7, 'rail\n' * 500)),
+    (estimate_codec('disturbance', 'facade'), estimates([0.0] * 10, '')),
 ])
-def test_another_frame_is_refused_as_ever(wire, message):
-    with pytest.raises(InputError, match='is in frame') as refusal:
+def test_another_frame_is_rejected_as_ever(wire, message):
+    with pytest.raises(InputError, match='is in frame') as rejection:
         wire.read(serialize_message(message))
-    assert refusal.value.reason == 'frame'
+    assert rejection.value.reason == 'frame'
 
 
 @pytest.mark.parametrize('message, expected', [
@@ -150,22 +150,22 @@ def test_another_frame_is_refused_as_ever(wire, message):
      [2.0, 3.0, 1.0, 5.0, 6.0, 4.0]),
 ])
 def test_another_order_frame_or_array_is_no_harm(message, expected):
-    assert setpoint_wire().read(serialize_message(message)) == (STAMP, tuple(expected))
+    assert setpoint_codec().read(serialize_message(message)) == (STAMP, tuple(expected))
 
 
-@pytest.mark.parametrize('message, sentence', [
+@pytest.mark.parametrize('message, expected', [
     (setpoints([1.0, 2.0, 3.0]), 'setpoint velocity has 0 values for 3 names'),
     (setpoints([1.0, 2.0, 3.0], names=('q1', 'q2')), 'setpoint position has 3 values for 2 names'),
     (setpoints([0.0] * 6, names=('q1', 'q2', 'q4')), 'expected each of q1, q2, q3 once'),
 ])
-def test_missing_numbers_and_unknown_names_are_refused_with_a_sentence(message, sentence):
-    with pytest.raises(InputError, match=sentence):
-        setpoint_wire().read(serialize_message(message))
+def test_missing_numbers_and_unknown_names_are_rejected_with_a_message(message, expected):
+    with pytest.raises(InputError, match=expected):
+        setpoint_codec().read(serialize_message(message))
 
 
 def test_joint_states_may_come_without_a_velocity_and_effort_for_each():
     for told in ([1.0, 2.0, 3.0], [1.0, 2.0, 3.0, 4.0]):
-        _, read = states_wire().read(serialize_message(states(told)))
+        _, read = states_codec().read(serialize_message(states(told)))
         assert read[:3] == (1.0, 2.0, 3.0) and all(map(math.isnan, read[3:])) and len(read) == 9
 
 
@@ -173,11 +173,11 @@ def test_a_message_of_a_machine_of_the_other_byte_order_is_read():
     header = struct.pack('>2x2xiII5s7x', 12, 500_000_000, 5, b'rail\0')
     values = (0.1, 0.2, 0.0, 0.0, 0.0, 0.0, 1.0)
     data = header + struct.pack('>7d', *values)
-    assert pose_wire('corrected_pose', 'rail').read(data) == (12.5, values)
+    assert pose_codec('corrected_pose', 'rail').read(data) == (12.5, values)
 
 
 @given(st.data())
-def test_bytes_that_are_no_message_are_refused_and_nothing_else_happens(topic, data):
+def test_bytes_that_are_no_message_are_rejected_and_nothing_else_happens(topic, data):
     wire, message, count = topic
     whole = bytearray(serialize_message(message([0.5] * count)))
     for place in data.draw(st.lists(st.integers(0, len(whole) - 1), max_size=6)):
@@ -194,16 +194,16 @@ def test_bytes_that_are_no_message_are_refused_and_nothing_else_happens(topic, d
 
 @pytest.mark.parametrize('sec, nanosec', [(2 ** 31 - 1, 999_999_999), (2 ** 31 - 4, 2 ** 32 - 1)])
 @pytest.mark.parametrize('frame_id', ['', 'rail'])
-def test_a_stamp_that_no_message_could_have_any_more_is_refused(sec, nanosec, frame_id):
+def test_a_stamp_that_no_message_could_have_any_more_is_rejected(sec, nanosec, frame_id):
     message = setpoints([0.0] * 6, frame_id)
     message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
-    with pytest.raises(InputError, match='a stamp of 2.147') as refusal:
-        setpoint_wire().read(serialize_message(message))
-    assert refusal.value.reason == 'malformed'
+    with pytest.raises(InputError, match='a stamp of 2.147') as rejection:
+        setpoint_codec().read(serialize_message(message))
+    assert rejection.value.reason == 'malformed'
 
 
-def test_what_is_cut_short_is_refused_with_its_length():
+def test_what_is_cut_short_is_rejected_with_its_length():
     data = serialize_message(pose_stamped('rail', STAMP, Pose(0.1, 0.2, 0.3)))
-    with pytest.raises(InputError, match='20 bytes are no PoseStamped') as refusal:
-        pose_wire('corrected_pose', 'rail').read(data[:20])
-    assert refusal.value.reason == 'malformed'
+    with pytest.raises(InputError, match='20 bytes are no PoseStamped') as rejection:
+        pose_codec('corrected_pose', 'rail').read(data[:20])
+    assert rejection.value.reason == 'malformed'

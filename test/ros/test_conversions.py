@@ -45,7 +45,7 @@ def test_the_two_signs_of_a_quaternion_are_the_same_pose():
     assert planar_pose(message, 'goal').theta == pytest.approx(0.3)
 
 
-@pytest.mark.parametrize('message, reason, sentence', [
+@pytest.mark.parametrize('message, reason, expected', [
     (PoseMessage(position=Point(x=math.nan)), 'not_finite', 'goal x = nan'),
     (PoseMessage(position=Point(y=math.inf)), 'not_finite', 'goal y = inf'),
     (PoseMessage(position=Point(z=math.nan)), 'not_finite', 'goal z = nan'),
@@ -55,13 +55,13 @@ def test_the_two_signs_of_a_quaternion_are_the_same_pose():
     (PoseMessage(orientation=Quaternion(w=0.0)), 'quaternion', 'norm 0'),
     (PoseMessage(orientation=Quaternion(z=1.0, w=1.0)), 'quaternion', 'norm 1.41421'),
 ])
-def test_what_is_no_planar_pose_is_refused_with_value_and_bound(message, reason, sentence):
-    with pytest.raises(InputError, match=sentence) as refusal:
+def test_what_is_no_planar_pose_is_rejected_with_value_and_bound(message, reason, expected):
+    with pytest.raises(InputError, match=expected) as rejection:
         planar_pose(message, 'goal')
-    assert refusal.value.reason == reason
+    assert rejection.value.reason == reason
 
 
-def test_another_frame_is_refused_naming_both():
+def test_another_frame_is_rejected_naming_both():
     require_frame('rail', 'rail', 'goal')
     with pytest.raises(InputError, match="goal is in frame 'map', expected 'rail'"):
         require_frame('map', 'rail', 'goal')
@@ -69,11 +69,11 @@ def test_another_frame_is_refused_naming_both():
 
 @given(st.lists(st.text(max_size=50), max_size=20).map('\n'.join))
 def test_what_a_stranger_calls_things_stays_one_short_line(text):
-    for refuse in (lambda: require_frame(f'{text}!', 'rail', 'goal'),
+    for reject in (lambda: require_frame(f'{text}!', 'rail', 'goal'),
                    lambda: carriages_from([text] * 99, [0.0] * 99, 'p')):
-        with pytest.raises(InputError) as refusal:
-            refuse()
-        assert len(str(refusal.value)) < 350 and str(refusal.value).isprintable()
+        with pytest.raises(InputError) as rejection:
+            reject()
+        assert len(str(rejection.value)) < 350 and str(rejection.value).isprintable()
 
 
 @given(st.permutations(['q1', 'q2', 'q3']))
@@ -82,15 +82,15 @@ def test_carriages_are_found_by_name_in_any_order(names):
     assert carriages_from(names, [values[name] for name in names], 'p') == (-0.1, 0.2, 0.3)
 
 
-@pytest.mark.parametrize('names, values, sentence', [
+@pytest.mark.parametrize('names, values, message', [
     (['q1', 'q2'], [0.0, 0.0], r"names \['q1', 'q2'\], expected each of q1, q2, q3 once"),
     (['q1', 'q2', 'q2'], [0.0] * 3, r"names \['q1', 'q2', 'q2'\]"),
     ([], [], r'names \[\]'),
     (['q1', 'q2', 'q3'], [0.0, 0.0], '2 values for 3 names'),
     (['q1', 'q2', 'q3'], [0.0, math.nan, 0.0], 'of q2 = nan is not a finite number'),
 ])
-def test_missing_double_or_unknown_names_and_numbers_are_refused(names, values, sentence):
-    with pytest.raises(InputError, match=sentence):
+def test_missing_double_or_unknown_names_and_numbers_are_rejected(names, values, message):
+    with pytest.raises(InputError, match=message):
         carriages_from(names, values, 'setpoint position')
 
 

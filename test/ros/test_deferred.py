@@ -108,7 +108,7 @@ def test_a_failing_job_leaves_the_node_where_it_was(machine):
 
 @pytest.mark.parametrize('transition', [
     Transition.TRANSITION_ACTIVATE, 99, Transition.TRANSITION_CALLBACK_SUCCESS])
-def test_a_transition_that_is_not_possible_now_is_refused(machine, transition):
+def test_a_transition_that_is_not_possible_now_is_rejected(machine, transition):
     assert machine(transition) == (False, None, 'unconfigured')
 
 

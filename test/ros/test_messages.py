@@ -58,7 +58,7 @@ def test_every_reason_of_a_refusal_stands_in_the_readme_and_no_other():
     reasons = first_arguments('InputError')
     reasons |= {kind.reason for kind in subclasses(LimitError) - {LimitError}}
     reasons |= {state.value for state in ControllerState} - {'active'}
-    documented = table('**Refused messages**')
+    documented = table('**Rejected messages**')
     assert len(documented) == len(set(documented))
     assert set(documented) == reasons | {'other'}
 

@@ -91,7 +91,7 @@ def flat(tree: dict, prefix: str = ''):
     ('geometry.stroke', [-1.0, 1.0], 'read-only'),
     ('limits.speed', 'much', 'expected'),
 ])
-def test_a_wrong_live_change_of_the_driver_is_refused_with_its_reason(ros, name, value, reason):
+def test_a_wrong_live_change_of_the_driver_is_rejected_with_its_reason(ros, name, value, reason):
     driver = ros.add(DriverNode())
     before = driver.get_parameter(name).value
     result = driver.set_parameters([Parameter(name, value=value)])[0]
@@ -99,7 +99,7 @@ def test_a_wrong_live_change_of_the_driver_is_refused_with_its_reason(ros, name,
     assert driver.get_parameter(name).value == before
 
 
-def test_limits_beyond_those_of_the_drives_are_refused_at_start(ros):
+def test_limits_beyond_those_of_the_drives_are_rejected_at_start(ros):
     with pytest.raises(ParameterError, match='limits.speed = 0.5 m/s is above q2.max_speed'):
         DriverNode(parameter_overrides=[Parameter('q2.max_speed', value=0.3)])
 
@@ -137,7 +137,7 @@ def test_the_compensators_filter_correction_border_and_reference_may_be_changed_
     ('prediction.model', 'crystal ball', 'is none of'),
     ('correction.fade_time', 0.0, 'correction.fade_time'),
 ])
-def test_a_wrong_live_change_of_the_compensator_is_refused(ros, name, value, reason):
+def test_a_wrong_live_change_of_the_compensator_is_rejected(ros, name, value, reason):
     node = ros.add(CompensatorNode())
     before = node.get_parameter(name).value
     result = node.set_parameters([Parameter(name, value=value)])[0]
@@ -145,23 +145,23 @@ def test_a_wrong_live_change_of_the_compensator_is_refused(ros, name, value, rea
     assert node.get_parameter(name).value == before
 
 
-def test_a_border_that_leaves_no_workspace_is_refused(ros):
+def test_a_border_that_leaves_no_workspace_is_rejected(ros):
     node = ros.add(CompensatorNode(
         parameter_overrides=[Parameter('geometry.carriage_gap', value=0.27)]))
     result = node.set_parameters([Parameter('border.margin', value=0.1)])[0]
     assert not result.successful and 'leaves no workspace in y' in result.reason
 
 
-@pytest.mark.parametrize('content, sentence', [
+@pytest.mark.parametrize('content, message', [
     (None, 'nowhere.yaml'),
     ('/**: {ros__parameters: [1, 2', 'yaml'),
 ])
 def test_a_parameter_file_that_cannot_be_read_is_one_sentence_and_no_traceback(
-        start_process, tmp_path, content, sentence):
+        start_process, tmp_path, content, message):
     if content is not None:
         (tmp_path / 'nowhere.yaml').write_text(content)
     process = start_process(
         'facade_manipulator.nodes.ik_service', '--ros-args', '--params-file', 'nowhere.yaml')
     assert process.wait(DEADLINE) == 2
     log = process.log.read_text()
-    assert 'refused to start' in log and sentence in log and 'Traceback' not in log
+    assert 'could not start' in log and message in log and 'Traceback' not in log

@@ -30,7 +30,7 @@ def test_the_default_wind_is_attenuated_while_the_head_cleans():
         run.send_goal(stroke)
         run.run(6.0)
     report = run.wall.report()['axes']
-    assert run.refusals == []
+    assert run.rejections == []
     assert run.follower.brakes == 0
     for axis, least in (('x', 34.0), ('y', 18.0), ('theta', 22.0)):
         assert report[axis]['attenuation_db'] > least
@@ -60,7 +60,7 @@ def test_no_transition_makes_the_head_jump(event):
     steps += run.run(5.0)
     heads = np.array([step.sample.head for step in steps])
     assert (abs(np.diff(heads, 2, axis=0)).max(axis=0) < (1e-3, 1e-3, math.radians(0.1))).all()
-    assert run.refusals == []
+    assert run.rejections == []
     assert run.follower.brakes == 0
 
 
@@ -71,9 +71,9 @@ def test_slower_drives_than_assumed_cost_some_attenuation_but_no_stability():
     assert run.wall.report()['axes']['x']['attenuation_db'] > 30.0
 
 
-def test_lost_and_late_estimates_are_refused_and_survived():
+def test_lost_and_late_estimates_are_rejected_and_survived():
     run = loop(estimator=replace(EstimatorSettings(), loss=0.2, latency=0.08, jitter=0.06))
     run.send_goal(GOAL)
     run.run(15.0)
-    assert any('older than the one before' in sentence for sentence in run.refusals)
+    assert any('older than the one before' in message for message in run.rejections)
     assert run.wall.report()['axes']['x']['attenuation_db'] > 26.0

@@ -61,6 +61,6 @@ def test_estimates_may_overtake_one_another():
     assert stamps != sorted(stamps)
 
 
-def test_estimates_from_the_future_are_refused():
+def test_estimates_from_the_future_are_rejected():
     with pytest.raises(ParameterError, match='future'):
         EstimatorSettings(latency=0.01, jitter=0.02)

@@ -62,6 +62,6 @@ def test_steps_change_the_distance_without_a_corner():
 
 @pytest.mark.parametrize('values', [
     {'step_places': (0.1,)}, {'stiffness': 0.0}, {'friction': -0.1}, {'distance': math.inf}])
-def test_a_wall_that_makes_no_sense_is_refused(values):
+def test_a_wall_that_makes_no_sense_is_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         FacadeSettings(**values)

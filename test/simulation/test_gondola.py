@@ -73,6 +73,6 @@ def test_the_past_can_be_asked_again():
 
 @pytest.mark.parametrize('values', [
     {'cable_length': 0.0}, {'mass': -1.0}, {'damping_ratio': 1.0}, {'area': math.nan}])
-def test_a_gondola_that_makes_no_sense_is_refused(values):
+def test_a_gondola_that_makes_no_sense_is_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         GondolaSettings(**values)

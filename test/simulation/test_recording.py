@@ -38,7 +38,7 @@ def test_a_file_is_read(tmp_path):
     assert load_recording(path).at(1.0).x == pytest.approx(0.1 * math.sin(1.0), abs=1e-4)
 
 
-@pytest.mark.parametrize(('text', 'sentence'), [
+@pytest.mark.parametrize(('text', 'message'), [
     ('time,x,y\n0,0,0\n', 'no column theta'),
     ('', 'no column time, x, y, theta'),
     ('time,x,y,theta\n0,0,0,0\n', '2 samples'),
@@ -46,11 +46,11 @@ def test_a_file_is_read(tmp_path):
     ('time,x,y,theta\n0,0,0,0\n1,nan,0,0\n', 'not finite'),
     ('time,x,y,theta\n0,0,0,0\n1,0,0,0\n1,0,0,0\n', 'must ascend'),
 ])
-def test_a_file_that_is_no_recording_is_refused(tmp_path, text, sentence):
-    with pytest.raises(ParameterError, match=sentence):
+def test_a_file_that_is_no_recording_is_rejected(tmp_path, text, message):
+    with pytest.raises(ParameterError, match=message):
         load_recording(write(tmp_path / 'bad.csv', text))
 
 
-def test_a_file_that_is_not_there_is_refused(tmp_path):
+def test_a_file_that_is_not_there_is_rejected(tmp_path):
     with pytest.raises(ParameterError, match='cannot be read'):
         load_recording(tmp_path / 'nothing.csv')

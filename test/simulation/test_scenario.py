@@ -61,7 +61,7 @@ def test_what_the_compensator_is_asked_for_can_be_given_to_its_node():
     assert compensator_parameters(Scenario()) == {}
 
 
-@pytest.mark.parametrize(('sections', 'sentence'), [
+@pytest.mark.parametrize(('sections', 'message'), [
     ({'wind': {'mean_speed': -1.0}}, 'mean_speed'),
     ({'wind': {'speed': 1.0}}, 'wind has no setting speed'),
     ({'wind': {'mean_speed': 'strong'}}, 'expected float'),
@@ -72,22 +72,22 @@ def test_what_the_compensator_is_asked_for_can_be_given_to_its_node():
     ({'mission': {'goals': [1.0, 2.0]}}, 'goals has 2'),
     ({'mission': {'motion': 'ghost'}}, 'ghost'),
 ])
-def test_sections_that_make_no_sense_are_refused(sections, sentence):
-    with pytest.raises(ParameterError, match=sentence):
+def test_sections_that_make_no_sense_are_rejected(sections, message):
+    with pytest.raises(ParameterError, match=message):
         make_scenario(sections)
 
 
-@pytest.mark.parametrize(('text', 'sentence'), [
+@pytest.mark.parametrize(('text', 'message'), [
     ('ghosts: {}', 'unknown sections: ghosts'), ('- 1', 'not a mapping'),
     ('a: [', 'cannot be read')])
-def test_files_that_are_no_scenario_are_refused(tmp_path, text, sentence):
+def test_files_that_are_no_scenario_are_rejected(tmp_path, text, message):
     path = tmp_path / 'scenario.yaml'
     path.write_text(text)
-    with pytest.raises(ParameterError, match=sentence):
+    with pytest.raises(ParameterError, match=message):
         read_sections(path)
 
 
-def test_a_scenario_that_is_not_there_is_refused_and_the_known_ones_are_told():
+def test_a_scenario_that_is_not_there_is_rejected_and_the_known_ones_are_told():
     with pytest.raises(ParameterError, match='breeze, calm'):
         load_scenario('tornado')
 
@@ -108,6 +108,6 @@ def test_a_recording_is_found_beside_its_scenario_or_by_its_whole_path(tmp_path)
         assert motion(1.5).x == pytest.approx(0.1, abs=1e-3)
 
 
-def test_a_recording_that_is_not_there_is_refused_by_its_path(tmp_path):
+def test_a_recording_that_is_not_there_is_rejected_by_its_path(tmp_path):
     with pytest.raises(ParameterError, match=f'recording {tmp_path}/calm.csv cannot be read'):
         recorded_scenario(tmp_path, 'calm.csv').motion()

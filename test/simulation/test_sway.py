@@ -26,6 +26,6 @@ def test_an_axis_without_sines_stands_still():
 @pytest.mark.parametrize('values', [
     {'x_amplitude': (0.1,)}, {'y_frequency': (0.1, 0.2)}, {'yaw_phase': ()},
     {'x_frequency': (-0.1, 0.3)}, {'y_amplitude': (math.nan,)}])
-def test_sines_that_make_no_sense_are_refused(values):
+def test_sines_that_make_no_sense_are_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values)).split('_')[0]):
         SwaySettings(**values)

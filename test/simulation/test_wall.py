@@ -78,6 +78,6 @@ def test_before_a_goal_there_is_a_head_but_no_error():
     assert wall.report()['axes']['x']['attenuation_db'] is None
 
 
-def test_carriages_that_do_not_close_the_mechanism_are_refused():
+def test_carriages_that_do_not_close_the_mechanism_are_rejected():
     with pytest.raises(ManipulatorError):
         measurement().take_carriages(0.0, Carriages(-0.49, 0.49, 0.0))

@@ -57,6 +57,6 @@ def test_the_same_seed_blows_the_same_wind():
 @pytest.mark.parametrize('values', [
     {'height': 0.5}, {'spectrum': 'pink'}, {'mean_speed': 0.0},
     {'height': 5.0, 'roughness_length': 4.0}])
-def test_wind_that_makes_no_sense_is_refused(values):
+def test_wind_that_makes_no_sense_is_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         WindSettings(**values)

@@ -34,7 +34,7 @@ def add_vcan(interface: str) -> None:
 
 
 def plug(interface: str) -> None:
-    """Let the interface refuse every frame with ENOBUFS (queueing discipline ``plug``)."""
+    """Let the interface reject every frame with ENOBUFS (queueing discipline ``plug``)."""
     options = struct.pack('=iI', TCQ_PLUG_LIMIT, NO_BYTES)
     body = (queueing_of(interface) + attribute(TCA_KIND, b'plug\0')
             + attribute(TCA_OPTIONS, options))
@@ -52,8 +52,8 @@ def queueing_of(interface: str) -> bytes:
     return struct.pack('=BxxxiIII', socket.AF_UNSPEC, index, 0, TC_H_ROOT, 0)
 
 
-def ask(request: int, flags: int, body: bytes, refusal: str) -> None:
-    """Send a request to the kernel's network configuration; OSError says what it refuses."""
+def ask(request: int, flags: int, body: bytes, rejection: str) -> None:
+    """Send a request to the kernel's network configuration; OSError says what it rejects."""
     flags |= NLM_F_REQUEST | NLM_F_ACK
     with socket.socket(socket.AF_NETLINK, socket.SOCK_RAW, socket.NETLINK_ROUTE) as netlink:
         netlink.send(struct.pack('=IHHII', 16 + len(body), request, flags, 1, 0) + body)
@@ -61,7 +61,7 @@ def ask(request: int, flags: int, body: bytes, refusal: str) -> None:
     message_type, = struct.unpack_from('=H', reply, 4)
     code, = struct.unpack_from('=i', reply, 16)
     if message_type != NLMSG_ERROR or code:
-        raise OSError(-code, f'{refusal}: {os.strerror(-code)}')
+        raise OSError(-code, f'{rejection}: {os.strerror(-code)}')
 
 
 def attribute(kind: int, payload: bytes) -> bytes:

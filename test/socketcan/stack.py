@@ -10,7 +10,7 @@ import re
 import pytest
 from support import patiently
 
-from facade_manipulator.ros.client import ManipulatorClient, RequestRefusedError
+from facade_manipulator.ros.client import ManipulatorClient, RequestRejectedError
 
 PERIOD = 0.02
 # a guest has one CPU, and its host may be busy: no timing verdicts beyond what drives guarantee
@@ -35,7 +35,7 @@ def bring_up(client: ManipulatorClient) -> None:
         client.configure()
         client.home()
         client.activate()
-    patiently(up, lambda: come_down(client), (RequestRefusedError,))
+    patiently(up, lambda: come_down(client), (RequestRejectedError,))
 
 
 def go_on(client: ManipulatorClient) -> None:
@@ -44,7 +44,7 @@ def go_on(client: ManipulatorClient) -> None:
         come_down(client)
         client.configure()
         client.home()
-    patiently(client.activate, begin_anew, (RequestRefusedError,))
+    patiently(client.activate, begin_anew, (RequestRejectedError,))
 
 
 def come_down(client: ManipulatorClient) -> None:
@@ -53,7 +53,7 @@ def come_down(client: ManipulatorClient) -> None:
 
     def is_down() -> bool:
         state = client.driver_state()
-        with suppress(RequestRefusedError):  # it has left that state by itself: look again
+        with suppress(RequestRejectedError):  # it has left that state by itself: look again
             ways.get(state, bool)()
         return state == 'unconfigured'
     client.wait_until(is_down, 'the driver to be unconfigured', 30.0)
@@ -67,10 +67,10 @@ def assert_says(client: ManipulatorClient, component: str, pattern: str) -> None
     client.wait_until(says, f'{pattern} in /diagnostics', 20.0)
 
 
-def assert_refused(
+def assert_rejected(
     client: ManipulatorClient, request: Callable[[], object], pattern: str
 ) -> None:
-    """Check that the driver refuses a request and says why."""
-    with pytest.raises(RequestRefusedError):
+    """Check that the driver rejects a request and says why."""
+    with pytest.raises(RequestRejectedError):
         request()
     assert_says(client, 'operation', pattern)

@@ -76,7 +76,7 @@ def test_sigterm_ends_it_while_the_interface_is_down(simulator, vcan0):
         switch(vcan0, up=True)
 
 
-def test_an_interface_that_does_not_exist_is_one_sentence(vcan0, start_process):
+def test_an_interface_that_does_not_exist_is_one_message(vcan0, start_process):
     process = start_process(MODULE, '--channel', 'vcan77')
     assert process.wait(DEADLINE) == 3
     said = process.log.read_text()

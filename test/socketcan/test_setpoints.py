@@ -18,7 +18,7 @@ from facade_manipulator.ros.client import ManipulatorClient
 HERE = Path(__file__).resolve().parent
 ENOUGH = 500
 EXTRAPOLATED = 0.02  # m, where a busy machine interrupts the good ones for a moment
-TOLD = ('refused', 'cycles', 'missed', 'skipped')
+TOLD = ('rejected', 'cycles', 'missed', 'skipped')
 REASONS = ('stale', 'future', 'not_finite', 'out_of_order', 'names', 'stroke')
 
 
@@ -46,11 +46,11 @@ def test_of_bad_setpoints_at_a_kilohertz_none_reaches_a_drive(
         active.spin(0.05)
         listener.read()
 
-    def all_refused():
+    def all_rejected():
         told = values_of(active, 'operation')
-        return int(told.get('refused', 0)) >= ENOUGH and all(
-            f'refused: {reason}' in told for reason in REASONS)
-    wait_until(all_refused, 'refusals for every reason', 60.0, step=tell)
+        return int(told.get('rejected', 0)) >= ENOUGH and all(
+            f'rejected: {reason}' in told for reason in REASONS)
+    wait_until(all_rejected, 'rejections for every reason', 60.0, step=tell)
     wait_until(lambda: max(judge(listener.frames).greatest[0] - HOME[0], 0.0) > 0.5 * REACH,
                'the carriages to follow the good ones', 60.0, step=tell)
     watch = judge(listener.read())

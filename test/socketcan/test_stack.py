@@ -7,7 +7,7 @@ import struct
 import time
 
 import pytest
-from stack import assert_refused, DRIVER, PATIENCE, PERIOD
+from stack import assert_rejected, DRIVER, PATIENCE, PERIOD
 from support import period_of, wait_until
 
 from facade_manipulator.drives.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
@@ -69,7 +69,7 @@ def test_drives_that_do_not_answer_are_named_and_the_driver_lives(
     driver = start_process(
         'facade_manipulator.nodes.driver', '--ros-args', *DRIVER,
         '-p', 'controller.boot_timeout:=0.5')
-    assert_refused(client, client.configure, 'q[123]')
+    assert_rejected(client, client.configure, 'q[123]')
     assert client.driver_state() == 'unconfigured'
     assert driver.poll() is None
 
@@ -77,4 +77,4 @@ def test_drives_that_do_not_answer_are_named_and_the_driver_lives(
 def test_a_missing_interface_is_said_with_what_to_do(vcan0, start_process, client):
     start_process(
         'facade_manipulator.nodes.driver', '--ros-args', *DRIVER, '-p', 'bus.channel:=vcan77')
-    assert_refused(client, client.configure, 'vcan77')
+    assert_rejected(client, client.configure, 'vcan77')

@@ -107,7 +107,7 @@ def test_beyond_the_range_of_y_the_bound_that_is_passed_is_named():
         theta_max(DESIGN, 0.4)
 
 
-def test_an_angle_that_no_distance_allows_is_refused():
+def test_an_angle_that_no_distance_allows_is_rejected():
     with pytest.raises(UnreachableError):
         y_range(DESIGN, math.radians(25.0))
     with pytest.raises(CarriageGapError, match='b cos'):

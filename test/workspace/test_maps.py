@@ -102,7 +102,7 @@ def test_beyond_the_greatest_angle_the_grid_is_empty_and_keeps_its_size():
 @pytest.mark.parametrize(('theta', 'resolution', 'words'), [
     (0.0, 0.0, 'resolution'), (0.0, -0.01, 'resolution'), (0.0, math.nan, 'resolution'),
     (0.0, 1e-5, 'cells'), (math.nan, 0.01, 'theta'), (math.inf, 0.01, 'theta')])
-def test_a_grid_that_cannot_be_is_refused(theta, resolution, words):
+def test_a_grid_that_cannot_be_is_rejected(theta, resolution, words):
     with pytest.raises(ParameterError, match=words):
         lci_grid(DESIGN, theta, resolution)
 

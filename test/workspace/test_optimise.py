@@ -83,7 +83,7 @@ def test_the_range_of_y_is_that_of_the_limits():
     ({'min_y_travel': 0.34, 'min_conditioning': 0.2, 'characteristic_length': 1.0},
      'min_y_travel = 0.34 m with min_conditioning = 0.2 conflicts'),
 ])
-def test_infeasible_requirements_are_refused_with_the_conflict(asked, words):
+def test_infeasible_requirements_are_rejected_with_the_conflict(asked, words):
     with pytest.raises(ParameterError, match=words):
         optimise('area', Requirements(**asked))
 
@@ -98,12 +98,12 @@ def test_infeasible_requirements_are_refused_with_the_conflict(asked, words):
     ({'min_theta': math.nan}, 'min_theta'),
     ({'threshold': 2.0}, 'threshold = 2 is above'),
 ])
-def test_requirements_that_make_no_sense_are_refused(asked, words):
+def test_requirements_that_make_no_sense_are_rejected(asked, words):
     with pytest.raises(ParameterError, match=words):
         Requirements(**asked)
 
 
-def test_an_unknown_objective_is_refused_with_the_known_ones():
+def test_an_unknown_objective_is_rejected_with_the_known_ones():
     with pytest.raises(ParameterError, match='none of area, good_area, volume, ratio'):
         optimise('beauty')
 

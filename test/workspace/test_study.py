@@ -86,7 +86,7 @@ def test_every_figure_is_drawn_and_nothing_else_is_left(tmp_path):
         assert path.read_bytes().startswith(b'\x89PNG') and path.stat().st_size > 20_000
 
 
-@pytest.mark.parametrize(('arguments', 'sentence'), [
+@pytest.mark.parametrize(('arguments', 'message'), [
     (('--l', -0.35, '--table2'), 'link_length = -0.35 m is below its minimum'),
     (('--b', 'nan', '--ranges'), 'platform_half_length = nan is not a finite number'),
     (('--gap', -0.01, '--ranges'), 'carriage_gap = -0.01 m is below its minimum'),
@@ -107,10 +107,10 @@ def test_every_figure_is_drawn_and_nothing_else_is_left(tmp_path):
     (('--colour',), 'unrecognized arguments'),
 ])
 def test_bad_input_is_a_sentence_with_exit_status_2_and_writes_nothing(
-        arguments, sentence, tmp_path, capsys):
+        arguments, message, tmp_path, capsys):
     assert run(*arguments, '--json', tmp_path / 'numbers.json',
                '--figures', tmp_path / 'report') == 2
-    assert sentence in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,5 +1,5 @@
 """
-Emergency messages: bytes, and a table from error codes to sentences, reactions and next steps.
+Emergency messages: bytes, and a table from error codes to messages, reactions and next steps.
 
 References
 ----------
@@ -30,7 +30,7 @@ class Fault(NamedTuple):
 
     Attributes
     ----------
-    sentence : str
+    message : str
         What happened, without the code.
     reaction : Reaction
         What the group of drives does.
@@ -41,7 +41,7 @@ class Fault(NamedTuple):
 
     """
 
-    sentence: str
+    message: str
     reaction: Reaction
     home_again: bool
     remedy: str
@@ -63,12 +63,12 @@ _BUS = 'check wiring and termination of the bus, clear the faults, then configur
 _HOME = 'clear the faults, home the axes again, then activate'
 
 
-def _stop(sentence: str, remedy: str = _REMOVE) -> Fault:
-    return Fault(sentence, Reaction.QUICK_STOP_ALL, False, remedy)
+def _stop(message: str, remedy: str = _REMOVE) -> Fault:
+    return Fault(message, Reaction.QUICK_STOP_ALL, False, remedy)
 
 
-def _lost(sentence: str) -> Fault:
-    return Fault(sentence, Reaction.DISABLE_ALL, True, _HOME)
+def _lost(message: str) -> Fault:
+    return Fault(message, Reaction.DISABLE_ALL, True, _HOME)
 
 
 # (mask, code): the first entry that matches is taken, so the narrow masks come first
@@ -103,7 +103,7 @@ _FAULTS: dict[tuple[int, int], Fault] = {
     (0xFFF0, 0x7380): _lost('the position sensor has failed and the position is lost'),
     (0xFFF0, 0x8A80): _stop('the carriage is at a limit', _CLEAR),
     (0xFF00, 0x8100): _stop('communication with the drive is disturbed', _BUS),
-    (0xFF00, 0x8200): _stop('the drive has refused a frame', _BUS),
+    (0xFF00, 0x8200): _stop('the drive has rejected a frame', _BUS),
     (0xFF00, 0x8600): _stop('the position controller has failed', _CLEAR),
     (0xFF00, 0xFF00): _stop('a fault specific to the manufacturer'),
     (0xF000, 0x1000): _stop('a fault that the drive does not specify'),
@@ -131,8 +131,8 @@ def fault(code: int) -> Fault:
 
 
 def describe(code: int) -> str:
-    """Return a sentence for an operator, with the code in CiA's notation."""
-    return f'{fault(code).sentence} (error code {code:04X}h)'
+    """Return a message for an operator, with the code in CiA's notation."""
+    return f'{fault(code).message} (error code {code:04X}h)'
 
 
 def is_error_reset(code: int) -> bool:

@@ -23,10 +23,10 @@ _LONGEST_QUEUE = 16
 
 
 class SdoAbortError(DriveObjectError):
-    """A drive refused to read or write an object; `code` is its SDO abort code."""
+    """A drive rejected to read or write an object; `code` is its SDO abort code."""
 
-    def __init__(self, sentence: str, code: int) -> None:
-        super().__init__(sentence)
+    def __init__(self, message: str, code: int) -> None:
+        super().__init__(message)
         self.code = code
 
     @property
@@ -87,7 +87,7 @@ class SdoChannel:
         Raises
         ------
         SdoAbortError
-            The drive refuses.
+            The drive rejects.
         DriveTimeoutError
             The drive does not answer.
         BusError
@@ -120,7 +120,7 @@ class SdoChannel:
                 return transfer()
             except canopen.SdoAbortedError as error:
                 raise SdoAbortError(
-                    f'{self.name} (node {self.node_id}) refuses object '
+                    f'{self.name} (node {self.node_id}) rejects object '
                     f'{index:04X}h:{subindex:02X}: {_abort_text(error)}', error.code) from error
             except canopen.SdoCommunicationError:
                 continue

@@ -19,7 +19,7 @@ class Cause:
 
     Attributes
     ----------
-    sentence : str
+    message : str
         What happened.
     remedy : str
         The operator's next step.
@@ -34,11 +34,11 @@ class Cause:
     is_silence : bool
         Whether the drive was not heard, of which a restart would be the reason.
     is_restart : bool
-        Whether the drive has begun anew.
+        Whether the drive has begun again.
 
     """
 
-    sentence: str
+    message: str
     remedy: str = CLEAR_REMEDY
     axis: str = ''
     cut_power: bool = False
@@ -48,7 +48,7 @@ class Cause:
     is_restart: bool = False
 
     def __str__(self) -> str:
-        return f'{self.sentence}; next: {self.remedy}'
+        return f'{self.message}; next: {self.remedy}'
 
     def is_completed_by(self, later: Cause) -> bool:
         """Tell whether a later cause is the rest of this story: a drive fell silent to restart."""
@@ -56,4 +56,4 @@ class Cause:
 
     def completed_by(self, later: Cause) -> Cause:
         """Return one cause that tells both, with the next step of the later one."""
-        return replace(later, sentence=f'{self.sentence}; {later.sentence}')
+        return replace(later, message=f'{self.message}; {later.message}')

@@ -175,13 +175,13 @@ class Group:
         """
         self._require('clear_faults', Phase.STOPPING, Phase.STOPPED)
         if self.needs_configuration:
-            raise DriveStateError(f'clear_faults is not enough: {self.severest_cause.sentence}; '
+            raise DriveStateError(f'clear_faults is not enough: {self.severest_cause.message}; '
                                   'clean up and configure again')
         if len(self._resets) == self._max_resets and now - self._resets[0] < RESET_WINDOW:
             wait = RESET_WINDOW - (now - self._resets[0])
             raise DriveStateError(
                 f'{self._max_resets} fault resets within {RESET_WINDOW:g} s are the most: find '
-                f'the cause ({self.cause.sentence}), the next reset is possible in {wait:.0f} s')
+                f'the cause ({self.cause.message}), the next reset is possible in {wait:.0f} s')
 
     @property
     def severest_cause(self) -> Cause | None:
@@ -211,7 +211,7 @@ class Group:
         self._begin(plans.CUT_POWER, now)
 
     def give_time(self, now: float) -> None:
-        """Begin the present step anew: nothing could be commanded or heard for a while."""
+        """Begin the present step again: nothing could be commanded or heard for a while."""
         self._begin(self._plan, now)
 
     def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[Command, ...]:

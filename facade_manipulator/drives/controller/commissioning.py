@@ -86,7 +86,7 @@ class Finding(NamedTuple):
 
     name: str
     passed: bool
-    sentence: str
+    message: str
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """
 What is written to a drive at configure, and how it is proved: identity, objects, PDO map.
 
-Every object is read back. A mismatch refuses the drive and names the object; an object that the
+Every object is read back. A mismatch rejects the drive and names the object; an object that the
 drive's profile calls optional and the drive does not know is skipped and told.
 
 References
@@ -59,7 +59,7 @@ class Write(NamedTuple):
     size : int or None
         Bytes; None for what the drive's object dictionary says.
     required : bool
-        Whether a drive without the object is refused.
+        Whether a drive without the object is rejected.
     compared : int
         Mask of the bits that must be read back as written; 0 for an intermediate value.
 
@@ -227,7 +227,7 @@ def write_objects(drive: Objects, writes: list[Write]) -> list[str]:
     Raises
     ------
     DriveObjectError
-        The drive refuses an object, or reads back another value.
+        The drive rejects an object, or reads back another value.
     DriveTimeoutError
         It does not answer.
 
@@ -251,7 +251,7 @@ def verify_objects(drive: Objects, writes: list[Write]) -> None:
     Raises
     ------
     DriveObjectError
-        A drive refuses an object, or reads back another value.
+        A drive rejects an object, or reads back another value.
     DriveTimeoutError
         It does not answer.
 

@@ -1,7 +1,7 @@
 """
 The drive controller: one control thread that owns the bus, and requests that never wait.
 
-A request (`configure`, `activate`, `home`, …) returns a future at once; its result is a sentence
+A request (`configure`, `activate`, `home`, …) returns a future at once; its result is a message
 for the operator, its exception one as well. The control thread receives, supervises, steps the
 group and commands once per SYNC. What needs SDO runs in a worker thread.
 """
@@ -106,7 +106,7 @@ class DriveController:
         self._future: Future[str] | None = None
         self._requests: deque[tuple[Operation, Future[str]]] = deque()
         self._wake = threading.Event()
-        self._refused: tuple[str, ...] = ()
+        self._rejected: tuple[str, ...] = ()
         self._closed = False
         self._publish(time.monotonic())
         self._shown = self._record, self._record.snapshot()
@@ -157,9 +157,9 @@ class DriveController:
             with suppress(BusError):  # the control thread meets the same error and handles it
                 connection.stream.send_stop()
 
-    def beat(self) -> None:
+    def feed_watchdog(self) -> None:
         """Show that the caller's executor is alive; powered drives stop without."""
-        self._session.beaten = time.monotonic()
+        self._session.fed = time.monotonic()
 
     @property
     def state(self) -> ControllerState:
@@ -171,7 +171,7 @@ class DriveController:
         return self._record.joints()
 
     def outcome(self) -> tuple:
-        """Return what the controller's levels and sentences depend on: while it stays, they do."""
+        """Return what the controller's levels and messages depend on: while it stays, they do."""
         return self._record.outcome()
 
     def snapshot(self) -> ControllerSnapshot:
@@ -196,13 +196,13 @@ class DriveController:
         self._requests.append((kind(self._session), future))
         self._wake.set()
         if self._closed:
-            self._refuse_rest()
+            self._reject_rest()
         return future
 
     # --- the control thread
 
     def _run(self) -> None:
-        self._refused = tuple(request_realtime(self._session.settings))
+        self._rejected = tuple(request_realtime(self._session.settings))
         while not self._closed:
             try:
                 self._turn()
@@ -210,7 +210,7 @@ class DriveController:
                 self._lose_bus(error)
             except Exception as error:  # this thread must live: the drives depend on it
                 self._survive(error)
-        self._refuse_rest()
+        self._reject_rest()
 
     def _turn(self) -> None:
         if self._requests:
@@ -245,7 +245,7 @@ class DriveController:
             operation, future = self._requests.popleft()
             try:
                 self._require_free(operation)
-                sentence = operation.begin(time.monotonic())
+                message = operation.begin(time.monotonic())
             except ManipulatorError as error:
                 future.set_exception(error)
                 continue
@@ -254,8 +254,8 @@ class DriveController:
                 raise
             self._fail(DriveStateError(f'given up for {operation.name}'))
             self._operation, self._future = operation, future
-            if sentence is not None:
-                self._succeed(sentence)
+            if message is not None:
+                self._succeed(message)
 
     def _require_free(self, request: Operation) -> None:
         present = self._operation
@@ -265,22 +265,22 @@ class DriveController:
 
     def _poll(self, now: float) -> None:
         try:
-            sentence = self._operation.poll(now)
+            message = self._operation.poll(now)
         except ManipulatorError as error:
             self._fail(error)
             return
         except Exception as error:
             self._fail(error)
             raise
-        if sentence is not None:
-            self._succeed(sentence)
+        if message is not None:
+            self._succeed(message)
 
-    def _succeed(self, sentence: str) -> None:
+    def _succeed(self, message: str) -> None:
         self._closed = isinstance(self._operation, service_operations.Close)
         future = self._future
         self._operation = self._future = None
         self._publish(time.monotonic())
-        future.set_result(sentence)
+        future.set_result(message)
 
     def _fail(self, error: Exception) -> None:
         operation, future = self._operation, self._future
@@ -290,7 +290,7 @@ class DriveController:
             self._publish(time.monotonic())
             future.set_exception(error)
 
-    def _refuse_rest(self) -> None:
+    def _reject_rest(self) -> None:
         while self._requests:
             _, future = self._requests.popleft()
             future.set_exception(DriveStateError('the drive controller is closed'))
@@ -305,11 +305,11 @@ class DriveController:
     def _survive(self, error: Exception) -> None:
         """Stop the drives for an error that nobody foresaw; the loop goes on."""
         _log.exception('the control loop failed')
-        sentence = f'the control loop failed: {type(error).__name__}: {error}'
+        message = f'the control loop failed: {type(error).__name__}: {error}'
         session = self._session
         if session.group is not None:
             session.group.stop(
-                Cause(sentence, 'report this, clear the faults, then activate'),
+                Cause(message, 'report this, clear the faults, then activate'),
                 time.monotonic())
         if session.connection is not None:
             with suppress(BusError):
@@ -343,12 +343,12 @@ class DriveController:
             notes=self._notes(),
             clock=clock,
             bus=bus,
-            bus_error=session.lost.sentence if session.lost is not None else '',
+            bus_error=session.lost.message if session.lost is not None else '',
             bus_load=session.bus_load,
         )
 
     def _notes(self) -> tuple[str, ...]:
-        notes, recorder = self._refused + self._session.notes, self._session.recorder
+        notes, recorder = self._rejected + self._session.notes, self._session.recorder
         return (*notes, recorder.last_outcome) if recorder and recorder.last_outcome else notes
 
     def _present_state(self) -> ControllerState:

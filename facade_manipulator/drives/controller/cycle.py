@@ -126,7 +126,7 @@ class CycleClock:
         return not late
 
 
-class SentSync(CycleClock):
+class SyncProducer(CycleClock):
     """The clock of a loop that sends SYNC itself: late commands delay the next SYNC."""
 
     _patience = PATIENCE
@@ -176,7 +176,7 @@ class SentSync(CycleClock):
         return True
 
 
-class HeardSync(CycleClock):
+class SyncConsumer(CycleClock):
     """The clock of a loop that hears the kernel's SYNC, and replaces it when it does not come."""
 
     def start(self, now: float) -> None:
@@ -209,7 +209,7 @@ class HeardSync(CycleClock):
         self._open(time, stamp)
 
     def step_due(self, now: float, answers: int, expected: int, all_read: bool) -> bool:
-        """Tell whether to step; see `SentSync.step_due`."""
+        """Tell whether to step; see `SyncProducer.step_due`."""
         share = ANSWERS_DUE if all_read else COMMANDS_DUE
         return self.is_open and (
             answers >= expected or now >= self.sync_time + share * self.period)
@@ -221,6 +221,6 @@ class HeardSync(CycleClock):
         return in_time
 
 
-def cycle_clock(period: float, hears_sync: bool) -> SentSync | HeardSync:
+def cycle_clock(period: float, hears_sync: bool) -> SyncProducer | SyncConsumer:
     """Return the clock for a bus on which the kernel sends SYNC, or does not."""
-    return HeardSync(period) if hears_sync else SentSync(period)
+    return SyncConsumer(period) if hears_sync else SyncProducer(period)

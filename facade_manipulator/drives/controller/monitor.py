@@ -231,10 +231,10 @@ class AxisMonitor:
             remedy=CONFIGURE_REMEDY + ', home, then activate', configure_again=True,
             is_restart=True)
 
-    def _supervised(self, sentence: str, **details) -> Cause | None:
+    def _supervised(self, message: str, **details) -> Cause | None:
         if self._supervised_since is None:
             return None
-        return Cause(sentence, axis=self.name, **details)
+        return Cause(message, axis=self.name, **details)
 
 
 def _jump_bound(axis: AxisSettings, elapsed: float) -> float:

@@ -20,7 +20,7 @@ class Operation:
     """
     A request under way, in the control thread.
 
-    `begin` and `poll` raise a ManipulatorError with the sentence for the operator; the sentence
+    `begin` and `poll` raise a ManipulatorError with the message for the operator; the message
     of a success is what they return.
 
     Parameters
@@ -57,10 +57,10 @@ class Operation:
         return self.session.group
 
     def begin(self, now: float) -> str | None:
-        """Begin; return the sentence if there is nothing to do."""
+        """Begin; return the message if there is nothing to do."""
 
     def poll(self, now: float) -> str | None:
-        """Return the sentence once it is done, None until then."""
+        """Return the message once it is done, None until then."""
 
     def give_up(self) -> None:
         """Tidy up after a failure."""

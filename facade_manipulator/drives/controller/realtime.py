@@ -1,7 +1,7 @@
 """
 Keep the control loop on time: scheduling, memory, CPU, garbage collection.
 
-What the system refuses is told in a sentence with the command that grants it; the loop runs on
+What the system rejects is told in a message with the command that grants it; the loop runs on
 without.
 """
 
@@ -20,13 +20,13 @@ YOUNG_COLLECTION, FULL_COLLECTION = 1, 2
 
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
-    """Ask for what the settings want for the calling thread; return what was refused."""
+    """Ask for what the settings want for the calling thread; return what was rejected."""
     wishes = (
         (settings.realtime_priority > 0, _schedule, settings.realtime_priority),
         (settings.cpu >= 0, _bind, settings.cpu),
         (settings.lock_memory, _lock_memory, None),
     )
-    return [sentence for wanted, wish, value in wishes if wanted for sentence in wish(value)]
+    return [message for wanted, wish, value in wishes if wanted for message in wish(value)]
 
 
 def _schedule(priority: int) -> list[str]:
@@ -35,7 +35,7 @@ def _schedule(priority: int) -> list[str]:
         os.sched_setscheduler(
             0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
-        return [f'SCHED_FIFO with priority {priority} is refused ({error.strerror}): grant it '
+        return [f'SCHED_FIFO with priority {priority} is rejected ({error.strerror}): grant it '
                 'with "@realtime - rtprio 99" in /etc/security/limits.d, or sudo setcap '
                 'cap_sys_nice+ep on the Python interpreter']
     return []

@@ -23,7 +23,7 @@ import zipfile
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, Cause
 from facade_manipulator.errors import InputError
-from facade_manipulator.files import whole
+from facade_manipulator.files import atomic_write
 from facade_manipulator.parameters import parameter, settings
 
 _RECORD = struct.Struct('<dHB8s')
@@ -214,7 +214,8 @@ class FaultRecorder:
         self, path: Path, frames: list[Recorded], causes: tuple[str, ...]
     ) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(path) as draft, zipfile.ZipFile(draft, 'w', zipfile.ZIP_DEFLATED) as archive:
+        with (atomic_write(path) as draft,
+              zipfile.ZipFile(draft, 'w', zipfile.ZIP_DEFLATED) as archive):
             archive.writestr('causes.txt', '\n'.join(causes) + '\n')
             archive.writestr('candump.log', ''.join(candump_lines(frames, self._channel)))
             archive.writestr('axes.csv', axis_table(frames, self._axes))

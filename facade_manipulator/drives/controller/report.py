@@ -101,7 +101,7 @@ class Record(NamedTuple):
                    for axis, told in drives]))
 
     def outcome(self) -> tuple:
-        """Return what the controller's levels and sentences depend on."""
+        """Return what the controller's levels and messages depend on."""
         return (
             self.state, self.causes[:1], self.next_step, self.bus_error, tuple([
                 (told.status and _state(told.status.statusword), told.homed, told.error_code)
@@ -115,9 +115,9 @@ class Record(NamedTuple):
             axes=tuple(
                 axis_snapshot(monitor, told, target, self.now) for monitor, told, target in zip(
                     self.monitors, self.told, self.targets or NO_TARGETS, strict=True)),
-            cause=self.causes[0].sentence if self.causes else '',
+            cause=self.causes[0].message if self.causes else '',
             next_step=self.next_step,
-            further_causes=tuple(cause.sentence for cause in self.causes[1:]),
+            further_causes=tuple(cause.message for cause in self.causes[1:]),
             notes=self.notes,
             cycle=self.clock.statistics if self.clock else CycleStatistics(),
             bus=self.bus.statistics if self.bus else BusStatistics(),

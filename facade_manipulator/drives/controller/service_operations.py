@@ -96,7 +96,7 @@ class ClearFaults(Operation):
             return 'There is no fault to clear.'
         if session.lost is not None:
             raise BusError(
-                f'clear_faults is not possible, the bus is lost: {session.lost.sentence}')
+                f'clear_faults is not possible, the bus is lost: {session.lost.message}')
         self.group.require_resettable(now)
         self._job = session.worker.submit(session.connection.commissioning.check_again)
         return None
@@ -112,7 +112,7 @@ class ClearFaults(Operation):
         if not session.is_off:
             return None
         following = f'home {" and ".join(session.unhomed)}, then ' if session.unhomed else ''
-        return f'The faults are cleared ({self._cause.sentence}); next: {following}activate.'
+        return f'The faults are cleared ({self._cause.message}); next: {following}activate.'
 
     def _reset(self, now: float) -> None:
         job, self._job = self._job, None
@@ -142,7 +142,7 @@ class SelfTest(Operation):
         if self.group.is_powered:
             raise DriveStateError('self_test is not possible while powered: deactivate first')
         if session.lost is not None:
-            raise BusError(f'self_test is not possible, the bus is lost: {session.lost.sentence}')
+            raise BusError(f'self_test is not possible, the bus is lost: {session.lost.message}')
         self._job = session.worker.submit(session.connection.commissioning.inspect)
 
     def poll(self, now: float) -> list[Finding] | None:

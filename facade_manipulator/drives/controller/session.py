@@ -49,7 +49,7 @@ FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
 class LostBus:
     """A bus that is gone: why, when to try again, since when the new one is healthy."""
 
-    sentence: str
+    message: str
     next_try: float
     pause: float
     healthy_since: float | None = None
@@ -110,7 +110,7 @@ class Session:
         self.check_targets = check_targets
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
         self.stops: deque[Cause] = deque(maxlen=16)
-        self.beaten = 0.0
+        self.fed = 0.0
         self.recorder = recorder
         self._check_homing = check_homing
         self._open_bus = open_bus
@@ -264,7 +264,7 @@ class Session:
     def _causes(self, now: float) -> list[Cause]:
         """Return why to stop, as far as it does not come from the drives."""
         causes = [self.stops.popleft() for _ in range(len(self.stops))]
-        silence, bound = now - self.beaten, self.settings.watchdog_timeout
+        silence, bound = now - self.fed, self.settings.watchdog_timeout
         if self.is_powered and silence > bound:
             causes.append(Cause(
                 f'the executor has not run for {1e3 * silence:.0f} ms, '

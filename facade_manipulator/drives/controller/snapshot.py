@@ -61,7 +61,7 @@ class AxisSnapshot(NamedTuple):
     error_code : int
         Last error code, 0 for none.
     error : str
-        The same as a sentence, ``''`` for none.
+        The same as a message, ``''`` for none.
     nmt_state : int or None
     heartbeat_age : float or None
         [s]
@@ -108,7 +108,7 @@ class ControllerSnapshot(NamedTuple):
     further_causes : tuple of str
         What happened after that.
     notes : tuple of str
-        What was skipped or refused without stopping anything.
+        What was skipped or rejected without stopping anything.
     cycle : CycleStatistics
     bus : BusStatistics
     bus_error : str

@@ -252,7 +252,7 @@ class Stream:
             cause for monitor in self._monitors
             if (cause := monitor.silence(heard_until)) is not None]
         if len(causes) == len(self._monitors):
-            return [Cause(f'no drive answers any more: {causes[0].sentence}', BUS_REMEDY)]
+            return [Cause(f'no drive answers any more: {causes[0].message}', BUS_REMEDY)]
         return causes
 
     def _own_failures(self) -> list[Cause]:
@@ -277,7 +277,7 @@ class Stream:
         try:
             self._targets.choose(self.group.phase, commands[0], actual, latch_time)
         except ManipulatorError as error:
-            self.group.stop(Cause(f'a target was refused: {error}', TARGET_REMEDY), now)
+            self.group.stop(Cause(f'a target was rejected: {error}', TARGET_REMEDY), now)
         except Exception as error:  # a source of targets may be anybody's code
             self.group.stop(Cause(
                 f'the source of the targets failed: {type(error).__name__}: {error}',

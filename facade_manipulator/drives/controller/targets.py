@@ -2,7 +2,7 @@
 The targets that go to the drives: the place where power finds the carriages, then the stream.
 
 The last check before the bus. It trusts nobody: a target that is not finite, leaves the stroke or
-jumps is refused with a sentence, never clamped.
+jumps is rejected with a message, never clamped.
 """
 
 from __future__ import annotations

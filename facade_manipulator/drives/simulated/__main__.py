@@ -33,7 +33,7 @@ _NO_OPTIONS = {'start_position', 'direction', 'velocity_unit'}
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run until SIGINT or SIGTERM; return the exit status."""
     options = _parser().parse_args(_without_ros(sys.argv[1:] if arguments is None else arguments))
-    # what python-can logs about an interface is said once, in a sentence of ours
+    # what python-can logs about an interface is said once, in a message of ours
     logging.getLogger('can').setLevel(logging.CRITICAL)
     stopping = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -41,14 +41,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         _simulate(options, stopping)
     except BusError as error:
-        return _refuse(str(error), BUS_ERROR)
+        return _reject(str(error), BUS_ERROR)
     except ManipulatorError as error:
-        return _refuse(str(error), USAGE_ERROR)
+        return _reject(str(error), USAGE_ERROR)
     return 0
 
 
-def _refuse(sentence: str, status: int) -> int:
-    print(f'drive_simulator: {sentence}', file=sys.stderr)
+def _reject(message: str, status: int) -> int:
+    print(f'drive_simulator: {message}', file=sys.stderr)
     return status
 
 

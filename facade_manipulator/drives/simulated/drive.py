@@ -126,7 +126,7 @@ class SimulatedDrive(SimulatedNode):
             Error code of CiA 301 or 402. 81xx and 82xx do what 6007 says, 86xx and 8A8x make
             the ramp of 605E, all others cut the power.
         persistent : bool
-            Whether a fault reset is refused until `remove_cause`.
+            Whether a fault reset is rejected until `remove_cause`.
 
         """
         self.errors.add(code, persistent)

@@ -2,7 +2,7 @@
 Homing methods of a simulated drive, each as a coroutine over time steps.
 
 A method yields the speed it wants, steps with the machine, and returns the home position. It
-yields None to give up pushing: then the demand begins anew where the carriage is.
+yields None to give up pushing: then the demand begins again where the carriage is.
 
 References
 ----------
@@ -75,12 +75,12 @@ def _pulse_after(
     turns = start / revolution
     pulse = revolution * (math.floor(turns) + 1 if direction > 0 else math.ceil(turns) - 1)
     while (pulse - motor.position) * direction > 0.0:
-        _refuse(motor, _LIMIT_SWITCHES[direction])
+        _reject(motor, _LIMIT_SWITCHES[direction])
         yield direction * settings.slow
     return pulse
 
 
-def _refuse(motor: SimulatedMotor, switch: int) -> None:
+def _reject(motor: SimulatedMotor, switch: int) -> None:
     if motor.inputs & switch:
         raise HomingFailed
 
@@ -107,7 +107,7 @@ def _home_edge(direction: int, motor: SimulatedMotor, settings: HomingSettings) 
     while motor.velocity * direction > STANDSTILL:  # which may lead beyond the switch
         yield 0.0
     while not motor.inputs & HOME_SWITCH:
-        _refuse(motor, _LIMIT_SWITCHES[-direction])
+        _reject(motor, _LIMIT_SWITCHES[-direction])
         yield -direction * settings.fast
     return (yield from _leave(HOME_SWITCH, -direction, motor, settings))
 

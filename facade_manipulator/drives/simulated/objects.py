@@ -73,7 +73,7 @@ class ObjectStore:
     readers : dict
         For objects whose value is measured: called instead of reading `values`.
     writers : dict
-        Called before a value is stored; they act on it, or refuse it with `SdoAbortedError`.
+        Called before a value is stored; they act on it, or reject it with `SdoAbortedError`.
 
     """
 
@@ -178,7 +178,7 @@ class ObjectServer(SdoServer):
             self.on_request(self.rx_cobid, bytearray(data), 0.0)
 
     def block_download(self, data: bytes) -> None:
-        """Refuse a block transfer, which the library does not offer, without a word in the log."""
+        """Reject a block transfer, which the library does not offer, without a word in the log."""
         _, self._index, self._subindex = _MULTIPLEXER.unpack_from(data)
         raise SdoAbortedError(INVALID_COMMAND)
 

@@ -257,7 +257,7 @@ class ProcessData:
             try:
                 self._store.write(key, value)
             except SdoAbortedError:
-                continue  # as a drive does: a value that it refuses keeps its old one
+                continue  # as a drive does: a value that it rejects keeps its old one
 
     def poll(self, now: float) -> None:
         """Send the event-driven TPDOs that are due."""

@@ -42,7 +42,7 @@ class Supervision:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew; a switch that is on now has been so before."""
+        """Begin again; a switch that is on now has been so before."""
         self._late = 0.0
         self._switches = self._motor.inputs
 

@@ -86,7 +86,7 @@ def judge(scenario: Scenario) -> tuple[dict, Run]:
         axis: None if pressing[axis] else _axis(axis, reports) for axis in AXES}
     return {
         **result, 'contact_force': _contact(scenario, best.steps),
-        'max_step': largest_step(best.steps), 'refusals': len(best.loop.refusals),
+        'max_step': largest_step(best.steps), 'rejections': len(best.loop.rejections),
         'brakes': best.loop.follower.brakes,
     }, best
 

@@ -214,7 +214,7 @@ def test_another_bit_rate_is_told_with_both_figures(interface):
         check_link('can0', MEGABIT)
 
 
-def test_a_controller_that_is_bus_off_is_refused(interface):
+def test_a_controller_that_is_bus_off_is_rejected(interface):
     interface.details['state'] = 'BUS-OFF'
     with pytest.raises(BusError, match='BUS-OFF'):
         check_link('can0', MEGABIT)
@@ -251,6 +251,6 @@ def test_every_rate_fits_at_full_bit_rate(rate):
     assert all(1 <= transmission_type(pdo, rate) <= 240 for pdo in PDO_MAP)
 
 
-def test_a_bus_that_is_too_slow_is_refused_with_both_figures():
+def test_a_bus_that_is_too_slow_is_rejected_with_both_figures():
     with pytest.raises(ParameterError, match=r'bus load = 63 % at 100 Hz.* 50 %'):
         check_bus_load(ControllerSettings(), 250_000)

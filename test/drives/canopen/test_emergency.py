@@ -18,8 +18,8 @@ CODES = st.integers(0, 0xFFFF)
 
 @given(CODES)
 def test_every_code_has_a_sentence_with_the_code_in_it(code):
-    sentence = describe(code)
-    assert f'{code:04X}h' in sentence and sentence[0].islower() and len(sentence) > 20
+    message = describe(code)
+    assert f'{code:04X}h' in message and message[0].islower() and len(message) > 20
 
 
 @pytest.mark.parametrize('code, words', [
@@ -63,6 +63,6 @@ def test_an_emergency_message_has_the_bytes_of_cia_301():
 
 
 @given(st.binary(max_size=12).filter(lambda data: len(data) != 8))
-def test_a_message_of_wrong_length_is_refused(data):
+def test_a_message_of_wrong_length_is_rejected(data):
     with pytest.raises(InputError, match='bytes'):
         decode_emergency(data)

@@ -36,7 +36,7 @@ def test_the_bytes_are_little_endian_and_packed():
 @pytest.mark.parametrize('decode, size', [
     (pdo.decode_rpdo1, 7), (pdo.decode_tpdo1, 7), (pdo.decode_tpdo2, 8), (pdo.decode_tpdo3, 8)])
 @given(data=st.binary(max_size=9))
-def test_a_frame_of_wrong_length_is_refused(decode, size, data):
+def test_a_frame_of_wrong_length_is_rejected(decode, size, data):
     if len(data) == size:
         decode(data)
         return

@@ -85,7 +85,7 @@ def test_an_abort_is_told_with_its_code_and_not_tried_again(pump):
     job = pump.worker.submit(pump.channel.read, 0x6065, 0)
     pump.expect()
     pump.answer(ABSENT)
-    with pytest.raises(SdoAbortError, match=r'q2 \(node 2\) refuses object 6065h:00: object does '
+    with pytest.raises(SdoAbortError, match=r'q2 \(node 2\) rejects object 6065h:00: object does '
                                             r'not exist \(abort 0602 0000h\)') as caught:
         job.result(5.0)
     assert caught.value.is_absent

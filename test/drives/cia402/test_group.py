@@ -149,7 +149,7 @@ def test_no_drive_is_enabled_before_all_are_switched_on():
     drives.group.enable(drives.now)
     drives.until(Phase.STOPPED)
     assert not any(is_enabling(command) for cycle in drives.history for command in cycle)
-    assert 'q2' in drives.group.cause.sentence
+    assert 'q2' in drives.group.cause.message
 
 
 def test_the_drives_hold_before_they_follow():
@@ -174,7 +174,7 @@ def test_powering_off_waits_until_the_carriages_stand_still():
 def test_carriages_that_do_not_come_to_rest_are_stopped():
     drives = ramping()
     drives.until(Phase.STOPPING)
-    assert 'still moving' in drives.group.cause.sentence
+    assert 'still moving' in drives.group.cause.message
 
 
 def test_after_a_halt_the_drives_follow_again_without_powering_off():
@@ -187,21 +187,21 @@ def test_after_a_halt_the_drives_follow_again_without_powering_off():
 
 
 @situations
-def test_requests_that_do_not_fit_are_refused_and_change_nothing(situation):
+def test_requests_that_do_not_fit_are_rejected_and_change_nothing(situation):
     drives = SITUATIONS[situation]()
     group = drives.group
     before = group.phase
-    refused = 0
+    rejected = 0
     for request in (group.enable, group.disable, group.halt, group.reset,
                     lambda now: group.home(HomingSequence(()), now)):
         phase = group.phase
         try:
             request(drives.now)
         except DriveStateError as error:
-            refused += 1
+            rejected += 1
             assert 'not possible' in str(error)
             assert group.phase is phase
-    assert refused or before is not group.phase
+    assert rejected or before is not group.phase
 
 
 def test_enabling_waits_for_every_drive_to_have_confirmed_that_it_is_off():
@@ -238,14 +238,14 @@ def test_a_homing_error_of_one_axis_stops_all():
     drives = homing()
     drives.bits[1] = Status.HOMING_ERROR
     drives.until(Phase.STOPPING)
-    assert 'q2: homing failed' in drives.group.cause.sentence
+    assert 'q2: homing failed' in drives.group.cause.message
     assert not any(map(is_enabling, drives.commands))
 
 
 def test_a_homing_that_takes_too_long_stops_all():
     drives = homing()
     drives.until(Phase.STOPPING)
-    assert 'homing took longer' in drives.group.cause.sentence
+    assert 'homing took longer' in drives.group.cause.message
 
 
 def test_a_halt_gives_homing_up_and_powers_off():
@@ -283,14 +283,14 @@ def test_a_drive_that_leaves_operation_by_itself_stops_all(situation, state):
     drives.states[2] = state
     drives.cycle()
     assert drives.group.phase in (Phase.STOPPING, Phase.STOPPED)
-    assert 'q3' in drives.group.cause.sentence
+    assert 'q3' in drives.group.cause.message
 
 
 def test_a_following_error_stops_all_but_not_while_homing_has_just_begun():
     drives = running()
     drives.bits[0] = Status.FOLLOWING_ERROR
     drives.cycle()
-    assert 'q1 is farther behind' in drives.group.cause.sentence
+    assert 'q1 is farther behind' in drives.group.cause.message
 
 
 def test_a_drive_that_changes_its_mode_stops_all():
@@ -298,7 +298,7 @@ def test_a_drive_that_changes_its_mode_stops_all():
     drives.deaf = {0}
     drives.modes[0] = Mode.HOMING
     drives.until(Phase.STOPPING, Phase.STOPPED)
-    assert 'in mode 6 instead of 8' in drives.group.cause.sentence
+    assert 'in mode 6 instead of 8' in drives.group.cause.message
 
 
 @situations
@@ -340,8 +340,8 @@ def test_a_later_cause_may_still_cut_the_power():
     drives.group.stop(Cause('second', cut_power=True), drives.now)
     drives.cycle(5)
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
-    assert drives.group.cause.sentence == 'first'
-    assert [cause.sentence for cause in drives.group.further_causes] == ['second']
+    assert drives.group.cause.message == 'first'
+    assert [cause.message for cause in drives.group.further_causes] == ['second']
 
 
 def test_a_drive_that_does_not_obey_the_quick_stop_loses_its_power():
@@ -360,7 +360,7 @@ def test_the_emergency_message_explains_a_fault_that_the_statusword_only_shows()
     drives.cycle()
     assert drives.group.cause.is_vague
     drives.group.stop(Cause('q2 (node 2): the motor current is too high', axis='q2'), drives.now)
-    assert 'current' in drives.group.cause.sentence
+    assert 'current' in drives.group.cause.message
 
 
 SILENCE = Cause('q2 did not answer', 'configure again', 'q2', configure_again=True,
@@ -369,7 +369,7 @@ RESTART = Cause('q2 has restarted', 'configure again, home', 'q2', configure_aga
                 is_restart=True)
 
 
-def test_a_drive_that_fell_silent_because_it_restarted_is_told_in_one_sentence():
+def test_a_drive_that_fell_silent_because_it_restarted_is_told_in_one_message():
     drives = running()
     for cause in (SILENCE, RESTART):
         drives.group.stop(cause, drives.now)
@@ -431,10 +431,10 @@ def test_a_fault_that_persists_leaves_the_group_stopped():
     drives.group.reset(drives.now)
     drives.cycle(300)
     assert drives.group.phase is Phase.STOPPED
-    assert 'q2 did not leave the fault' in drives.group.further_causes[-1].sentence
+    assert 'q2 did not leave the fault' in drives.group.further_causes[-1].message
 
 
-def test_a_fourth_reset_within_a_minute_is_refused_and_possible_after_it():
+def test_a_fourth_reset_within_a_minute_is_rejected_and_possible_after_it():
     drives = switched_off()
     for _ in range(3):
         drives.group.stop(Cause('again'), drives.now)
@@ -468,7 +468,7 @@ feedbacks = st.builds(
 
 
 def ask(group: Group, request: str, now: float) -> bool:
-    """Return whether an operator has asked for power and was not refused."""
+    """Return whether an operator has asked for power and was not rejected."""
     sequence = HomingSequence(tuple(AxisHoming(name, 0.5) for name in NAMES))
     actions = {
         'home': lambda: group.home(sequence, now),

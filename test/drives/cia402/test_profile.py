@@ -108,7 +108,7 @@ OBJECT = {'index': 0x6085, 'subindex': 0, 'value': 'quick_stop_deceleration', 'r
     ('- a list', 'not a table'),
     ('a: [', 'cannot be read'),
 ])
-def test_a_profile_that_makes_no_sense_is_refused_with_the_file_and_the_reason(
+def test_a_profile_that_makes_no_sense_is_rejected_with_the_file_and_the_reason(
         tmp_path, data, words):
     write(tmp_path, data)
     with pytest.raises(ParameterError, match='mine.yaml') as caught:
@@ -116,7 +116,7 @@ def test_a_profile_that_makes_no_sense_is_refused_with_the_file_and_the_reason(
     assert words in str(caught.value)
 
 
-def test_a_profile_that_does_not_exist_is_refused():
+def test_a_profile_that_does_not_exist_is_rejected():
     with pytest.raises(ParameterError, match='there is no drive profile nothing'):
         load_profile('nothing')
 

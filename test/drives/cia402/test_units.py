@@ -68,7 +68,7 @@ def test_positions_up_to_32_bits_are_taken_and_no_more(bound):
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf])
-def test_a_position_or_speed_that_is_not_finite_is_refused(value):
+def test_a_position_or_speed_that_is_not_finite_is_rejected(value):
     with pytest.raises(InputError, match='not a finite number'):
         AxisScale().to_counts(value)
     with pytest.raises(InputError, match='not a finite number'):
@@ -79,6 +79,6 @@ def test_a_position_or_speed_that_is_not_finite_is_refused(value):
     {'lead': 0.0}, {'lead': math.nan}, {'gear_ratio': -4.3}, {'pulses_per_revolution': 0},
     {'direction': 0}, {'direction': 2}, {'efficiency': 1.1}, {'rated_torque': 0.0},
     {'velocity_unit': 'furlongs'}])
-def test_a_scale_that_no_axis_has_is_refused(change):
+def test_a_scale_that_no_axis_has_is_rejected(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         AxisScale(**change)

@@ -46,7 +46,7 @@ def test_bus_off_is_a_lost_bus(make_rig):
         arbitration_id=0x040, data=bytes(8), is_error_frame=True, is_extended_id=False))
     rig.until(ControllerState.BUS_LOST, ControllerState.STOPPED)
     assert 'bus-off' in rig.controller.snapshot().cause
-    wait_until(lambda: rig.refusal('clear_faults') is None, 'clearing')
+    wait_until(lambda: rig.rejection('clear_faults') is None, 'clearing')
 
 
 def test_a_queue_that_stays_full_is_a_lost_bus(make_rig):
@@ -92,7 +92,7 @@ def test_a_drive_that_was_restarted_behind_a_lost_bus_must_be_configured_again(m
         drives[1].reboot()
     rig.bus_is_missing = False
     rig.until(ControllerState.STOPPED)
-    assert 'configure again' in rig.refusal('clear_faults')
+    assert 'configure again' in rig.rejection('clear_faults')
     rig.do('cleanup', 'configure')
 
 

@@ -34,14 +34,14 @@ PROFILES = ('simulated', 'epos4', 'generic_cia402')
 
 
 class Objects:
-    """An object dictionary of bytes that can refuse, forget and fall silent."""
+    """An object dictionary of bytes that can reject, forget and fall silent."""
 
     name = 'q2'
     node_id = 2
 
     def __init__(self) -> None:
         self.values = {}
-        self.refused = {}
+        self.rejected = {}
         self.kept = {}
         self.silent = False
         self.written = []
@@ -61,9 +61,9 @@ class Objects:
     def _require(self, index: int, subindex: int) -> None:
         if self.silent:
             raise DriveTimeoutError('q2 does not answer')
-        if (index, subindex) in self.refused:
+        if (index, subindex) in self.rejected:
             raise SdoAbortError(
-                f'q2 refuses object {index:04X}h:{subindex:02X}', self.refused[index, subindex])
+                f'q2 rejects object {index:04X}h:{subindex:02X}', self.rejected[index, subindex])
 
 
 @pytest.fixture
@@ -85,20 +85,20 @@ def test_an_object_that_reads_back_otherwise_is_named_with_both_values(drive):
 
 
 def test_an_optional_object_that_the_drive_lacks_is_skipped_and_told(drive):
-    drive.refused[0x60C5, 0] = ABSENT
+    drive.rejected[0x60C5, 0] = ABSENT
     notes = write_objects(drive, [Write(0x60C5, 0, 1, required=False), Write(0x6065, 0, 1)])
     assert notes == ['q2 has no object 60C5h:00, which is optional']
     assert (0x6065, 0) in drive.values
 
 
-def test_a_required_object_that_the_drive_lacks_is_refused_by_name(drive):
-    drive.refused[0x6065, 0] = ABSENT
+def test_a_required_object_that_the_drive_lacks_is_rejected_by_name(drive):
+    drive.rejected[0x6065, 0] = ABSENT
     with pytest.raises(DriveObjectError, match='6065h:00'):
         write_objects(drive, [Write(0x6065, 0, 1)])
 
 
-def test_an_optional_object_that_is_refused_for_another_reason_is_not_skipped(drive):
-    drive.refused[0x60C5, 0] = READ_ONLY
+def test_an_optional_object_that_is_rejected_for_another_reason_is_not_skipped(drive):
+    drive.rejected[0x60C5, 0] = READ_ONLY
     with pytest.raises(DriveObjectError, match='60C5h:00'):
         write_objects(drive, [Write(0x60C5, 0, 1, required=False)])
 
@@ -109,7 +109,7 @@ def test_a_silent_drive_is_a_time_out(drive):
         write_objects(drive, [Write(0x6065, 0, 1)])
 
 
-def test_a_value_that_does_not_fit_is_refused_before_it_is_sent(drive):
+def test_a_value_that_does_not_fit_is_rejected_before_it_is_sent(drive):
     with pytest.raises(DriveObjectError, match='300 does not fit into the 1 bytes'):
         write_objects(drive, [Write(0x6060, 0, 300, size=1)])
     assert drive.written == []
@@ -163,7 +163,7 @@ def test_position_limits_are_in_order_and_enclose_the_stroke(direction, lower, l
         'max_velocity', 'max_acceleration', 'quick_stop_deceleration')) > 0
 
 
-def test_a_homing_method_that_the_drive_type_lacks_is_refused():
+def test_a_homing_method_that_the_drive_type_lacks_is_rejected():
     profile = load_profile('epos4')
     with pytest.raises(ParameterError, match='homing_method = 35 .* epos4 supports: 37'):
         object_writes(profile, AxisSettings(homing_method=35), SETTINGS)
@@ -239,7 +239,7 @@ def test_swapped_axes_are_told_as_such():
         check_identity('q2', GENUINE._replace(serial_number=333), AXIS, SERIALS)
 
 
-def test_a_device_that_is_no_drive_is_refused():
+def test_a_device_that_is_no_drive_is_rejected():
     with pytest.raises(DriveIdentityError, match='device type 401 is not 402'):
         check_identity('q2', GENUINE._replace(device_type=401), AXIS, SERIALS)
 
@@ -253,7 +253,7 @@ def test_the_default_axes_are_the_published_prototype():
     assert round(60.0 * revolutions) == 6450
 
 
-def test_two_axes_with_one_node_or_one_serial_number_are_refused():
+def test_two_axes_with_one_node_or_one_serial_number_are_rejected():
     with pytest.raises(ParameterError, match='same node_id'):
         check_axes((AxisSettings(), *DEFAULT_AXES[:2]))
     with pytest.raises(ParameterError, match='same serial_number'):
@@ -265,7 +265,7 @@ def test_two_axes_with_one_node_or_one_serial_number_are_refused():
 @pytest.mark.parametrize('details', [
     {'lower_limit': 0.2, 'upper_limit': 0.1}, {'home_position': 0.6}, {'node_id': 127},
     {'lead': 0.0}, {'max_speed': float('nan')}, {'direction': 0}])
-def test_an_axis_that_contradicts_itself_is_refused(details):
+def test_an_axis_that_contradicts_itself_is_rejected(details):
     with pytest.raises(ParameterError):
         AxisSettings(**details)
 
@@ -273,6 +273,6 @@ def test_an_axis_that_contradicts_itself_is_refused(details):
 @pytest.mark.parametrize('details', [
     {'rate': 300}, {'rate': 1000}, {'heartbeat_timeout': 0.06}, {'step_timeout': 2.0},
     {'max_resets_per_minute': 4}])
-def test_controller_settings_out_of_bounds_are_refused(details):
+def test_controller_settings_out_of_bounds_are_rejected(details):
     with pytest.raises(ParameterError):
         ControllerSettings(**details)

@@ -33,7 +33,7 @@ def test_a_drive_that_does_not_answer_is_named_and_configure_can_be_tried_again(
     assert rig.state is ControllerState.INACTIVE
 
 
-def test_a_drive_with_another_identity_is_refused(make_rig):
+def test_a_drive_with_another_identity_is_rejected(make_rig):
     axes = tuple(replace(axis, serial_number=100 + axis.node_id) for axis in DEFAULT_AXES)
     rig = make_rig(axes=axes)
     rig.do('configure', 'cleanup')
@@ -57,9 +57,9 @@ def drives_without(index: int, number: int) -> list[SimulatedDrive]:
     return drives
 
 
-def test_a_drive_that_lacks_a_required_object_is_refused_by_its_name(make_rig):
+def test_a_drive_that_lacks_a_required_object_is_rejected_by_its_name(make_rig):
     rig = make_rig(drives=drives_without(0x60C5, 2))
-    with pytest.raises(DriveObjectError, match=r'q3 \(node 3\) refuses object 60C5h'):
+    with pytest.raises(DriveObjectError, match=r'q3 \(node 3\) rejects object 60C5h'):
         rig.do('configure')
     assert rig.state is ControllerState.UNCONFIGURED
 
@@ -99,7 +99,7 @@ def test_the_self_test_names_identity_objects_bus_and_cycle(rig):
         *(f'{name} {what}' for name in AXIS_NAMES for what in ('identity', 'objects')),
         'bus', 'cycle', 'faults']
     assert all(finding.passed for finding in findings if finding.name != 'cycle')
-    assert 'serial number 2' in findings[2].sentence
+    assert 'serial number 2' in findings[2].message
 
 
 def test_the_self_test_finds_an_object_that_somebody_has_changed(rig):
@@ -108,10 +108,10 @@ def test_the_self_test_finds_an_object_that_somebody_has_changed(rig):
         drives[1].objects.values[0x6065, 0] = 5
     failed = [finding for finding in rig.do('self_test') if not finding.passed]
     assert 'q2 objects' in [finding.name for finding in failed]
-    assert '6065h:00 reads back as 5' in failed[0].sentence
+    assert '6065h:00 reads back as 5' in failed[0].message
 
 
-def test_the_self_test_is_refused_while_powered(rig):
+def test_the_self_test_is_rejected_while_powered(rig):
     at_rest(rig)
     with pytest.raises(DriveStateError, match='deactivate first'):
         rig.do('self_test')

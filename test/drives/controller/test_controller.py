@@ -1,4 +1,4 @@
-"""The drive controller on an ordinary day: what is asked for, what is refused, what is told."""
+"""The drive controller on an ordinary day: what is asked for, what is rejected, what is told."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def test_requests_that_do_not_fit_while_active_change_nothing(rig, request_name)
     assert rig.drive_states == [State.OPERATION_ENABLED] * 3
 
 
-def test_a_second_request_is_refused_while_one_is_under_way(rig):
+def test_a_second_request_is_rejected_while_one_is_under_way(rig):
     first = rig.controller.configure()
     with pytest.raises(DriveStateError, match='while configure is under way'):
         rig.do('home')
@@ -135,7 +135,7 @@ def test_faster_cycles_work_as_well(make_rig, rate):
     patiently(work)
 
 
-def test_settings_that_contradict_the_drive_type_are_refused_at_once():
+def test_settings_that_contradict_the_drive_type_are_rejected_at_once():
     axes = (replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])
     with pytest.raises(ParameterError, match='homing_method = -5'):
         DriveController(SETTINGS, axes, None, Source())

@@ -7,34 +7,34 @@ from facade_manipulator.drives.controller.cycle import (
     COMMANDS_DUE,
     COMPANY,
     cycle_clock,
-    HeardSync,
     LATENESS_BOUNDS,
     LEAST_GAP,
     PATIENCE,
-    SentSync,
     SYNC_MISSING,
     SYNC_OVERDUE,
+    SyncConsumer,
+    SyncProducer,
 )
 
 T = 0.01
 ALL = 3
 
 
-def sent() -> SentSync:
-    clock = SentSync(T)
+def sent() -> SyncProducer:
+    clock = SyncProducer(T)
     clock.start(0.0)
     return clock
 
 
-def heard() -> HeardSync:
-    clock = HeardSync(T)
+def heard() -> SyncConsumer:
+    clock = SyncConsumer(T)
     clock.start(0.0)
     return clock
 
 
 def test_who_sends_sync_decides_on_the_clock():
-    assert isinstance(cycle_clock(T, hears_sync=True), HeardSync)
-    assert isinstance(cycle_clock(T, hears_sync=False), SentSync)
+    assert isinstance(cycle_clock(T, hears_sync=True), SyncConsumer)
+    assert isinstance(cycle_clock(T, hears_sync=False), SyncProducer)
 
 
 # --- SYNC sent by the loop

@@ -53,7 +53,7 @@ def test_random_frames_raise_nothing_and_command_nothing_out_of_limits(
     patiently(run)
 
 
-def test_bad_setpoints_at_a_kilohertz_are_refused_and_none_reaches_a_drive(rig):
+def test_bad_setpoints_at_a_kilohertz_are_rejected_and_none_reaches_a_drive(rig):
     rig.get_ready()
     SITUATIONS['at rest'](rig)
     start = rig.controller.joints().positions
@@ -89,14 +89,14 @@ def test_the_watch_is_content_with_a_motion_within_limits():
     assert watch.greatest[0] == pytest.approx(-0.055, abs=1e-5)
 
 
-@pytest.mark.parametrize('frames, sentence', [
+@pytest.mark.parametrize('frames, message', [
     ([command(2, 0.51)], '202h: a target of 0.51'),
     ([command(3, 0.0), command(3, 0.02)], '203h: a step of 0.02'),
 ])
-def test_the_watch_complains_of_a_command_out_of_limits(frames, sentence):
+def test_the_watch_complains_of_a_command_out_of_limits(frames, message):
     watch = CommandWatch(DEFAULT_AXES, PERIOD)
     watch.take(frames)
-    assert sentence in watch.complaints[0]
+    assert message in watch.complaints[0]
 
 
 def test_the_watch_takes_no_offence_at_targets_without_power():

@@ -11,21 +11,21 @@ from facade_manipulator.drives.controller.realtime import Collector, request_rea
 from facade_manipulator.drives.controller.settings import ControllerSettings
 
 
-def refuse(*_):
+def reject(*_):
     raise PermissionError(1, 'Operation not permitted')
 
 
 def test_nothing_is_asked_for_by_default(monkeypatch):
-    monkeypatch.setattr(os, 'sched_setscheduler', refuse)
-    monkeypatch.setattr(os, 'sched_setaffinity', refuse)
+    monkeypatch.setattr(os, 'sched_setscheduler', reject)
+    monkeypatch.setattr(os, 'sched_setaffinity', reject)
     assert request_realtime(ControllerSettings()) == []
 
 
-def test_a_refused_priority_comes_with_the_way_to_grant_it(monkeypatch):
-    monkeypatch.setattr(os, 'sched_setscheduler', refuse)
-    sentence, = request_realtime(ControllerSettings(realtime_priority=50))
-    assert 'priority 50 is refused (Operation not permitted)' in sentence
-    assert 'rtprio' in sentence
+def test_a_rejected_priority_comes_with_the_way_to_grant_it(monkeypatch):
+    monkeypatch.setattr(os, 'sched_setscheduler', reject)
+    message, = request_realtime(ControllerSettings(realtime_priority=50))
+    assert 'priority 50 is rejected (Operation not permitted)' in message
+    assert 'rtprio' in message
 
 
 def test_a_granted_priority_says_nothing(monkeypatch):
@@ -61,8 +61,8 @@ def in_thread(work):
 
 def test_a_cpu_that_does_not_exist_is_told():
     before = os.sched_getaffinity(0)
-    sentence, = request_realtime(ControllerSettings(cpu=1023))
-    assert 'CPU 1023' in sentence
+    message, = request_realtime(ControllerSettings(cpu=1023))
+    assert 'CPU 1023' in message
     assert os.sched_getaffinity(0) == before
 
 
@@ -73,9 +73,9 @@ def test_locked_memory_is_asked_of_the_kernel(monkeypatch, answer, count):
             self.mlockall = lambda flags: answer
 
     monkeypatch.setattr(ctypes, 'CDLL', Library)
-    sentences = request_realtime(ControllerSettings(lock_memory=True))
-    assert len(sentences) == count
-    assert all('memlock' in sentence for sentence in sentences)
+    messages = request_realtime(ControllerSettings(lock_memory=True))
+    assert len(messages) == count
+    assert all('memlock' in message for message in messages)
 
 
 @pytest.fixture
@@ -107,6 +107,6 @@ def test_garbage_is_collected_now_and_then_in_the_slack(collector, monkeypatch):
 
 
 def test_a_collector_that_is_not_in_force_collects_nothing(collector, monkeypatch):
-    monkeypatch.setattr(gc, 'collect', refuse)
+    monkeypatch.setattr(gc, 'collect', reject)
     for _ in range(200):
         collector.use_slack()

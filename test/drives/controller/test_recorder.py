@@ -131,7 +131,7 @@ def test_without_a_folder_nothing_is_recorded():
     assert one.last_outcome == ''
 
 
-def test_a_duration_out_of_bounds_is_refused():
+def test_a_duration_out_of_bounds_is_rejected():
     with pytest.raises(ParameterError, match='duration'):
         RecorderSettings(duration=0.0)
 

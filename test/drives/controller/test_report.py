@@ -11,7 +11,7 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 
 ENABLED, WITH_TARGET_REACHED, FAULT = 0x0027, 0x0427, 0x0008
-CAUSES = tuple(Cause(sentence, 'clear the faults') for sentence in ('first', 'second'))
+CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'second'))
 MONITORS = tuple(
     AxisMonitor(name, axis, ControllerSettings())
     for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True))

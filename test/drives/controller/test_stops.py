@@ -43,7 +43,7 @@ def test_a_silent_drive_stops_the_others_and_asks_to_configure_again(make_rig, s
     assert 'q3 (node 3) did not answer 3 cycles in a row, bound 3' in snapshot.cause
     assert 'configure again' in snapshot.next_step
     wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'all to stop')
-    assert 'configure again' in rig.refusal('clear_faults')
+    assert 'configure again' in rig.rejection('clear_faults')
     rig.drives[2].is_silent = False
     rig.do('cleanup', 'configure')
 
@@ -57,7 +57,7 @@ def test_a_drive_that_restarts_by_itself_is_no_longer_homed(make_rig, situation)
     wait_until(lambda: 'restarted' in rig.controller.snapshot().cause, 'the boot-up message')
     assert 'q2' in rig.controller.snapshot().unhomed
     wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'all to stop')
-    assert 'configure again' in rig.refusal('clear_faults')
+    assert 'configure again' in rig.rejection('clear_faults')
     rig.do('cleanup', 'configure', 'home')
 
 
@@ -119,19 +119,19 @@ def test_an_undefined_statusword_stops_all(rig):
 
 # --- whoever commands us
 
-@pytest.mark.parametrize(('distort', 'sentence'), [
+@pytest.mark.parametrize(('distort', 'message'), [
     (lambda p: (math.nan, p[1], p[2]), 'target of q1 = nan m is not a finite number'),
     (lambda p: (p[0], math.inf, p[2]), 'target of q2 = inf m is not a finite number'),
     (lambda p: (p[0], p[1], 0.6), r'target of q3 = 0.6 m is above the bound 0.5 m'),
     (lambda p: (p[0] + 0.02, p[1], p[2]), r'step of the target of q1 in one cycle = 0.02 m is '
                                          'above the bound 0.0066 m'),
 ])
-def test_a_target_that_must_not_go_to_the_drives_stops_all(rig, distort, sentence):
+def test_a_target_that_must_not_go_to_the_drives_stops_all(rig, distort, message):
     at_rest(rig)
     rig.frames()
     rig.source.distort = distort
     rig.until_stopped()
-    assert sentence in rig.controller.snapshot().cause
+    assert message in rig.controller.snapshot().cause
     for message in rig.frames():
         if message.arbitration_id & 0x780 == 0x200:
             frame = pdo.decode_rpdo1(bytes(message.data))
@@ -238,7 +238,7 @@ def test_a_loop_that_stood_still_blames_this_computer_and_no_drive(make_rig):
     rig.do('clear_faults', 'activate')
 
 
-def test_a_fourth_clearing_within_a_minute_is_refused(rig):
+def test_a_fourth_clearing_within_a_minute_is_rejected(rig):
     inactive(rig)
     for _ in range(3):
         rig.controller.stop('again')
@@ -246,4 +246,4 @@ def test_a_fourth_clearing_within_a_minute_is_refused(rig):
         rig.do('clear_faults')
     rig.controller.stop('again')
     rig.until_stopped()
-    assert 'possible in' in rig.refusal('clear_faults')
+    assert 'possible in' in rig.rejection('clear_faults')

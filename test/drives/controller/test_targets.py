@@ -98,7 +98,7 @@ def test_after_a_halt_the_source_begins_anew():
 @pytest.mark.parametrize(('targets_wanted', 'error'), [
     ((math.nan, 0.1, 0.0), InputError), ((-0.1, -math.inf, 0.0), InputError),
     ((-0.1, 0.1 + 1.01 * LARGEST_STEP, 0.0), SetpointLimitError)])
-def test_a_target_that_is_no_step_away_is_refused_and_the_last_one_kept(targets_wanted, error):
+def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(targets_wanted, error):
     source = Source()
     one = following(source)
     source.distort = lambda positions: targets_wanted
@@ -107,7 +107,7 @@ def test_a_target_that_is_no_step_away_is_refused_and_the_last_one_kept(targets_
     assert one.counts == HERE
 
 
-def test_a_target_beyond_the_stroke_is_refused():
+def test_a_target_beyond_the_stroke_is_rejected():
     source = Source()
     one = targets(source)
     end = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)

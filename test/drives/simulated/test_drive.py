@@ -213,7 +213,7 @@ def test_sdo_transfers_have_the_bytes_of_cia_301():
     (0x1400, 2, 245, 0x06090030), (0x1600, 1, 0x60400010, 0x08000022),
     (0x1600, 0, 0, 0x08000022), (0x1400, 1, 0x203, 0x06090030),
     (0x1003, 0, 1, 0x06090030)])
-def test_a_value_that_the_drive_cannot_take_is_refused_with_the_reason(
+def test_a_value_that_the_drive_cannot_take_is_rejected_with_the_reason(
         index, subindex, value, code):
     bench = Bench().boot()
     before = bench.read(index, subindex)
@@ -223,14 +223,14 @@ def test_a_value_that_the_drive_cannot_take_is_refused_with_the_reason(
 
 @pytest.mark.parametrize('entry, code', [
     (0x60650020, 0x06040041), (0x12340020, 0x06040041), (0x60640010, 0x06040041)])
-def test_an_object_that_cannot_be_mapped_is_refused(entry, code):
+def test_an_object_that_cannot_be_mapped_is_rejected(entry, code):
     bench = Bench().boot()
     bench.write(0x1801, 1, 0xC0000282)
     bench.write(0x1A01, 0, 0)
     assert bench.write(0x1A01, 1, entry) == code
 
 
-def test_a_mapping_longer_than_a_frame_is_refused():
+def test_a_mapping_longer_than_a_frame_is_rejected():
     bench = Bench().boot()
     bench.write(0x1801, 1, 0xC0000282)
     bench.write(0x1A01, 0, 0)
@@ -240,7 +240,7 @@ def test_a_mapping_longer_than_a_frame_is_refused():
     assert bench.write(0x1A01, 0, 2) is None
 
 
-def test_an_object_that_the_drive_does_not_have_is_refused():
+def test_an_object_that_the_drive_does_not_have_is_rejected():
     bench = Bench(missing_objects=(0x60C5,)).boot()
     assert bench.write(0x60C5, 0, 1) == 0x06020000
     assert bench.read(0x60C5) is None and bench.read(0x6085) is not None
@@ -419,7 +419,7 @@ def test_quirks_show():
     assert bench.status.statusword & 0x1000 == 0
 
 
-def test_a_drive_of_wrong_node_id_is_refused():
+def test_a_drive_of_wrong_node_id_is_rejected():
     for node_id in (0, 128, -1):
         with pytest.raises(ParameterError, match=f'node id = {node_id}'):
             SimulatedDrive(node_id, load_profile('simulated'))

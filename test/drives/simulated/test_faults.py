@@ -62,7 +62,7 @@ def test_a_fault_without_power_is_one_at_once(goal):
     assert bench.drive.state is State.FAULT
 
 
-def test_a_persistent_fault_refuses_the_reset_until_its_cause_is_gone():
+def test_a_persistent_fault_rejects_the_reset_until_its_cause_is_gone():
     bench = moving()
     bench.drive.inject_fault(0x3220, persistent=True)
     reset(bench)
@@ -214,6 +214,6 @@ def test_a_drive_on_a_bad_wire_misses_cycles_and_recovers(direction):
 
 
 @pytest.mark.parametrize('change', [{'dropped': 1.1}, {'delayed': -0.1}, {'delay': -1.0}])
-def test_a_loss_that_is_no_share_is_refused(change):
+def test_a_loss_that_is_no_share_is_rejected(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         FrameLoss(**change)

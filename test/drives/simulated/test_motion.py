@@ -337,6 +337,6 @@ def test_a_speed_ramp_comes_to_rest_after_the_stopping_distance(speed, accelerat
     ({'lower_switch': -0.6}, 'lower_stop = -0.56 m is above lower_switch = -0.6 m'),
     ({'lag': -0.1}, 'lag = -0.1 s is below'),
     ({'boot_time': math.nan}, 'boot_time')])
-def test_an_axis_that_cannot_be_built_is_refused(change, words):
+def test_an_axis_that_cannot_be_built_is_rejected(change, words):
     with pytest.raises(ParameterError, match=words):
         SimulationSettings(**change)
