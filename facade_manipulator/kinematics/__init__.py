@@ -37,6 +37,7 @@ from facade_manipulator.kinematics.jacobian import (
     platform_velocity,
 )
 from facade_manipulator.kinematics.linkage import Joints, joints, Point
+from facade_manipulator.kinematics.mechanism import Mechanism, mechanism_of
 from facade_manipulator.kinematics.modes import WorkingMode
 from facade_manipulator.kinematics.planar import (
     add,
@@ -76,6 +77,8 @@ __all__ = [
     'Joints',
     'links',
     'local_conditioning_index',
+    'Mechanism',
+    'mechanism_of',
     'MIN_CONDITIONING',
     'MotionState',
     'not_finite',

@@ -56,17 +56,28 @@ def certify(
     at = _, cosine, _, _, projection1, projection2 = links(geometry, pose)
     x, y, _ = pose
     if y <= 0.0:
-        raise SingularityError(
-            'y', y, 0.0, 'm', 'behind the rail, on the mirrored assembly branch: not above')
+        raise behind_rail(y)
     span = geometry.platform_half_length * cosine
-    _check_gap(geometry, span - projection1, span - projection2)
+    check_gap(geometry, span - projection1, span - projection2)
     q1, q2 = x - span + projection1, x + span - projection2
-    _check_stroke(geometry, q1, q2)
+    check_stroke(geometry, q1, q2)
     check_branch(at)
-    index = sqrt(squared_index(at, geometry.platform_half_length / characteristic_length))
-    if index < min_conditioning:
-        raise SingularityError('conditioning index', index, min_conditioning, '', 'below')
+    check_index(
+        squared_index(at, geometry.platform_half_length / characteristic_length), min_conditioning)
     return Carriages(q1, q2, x)
+
+
+def behind_rail(y: float) -> SingularityError:
+    """Say that a platform is behind the rail, ready to be raised."""
+    return SingularityError(
+        'y', y, 0.0, 'm', 'behind the rail, on the mirrored assembly branch: not above')
+
+
+def check_index(square: float, least: float) -> None:
+    """Require a local conditioning index, given by its square."""
+    index = sqrt(square)
+    if index < least:
+        raise SingularityError('conditioning index', index, least, '', 'below')
 
 
 def check_branch(at: Links) -> None:
@@ -79,7 +90,11 @@ def check_branch(at: Links) -> None:
         If N ≤ 0.
 
     """
-    number = branch_number(at)
+    check_number(branch_number(at))
+
+
+def check_number(number: float) -> None:
+    """Check N [m²] of `parallel_singularity`, as `check_branch`."""
     if number <= 0.0:
         raise SingularityError(
             'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')
@@ -96,11 +111,11 @@ def check_carriages(geometry: Geometry, carriages: Carriages) -> None:
 
     """
     q1, q2, q3 = carriages
-    _check_gap(geometry, q3 - q1, q2 - q3)
-    _check_stroke(geometry, q1, q2)
+    check_gap(geometry, q3 - q1, q2 - q3)
+    check_stroke(geometry, q1, q2)
 
 
-def _check_gap(geometry: Geometry, distance1: float, distance2: float) -> None:
+def check_gap(geometry: Geometry, distance1: float, distance2: float) -> None:
     """Require the order A1, A3, A2 with the gap between neighbours (eq. 18)."""
     gap = geometry.carriage_gap
     if distance1 < gap or distance1 <= 0.0:
@@ -109,7 +124,7 @@ def _check_gap(geometry: Geometry, distance1: float, distance2: float) -> None:
         raise CarriageGapError('q2 - q3', distance2, gap, 'm', 'below' if gap else 'not above')
 
 
-def _check_stroke(geometry: Geometry, q1: float, q2: float) -> None:
+def check_stroke(geometry: Geometry, q1: float, q2: float) -> None:
     """Require the outer carriages on the stroke; A3 stands between them."""
     least, greatest = geometry.stroke
     if q1 < least:

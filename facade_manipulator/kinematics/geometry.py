@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, Field, fields
+from itertools import pairwise
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import check_parameters, parameter
@@ -42,6 +44,16 @@ class Wrench(NamedTuple):
     mz: float
 
 
+CARRIAGES = Carriages._fields
+STEEPEST_SCREW = 0.05  # change of a screw's error over its way; a screw of any class is below 1e-3
+
+
+def _error(default: tuple[float, ...], description: str, **info: Any) -> Any:
+    """Declare lengths by which the machine differs from its drawing."""
+    return parameter(default, description, unit='m', minimum=-0.05, maximum=0.05, read_only=True,
+                     **info)
+
+
 @dataclass(frozen=True)
 class Geometry:
     """
@@ -57,6 +69,24 @@ class Geometry:
         Least and greatest carriage position (q_min, q_max) [m].
     carriage_gap : float
         Least distance m of neighbouring carriages, q3 − q1 ≥ m and q2 − q3 ≥ m [m].
+    link_errors, platform_errors : tuple of two floats
+        By how much l and b are longer on the side of A1 and on that of A2 [m].
+    carriage_offsets, backlash : tuple of three floats
+        Where each carriage stands when its drive says 0, and the play of its screw [m].
+    rail_angle : float
+        Angle of the real rail in frame `rail` [rad].
+    tool : tuple of three floats
+        Pose of the head on the platform, seen from the middle joint P [m, m, rad].
+    screw_span : tuple of two floats
+        Least and greatest position of the three tables [m].
+    screw_errors_q1, screw_errors_q2, screw_errors_q3 : tuple of floats
+        By how much a carriage stands further along the rail than its drive says, at positions
+        evenly spaced over `screw_span`; linear between them [m].
+
+    Notes
+    -----
+    The functions of this room that take a Geometry know l and b alone, as on the drawing. Those of
+    `mechanism_of` answer for the machine as it was made.
 
     Raises
     ------
@@ -76,12 +106,38 @@ class Geometry:
     carriage_gap: float = parameter(
         0.02, 'Least distance of neighbouring carriages',
         unit='m', minimum=0.0, maximum=100.0, read_only=True)
+    link_errors: tuple[float, ...] = _error(
+        (0.0, 0.0), 'By how much each link is longer than link_length', elements=('A1', 'A2'))
+    platform_errors: tuple[float, ...] = _error(
+        (0.0, 0.0), 'By how much each half of the platform is longer', elements=('B1', 'B2'))
+    carriage_offsets: tuple[float, ...] = _error(
+        (0.0, 0.0, 0.0), 'Where each carriage stands when its drive says 0', elements=CARRIAGES)
+    backlash: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Play of each screw between its two directions', unit='m', minimum=0.0,
+        maximum=0.01, elements=CARRIAGES, read_only=True)
+    rail_angle: float = parameter(
+        0.0, 'Angle of the real rail in frame rail', unit='rad', minimum=-0.2, maximum=0.2,
+        read_only=True)
+    tool: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Pose of the head on the platform: x, y, theta', unit='m, m, rad',
+        minimum=-0.5, maximum=0.5, elements=Pose._fields, read_only=True)
+    screw_span: tuple[float, ...] = parameter(
+        (-0.5, 0.5), 'Positions of the first and the last error of the screws', unit='m',
+        minimum=-100.0, maximum=100.0, elements=('first', 'last'), read_only=True)
+    screw_errors_q1: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A1, evenly spaced')
+    screw_errors_q2: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A2, evenly spaced')
+    screw_errors_q3: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A3, evenly spaced')
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'stroke', _stroke(self.stroke))
-        for name in ('link_length', 'platform_half_length', 'carriage_gap'):
-            object.__setattr__(self, name, _number(name, getattr(self, name)))
+        for item in fields(self):
+            if item.name != 'stroke':
+                object.__setattr__(self, item.name, _numbers(item, getattr(self, item.name)))
         check_parameters(self)
+        self._check_lengths()
+        self._check_screws()
+
+    def _check_lengths(self) -> None:
         if self.stroke_length <= 0.0:
             raise ParameterError(
                 f'stroke = {self.stroke} m is empty: the second value must exceed the first')
@@ -94,10 +150,45 @@ class Geometry:
                 f'carriage_gap = {self.carriage_gap:g} m is not below platform_half_length = '
                 f'{self.platform_half_length:g} m, so no pose respects it')
 
+    def _check_screws(self) -> None:
+        first, last = self.screw_span
+        if first >= last:
+            raise ParameterError(
+                f'screw_span = {self.screw_span} m is empty: the second value must exceed the '
+                'first')
+        for name, table in zip(CARRIAGES, self.screw_errors, strict=True):
+            spacing = (last - first) / max(1, len(table) - 1)
+            steepest = max((abs(b - a) for a, b in pairwise(table)), default=0.0)
+            if steepest > STEEPEST_SCREW * spacing:
+                raise ParameterError(
+                    f'screw_errors_{name} changes by {steepest:g} m within {spacing:g} m, more '
+                    f'than {STEEPEST_SCREW:.0%} of the way: no screw is as bad')
+
     @property
     def stroke_length(self) -> float:
         """Length Q = q_max − q_min of the stroke [m]."""
         return self.stroke[1] - self.stroke[0]
+
+    @property
+    def screw_errors(self) -> tuple[tuple[float, ...], ...]:
+        """Tables of the three screws [m]."""
+        return self.screw_errors_q1, self.screw_errors_q2, self.screw_errors_q3
+
+    @property
+    def is_nominal(self) -> bool:
+        """Whether the machine is taken to be what the drawing says."""
+        return not (self.rail_angle or any(map(any, (
+            self.link_errors, self.platform_errors, self.carriage_offsets, self.backlash,
+            self.tool, *self.screw_errors))))
+
+
+def _numbers(item: Field, value: object) -> float | tuple[float, ...]:
+    """Return what a field holds as a float, or as a tuple of them."""
+    if not isinstance(item.default, tuple):
+        return _number(item.name, value)
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise ParameterError(f'{item.name} = {value!r} is not a list of numbers')
+    return tuple(_number(item.name, element) for element in value)
 
 
 def _number(name: str, value: object) -> float:

@@ -1,0 +1,286 @@
+"""
+Kinematics of the mechanism as it was made: unlike links and halves, rail, tool and screws.
+
+The platform's middle joint P slides above A3. With p = Q1 − Q3 and r = Q2 − Q3 on the rail, the
+heights u1 = y − b1 s and u2 = y + b2 s and the projections s1 = p + b1 c and s2 = b2 c − r, the
+links close where s1² + u1² = l1² and s2² + u2² = l2². That leaves, as for equal lengths,
+y² = α + β c and y s = γ + δ c and so a cubic in c = cos θ.
+
+Inverse kinematics is closed. Forward kinematics begins at the nominal pose and takes Newton steps
+on the links until they vanish. Where these lead to no pose of the machine's branch, every root of
+the cubic is tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import atan2, cos, hypot, isfinite, sin, sqrt
+
+import numpy as np
+
+from facade_manipulator.errors import LimitError, UnreachableError
+from facade_manipulator.kinematics.certify import (
+    behind_rail,
+    check_gap,
+    check_index,
+    check_number,
+    check_stroke,
+    MIN_CONDITIONING,
+)
+from facade_manipulator.kinematics.forward import forward_kinematics
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose, Twist
+from facade_manipulator.kinematics.inverse import Links
+from facade_manipulator.kinematics.modes import WorkingMode
+from facade_manipulator.kinematics.planar import compose, invert, relative
+from facade_manipulator.kinematics.screw import Screw
+
+CONVERGED = 1e-8  # such a Newton step leaves its square
+STEPS = 20
+TAKE_UP_SPEED = 0.002  # m/s, below which a carriage does not rest on either flank of its screw
+_ROOT_TOLERANCE = 1e-6  # double roots split by √eps
+_SAME = 1e-7
+
+
+class CalibratedMechanism:
+    """
+    The mechanism that was measured; `Mechanism` says what its methods answer.
+
+    Parameters
+    ----------
+    geometry : Geometry
+
+    """
+
+    def __init__(self, geometry: Geometry) -> None:
+        self.geometry = geometry
+        self._length1, self._length2 = (
+            geometry.link_length + error for error in geometry.link_errors)
+        self._half1, self._half2 = (
+            geometry.platform_half_length + error for error in geometry.platform_errors)
+        self._rail = Pose(0.0, 0.0, geometry.rail_angle)
+        self._tool = Pose(*geometry.tool)
+        self._platform_on_tool = invert(self._tool)
+        self._screws = tuple(
+            Screw(offset, geometry.screw_span, errors) for offset, errors in zip(
+                geometry.carriage_offsets, geometry.screw_errors, strict=True))
+
+    def platform(self, head: Pose) -> Pose:
+        """Pose of the platform on the real rail."""
+        return compose(relative(self._rail, head), self._platform_on_tool)
+
+    def head(self, platform: Pose) -> Pose:
+        """Pose of the head in frame rail."""
+        return compose(compose(self._rail, platform), self._tool)
+
+    def on_rail(self, carriages: Carriages) -> Carriages:
+        """Return where on the rail the carriages stand [m]."""
+        return Carriages(*(
+            screw.actual(q) for screw, q in zip(self._screws, carriages, strict=True)))
+
+    def take_up(self, carriages: Carriages, velocity: Carriages) -> Carriages:
+        """Return positions half the backlash ahead, in the direction of motion [m]."""
+        return Carriages(*(
+            q + 0.5 * play * max(-1.0, min(1.0, v / TAKE_UP_SPEED))
+            for q, v, play in zip(carriages, velocity, self.geometry.backlash, strict=True)))
+
+    def inverse_kinematics(
+        self, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
+    ) -> Carriages:
+        """Carriage positions of a pose, as the drives count them [m]."""
+        platform = self._platform_of(pose)
+        return self._driven(platform.x, self._links(platform, working_mode))
+
+    def forward_kinematics(self, carriages: Carriages) -> Pose:
+        """Pose of the head."""
+        return self.head(self._assembled(self._checked_on_rail(carriages)))
+
+    def assembly_modes(self, carriages: Carriages) -> list[Pose]:
+        """All real poses of the head, the platform's y descending."""
+        actual = self._checked_on_rail(carriages)
+        modes = sorted(self._modes(actual), key=lambda mode: (-mode.y, abs(mode.theta)))
+        return [self.head(mode) for mode in modes]
+
+    def jacobian(self, pose: Pose) -> np.ndarray:
+        """Jacobian from rates of the head to carriage rates, shape (3, 3)."""
+        return np.array([self.carriage_velocity(pose, Twist(*unit)) for unit in np.eye(3)]).T
+
+    def carriage_velocity(self, pose: Pose, velocity: Twist) -> Carriages:
+        """Carriage velocities of a velocity of the head [m/s]."""
+        platform = self._platform_of(pose)
+        at = self._links(platform, WorkingMode.PLUS_MINUS)
+        y1, t1, y2, t2 = self._entries(at)
+        cosine, sine = cos(self._rail.theta), sin(self._rail.theta)
+        arm = compose(Pose(0.0, 0.0, platform.theta), self._tool)  # from P to the head
+        vx = cosine * velocity.x + sine * velocity.y + arm.y * velocity.theta
+        vy = cosine * velocity.y - sine * velocity.x - arm.x * velocity.theta
+        rates = (vx + y1 * vy + t1 * velocity.theta, vx + y2 * vy + t2 * velocity.theta, vx)
+        actual = self._actual(platform.x, at)
+        return Carriages(*(
+            rate * screw.rate(q) for rate, screw, q in zip(
+                rates, self._screws, actual, strict=True)))
+
+    def certify(
+        self, pose: Pose, min_conditioning: float = MIN_CONDITIONING,
+        characteristic_length: float = 1.0,
+    ) -> Carriages:
+        """Check a pose of the head; the gap is that on the rail, the stroke the drives'."""
+        platform = self._platform_of(pose)
+        at = self._links(platform, WorkingMode.PLUS_MINUS)
+        if platform.y <= 0.0:
+            raise behind_rail(platform.y)
+        driven = self._driven(platform.x, at)
+        self._check_rail(self._actual(platform.x, at), driven)
+        check_number(self._branch_number(at))
+        check_index(_squared_index(*self._entries(at), characteristic_length), min_conditioning)
+        return driven
+
+    def check(self, carriages: Carriages) -> None:
+        """Check that the mechanism closes at carriage positions and may stand there."""
+        actual = self._checked_on_rail(carriages)
+        self._check_rail(actual, carriages)
+        self._assembled(actual)
+
+    def _platform_of(self, head: Pose) -> Pose:
+        x, y, theta = head
+        if not isfinite(x + y + theta):
+            raise not_finite(Pose(x, y, theta))
+        return self.platform(head)
+
+    def _checked_on_rail(self, carriages: Carriages) -> Carriages:
+        if not all(map(isfinite, carriages)):
+            raise not_finite(Carriages(*carriages))
+        return self.on_rail(carriages)
+
+    def _check_rail(self, actual: Carriages, driven: Carriages) -> None:
+        q1, q2, q3 = actual
+        check_gap(self.geometry, q3 - q1, q2 - q3)
+        play1, play2, _ = self.geometry.backlash
+        check_stroke(self.geometry, driven[0] - 0.5 * play1, driven[1] + 0.5 * play2)
+
+    def _links(self, platform: Pose, working_mode: WorkingMode) -> Links:
+        """Return the links of a pose of the platform, as `links` does."""
+        _, y, theta = platform
+        sine = sin(theta)
+        u1, u2 = y - self._half1 * sine, y + self._half2 * sine
+        root1, root2 = self._length1 ** 2 - u1 * u1, self._length2 ** 2 - u2 * u2
+        for name, u, root, length in (
+                ('|y - b1 sin theta|', u1, root1, self._length1),
+                ('|y + b2 sin theta|', u2, root2, self._length2)):
+            if root <= 0.0:
+                raise UnreachableError(name, abs(u), length, 'm', 'not below')
+        return (sine, cos(theta), u1, u2,
+                working_mode.sign1 * sqrt(root1), -working_mode.sign2 * sqrt(root2))
+
+    def _actual(self, x: float, at: Links) -> Carriages:
+        """Return where on the rail the carriages of links stand."""
+        return Carriages(
+            x - self._half1 * at[1] + at[4], x + self._half2 * at[1] - at[5], x)
+
+    def _driven(self, x: float, at: Links) -> Carriages:
+        return Carriages(*(
+            screw.driven(q) for screw, q in zip(self._screws, self._actual(x, at), strict=True)))
+
+    def _entries(self, at: Links) -> tuple[float, float, float, float]:
+        """Return the y and θ entries of the platform's Jacobian, as for equal lengths."""
+        sine, cosine, u1, u2, s1, s2 = at
+        y1, y2 = -u1 / s1, u2 / s2
+        return y1, self._half1 * (sine - y1 * cosine), y2, self._half2 * (y2 * cosine - sine)
+
+    def _branch_number(self, at: Links) -> float:
+        """N [m²], by the mean half length: what it is for equal ones."""
+        sine, cosine, u1, u2, s1, s2 = at
+        number = (u1 * self._half2 * (u2 * cosine - s2 * sine)
+                  + u2 * self._half1 * (u1 * cosine + s1 * sine))
+        return 2.0 * number / (self._half1 + self._half2)
+
+    def _assembled(self, actual: Carriages) -> Pose:
+        """Return the platform's pose on the machine's branch for carriages on the rail."""
+        try:
+            found = self._newton(actual, forward_kinematics(self.geometry, actual))
+        except LimitError:
+            found = None
+        if found is not None and self._on_branch(actual, found):
+            return found
+        for mode in self._modes(actual):
+            if self._on_branch(actual, mode):
+                return mode
+        forward_kinematics(self.geometry, actual)  # it has the plainer words, if it rejects too
+        raise UnreachableError('assembly modes on the branch', 0, 1, '', 'below')
+
+    def _newton(self, actual: Carriages, start: Pose) -> Pose | None:
+        """Return where Newton's method on the closure converges; None if it does not."""
+        x, y, theta = start
+        for _ in range(STEPS):
+            at = self._closing(actual, y, theta)
+            sine, cosine, u1, u2, s1, s2 = at
+            number = self._branch_number(at) * (self._half1 + self._half2)
+            if number == 0.0:
+                return None
+            miss1 = s1 * s1 + u1 * u1 - self._length1 ** 2
+            miss2 = s2 * s2 + u2 * u2 - self._length2 ** 2
+            turn1 = self._half1 * (u1 * cosine + s1 * sine)
+            turn2 = self._half2 * (u2 * cosine - s2 * sine)
+            dy = -(miss1 * turn2 + miss2 * turn1) / number
+            dtheta = (miss1 * u2 - miss2 * u1) / number
+            y, theta = y + dy, theta + dtheta
+            if abs(dy) + abs(dtheta) <= CONVERGED:
+                return Pose(x, y, theta)
+        return None
+
+    def _closing(self, actual: Carriages, y: float, theta: float) -> Links:
+        """Return the links of carriages and a pose, whether they have their lengths or not."""
+        q1, q2, q3 = actual
+        sine, cosine = sin(theta), cos(theta)
+        return (sine, cosine, y - self._half1 * sine, y + self._half2 * sine,
+                q1 - q3 + self._half1 * cosine, self._half2 * cosine + q3 - q2)
+
+    def _on_branch(self, actual: Carriages, platform: Pose) -> bool:
+        at = self._closing(actual, platform.y, platform.theta)
+        return platform.y > 0.0 and at[4] > 0.0 and at[5] > 0.0 and self._branch_number(at) > 0.0
+
+    def _modes(self, actual: Carriages) -> Iterator[Pose]:
+        """Yield every pose of the platform in which the links can be joined, once."""
+        found: list[Pose] = []
+        for y, theta in self._candidates(actual):
+            mode = self._newton(actual, Pose(actual.q3, y, theta)) or Pose(actual.q3, y, theta)
+            if self._closes(actual, mode) and not any(_same(mode, other) for other in found):
+                found.append(mode)
+                yield mode
+
+    def _candidates(self, actual: Carriages) -> Iterator[tuple[float, float]]:
+        """Yield approximate (y, θ) of every root of the cubic, mirrors included."""
+        half1, half2 = self._half1, self._half2
+        p, r = actual.q1 - actual.q3, actual.q2 - actual.q3
+        sum_, rest1 = half1 + half2, self._length1 ** 2 - half1 ** 2 - p * p
+        rest2 = self._length2 ** 2 - half2 ** 2 - r * r
+        alpha, beta = (half2 * rest1 + half1 * rest2) / sum_, 2.0 * half1 * half2 * (r - p) / sum_
+        gamma, delta = (rest2 - rest1) / (2.0 * sum_), (half2 * r + half1 * p) / sum_
+        for root in np.roots([
+                beta, alpha + delta * delta, 2.0 * gamma * delta - beta, gamma * gamma - alpha]):
+            if abs(root.imag) > _ROOT_TOLERANCE or abs(root.real) > 1.0 + _ROOT_TOLERANCE:
+                continue
+            cosine = max(-1.0, min(1.0, float(root.real)))
+            y, sine = sqrt(max(0.0, alpha + beta * cosine)), sqrt(1.0 - cosine * cosine)
+            if gamma + delta * cosine < 0.0:
+                sine = -sine
+            yield y, atan2(sine, cosine)
+            yield -y, atan2(-sine, cosine)
+
+    def _closes(self, actual: Carriages, platform: Pose) -> bool:
+        _, _, u1, u2, s1, s2 = self._closing(actual, platform.y, platform.theta)
+        misses = hypot(u1, s1) - self._length1, hypot(u2, s2) - self._length2
+        return max(map(abs, misses)) <= 1e-10
+
+
+def _same(a: Pose, b: Pose) -> bool:
+    turn = a.theta - b.theta
+    return abs(a.y - b.y) + abs(sin(turn)) + abs(1.0 - cos(turn)) < _SAME
+
+
+def _squared_index(y1: float, t1: float, y2: float, t2: float, length: float) -> float:
+    """Return the squared local conditioning index of the platform's Jacobian (eqs 24-25)."""
+    t1, t2 = t1 / length, t2 / length
+    determinant2 = (y1 * t2 - y2 * t1) ** 2
+    sum2 = y1 * y1 + y2 * y2 + t1 * t1 + t2 * t2
+    cofactor2 = sum2 + (y1 - y2) ** 2 + (t1 - t2) ** 2
+    return 9.0 * determinant2 / ((sum2 + 3.0) * (determinant2 + cofactor2))
