@@ -46,7 +46,7 @@ def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator
 
     """
     count = int(min(FRAMES, (course.times[-1] - course.times[0]) / FRAME_PERIOD)) or 1
-    scene = Scene(course, geometry, wall)
+    scene = AnimatedScene(course, geometry, wall)
     palette = None
     for i in range(count):
         scene.show(course.times[-1] - (count - 1 - i) * FRAME_PERIOD)
@@ -61,7 +61,7 @@ def save(path: Path, images: list[Image.Image]) -> None:
                    duration=round(1e3 * FRAME_PERIOD), loop=0)
 
 
-class Scene:
+class AnimatedScene:
     """One figure whose lines are moved from frame to frame."""
 
     def __init__(self, course: Course, geometry: Geometry, wall: FacadeSettings) -> None:

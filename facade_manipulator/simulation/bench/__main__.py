@@ -71,7 +71,7 @@ def with_model(scenario: Scenario, model: str) -> Scenario:
         compensator=scenario.compensator._replace(prediction=prediction))
 
 
-def judge(scenario: Scenario) -> tuple[dict, Run]:
+def evaluate(scenario: Scenario) -> tuple[dict, Run]:
     """Return what the report says of a scenario, and the run it is about."""
     motion = scenario.motion()
     runs = {
@@ -173,7 +173,7 @@ def _cells(axis: str, result: dict) -> str:
 
 def _report(output: Path, name: str, scenario: Scenario) -> dict:
     """Judge a scenario and draw it."""
-    result, run = judge(scenario)
+    result, run = evaluate(scenario)
     force = result['contact_force']
     title = f'{name}: {scenario.mission.description}'
     draw_scenario(output / f'{name}.png', title, run.steps, force and force['desired'])

@@ -92,9 +92,9 @@ def _draw_hold(
 ) -> None:
     """Draw the force on the wall; without a wall, by how much the border holds x back."""
     if pressed is None:
-        excess = [1e3 * step.corrected.excess.x for step in steps]
-        panel.plot(times, excess, color=WITH, lw=1.0)
-        label(panel, 'time [s]', 'x held back at the border [mm]')
+        saturation_error = [1e3 * step.corrected.saturation_error.x for step in steps]
+        panel.plot(times, saturation_error, color=WITH, lw=1.0)
+        label(panel, 'time [s]', 'x held back at the workspace limit [mm]')
         return
     forces = np.array([Facade.force_on_wall(step.sample.head, step.wrench) for step in steps])
     draw_force(panel, times, forces, pressed)
