@@ -35,6 +35,7 @@ REMOVED = {
     'impedance.longest_age': 'is fixed at 0.2 s now',
     'yaw_impedance.mass': 'is fixed at 0.045 kg m^2 now',
     'yaw_impedance.observer_time': 'is fixed at 0.02 s now',
+    'yaw_impedance.approach_speed': 'is fixed at 0.1 rad/s now',
     'yaw_impedance.speed': 'is fixed at 0.5 rad/s now',
     'yaw_impedance.longest_age': 'is fixed at 0.2 s now',
     # ik_service
