@@ -30,11 +30,11 @@ settings.load_profile('project')
 
 
 @pytest.fixture(autouse=True)
-def _count_second_tries(record_property):
+def _count_second_tries(request):
     """Let the report say which tests needed a second try: no rare fault hides behind it."""
     yield
     while second_tries:
-        record_property('second try', second_tries.pop(0))
+        request.node.user_properties.append(('second try', second_tries.pop(0)))
 
 
 _next_domain = itertools.count(os.getpid())
