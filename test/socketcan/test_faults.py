@@ -254,7 +254,8 @@ def test_an_interface_that_goes_and_comes_back_leaves_the_driver_inactive(
     finally:
         switch(vcan0, up=True)
     thawed = time.time()
-    wait_until(lambda: cleared(active), 'clear_faults to be possible', 30.0)
+    wait_until(lambda: cleared(active), 'clear_faults to be possible', 30.0,
+               step=lambda: active.spin(0.2))
     assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
     go_on(active)
     wait_until_enabled(watcher)
