@@ -21,7 +21,7 @@ import numpy as np
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.simulation.bench.pictures import draw_scenario, draw_sweep
-from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, Step
+from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, LoopStep
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.scenario import (
     load_scenario,
@@ -48,7 +48,7 @@ class Run(NamedTuple):
     """One run: the loop after it, and every cycle."""
 
     loop: ClosedLoop
-    steps: list[Step]
+    steps: list[LoopStep]
 
 
 def run_scenario(scenario: Scenario, motion: Motion | None = None) -> Run:
@@ -91,7 +91,7 @@ def evaluate(scenario: Scenario) -> tuple[dict, Run]:
     }, best
 
 
-def largest_step(steps: list[Step]) -> dict[str, float]:
+def largest_step(steps: list[LoopStep]) -> dict[str, float]:
     """Return the most by which the head on the wall leaves its velocity in one cycle."""
     heads = np.array([step.sample.head for step in steps])
     most = abs(np.diff(heads, 2, axis=0)).max(axis=0) * SCALES
@@ -130,7 +130,7 @@ def _ratio(report: dict) -> float:
     return report['residual_rms'] / report['disturbance_rms']
 
 
-def _contact(scenario: Scenario, steps: list[Step]) -> dict | None:
+def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
     if not scenario.facade.present:
         return None
     desired = scenario.compensator.impedance.force
