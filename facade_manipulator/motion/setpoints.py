@@ -119,7 +119,7 @@ class SetpointFollower:
 
     @property
     def at_rest(self) -> bool:
-        """Tell whether the commanded motion is at rest."""
+        """Whether the commanded motion is at rest."""
         return self._motion is None or self._motion.at_rest
 
     def change_limits(self, limits: MotionLimits) -> None:

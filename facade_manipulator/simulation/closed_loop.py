@@ -85,7 +85,7 @@ class ClosedLoop:
     now : float
         Time of the next cycle [s].
     rejections : list of str
-        Sentences of everything that was rejected.
+        Messages of everything that was rejected.
 
     """
 
