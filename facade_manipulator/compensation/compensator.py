@@ -27,9 +27,9 @@ from facade_manipulator.compensation.tracker import Tracker
 from facade_manipulator.compensation.workspace_limit import WorkspaceLimit, WorkspaceLimitSettings
 from facade_manipulator.kinematics import (
     add,
-    certify,
     compose,
     Geometry,
+    mechanism_of,
     MotionState,
     Pose,
     relative,
@@ -139,6 +139,7 @@ class Compensator:
 
     def __init__(self, geometry: Geometry, settings: CompensatorSettings = DEFAULTS) -> None:
         self.geometry = geometry
+        self._mechanism = mechanism_of(geometry)
         self.settings = settings.compensation
         self.correction = Correction(settings.correction, settings.prediction)
         self.contact = Contact(
@@ -208,7 +209,7 @@ class Compensator:
             If it is out of the workspace even in still air; the goal before stays.
 
         """
-        certify(self.geometry, goal, self.settings.min_conditioning)
+        self._mechanism.certify(goal, self.settings.min_conditioning)
         self.goal = goal
 
     def add_estimate(

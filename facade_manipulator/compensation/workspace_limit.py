@@ -6,7 +6,7 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, subtract, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
 
 REFINEMENTS = 3
@@ -52,12 +52,19 @@ class WorkspaceLimit:
     def __init__(self, geometry: Geometry, settings: WorkspaceLimitSettings) -> None:
         self._settings = settings
         self._half = geometry.platform_half_length
-        self._reach = geometry.link_length - settings.margin
-        self._gap = geometry.carriage_gap + settings.margin
+        self._mechanism = mechanism_of(geometry)
+        self._clamped = self._clamped_platform if geometry.is_nominal else self._clamped_head
+        margin = settings.margin + 3.0 * _greatest(geometry.link_errors, geometry.platform_errors)
+        self._reach = geometry.link_length - margin
+        self._gap = geometry.carriage_gap + margin
         least, greatest = geometry.stroke
-        self._stroke = least + settings.margin, greatest - settings.margin
-        self._link_square = geometry.link_length ** 2
-        self._order = (self._half - self._gap) ** 2 - self._link_square  # (b − gap)² − l²
+        margin = settings.margin + sum(map(_greatest, (
+            geometry.carriage_offsets, geometry.backlash, sum(geometry.screw_errors, ()))))
+        self._stroke = least + margin, greatest - margin
+        self._halves = tuple(self._half + error for error in geometry.platform_errors)
+        self._link_squares = tuple(
+            (geometry.link_length + error) ** 2 for error in geometry.link_errors)
+        self._order = (self._half - self._gap) ** 2 - geometry.link_length ** 2  # (b − gap)² − l²
         self._height = self._heights()
         if self._height[0] >= self._height[1]:
             raise ParameterError(
@@ -82,7 +89,15 @@ class WorkspaceLimit:
                 inside = self._clamped(pose._replace(y=pose.y + slope * inside.saturation_error.x))
         return inside
 
-    def _clamped(self, pose: Pose) -> Saturated:
+    def _clamped_head(self, pose: Pose) -> Saturated:
+        """Clamp the platform of a head that is not in its middle, on a rail that is turned."""
+        platform = self._clamped_platform(self._mechanism.platform(pose))
+        if platform.saturation_error == ZERO_POSE:
+            return Saturated(pose, ZERO_POSE)
+        inside = self._mechanism.head(platform.pose)
+        return Saturated(inside, subtract(pose, inside))
+
+    def _clamped_platform(self, pose: Pose) -> Saturated:
         y = soft_clamp(pose.y, *self._height, HEIGHT_KNEE)
         yaw = self._greatest_yaw(y)
         theta = soft_clamp(pose.theta, -yaw, yaw, YAW_KNEE)
@@ -102,11 +117,16 @@ class WorkspaceLimit:
 
     def _widths(self, y: float, theta: float) -> tuple[float, float]:
         """Return the x-interval at (y, θ), by the stroke of the outer carriages."""
-        rise = self._half * math.sin(theta)
-        span = self._half * math.cos(theta)
-        first = math.sqrt(max(self._link_square - (y - rise) * (y - rise), 0.0))
-        second = math.sqrt(max(self._link_square - (y + rise) * (y + rise), 0.0))
-        return self._stroke[0] + span - first, self._stroke[1] - span + second
+        sine, cosine = math.sin(theta), math.cos(theta)
+        (half1, half2), (square1, square2) = self._halves, self._link_squares
+        height1, height2 = y - half1 * sine, y + half2 * sine
+        first = math.sqrt(max(square1 - height1 * height1, 0.0))
+        second = math.sqrt(max(square2 - height2 * height2, 0.0))
+        return self._stroke[0] + half1 * cosine - first, self._stroke[1] - half2 * cosine + second
+
+
+def _greatest(*errors: tuple[float, ...]) -> float:
+    return max(abs(error) for some in errors for error in some)
 
 
 def soft_clamp(value: float, low: float, high: float, knee: float) -> float:

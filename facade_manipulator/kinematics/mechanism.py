@@ -30,8 +30,8 @@ class Mechanism(Protocol):
     """
     What the functions of this room answer for a Geometry, for the machine that is there.
 
-    Poses are those of the head in frame `rail`, carriages are positions as the drives tell them.
-    Arguments, results and errors are those of the functions of the same names.
+    Poses are those of the head in frame `rail`, carriages are positions as the drives count
+    them. Arguments, results and errors are those of the functions of the same names.
     """
 
     geometry: Geometry

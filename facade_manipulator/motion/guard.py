@@ -5,14 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from facade_manipulator.errors import CarriageGapError
-from facade_manipulator.kinematics import (
-    Carriages,
-    check_branch,
-    check_carriages,
-    forward_kinematics,
-    Geometry,
-    links,
-)
+from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
 
 ROUNDING = 1e-6
 NEIGHBOURS = ((0, 2), (2, 1), (0, 1))
@@ -33,9 +26,9 @@ class MechanismGuard:
 
     def __init__(self, geometry: Geometry) -> None:
         least, greatest = geometry.stroke
-        self._geometry = replace(
+        self._mechanism = mechanism_of(replace(
             geometry, stroke=(least - ROUNDING, greatest + ROUNDING),
-            carriage_gap=max(0.0, geometry.carriage_gap - ROUNDING))
+            carriage_gap=max(0.0, geometry.carriage_gap - ROUNDING)))
         self._passed: Carriages | None = None
 
     def __call__(self, positions: tuple[float, float, float]) -> None:
@@ -53,9 +46,7 @@ class MechanismGuard:
         if positions == self._passed:  # whoever commands and whoever sends ask for the same
             return
         carriages = Carriages(*positions)
-        check_carriages(self._geometry, carriages)
-        # Its carriages are these, so of `certify` only reach and branch are left.
-        check_branch(links(self._geometry, forward_kinematics(self._geometry, carriages)))
+        self._mechanism.check(carriages)
         self._passed = carriages
 
 
@@ -74,6 +65,7 @@ class HomingGuard:
 
     def __init__(self, geometry: Geometry) -> None:
         self._gap = geometry.carriage_gap
+        self._mechanism = mechanism_of(geometry)
         self._whole = MechanismGuard(geometry)
 
     def __call__(
@@ -91,8 +83,9 @@ class HomingGuard:
         if all(homed):
             self._whole(positions)
             return
+        actual = self._mechanism.on_rail(positions)
         for left, right in NEIGHBOURS:
-            distance = positions[right] - positions[left]
+            distance = actual[right] - actual[left]
             if homed[left] and homed[right] and distance < self._gap - ROUNDING:
                 raise CarriageGapError(
                     f'q{right + 1} - q{left + 1}', distance, self._gap, 'm', 'below')

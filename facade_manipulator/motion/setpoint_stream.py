@@ -7,11 +7,11 @@ import math
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import (
-    carriage_velocity,
     Carriages,
-    certify,
     difference,
     Geometry,
+    Mechanism,
+    mechanism_of,
     Pose,
     Twist,
     ZERO_TWIST,
@@ -45,7 +45,7 @@ class SetpointStream:
     """
 
     def __init__(self, geometry: Geometry, settings: GoalSettings) -> None:
-        self.geometry = geometry
+        self.mechanism = mechanism_of(geometry)
         self.settings = settings
         self._last: tuple[float, Pose] | None = None
 
@@ -62,11 +62,12 @@ class SetpointStream:
             The limit that the pose violates; the stream goes on with the next pose.
 
         """
-        carriages = certify(self.geometry, pose, self.settings.min_conditioning)
+        mechanism = self.mechanism
+        carriages = mechanism.certify(pose, self.settings.min_conditioning)
         rates = self._rates(time, pose)
         self._last = (time, pose)
-        velocity = carriage_velocity(self.geometry, pose, rates) if any(rates) else rates
-        return Setpoint(time, tuple(carriages), tuple(velocity))
+        velocity = mechanism.carriage_velocity(pose, rates) if any(rates) else rates
+        return Setpoint(time, tuple(mechanism.take_up(carriages, velocity)), tuple(velocity))
 
     def _rates(self, time: float, pose: Pose) -> Twist:
         if self._last is None or not 0.0 < time - self._last[0] <= STREAM_GAP:
@@ -76,14 +77,14 @@ class SetpointStream:
 
 
 def certified_path(
-    geometry: Geometry, settings: GoalSettings, start: Pose, goal: Pose, spacing: float = 0.0
+    mechanism: Mechanism, settings: GoalSettings, start: Pose, goal: Pose, spacing: float = 0.0
 ) -> list[Carriages]:
     """
     Carriage positions along the straight path from start to goal, both included.
 
     Parameters
     ----------
-    geometry : Geometry
+    mechanism : Mechanism
     settings : GoalSettings
     start, goal : Pose
         Ends of the path; x, y and θ change in proportion.
@@ -107,8 +108,8 @@ def certified_path(
     if not 0.0 <= spacing < math.inf:
         raise InputError('tolerance', f'tolerance = {spacing} m is not a distance')
     return [
-        certify(geometry, pose, settings.min_conditioning)
-        for pose in _straight(geometry, start, goal, spacing or PATH_SPACING)
+        mechanism.certify(pose, settings.min_conditioning)
+        for pose in _straight(mechanism.geometry, start, goal, spacing or PATH_SPACING)
     ]
 
 

@@ -17,7 +17,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from facade_manipulator.kinematics import Carriages, certify, Geometry, Pose
+from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
@@ -107,7 +107,7 @@ class GondolaSimulatorNode(Node):
         with self._rejections:
             require_frame(message.header.frame_id, FACADE, 'goal_pose')
             goal = planar_pose(message.pose, 'goal_pose')
-            certify(self._geometry, goal)
+            mechanism_of(self._geometry).certify(goal)
             self._wall.set_goal(node_time(self), goal)
 
     def _receive_joint_states(self, message: JointState) -> None:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Carriages, certify, forward_kinematics, Geometry, Pose
+from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.motion import (
     Approach,
     certified_path,
@@ -63,6 +63,7 @@ class IkServiceNode(Node):
         self.geometry = declare(self, Geometry, 'geometry')
         self.settings = declare(self, GoalSettings, '', self._change_settings)
         self._stream = SetpointStream(self.geometry, self.settings)
+        self._mechanism = self._stream.mechanism
         self._approach = Approach(
             declare(self, ReferenceSettings, 'approach',
                     lambda settings: self._approach.change_settings(settings)))
@@ -121,7 +122,7 @@ class IkServiceNode(Node):
             self._approach.end()
             self._follow(time, pose)
             return
-        certify(self.geometry, pose, self.settings.min_conditioning)
+        self._mechanism.certify(pose, self.settings.min_conditioning)
         self._approach.begin(node_time(self) + LEAD, self._head, pose)
         self._approaching.reset()
 
@@ -147,7 +148,7 @@ class IkServiceNode(Node):
             time, numbers = self._states_codec.read(data)
             position, velocity, effort = numbers[:3], numbers[3:6], numbers[6:]
             require_finite(CARRIAGES, position, 'joint_states position of')
-            self._head = forward_kinematics(self.geometry, Carriages(*position))
+            self._head = self._mechanism.forward_kinematics(Carriages(*position))
             self.heads.publish(time, self._head)
             self._contact.publish(time, self._head, velocity, effort)
 
@@ -167,10 +168,10 @@ class IkServiceNode(Node):
         require_frame(request.goal.header.frame_id, RAIL, 'goal')
         goal = planar_pose(request.goal.pose, 'goal')
         if not request.start.header.frame_id:
-            return certified_path(self.geometry, self.settings, goal, goal)[:1]
+            return certified_path(self._mechanism, self.settings, goal, goal)[:1]
         require_frame(request.start.header.frame_id, RAIL, 'start')
         start = planar_pose(request.start.pose, 'start')
-        return certified_path(self.geometry, self.settings, start, goal, request.tolerance)
+        return certified_path(self._mechanism, self.settings, start, goal, request.tolerance)
 
     def _reject(self, error: ManipulatorError) -> None:
         self._rejections.add(error)

@@ -21,9 +21,8 @@ from facade_manipulator.compensation import (
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
     Carriages,
-    forward_kinematics,
     Geometry,
-    inverse_kinematics,
+    mechanism_of,
     Pose,
     Wrench,
 )
@@ -79,6 +78,8 @@ class ClosedLoop:
         Takes a time [s] counted from the start, returns the true disturbance as a Pose.
     head : Pose
         Where the head stands at the start, in the rail's frame.
+    made : Geometry, optional
+        The machine that is there, if it is not the one that the nodes' parameters say.
 
     Attributes
     ----------
@@ -91,7 +92,7 @@ class ClosedLoop:
 
     def __init__(
         self, geometry: Geometry, settings: LoopSettings, motion: Callable[[float], Pose],
-        head: Pose,
+        head: Pose, made: Geometry | None = None,
     ) -> None:
         def disturbance(time: float) -> Pose:
             return motion(time - START)
@@ -100,16 +101,16 @@ class ClosedLoop:
         self.now = START
         self.compensator = Compensator(geometry, settings.compensator)
         self.estimator = SimulatedEstimator(settings.estimator, disturbance, START)
-        self.wall = WallMeasurement(geometry, settings.wall, disturbance)
+        self.wall = WallMeasurement(made or geometry, settings.wall, disturbance)
         self.rejections: list[str] = []
         self.follower = SetpointFollower(
             StreamSettings(), settings.limits, settings.period, MechanismGuard(geometry))
-        self._geometry = geometry
+        self._mechanism = mechanism_of(geometry)
         self._facade = Facade(settings.facade)
         self._last: WallSample | None = None
         self._under_way: deque[LoopStep] = deque()
         self._stream = SetpointStream(geometry, GoalSettings())
-        self._actual = inverse_kinematics(geometry, head)
+        self._actual = self._mechanism.inverse_kinematics(head)
         self._command = self._actual
         self.follower.reset(self._actual)
 
@@ -146,7 +147,7 @@ class ClosedLoop:
             step = self._under_way.popleft()
             sample = step.sample
             self._attempt(self.compensator.add_head, sample.time,
-                       forward_kinematics(self._geometry, step.actual))
+                       self._mechanism.forward_kinematics(step.actual))
             if self.settings.facade.present:
                 self._attempt(self.compensator.add_wrench, self.now, sample.time, step.wrench)
             if self.settings.wall.slip_sensor and sample.settled:

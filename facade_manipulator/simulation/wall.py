@@ -10,8 +10,8 @@ from facade_manipulator.kinematics import (
     Carriages,
     compose,
     difference,
-    forward_kinematics,
     Geometry,
+    mechanism_of,
     Pose,
     Twist,
     ZERO_TWIST,
@@ -86,7 +86,7 @@ class WallMeasurement:
     def __init__(
         self, geometry: Geometry, settings: WallSettings, motion: Callable[[float], Pose]
     ) -> None:
-        self._geometry = geometry
+        self._mechanism = mechanism_of(geometry)
         self._settings = settings
         self._motion = motion
         self._goal: Pose | None = None
@@ -110,7 +110,7 @@ class WallMeasurement:
 
         """
         disturbance = self._motion(stamp)
-        head = compose(disturbance, forward_kinematics(self._geometry, carriages))
+        head = compose(disturbance, self._mechanism.forward_kinematics(carriages))
         if self._goal is None:
             return WallSample(stamp, head, None, None, False)
         error = difference(head, self._goal)

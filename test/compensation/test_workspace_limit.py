@@ -11,7 +11,7 @@ from facade_manipulator.compensation.workspace_limit import (
     WorkspaceLimitSettings,
 )
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import certify, Geometry, Pose
+from facade_manipulator.kinematics import certify, Geometry, mechanism_of, Pose
 
 GEOMETRY = Geometry()
 SETTINGS = WorkspaceLimitSettings()
@@ -25,6 +25,14 @@ well_inside = st.tuples(
 @given(anywhere)
 def test_whatever_is_wanted_the_machine_may_stand_where_it_is_led(pose):
     certify(GEOMETRY, WorkspaceLimit(GEOMETRY, SETTINGS).saturate(pose).pose)
+
+
+@given(anywhere)
+def test_a_machine_with_errors_may_stand_there_too_and_its_tool_counts(pose):
+    made = Geometry(
+        link_errors=(1e-3, -1e-3), platform_errors=(-1e-3, 1e-3), rail_angle=0.01,
+        carriage_offsets=(2e-3, -1e-3, 1e-3), tool=(0.01, 0.08, 0.02))
+    mechanism_of(made).certify(WorkspaceLimit(made, SETTINGS).saturate(pose).pose)
 
 
 @given(anywhere)

@@ -10,7 +10,7 @@ from facade_manipulator.errors import (
     ParameterError,
     StrokeLimitError,
 )
-from facade_manipulator.kinematics import certify, Geometry, Pose
+from facade_manipulator.kinematics import certify, Geometry, mechanism_of, Pose
 from facade_manipulator.motion.guard import HomingGuard, MechanismGuard
 
 GEOMETRY = Geometry()
@@ -83,3 +83,24 @@ def test_once_all_are_homed_the_whole_mechanism_is_checked():
     HomingGuard(GEOMETRY)((-0.1, 0.1, 0.0), (True, True, True))
     with pytest.raises(LimitError):
         HomingGuard(GEOMETRY)((-0.4, 0.4, 0.0), (True, True, True))
+
+
+MADE = Geometry(carriage_offsets=(0.004, 0.0, 0.0), rail_angle=0.01, link_errors=(1e-3, 0.0))
+
+
+@given(st.floats(-0.5, 0.5), st.floats(0.01, 0.36), st.floats(-0.5, 0.5))
+def test_every_pose_certified_for_the_machine_that_is_there_passes_its_guard(x, y, theta):
+    try:
+        carriages = mechanism_of(MADE).certify(Pose(x, y, theta))
+    except LimitError:
+        assume(False)
+    MechanismGuard(MADE)(tuple(carriages))
+
+
+def test_the_guard_knows_where_the_carriages_really_are():
+    near = (-0.022, 0.1, 0.0)  # 22 mm apart by the drives, 18 mm on the rail
+    guard(near)
+    HomingGuard(GEOMETRY)(near, (True, False, True))
+    for check in (MechanismGuard(MADE), lambda q: HomingGuard(MADE)(q, (True, False, True))):
+        with pytest.raises(CarriageGapError):
+            check(near)

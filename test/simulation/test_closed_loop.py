@@ -36,6 +36,26 @@ def test_the_default_wind_is_attenuated_while_the_head_cleans():
         assert report[axis]['attenuation_db'] > least
 
 
+MADE = Geometry(
+    link_errors=(1e-3, -5e-4), carriage_offsets=(1e-3, 0.0, -1e-3), rail_angle=math.radians(0.2))
+
+
+def residual(known, made):
+    run = ClosedLoop(known, LoopSettings(), Sway(SwaySettings()).at, HEAD, made)
+    run.run(1.0)
+    run.send_goal(GOAL)
+    run.run(8.0)
+    assert run.rejections == []
+    return np.array([axis['residual_rms'] for axis in run.wall.report()['axes'].values()])
+
+
+def test_a_machine_that_is_known_is_compensated_as_well_as_one_without_errors():
+    ideal, known, unknown = (
+        residual(*pair) for pair in ((Geometry(), Geometry()), (MADE, MADE), (Geometry(), MADE)))
+    assert known == pytest.approx(ideal, rel=0.2)
+    assert unknown[0] > 2.0 * ideal[0] and unknown[2] > 4.0 * ideal[2]
+
+
 def test_without_compensation_nothing_is_attenuated():
     run = loop(compensator=CompensatorSettings(correction=CorrectionSettings(enabled=False)))
     run.send_goal(GOAL)
