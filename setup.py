@@ -23,7 +23,10 @@ EXTRAS = {
         'ros-jazzy-rclpy[fastrtps]==7.1.6',
         'ros-jazzy-common-interfaces==5.3.6',
     ],
-    'study': ['scipy>=1.11,<2'],  # optimisation over the workspace
+    'study': [
+        'scipy>=1.11,<2',  # optimisation over the workspace, least squares of the calibration
+        'ruamel.yaml>=0.17.21,<0.19',  # the calibrated parameter file keeps its comments
+    ],
     'test': [
         'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
         'hypothesis>=6.98,<7',  # properties before examples
@@ -63,6 +66,7 @@ setup(
     entry_points={'console_scripts': [
         *(f'{node} = {NAME}.nodes.{node}:main' for node in NODES),
         f'drive_simulator = {NAME}.drives.simulated.__main__:main',
+        f'calibrate = {NAME}.calibration.__main__:main',
         f'demo = {NAME}.demo.__main__:main',
         f'workspace_study = {NAME}.workspace.study:main',
     ]},

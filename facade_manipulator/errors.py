@@ -78,6 +78,10 @@ class InputError(ManipulatorError):
             'newer one')
 
 
+class CalibrationError(ManipulatorError):
+    """Measurements from which nothing can be calibrated; the message names them."""
+
+
 class LimitError(ManipulatorError):
     """
     A quantity lies beyond a limit of the machine.

@@ -22,6 +22,7 @@ ROOMS = {
     'kinematics': BASE,
     'workspace': BASE | {'kinematics', 'resources', 'files'},
     'prediction': BASE | {'kinematics'},
+    'calibration': BASE | {'kinematics', 'resources', 'files'},
     'motion': BASE | {'kinematics'},
     'compensation': BASE | {'kinematics', 'prediction', 'motion'},
     'drives.canopen': BASE,

@@ -24,10 +24,11 @@ AGREED = {
 }
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
-    'demo', 'monitor', 'workspace_study',
+    'demo', 'monitor', 'workspace_study', 'calibrate',
 }
 DISTRIBUTION_OF = {
-    'can': 'python-can', 'mpl_toolkits': 'matplotlib', 'PIL': 'pillow', 'yaml': 'pyyaml'}
+    'can': 'python-can', 'mpl_toolkits': 'matplotlib', 'PIL': 'pillow', 'yaml': 'pyyaml',
+    'ruamel': 'ruamel.yaml'}
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 
 

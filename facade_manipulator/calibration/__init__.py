@@ -1,0 +1,36 @@
+"""
+Where the head really is: errors of the machine, of the estimator's mounting, place of the wall.
+
+In: measurements and recordings. Out: parameters with their covariance, and what the data cannot
+identify. Pure but for its command, `calibrate` (`python -m facade_manipulator.calibration`);
+scipy is loaded where it is needed and by no node.
+"""
+
+from facade_manipulator.calibration.design import candidates, Noise, plan, spread
+from facade_manipulator.calibration.geometry_fit import Identification, identify, Measurements
+from facade_manipulator.calibration.unknowns import (
+    heads,
+    sensitivity,
+    Unknown,
+    UNKNOWNS,
+    unknowns_named,
+    values_of,
+    with_values,
+)
+
+__all__ = [
+    'candidates',
+    'heads',
+    'Identification',
+    'identify',
+    'Measurements',
+    'Noise',
+    'plan',
+    'sensitivity',
+    'spread',
+    'Unknown',
+    'UNKNOWNS',
+    'unknowns_named',
+    'values_of',
+    'with_values',
+]

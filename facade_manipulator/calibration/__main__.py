@@ -1,0 +1,143 @@
+"""Calibrate the machine: its geometry, the estimator's mounting, the place of the wall."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import csv
+from pathlib import Path
+import sys
+
+import numpy as np
+
+from facade_manipulator.calibration.design import Noise, plan
+from facade_manipulator.calibration.findings import (
+    check_accuracy,
+    cross_check,
+    draw_accuracy,
+    report,
+)
+from facade_manipulator.calibration.geometry_fit import identify, Measurements
+from facade_manipulator.calibration.parameter_file import (
+    ALL_NODES,
+    read_geometry,
+    write_parameters,
+)
+from facade_manipulator.calibration.tables import parse_table, read_table
+from facade_manipulator.calibration.unknowns import heads, UNKNOWNS, unknowns_named
+from facade_manipulator.errors import CalibrationError, ManipulatorError
+from facade_manipulator.files import atomic_write
+from facade_manipulator.resources import config_path
+
+CARRIAGES, HEAD = ('q1', 'q2', 'q3'), ('x', 'y', 'theta')
+EXAMPLES = """
+examples:
+  calibrate geometry --plan poses.csv
+  calibrate geometry measured.csv --output calibrated.yaml --picture accuracy.png
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    options = _parser().parse_args(arguments)
+    try:
+        options.run(options)
+    except (ManipulatorError, FileNotFoundError) as error:
+        print(f'calibrate: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def calibrate_geometry(options: argparse.Namespace) -> None:
+    """Plan the poses, or find the errors of the machine from its head."""
+    source = options.parameters or config_path('manipulator.yaml')
+    geometry, unknowns = read_geometry(source), unknowns_named(options.find)
+    noise = Noise(position=options.noise[0] * 1e-3, angle=np.deg2rad(options.noise[1]))
+    if options.plan is not None:
+        measured = [name in options.measure for name in HEAD]
+        _write_plan(options.plan, geometry, plan(
+            geometry, unknowns, options.count, noise, measured))
+        return
+    measurements = _measurements(options.measurements)
+    found = identify(geometry, unknowns, measurements, noise)
+    check_accuracy(found, unknowns, noise)
+    for line in report(found, unknowns, cross_check(geometry, unknowns, measurements, noise)):
+        print(line)
+    if found.outliers and not options.drop_outliers:
+        raise CalibrationError(
+            'some measurements contradict the rest: measure them again, or leave them out with '
+            '--drop-outliers; nothing is written')
+    if options.picture is not None:
+        draw_accuracy(options.picture, geometry, found, unknowns)
+    if options.output is not None:
+        fields = dict.fromkeys(unknown.field for unknown in unknowns)
+        write_parameters(source, options.output, 'geometry', ALL_NODES, {
+            name: getattr(found.geometry, name) for name in fields})
+        print(f'{options.output} is written')
+
+
+def _measurements(path: Path | None) -> Measurements:
+    if path is None:
+        raise CalibrationError('name a file of measurements, - to type them, or --plan a file')
+    if str(path) == '-':
+        table = parse_table('the table typed', sys.stdin, CARRIAGES, HEAD)
+    else:
+        table = read_table(path, CARRIAGES, HEAD)
+    return Measurements(table[:, :3], table[:, 3:])
+
+
+def _write_plan(path: Path, geometry, carriages: np.ndarray) -> None:
+    """Write where to measure, with empty cells for what is measured."""
+    with atomic_write(path) as draft, draft.open('w', newline='', encoding='utf-8') as file:
+        rows = csv.writer(file)
+        rows.writerow([*CARRIAGES, *(f'goal_{name}' for name in HEAD), *HEAD])
+        for q, goal in zip(carriages, heads(geometry, carriages), strict=True):
+            rows.writerow([f'{value:.6f}' for value in (*q, *goal)] + [''] * len(HEAD))
+    print(f'{path} has {len(carriages)} poses; fill in x, y and theta, or what you measure')
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='calibrate', description=__doc__, epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = parser.add_subparsers(required=True, metavar='WHAT')
+    _add_geometry(commands)
+    return parser
+
+
+def _add_geometry(commands: argparse._SubParsersAction) -> None:
+    command = commands.add_parser(
+        'geometry', help='errors of the machine from measurements of its head')
+    command.set_defaults(run=calibrate_geometry)
+    command.add_argument(
+        'measurements', nargs='?', type=Path,
+        help='CSV with q1, q2, q3 as commanded and x, y, theta of the head in frame rail, in m '
+             'and rad or named with their unit (x_mm, theta_deg); cells may be empty; - reads '
+             'what is typed')
+    command.add_argument('--plan', type=Path, metavar='CSV',
+                         help='write the poses that show most, and measure there')
+    command.add_argument('--count', type=int, default=24, help='poses to plan (default 24)')
+    command.add_argument('--measure', nargs='+', choices=HEAD, default=HEAD,
+                         help='what will be measured at the poses to plan (default all)')
+    command.add_argument(
+        '--find', nargs='+', default=(), metavar='NAME',
+        help=f'what to look for (default all): {", ".join(u.name for u in UNKNOWNS)}')
+    command.add_argument('--noise', nargs=2, type=float, default=(0.1, 0.02),
+                         metavar=('MM', 'DEG'),
+                         help='standard deviation of the measurements (default 0.1 0.02)')
+    command.add_argument('--drop-outliers', action='store_true',
+                         help='write although some measurements contradict the rest')
+    _add_files(command)
+    command.add_argument('--picture', type=Path, metavar='PNG',
+                         help='draw how far the head was off and how well it is known')
+
+
+def _add_files(command: argparse.ArgumentParser) -> None:
+    command.add_argument('--parameters', type=Path, metavar='YAML',
+                         help='parameter file of the machine (default the installed one)')
+    command.add_argument('--output', type=Path, metavar='YAML',
+                         help='write a copy of it with what was found')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,226 @@
+"""
+The errors of a machine from measurements of its head: robust least squares with their covariance.
+
+What the drawing says is one more measurement of each unknown, with its tolerance. So the fit is
+defined however little is measured, and what the measurements add is the ratio of the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.calibration.design import information, Noise
+from facade_manipulator.calibration.unknowns import heads, Unknown, values_of, with_values
+from facade_manipulator.errors import CalibrationError, ParameterError
+from facade_manipulator.kinematics import Geometry
+
+AXES = ('x', 'y', 'theta')
+EXPLAINED = np.array([0.05, 0.05, 0.1])  # m, m, rad: errors of a machine explain no more
+OUTLIER = 4.5  # standard deviations
+MOST_OUTLIERS = 0.2
+MOST_SCATTER = 5.0  # times the noise stated
+IDENTIFIED = 0.5  # of its tolerance: an unknown known no better is not shown by the data
+HUBER = 2.5
+FAR = 1e6
+
+
+class Measurements(NamedTuple):
+    """
+    The head, measured at carriage positions.
+
+    Parameters
+    ----------
+    carriages : ndarray, shape (n, 3)
+        As commanded [m].
+    heads : ndarray, shape (n, 3)
+        x, y, θ in frame rail [m, m, rad]; NaN where not measured.
+
+    """
+
+    carriages: np.ndarray
+    heads: np.ndarray
+
+    def part(self, rows: np.ndarray | slice) -> Measurements:
+        """Return some of the rows."""
+        return Measurements(self.carriages[rows], self.heads[rows])
+
+
+class Identification(NamedTuple):
+    """
+    A machine found.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        With the errors found.
+    values : ndarray, shape (m,)
+        Of the unknowns.
+    covariance : ndarray, shape (m, m)
+    scatter : float
+        Residuals over the noise that was stated, 1 where both agree.
+    outliers : list of (int, int)
+        Row and axis of measurements that contradict the others; they were left out.
+    unidentified : list of list of str
+        Groups of unknowns, in words, that the data cannot show, or not apart from each other.
+    observability : float
+        Borm and Menq's index, in units of noise and tolerance.
+
+    """
+
+    geometry: Geometry
+    values: np.ndarray
+    covariance: np.ndarray
+    scatter: float
+    outliers: list[tuple[int, int]]
+    unidentified: list[list[str]]
+    observability: float
+
+
+def check(geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements) -> None:
+    """
+    Check that measurements can be those of this machine at all, and are enough.
+
+    Raises
+    ------
+    CalibrationError
+        Naming the row, numbered from 1, and what is wrong with it.
+
+    """
+    empty = np.flatnonzero(np.isnan(measurements.heads).all(axis=1))
+    if len(empty):
+        raise CalibrationError(f'row {empty[0] + 1} has no measurement: neither x, y nor theta')
+    numbers = int(np.isfinite(measurements.heads).sum())
+    if numbers <= len(unknowns):
+        raise CalibrationError(
+            f'too few poses: {numbers} measured numbers for {len(unknowns)} unknowns')
+    expected = heads(geometry, measurements.carriages)
+    off = np.abs(measurements.heads - expected)
+    for row in range(len(expected)):
+        if np.isnan(expected[row]).any():
+            q = ', '.join(f'{value:g}' for value in measurements.carriages[row])
+            raise CalibrationError(f'row {row + 1}: the links do not close at ({q}) m')
+        for axis in np.flatnonzero(off[row] > EXPLAINED):
+            raise CalibrationError(_contradiction(
+                row, axis, measurements.heads[row, axis], expected[row, axis]))
+
+
+def _contradiction(row: int, axis: int, value: float, expected: float) -> str:
+    unit, other, factor = ('m', 'mm', 1e-3) if axis < 2 else ('rad', 'deg', np.pi / 180.0)
+    message = (f'row {row + 1}: {AXES[axis]} = {value:g} {unit}, but the head stands near '
+               f'{expected:g} {unit}')
+    if abs(value * factor - expected) < EXPLAINED[axis]:
+        message += f'; if it is in {other}, name the column {AXES[axis]}_{other}'
+    return message
+
+
+def identify(
+    geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements,
+    noise: Noise | None = None,
+) -> Identification:
+    """
+    Find the errors of a machine.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        What the machine is taken to be: the drawing, or an earlier calibration.
+    unknowns : sequence of Unknown
+    measurements : Measurements
+    noise : Noise, optional
+
+    Returns
+    -------
+    Identification
+
+    Raises
+    ------
+    CalibrationError
+        If the measurements are not of such a machine, too few, or contradict each other.
+
+    """
+    noise = noise or Noise()
+    check(geometry, unknowns, measurements)
+    used = np.isfinite(measurements.heads)
+    values = _fit(geometry, unknowns, measurements, noise, used, 'huber')
+    misses = _misses(with_values(geometry, unknowns, values), measurements, noise)
+    outlying = used & (np.abs(misses) > OUTLIER * max(1.0, _robust_scatter(misses[used])))
+    if outlying.sum() > MOST_OUTLIERS * used.sum():
+        raise CalibrationError(
+            f'{outlying.sum()} of {used.sum()} measured numbers contradict the rest: is this the '
+            'machine of the parameter file, homed as now, and measured in frame rail?')
+    if outlying.any():
+        used &= ~outlying
+        values = _fit(geometry, unknowns, measurements, noise, used, 'linear')
+    return _identification(
+        geometry, unknowns, measurements, noise, used, values,
+        [(int(row), int(axis)) for row, axis in np.argwhere(outlying)])
+
+
+def _fit(
+    geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements, noise: Noise,
+    used: np.ndarray, loss: str,
+) -> np.ndarray:
+    """Return the values of the unknowns that fit best."""
+    from scipy.optimize import least_squares  # not of the machine's own needs
+
+    tolerances = np.array([unknown.tolerance for unknown in unknowns])
+    start = values_of(geometry, unknowns)
+
+    def residuals(scaled: np.ndarray) -> np.ndarray:
+        try:
+            machine = with_values(geometry, unknowns, start + tolerances * scaled)
+        except ParameterError:  # a step beyond what any machine is
+            return np.full(used.sum() + len(scaled), FAR)
+        misses = _misses(machine, measurements, noise)[used]
+        return np.concatenate([np.nan_to_num(misses, nan=FAR), scaled])
+
+    found = least_squares(residuals, np.zeros(len(unknowns)), loss=loss, f_scale=HUBER,
+                          diff_step=1e-4, x_scale=1.0, xtol=1e-10)
+    return start + tolerances * found.x
+
+
+def _misses(machine: Geometry, measurements: Measurements, noise: Noise) -> np.ndarray:
+    """Return measured less expected in standard deviations, shape (n, 3)."""
+    return (measurements.heads - heads(machine, measurements.carriages)) / noise.deviations
+
+
+def _robust_scatter(misses: np.ndarray) -> float:
+    return 1.4826 * float(np.median(np.abs(misses)))
+
+
+def _identification(
+    geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements, noise: Noise,
+    used: np.ndarray, values: np.ndarray, outliers: list[tuple[int, int]],
+) -> Identification:
+    machine = with_values(geometry, unknowns, values)
+    tolerances = np.array([unknown.tolerance for unknown in unknowns])
+    rows = information(machine, unknowns, measurements.carriages, noise)[used]
+    misses = _misses(machine, measurements, noise)[used]
+    freedom = max(1, len(misses) - len(unknowns))
+    scatter = float(np.sqrt(misses @ misses / freedom))
+    shown = rows.T @ rows / max(1.0, scatter) ** 2
+    covariance = np.linalg.inv(shown + np.eye(len(unknowns)))
+    if scatter > MOST_SCATTER:
+        raise CalibrationError(
+            f'the measurements scatter by {scatter:.3g} times the noise stated: they contradict '
+            'each other or the noise is another (--noise)')
+    singular = np.linalg.svd(rows, compute_uv=False)
+    return Identification(
+        machine, values, covariance * np.outer(tolerances, tolerances), scatter, outliers,
+        _unidentified(covariance, unknowns),
+        float(np.exp(np.mean(np.log(np.maximum(singular, 1e-12)))) / np.sqrt(len(rows))))
+
+
+def _unidentified(covariance: np.ndarray, unknowns: Sequence[Unknown]) -> list[list[str]]:
+    """Return the groups of unknowns whose common direction is hardly better known than drawn."""
+    spreads, directions = np.linalg.eigh(covariance)
+    groups = []
+    for spread, direction in zip(spreads, directions.T, strict=True):
+        if spread > IDENTIFIED ** 2:
+            share = np.abs(direction) / np.abs(direction).max()
+            groups.append([u.words for u, part in zip(unknowns, share, strict=True)
+                           if part > 0.3])
+    return groups

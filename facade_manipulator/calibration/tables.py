@@ -1,0 +1,100 @@
+"""Tables of numbers as technicians write them: CSV, units in the column's name, gaps named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+
+from facade_manipulator.errors import CalibrationError
+
+UNITS = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': math.pi / 180.0}
+
+
+def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
+    """
+    Read columns of a CSV file; others are passed over.
+
+    A column is named plainly, in m, rad or s, or with its unit: ``x_mm``, ``theta_deg``.
+
+    Parameters
+    ----------
+    path : Path
+    required, optional : sequence of str
+        Columns; cells of optional ones may be empty.
+
+    Returns
+    -------
+    ndarray, shape (n, len(required) + len(optional))
+        In SI units; NaN where nothing is written.
+
+    Raises
+    ------
+    CalibrationError
+        Naming the file, the line and the column.
+
+    """
+    try:
+        with path.open(newline='', encoding='utf-8-sig') as file:
+            return parse_table(str(path), file, required, optional)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise CalibrationError(f'{path} cannot be read: {error}') from error
+
+
+def parse_table(
+    name: str, lines: Iterable[str], required: Sequence[str], optional: Sequence[str] = ()
+) -> np.ndarray:
+    """
+    Read a table from its lines, as `read_table`; `name` stands in messages.
+
+    Raises
+    ------
+    CalibrationError
+        As `read_table`.
+
+    """
+    reader = csv.DictReader(line for line in lines if not line.startswith('#'))
+    header = [column.strip() for column in reader.fieldnames or ()]
+    reader.fieldnames = header
+    columns = [_column(name, header, column, column in required)
+               for column in (*required, *optional)]
+    rows = [
+        [_cell(name, line, row, column, k < len(required)) for k, column in enumerate(columns)]
+        for line, row in enumerate(reader, 2)]
+    if not rows:
+        raise CalibrationError(f'{name} has no rows below its header')
+    return np.array(rows, float)
+
+
+def _column(name: str, header: list[str], column: str, required: bool) -> tuple[str, float] | None:
+    """Return how a column is called in a table, and its unit."""
+    found = [column + unit for unit in UNITS if column + unit in header]
+    if len(found) > 1:
+        raise CalibrationError(f'{name} has {column} in two units: {", ".join(found)}')
+    if not found and required:
+        raise CalibrationError(
+            f'{name} has no column {column}; its columns are {", ".join(header) or "none"}')
+    return (found[0], UNITS[found[0][len(column):]]) if found else None
+
+
+def _cell(
+    name: str, line: int, row: dict, column: tuple[str, float] | None, required: bool
+) -> float:
+    if column is None:
+        return math.nan
+    title, unit = column
+    text = (row.get(title) or '').strip()
+    if not text and not required:
+        return math.nan
+    try:
+        value = float(text) * unit
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise CalibrationError(
+            f'{name}, line {line}: {title} = {text!r} is not a number' if text else
+            f'{name}, line {line}: {title} is missing')
+    return value

@@ -1,0 +1,223 @@
+"""The errors of a machine, found from its head."""
+
+import csv
+from dataclasses import replace
+import sys
+
+import calibration_trial
+from calibration_trial import DRAWING
+import numpy as np
+import pytest
+
+from facade_manipulator.calibration import (
+    candidates,
+    heads,
+    identify,
+    Measurements,
+    plan,
+    sensitivity,
+    UNKNOWNS,
+    unknowns_named,
+    values_of,
+    with_values,
+)
+from facade_manipulator.calibration.__main__ import main
+from facade_manipulator.calibration.design import choose, information, Noise
+from facade_manipulator.calibration.parameter_file import read_geometry
+from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
+from facade_manipulator.kinematics import Carriages, mechanism_of
+from facade_manipulator.resources import config_path
+from facade_manipulator.simulation.machines import make_machine, measure_heads, ShopSettings
+
+SHOP = ShopSettings()
+POSES = plan(DRAWING, UNKNOWNS, 24)
+MADE = make_machine(DRAWING, SHOP, np.random.default_rng(5))
+
+
+def measured(noise=SHOP, seed=6):
+    return measure_heads(MADE, POSES, noise, np.random.default_rng(seed))
+
+
+def test_made_up_machines_are_found_within_their_deviations_and_their_heads_with_them():
+    trial = calibration_trial.run(12)
+    rms = calibration_trial.rms
+    assert trial.within >= 0.99
+    assert (rms(trial.after) < 1.5 * rms(trial.share)).all()
+    assert (rms(trial.after) < 0.1 * rms(trial.before)).all()
+    assert trial.blamed <= 1
+
+
+def test_without_noise_the_machine_is_found_exactly():
+    silent = replace(SHOP, position_noise=0.0, angle_noise=0.0)
+    found = identify(DRAWING, UNKNOWNS, Measurements(POSES, measured(silent)),
+                     Noise(position=1e-6, angle=3e-6))
+    assert heads(found.geometry, POSES) == pytest.approx(heads(MADE, POSES), abs=2e-7)
+    assert found.unidentified == []
+    assert found.values == pytest.approx(values_of(MADE, UNKNOWNS), abs=5e-5)
+
+
+def test_what_can_not_be_known_apart_is_named():
+    found = identify(DRAWING, UNKNOWNS, Measurements(POSES, measured()))
+    assert len(found.unidentified) == 1
+    assert {'platform from B1 to P', 'x of the head on the platform'} <= set(
+        found.unidentified[0])
+    less = unknowns_named(['link_errors', 'carriage_offsets', 'rail_angle', 'tool.1'])
+    assert identify(DRAWING, less, Measurements(POSES, measured())).unidentified == []
+
+
+@pytest.mark.parametrize(('row', 'axis', 'error'), [(3, 0, 0.002), (11, 1, -0.001), (20, 2, 0.01)])
+def test_a_measurement_that_contradicts_the_rest_is_found_and_left_out(row, axis, error):
+    spoilt = measured()
+    spoilt[row, axis] += error
+    found = identify(DRAWING, UNKNOWNS, Measurements(POSES, spoilt))
+    assert found.outliers == [(row, axis)]
+    assert heads(found.geometry, POSES) == pytest.approx(heads(MADE, POSES), abs=4e-4)
+
+
+@pytest.mark.parametrize(('columns', 'names'), [
+    ((1,), ['tool.1', 'link_errors']), ((0, 1), ['link_errors', 'tool.1', 'rail_angle'])])
+def test_one_number_of_a_dial_gauge_or_two_of_a_camera_are_enough_for_less(columns, names):
+    unknowns = unknowns_named(names)
+    made = with_values(DRAWING, unknowns, values_of(MADE, unknowns))
+    full = measure_heads(made, POSES, SHOP, np.random.default_rng(7))
+    part = np.full_like(full, np.nan)
+    part[:, columns] = full[:, columns]
+    found = identify(DRAWING, unknowns, Measurements(POSES, part))
+    off = (found.values - values_of(made, unknowns)) / np.sqrt(np.diag(found.covariance))
+    assert np.abs(off).max() < 3.5
+    assert heads(found.geometry, POSES)[:, 1] == pytest.approx(heads(made, POSES)[:, 1], abs=2e-4)
+
+
+def test_planned_poses_show_more_than_as_many_at_random():
+    permitted = candidates(DRAWING)
+    rows = information(DRAWING, UNKNOWNS, permitted, Noise())
+
+    def worth(chosen):
+        return np.linalg.slogdet(np.eye(len(UNKNOWNS)) + sum(
+            rows[k].T @ rows[k] for k in chosen))[1]
+
+    best, random = choose(rows, 24), np.random.default_rng(2)
+    assert len(set(best)) == 24
+    assert worth(best) > 2.0 + max(
+        worth(random.choice(len(rows), 24, replace=False)) for _ in range(20))
+
+
+def test_every_planned_pose_is_permitted_even_to_a_machine_with_errors():
+    for carriages in POSES.tolist():
+        mechanism_of(MADE).check(Carriages(*carriages))
+
+
+def test_the_sensitivity_to_the_offsets_is_that_to_a_shift():
+    rates = sensitivity(DRAWING, UNKNOWNS, POSES)
+    shift = rates[:, :, 4:7].sum(axis=2)
+    assert shift == pytest.approx(np.tile([1.0, 0.0, 0.0], (len(POSES), 1)), abs=1e-6)
+
+
+def test_too_few_poses_are_rejected():
+    with pytest.raises(CalibrationError, match='too few poses: 9 measured numbers for 11'):
+        identify(DRAWING, UNKNOWNS, Measurements(POSES[:3], measured()[:3]))
+
+
+def test_the_measurements_of_another_machine_are_rejected():
+    random = np.random.default_rng(9)
+    for wrong in (measured() + 0.002 * random.standard_normal((24, 3)),
+                  measured() + 0.03 * (random.random((24, 3)) < 0.4)):
+        with pytest.raises(CalibrationError, match='contradict'):
+            identify(DRAWING, UNKNOWNS, Measurements(POSES, wrong))
+
+
+def test_carriages_at_which_no_machine_closes_are_named():
+    with pytest.raises(LimitError):
+        measure_heads(MADE, np.array([[-0.5, 0.5, 0.0]]), SHOP, np.random.default_rng(0))
+    far = POSES.copy()
+    far[2] = -0.5, 0.5, 0.0
+    with pytest.raises(CalibrationError, match='row 3: the links do not close'):
+        identify(DRAWING, UNKNOWNS, Measurements(far, measured()))
+
+
+def test_an_unknown_that_no_machine_has_is_rejected():
+    with pytest.raises(ParameterError, match='wheel is none of'):
+        unknowns_named(['wheel'])
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Return how to write a table of measurements, changed as one likes."""
+    def write(change=lambda rows: rows):
+        rows = [['q1', 'q2', 'q3', 'x_mm', 'y_mm', 'theta_deg']]
+        rows += [[*q, x * 1e3, y * 1e3, np.rad2deg(theta)]
+                 for q, (x, y, theta) in zip(POSES.tolist(), measured().tolist(), strict=True)]
+        path = tmp_path / 'measured.csv'
+        with path.open('w', newline='') as file:
+            csv.writer(file).writerows(change(rows))
+        return path
+
+    return write
+
+
+def test_the_command_writes_a_copy_with_the_errors_and_every_comment(table, tmp_path, capsys):
+    target, picture = tmp_path / 'calibrated.yaml', tmp_path / 'accuracy.png'
+    assert main(
+        ['geometry', str(table()), '--output', str(target), '--picture', str(picture)]) == 0
+    said = capsys.readouterr().out
+    assert 'length of link 1' in said and 'held-out poses' in said
+    before, after = (
+        path.read_text().splitlines() for path in (config_path('manipulator.yaml'), target))
+    new = [line.split(':')[0].strip() for line in after if line not in before]
+    assert new == ['link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool']
+    assert [line for line in after if line in before] == before
+    assert heads(read_geometry(target), POSES) == pytest.approx(heads(MADE, POSES), abs=3e-4)
+    assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+def test_the_command_reads_what_is_typed_into_its_plan(tmp_path, monkeypatch, capsys):
+    path = tmp_path / 'poses.csv'
+    assert main(['geometry', '--plan', str(path), '--count', '12']) == 0
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    carriages = np.array([[float(row[name]) for name in ('q1', 'q2', 'q3')] for row in rows])
+    found = measure_heads(MADE, carriages, SHOP, np.random.default_rng(8))
+    for row, head in zip(rows, found.tolist(), strict=True):
+        row.update(zip(('x', 'y', 'theta'), head, strict=True))
+    typed = [list(rows[0]), *(map(str, row.values()) for row in rows)]
+    monkeypatch.setattr(sys, 'stdin', [','.join(line) + '\n' for line in typed])
+    assert main(['geometry', '-']) == 0
+    assert len(rows) == 12 and 'scatter' in capsys.readouterr().out
+
+
+def cell(row, column, value):
+    def change(rows):
+        rows[row][column] = value
+        return rows
+
+    return change
+
+
+@pytest.mark.parametrize(('change', 'message'), [
+    (cell(4, 1, ''), 'line 5: q2 is missing'),
+    (cell(4, 4, 'about 250'), "line 5: y_mm = 'about 250' is not a number"),
+    (cell(0, 4, 'y'), 'if it is in mm, name the column y_mm'),
+    (cell(0, 5, 'theta'), 'if it is in deg, name the column theta_deg'),
+    (cell(0, 4, 'x'), 'has x in two units'),
+    (cell(0, 2, 'Q'), 'has no column q3'),
+    (lambda rows: rows[:1], 'has no rows'),
+    (lambda rows: [*rows[:5], [*rows[5][:3], '', '', ''], *rows[6:]], 'row 5 has no measurement'),
+    (lambda rows: [rows[0]] + rows[1:3] * 8, 'poses that cannot show enough'),
+    (lambda rows: cell(9, 4, rows[9][4] + 2.0)(rows), 'some measurements contradict the rest'),
+], ids=range(10))
+def test_bad_input_is_named_and_nothing_is_written(table, tmp_path, capsys, change, message):
+    target = tmp_path / 'calibrated.yaml'
+    assert main(['geometry', str(table(change)), '--output', str(target)]) == 1
+    assert message in capsys.readouterr().err
+    assert not target.exists()
+
+
+def test_a_file_that_is_none_is_named(table, tmp_path, capsys):
+    for text, message in (('[1', 'cannot be read'), ('- 1', 'not a parameter file'),
+                          ('/**: {ros__parameters: {geometry: {wheel: 1}}}', 'geometry')):
+        source = tmp_path / 'other.yaml'
+        source.write_text(text)
+        assert main(['geometry', str(table()), '--parameters', str(source)]) == 1
+        assert message in capsys.readouterr().err
+    assert main(['geometry', str(tmp_path / 'none.csv')]) == 1
+    assert 'cannot be read' in capsys.readouterr().err
