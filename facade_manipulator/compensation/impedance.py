@@ -86,10 +86,6 @@ class Impedance:
     """
     The offset of one axis.
 
-    Parameters
-    ----------
-    settings : ImpedanceSettings
-
     Attributes
     ----------
     offset : float

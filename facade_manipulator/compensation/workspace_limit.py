@@ -37,11 +37,6 @@ class WorkspaceLimit:
     At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval;
     at fixed y the yaw has one, symmetric about 0.
 
-    Parameters
-    ----------
-    geometry : Geometry
-    settings : WorkspaceLimitSettings
-
     Raises
     ------
     ParameterError

@@ -24,11 +24,6 @@ class MechanismGuard:
 
     Stroke, carriage gap, closure of both links on the machine's branch and N > 0; the bounds give
     way by a micrometre of rounding. How well the pose is conditioned is ik_service's matter.
-
-    Parameters
-    ----------
-    geometry : Geometry
-
     """
 
     def __init__(self, geometry: Geometry) -> None:
@@ -65,11 +60,6 @@ class HomingGuard:
 
     A carriage that is not homed yet has no position to be checked; neighbours are checked as soon
     as both are homed, the whole mechanism when all three are.
-
-    Parameters
-    ----------
-    geometry : Geometry
-
     """
 
     def __init__(self, geometry: Geometry) -> None:

@@ -211,7 +211,6 @@ def _begin(plan: InputParameter, motion: CarriageMotion, most: float) -> InputPa
 
     Of an acceleration that rounding has put beyond the limit ruckig makes no plan at all; of one
     that is far beyond it, because the limit has been lowered, it does.
-
     """
     plan.current_position, plan.current_velocity = map(list, motion[:2])
     plan.current_acceleration = [
