@@ -14,8 +14,8 @@ from facade_manipulator.kinematics import (
     links,
 )
 
-ROUNDING = 1e-6
-NEIGHBOURS = ((0, 2), (2, 1), (0, 1))
+ROUNDING = 1e-6  # m
+NEIGHBOURS = ((0, 2), (2, 1), (0, 1))  # on the rail stand A1, A3, A2; A3 may not be homed
 
 
 class MechanismGuard:

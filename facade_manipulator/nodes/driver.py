@@ -306,7 +306,7 @@ class DriverNode(ManagedNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the driver node."""
-    return run(lambda: [DriverNode()], args)
+    return run(lambda: [DriverNode()], args, experimental=False)
 
 
 if __name__ == '__main__':
