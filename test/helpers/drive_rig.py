@@ -12,8 +12,10 @@ from support import wait_until
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.controller import DriveController
+from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.controller.targets import Mechanism
 from facade_manipulator.drives.simulated.bus import DriveSimulator
 from facade_manipulator.drives.simulated.group import simulated_drives
 from facade_manipulator.errors import ManipulatorError
@@ -63,7 +65,7 @@ class Rig:
 
     def __init__(
         self, channel: str, interface='virtual', settings=SETTINGS, axes=DEFAULT_AXES,
-        drives=None, source=None, **details,
+        drives=None, source=None, recorder=None, **checks,
     ) -> None:
         self.channel = channel
         self.interface = interface
@@ -79,7 +81,7 @@ class Rig:
         self.listener = self._new_bus()
         self.simulator.start()
         self.controller = DriveController(
-            settings, axes, self.open_bus, self.source, **details)
+            settings, axes, BusAccess(self.open_bus), Mechanism(self.source, **checks), recorder)
         self._ended = threading.Event()
         self._beater = threading.Thread(target=self._beat)
         self._beater.start()
@@ -173,9 +175,9 @@ def at_rest(rig: Rig) -> None:
 def moving(rig: Rig) -> None:
     rig.source.speed = MOVING
     at_rest(rig)
-    start = rig.controller.joints().positions
+    start = rig.controller.snapshot().joints().positions
     wait_until(
-        lambda: abs(rig.controller.joints().positions[0] - start[0]) > 0.003, 'motion')
+        lambda: abs(rig.controller.snapshot().joints().positions[0] - start[0]) > 0.003, 'motion')
 
 
 SITUATIONS = {'inactive': inactive, 'at rest': at_rest, 'moving': moving}

@@ -120,7 +120,7 @@ _COLUMNS: dict[str, tuple[tuple[str, Callable[[AxisSettings, int], object]], ...
 
 
 def axis_table(frames: Iterable[Recorded], axes: tuple[AxisSettings, ...]) -> str:
-    """Return a CSV table with a row per SYNC: what each axis had last been told and had told."""
+    """Return a CSV table with a row per SYNC: what each axis was last commanded and last sent."""
     names = [f'{axis} {name}' for axis in AXIS_NAMES
              for columns in _COLUMNS.values() for name, _ in columns]
     sources = {
