@@ -85,7 +85,7 @@ class DriverSettings:
         100.0, 'How often joint_states is published', unit='Hz', minimum=1.0, maximum=500.0,
         read_only=True)
     software_stop_timeout: float = parameter(
-        0.5, 'Silence of software_stop, once heard, that stops the drives', unit='s',
+        0.5, 'Silence of software_stop, once received, that stops the drives', unit='s',
         minimum=0.05, maximum=10.0)
 
 

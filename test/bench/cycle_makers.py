@@ -254,8 +254,8 @@ class Driver:
         from facade_manipulator.drives.controller.session import BusAccess
         from facade_manipulator.drives.controller.settings import ControllerSettings
         from facade_manipulator.drives.controller.targets import Mechanism
-        from facade_manipulator.drives.simulated.bus import DriveSimulator
-        from facade_manipulator.drives.simulated.group import simulated_drives
+        from facade_manipulator.drives.simulated.drive import simulated_drives
+        from facade_manipulator.drives.simulated.simulator import DriveSimulator
         from facade_manipulator.kinematics import Geometry
         from facade_manipulator.motion.guard import MechanismGuard
         from facade_manipulator.motion.limits import MotionLimits

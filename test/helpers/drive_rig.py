@@ -16,8 +16,8 @@ from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import Mechanism
-from facade_manipulator.drives.simulated.bus import DriveSimulator
-from facade_manipulator.drives.simulated.group import simulated_drives
+from facade_manipulator.drives.simulated.drive import simulated_drives
+from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.errors import ManipulatorError
 
 PATIENCE = 20.0
@@ -71,8 +71,8 @@ class Rig:
         self.interface = interface
         self.axes = axes
         self.source = source or Source(settings.period)
-        self.beats = threading.Event()
-        self.beats.set()
+        self.feeds = threading.Event()
+        self.feeds.set()
         self.buses = []
         self.bus_is_missing = False
         self._bus = self._new_bus()
@@ -83,8 +83,8 @@ class Rig:
         self.controller = DriveController(
             settings, axes, BusAccess(self.open_bus), Mechanism(self.source, **checks), recorder)
         self._ended = threading.Event()
-        self._beater = threading.Thread(target=self._beat)
-        self._beater.start()
+        self._feeder = threading.Thread(target=self._feed)
+        self._feeder.start()
 
     def _new_bus(self) -> can.BusABC:
         return can.Bus(interface=self.interface, channel=self.channel)
@@ -95,15 +95,15 @@ class Rig:
         self.buses.append(self._new_bus())
         return self.buses[-1]
 
-    def _beat(self) -> None:
+    def _feed(self) -> None:
         while not self._ended.wait(0.02):
-            if self.beats.is_set():
+            if self.feeds.is_set():
                 self.controller.feed_watchdog()
 
     def close(self) -> None:
         self.controller.close()
         self._ended.set()
-        self._beater.join()
+        self._feeder.join()
         self.simulator.stop()
         for bus in (self._bus, self.listener):
             bus.shutdown()
@@ -153,12 +153,12 @@ class Rig:
         wait_until(lambda: State.OPERATION_ENABLED not in self.drive_states, 'the drives to stop')
 
     def frames(self) -> list[can.Message]:
-        """Return what the listener has heard since it was last asked."""
-        heard = []
+        """Return what the listener has received since it was last asked."""
+        received = []
         with suppress(can.CanOperationError):  # a socket tells once that the interface went down
             while (message := self.listener.recv(0.0)) is not None:
-                heard.append(message)
-        return heard
+                received.append(message)
+        return received
 
     def forge(self, cob_id: int, data: bytes) -> None:
         self.listener.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))

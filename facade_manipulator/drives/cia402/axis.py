@@ -1,7 +1,7 @@
 """
 One drive's path through the CiA 402 state machine, a step at a time.
 
-A step is a controlword, the states it leads to and the states passed on the way. The stepper
+A step is a controlword, the states it leads to and the states passed before. The stepper
 only watches: it says when the step is done and raises when the drive goes elsewhere or takes too
 long. It never chooses a controlword by itself.
 """

@@ -19,8 +19,8 @@ OTHERS_DUE = 0.3  # of the period: how long after a late first answer the others
 FIRST_ANSWER_DUE = 3.0  # for any answer to our SYNC: this computer is late, not all drives dead
 SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
 SYNC_TOO_EARLY = 0.5
-JITTER = 0.25  # of the period: a SYNC that is farther from its place has another place
-JITTER_SHARE = 0.05  # of it that is believed
+JITTER = 0.25  # of the period: a SYNC that is farther from its expected time sets a new one
+JITTER_SHARE = 0.05  # of it that moves the smoothed stamp
 LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 
 
@@ -202,7 +202,7 @@ class SyncConsumer(CycleClock):
         return now >= self._next_sync + patience
 
     def begin(self, time: float, stamp: float) -> None:
-        """Begin a cycle with a SYNC of our own in place of the kernel's."""
+        """Begin a cycle with a SYNC of our own instead of the kernel's."""
         self.overdue_in_a_row += 1
         self._skipped += 1
         self._next_sync = time + SYNC_OVERDUE * self.period

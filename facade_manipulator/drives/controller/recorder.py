@@ -76,7 +76,7 @@ class FrameRing:
         self._next = count()
 
     def add(self, stamp: float, cob_id: int, data: bytes) -> None:
-        """Add a frame in place of the oldest."""
+        """Add a frame over the oldest."""
         slot = next(self._next) % self._capacity
         _RECORD.pack_into(self._buffer, _RECORD.size * slot, stamp, cob_id, len(data), data)
 

@@ -1,5 +1,5 @@
 """
-The targets that go to the drives: the place where power finds the carriages, then the stream.
+The targets that go to the drives: where the carriages are at power-on, then the stream.
 
 The last check before the bus. It trusts nobody: a target that is not finite, leaves the stroke or
 jumps is rejected with a message, never clamped.

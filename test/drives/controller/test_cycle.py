@@ -20,13 +20,13 @@ T = 0.01
 ALL = 3
 
 
-def sent() -> SyncProducer:
+def producer() -> SyncProducer:
     clock = SyncProducer(T)
     clock.start(0.0)
     return clock
 
 
-def heard() -> SyncConsumer:
+def consumer() -> SyncConsumer:
     clock = SyncConsumer(T)
     clock.start(0.0)
     return clock
@@ -40,7 +40,7 @@ def test_who_sends_sync_decides_on_the_clock():
 # --- SYNC sent by the loop
 
 def test_the_loop_sends_sync_once_a_period():
-    clock = sent()
+    clock = producer()
     for number in range(5):
         assert clock.sync_due(T * number, all_read=True)
         clock.begin(T * number, 0.0)
@@ -51,7 +51,7 @@ def test_the_loop_sends_sync_once_a_period():
 
 
 def test_the_step_comes_with_the_last_answer_or_when_there_is_no_more_time():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     assert not clock.step_due(0.1 * T, 2, ALL, all_read=True)
     assert clock.next_event == ANSWERS_DUE * T
@@ -61,7 +61,7 @@ def test_the_step_comes_with_the_last_answer_or_when_there_is_no_more_time():
 
 
 def test_when_nobody_answers_this_computer_is_taken_to_be_late():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     assert not clock.step_due(2.9 * T, 0, ALL, all_read=True)
     assert not clock.sync_due(2.9 * T, all_read=True)
@@ -70,7 +70,7 @@ def test_when_nobody_answers_this_computer_is_taken_to_be_late():
 
 
 def test_after_a_late_first_answer_the_others_are_given_time_to_follow():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     assert not clock.step_due(2.0 * T, 1, ALL, all_read=True)
     assert clock.next_event == pytest.approx((2.0 + OTHERS_DUE) * T)
@@ -78,19 +78,19 @@ def test_after_a_late_first_answer_the_others_are_given_time_to_follow():
 
 
 def test_no_step_is_due_before_the_first_sync():
-    for clock in (sent(), heard()):
+    for clock in (producer(), consumer()):
         assert not clock.step_due(5 * T, ALL, ALL, all_read=True)
 
 
 def test_no_step_is_due_twice():
-    for clock in (sent(), heard()):
+    for clock in (producer(), consumer()):
         clock.begin(0.0, 0.0)
         clock.finish(0.1 * T, complete=True)
         assert not clock.step_due(5 * T, ALL, ALL, all_read=True)
 
 
 def test_late_commands_go_out_and_delay_the_next_sync():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     assert clock.finish(1.5 * T, complete=True)
     assert clock.statistics.late == 1
@@ -100,7 +100,7 @@ def test_late_commands_go_out_and_delay_the_next_sync():
 
 @given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=50))
 def test_late_syncs_are_never_squeezed_together_to_catch_up(delays):
-    clock = sent()
+    clock = producer()
     now, last = 0.0, -1.0
     for delay in delays:
         now = max(now, clock.next_event) + delay
@@ -112,7 +112,7 @@ def test_late_syncs_are_never_squeezed_together_to_catch_up(delays):
 
 
 def test_periods_without_sync_are_counted():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     clock.finish(0.0, complete=True)
     clock.begin(4.5 * T, 0.0)
@@ -123,7 +123,7 @@ def test_periods_without_sync_are_counted():
 
 @pytest.mark.parametrize(('share', 'in_time'), [(0.1, True), (0.79, True), (0.81, False)])
 def test_commands_later_than_four_fifths_of_the_period_are_late(share, in_time):
-    clock = heard()
+    clock = consumer()
     clock.receive(T, 0.0)
     assert clock.finish((1 + share) * T, complete=True) is in_time
     assert clock.statistics.late == (not in_time)
@@ -131,7 +131,7 @@ def test_commands_later_than_four_fifths_of_the_period_are_late(share, in_time):
 
 
 def test_being_in_time_once_ends_the_row_of_late_cycles():
-    clock = heard()
+    clock = consumer()
     for number, share in enumerate((0.9, 0.9, 0.1), start=1):
         clock.receive(T * number, 0.0)
         clock.finish(T * (number + share), complete=True)
@@ -140,7 +140,7 @@ def test_being_in_time_once_ends_the_row_of_late_cycles():
 
 
 def test_answers_are_waited_for_a_little_longer_while_frames_wait_to_be_read():
-    clock = heard()
+    clock = consumer()
     clock.receive(0.0, 0.0)
     assert clock.step_due(ANSWERS_DUE * T, 2, ALL, all_read=True)
     assert not clock.step_due(ANSWERS_DUE * T, 2, ALL, all_read=False)
@@ -148,7 +148,7 @@ def test_answers_are_waited_for_a_little_longer_while_frames_wait_to_be_read():
 
 
 def test_the_kernels_sync_is_replaced_when_it_is_overdue():
-    clock = heard()
+    clock = consumer()
     assert not clock.sync_due(T, all_read=True)
     assert clock.sync_due(SYNC_OVERDUE * T, all_read=True)
     clock.begin(SYNC_OVERDUE * T, 0.0)
@@ -158,13 +158,13 @@ def test_the_kernels_sync_is_replaced_when_it_is_overdue():
 
 
 def test_the_kernels_sync_is_not_overdue_while_frames_wait_to_be_read():
-    clock = heard()
+    clock = consumer()
     assert not clock.sync_due(2 * T, all_read=False)
     assert clock.sync_due(SYNC_MISSING * T, all_read=False)
 
 
 def test_a_sync_that_comes_too_early_is_somebody_elses():
-    clock = heard()
+    clock = consumer()
     clock.receive(T, 0.0)
     assert clock.is_unexpected(1.4 * T)
     assert not clock.is_unexpected(1.9 * T)
@@ -173,7 +173,7 @@ def test_a_sync_that_comes_too_early_is_somebody_elses():
 
 @given(st.lists(st.floats(0.0, 0.5), max_size=50))
 def test_the_histogram_holds_every_step(ages):
-    clock = heard()
+    clock = consumer()
     for number, age in enumerate(ages):
         clock.receive(float(number), 0.0)
         clock.finish(number + age, complete=False)
@@ -186,7 +186,7 @@ def test_the_histogram_holds_every_step(ages):
 
 @given(st.lists(st.floats(-0.1, 0.1), min_size=2, max_size=50), st.floats(1e9, 2e9))
 def test_jitter_of_sync_hardly_reaches_the_smooth_stamps(jitter, start):
-    clock = sent()
+    clock = producer()
     stamps = []
     for number, share in enumerate([0.0, *jitter]):
         clock.begin(T * number, start + T * (number + share))
@@ -198,7 +198,7 @@ def test_jitter_of_sync_hardly_reaches_the_smooth_stamps(jitter, start):
 
 @pytest.mark.parametrize('moved', [0.4, 7.4, -3.6, 1e5 + 0.3])
 def test_a_sync_at_another_place_and_a_clock_that_was_set_are_believed_at_once(moved):
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 100.0)
     clock.finish(0.1 * T, complete=True)
     clock.begin(T, 100.0 + moved * T)
@@ -206,7 +206,7 @@ def test_a_sync_at_another_place_and_a_clock_that_was_set_are_believed_at_once(m
 
 
 def test_periods_without_sync_leave_the_smooth_stamps_in_step():
-    clock = heard()
+    clock = consumer()
     for number in (0, 1, 4, 5):
         clock.receive(T * number, 100.0 + T * number)
         clock.finish(T * (number + 0.1), complete=True)

@@ -194,7 +194,7 @@ def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
 def test_an_executor_that_hangs_stops_the_drives(make_rig):
     rig = make_rig(settings=replace(SETTINGS, watchdog_timeout=0.3))
     moving(rig)
-    rig.beats.clear()
+    rig.feeds.clear()
     rig.until_stopped()
     assert 'the executor has not run for' in rig.controller.snapshot().cause
     assert 'bound 300 ms' in rig.controller.snapshot().cause
@@ -202,7 +202,7 @@ def test_an_executor_that_hangs_stops_the_drives(make_rig):
 
 def test_an_executor_that_hangs_while_nothing_has_power_stops_nothing(rig):
     inactive(rig)
-    rig.beats.clear()
+    rig.feeds.clear()
     rig.cycles(20)
     assert rig.state is ControllerState.INACTIVE
 
