@@ -86,6 +86,8 @@ class CyclicExchange:
         self._settings = settings
         self._targets = targets
         self._supervision = supervision
+        # a target that is sent now is latched at the next SYNC and reached one period later
+        self._lead = 2.0 * settings.period + settings.drive_lag
         self._next_heartbeat = 0.0
         self._unsent = 0
         self._pumped = self._read_until = time.monotonic()
@@ -253,9 +255,7 @@ class CyclicExchange:
     ) -> tuple[Command, ...]:
         """Choose the targets; a source that fails stops the group instead."""
         actual = tuple([m.status.position_counts if m.status else 0 for m in self._monitors])
-        # sent now, latched at the next SYNC, reached one period later
-        latch_time = (
-            self.clock.smooth_stamp + 2.0 * self._settings.period + self._settings.drive_lag)
+        latch_time = self.clock.smooth_stamp + self._lead
         try:
             self._targets.choose(self.group.phase, commands[0], actual, latch_time)
         except ManipulatorError as error:
