@@ -143,16 +143,17 @@ class ClosedLoop:
 
     def _deliver(self, until: float) -> None:
         """Hand over what the sensors have seen up to a time [s]."""
+        contact = self.compensator.contact
         while self._under_way and self._under_way[0].sample.time <= until:
             step = self._under_way.popleft()
             sample = step.sample
-            self._attempt(self.compensator.add_head, sample.time,
-                       self._mechanism.forward_kinematics(step.actual))
+            self._attempt(self.compensator.following.add_head, sample.time,
+                          self._mechanism.forward_kinematics(step.actual))
             if self.settings.facade.present:
-                self._attempt(self.compensator.add_wrench, self.now, sample.time, step.wrench)
+                self._attempt(contact.add_wrench, self.now, sample.time, step.wrench)
             if self.settings.wall.slip_sensor and sample.settled:
-                self._attempt(self.compensator.add_lateral_offset, self.now, sample.time,
-                           sample.lateral_offset)
+                self._attempt(contact.add_lateral_offset, self.now, sample.time,
+                              sample.lateral_offset)
 
     def _touch(self, sample: WallSample) -> Wrench:
         """Return what the wall does to the head that has come here from the last sample."""
