@@ -7,6 +7,7 @@ scipy is loaded where it is needed and by no node.
 """
 
 from facade_manipulator.calibration.design import candidates, Noise, plan, spread
+from facade_manipulator.calibration.estimator_fit import EstimatorFit, fit_estimator
 from facade_manipulator.calibration.geometry_fit import Identification, identify, Measurements
 from facade_manipulator.calibration.unknowns import (
     heads,
@@ -20,6 +21,8 @@ from facade_manipulator.calibration.unknowns import (
 
 __all__ = [
     'candidates',
+    'EstimatorFit',
+    'fit_estimator',
     'heads',
     'Identification',
     'identify',

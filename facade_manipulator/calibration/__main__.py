@@ -11,6 +11,7 @@ import sys
 import numpy as np
 
 from facade_manipulator.calibration.design import Noise, plan
+from facade_manipulator.calibration.estimator_fit import fit_estimator, report_estimator
 from facade_manipulator.calibration.findings import (
     check_accuracy,
     cross_check,
@@ -34,6 +35,7 @@ EXAMPLES = """
 examples:
   calibrate geometry --plan poses.csv
   calibrate geometry measured.csv --output calibrated.yaml --picture accuracy.png
+  calibrate estimator --disturbance disturbance.csv --joints joints.csv --wall wall.csv
 """
 
 
@@ -76,6 +78,21 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
         print(f'{options.output} is written')
 
 
+def calibrate_estimator(options: argparse.Namespace) -> None:
+    """Find mounting and delay of the estimator from a recording."""
+    source = options.parameters or config_path('manipulator.yaml')
+    found = fit_estimator(
+        read_geometry(source), read_table(options.disturbance, ('time', *HEAD)),
+        read_table(options.joints, ('time', *CARRIAGES)),
+        read_table(options.wall, ('time',), HEAD))
+    for line in report_estimator(found):
+        print(line)
+    if options.output is not None:
+        write_parameters(source, options.output, 'estimate', '/**/compensator', {
+            'mounting': found.mounting, 'delay': found.delay})
+        print(f'{options.output} is written')
+
+
 def _measurements(path: Path | None) -> Measurements:
     if path is None:
         raise CalibrationError('name a file of measurements, - to type them, or --plan a file')
@@ -102,6 +119,7 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(required=True, metavar='WHAT')
     _add_geometry(commands)
+    _add_estimator(commands)
     return parser
 
 
@@ -130,6 +148,18 @@ def _add_geometry(commands: argparse._SubParsersAction) -> None:
     _add_files(command)
     command.add_argument('--picture', type=Path, metavar='PNG',
                          help='draw how far the head was off and how well it is known')
+
+
+def _add_estimator(commands: argparse._SubParsersAction) -> None:
+    command = commands.add_parser(
+        'estimator', help='mounting and delay of the estimator from a recording')
+    command.set_defaults(run=calibrate_estimator)
+    for name, text in (
+            ('disturbance', 'time, x, y, theta as published; the time is that of the stamps'),
+            ('joints', 'time, q1, q2, q3 of joint_states'),
+            ('wall', 'time, x, y, theta of the head on the wall; cells may be empty')):
+        command.add_argument(f'--{name}', type=Path, required=True, metavar='CSV', help=text)
+    _add_files(command)
 
 
 def _add_files(command: argparse.ArgumentParser) -> None:

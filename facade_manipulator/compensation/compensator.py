@@ -150,7 +150,7 @@ class Compensator:
         self._remainder = Blend(FADE_ACCELERATION)
         self._changes: dict[str, Callable[[Any], None]] = {
             'compensation': self._change_motion,
-            'estimate': self._gate.change_settings,
+            'estimate': self._change_estimate,
             'prediction': self.correction.change_prediction,
             'workspace_limit': self._change_workspace_limit,
             **{name: partial(setattr, part, 'settings') for name, part in (
@@ -168,8 +168,9 @@ class Compensator:
         part : str
             A field of `CompensatorSettings`.
         settings : object
-            Of the class of that field. A new prediction learns again: the correction fades out
-            and in again. A new reference holds from the next goal on.
+            Of the class of that field. A new prediction, mounting or delay of the estimator learns
+            again: the correction fades out and in again. A new reference holds from the next
+            goal on.
 
         Raises
         ------
@@ -182,6 +183,10 @@ class Compensator:
     def _change_motion(self, settings: CompensationSettings) -> None:
         self.settings = settings
         self._tracker.change_limits(settings.speed, settings.acceleration)
+
+    def _change_estimate(self, settings: EstimateSettings) -> None:
+        if self._gate.change_settings(settings):
+            self.correction.learn_again()
 
     def _change_workspace_limit(self, settings: WorkspaceLimitSettings) -> None:
         limit, last = WorkspaceLimit(self.geometry, settings), self._last

@@ -74,6 +74,7 @@ class Correction:
 
     def __init__(self, settings: CorrectionSettings, prediction: PredictionSettings) -> None:
         self.settings = settings
+        self._prediction = prediction
         self.predictor = make_predictor(prediction)
         self._mean = EstimateMean()
         self.enabled = settings.enabled
@@ -98,8 +99,13 @@ class Correction:
 
     def change_prediction(self, settings: PredictionSettings) -> None:
         """Learn again by other settings; meanwhile the correction fades out, and in again."""
+        self._prediction = settings
+        self.learn_again()
+
+    def learn_again(self) -> None:
+        """Forget every estimate: the correction fades out, and in again."""
         self._change(mode=CorrectionMode.NO_ESTIMATE)
-        self.predictor = make_predictor(settings)
+        self.predictor = make_predictor(self._prediction)
 
     def tare(self, now: float) -> Pose:
         """

@@ -12,6 +12,7 @@ from facade_manipulator.prediction.estimate import (
     EstimateSettings,
     Variances,
 )
+from facade_manipulator.prediction.mounting import estimator_motion, rail_pose
 from facade_manipulator.prediction.plain import make_predictor
 from facade_manipulator.prediction.predictor import PredictionSettings
 
@@ -20,7 +21,9 @@ __all__ = [
     'EstimateGate',
     'EstimateMean',
     'EstimateSettings',
+    'estimator_motion',
     'make_predictor',
     'PredictionSettings',
+    'rail_pose',
     'Variances',
 ]

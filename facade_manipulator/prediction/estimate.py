@@ -8,8 +8,9 @@ from operator import le, sub
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.prediction.mounting import rail_pose
 
 UNITS = ('m', 'm', 'rad')
 FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks keep within
@@ -37,6 +38,12 @@ class EstimateSettings:
     yaw_noise: float = parameter(
         1.75e-3, 'Standard deviation in yaw where the message has none', unit='rad',
         minimum=1e-5, maximum=1.0)
+    mounting: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Where the estimator is mounted on the rail: x, y, yaw',
+        unit='m, m, rad', minimum=-20.0, maximum=20.0, elements=('x', 'y', 'yaw'))
+    delay: float = parameter(
+        0.0, 'How much later than the motion the stamps of the estimator are', unit='s',
+        minimum=-0.5, maximum=0.5)
 
 
 class Variances(NamedTuple):
@@ -60,15 +67,22 @@ class EstimateGate:
 
     def __init__(self, settings: EstimateSettings) -> None:
         self._last: Estimate | None = None
+        self.settings = settings
         self.change_settings(settings)
 
-    def change_settings(self, settings: EstimateSettings) -> None:
-        """Check by other bounds from the next estimate on."""
+    def change_settings(self, settings: EstimateSettings) -> bool:
+        """Check by other bounds from now on; return whether estimates now mean another motion."""
+        is_another = (settings.mounting, settings.delay) != (
+            self.settings.mounting, self.settings.delay)
+        if is_another:
+            self._last = None
         self.settings = settings
+        self._mounting = Pose(*settings.mounting)
         self._largest = (
             settings.largest_displacement, settings.largest_displacement, settings.largest_yaw)
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
         self._message_variances: tuple[float, ...] | None = None
+        return is_another
 
     def check(
         self, now: float, stamp: float, pose: Pose, variances: Sequence[float] = (0.0, 0.0, 0.0)
@@ -93,6 +107,7 @@ class EstimateGate:
             fastest gondola could have got there.
 
         """
+        stamp -= self.settings.delay
         self._check_values(pose)
         self._check_age(now - stamp)
         if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
@@ -101,7 +116,15 @@ class EstimateGate:
             self._check_order(stamp - self._last.stamp)
             self._check_jump(stamp - self._last.stamp, pose)
         self._last = Estimate(stamp, pose, self._variances_of(tuple(variances)))
-        return self._last
+        return self._last if self._mounting == ZERO_POSE else self._of_rail(self._last)
+
+    def _of_rail(self, estimate: Estimate) -> Estimate:
+        """Return the estimate of the rail; noise of the yaw is noise of where the rail is."""
+        x, y, _ = self._mounting
+        variances = estimate.variances
+        return Estimate(estimate.stamp, rail_pose(estimate.pose, self._mounting), Variances(
+            variances.x + y * y * variances.theta, variances.y + x * x * variances.theta,
+            variances.theta))
 
     def _check_values(self, pose: Pose) -> None:
         if all(map(le, map(abs, pose), self._largest)):

@@ -11,6 +11,7 @@ import numpy as np
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.prediction import estimator_motion
 
 
 @settings
@@ -34,6 +35,12 @@ class EstimatorSettings:
     silent_from: float = parameter(
         0.0, 'When a silence begins, counted from the start', unit='s', minimum=0.0)
     silent_for: float = parameter(0.0, 'How long it lasts', unit='s', minimum=0.0)
+    mounting: tuple[float, ...] = parameter(
+        (0.0, 0.0, 0.0), 'Where the estimator is mounted on the rail: x, y, yaw',
+        unit='m, m, rad', minimum=-20.0, maximum=20.0, elements=('x', 'y', 'yaw'))
+    stamp_error: float = parameter(
+        0.0, 'How much later than the motion the stamps are', unit='s', minimum=-0.5,
+        maximum=0.5)
     seed: int = parameter(1, 'Seed of noise, jitter and losses', minimum=0)
 
     def __post_init__(self) -> None:
@@ -98,6 +105,7 @@ class SimulatedEstimator:
         silent = 0.0 <= stamp - self._start - settings.silent_from < settings.silent_for
         if not lost and not silent:
             noise[0] += settings.drift * (stamp - self._start)
-            pose = Pose(*(np.array(self._motion(stamp)) + noise).tolist())
-            heapq.heappush(
-                self._under_way, (stamp + delay, Delivery(stamp, pose, settings.variances())))
+            motion = estimator_motion(self._motion(stamp), Pose(*settings.mounting))
+            pose = Pose(*(np.array(motion) + noise).tolist())
+            heapq.heappush(self._under_way, (stamp + delay, Delivery(
+                stamp + settings.stamp_error, pose, settings.variances())))

@@ -45,7 +45,7 @@ class Course:
 
 
 CHANGES = {
-    'estimate': {'largest_yaw': 0.3},
+    'estimate': {'mounting': (0.5, 0.3, 0.02), 'delay': 0.02},
     'prediction': {'memory': 1.0, 'gusts': (0.001, 0.01)},
     'correction': {'fade_time': 1.0},
     'reference': {'speed': (0.1, 0.1, 0.1)},
@@ -67,6 +67,13 @@ def test_a_change_of_any_part_moves_the_head_without_a_jump(part):
     course.compensator.change(part, replace(getattr(DEFAULTS, part), **CHANGES[part]))
     course.run(6.0)
     assert course.quickest() < usual + 0.25  # m/s; a jump of 1 cm would be 1 m/s
+
+
+def test_other_bounds_of_the_estimate_forget_nothing():
+    course = Course().run(8.0)
+    course.compensator.change('estimate', replace(DEFAULTS.estimate, largest_yaw=0.3))
+    course.run(PERIOD)
+    assert course.compensator.correction.mode is CorrectionMode.ACTIVE
 
 
 def test_a_wider_workspace_limit_is_kept_after_a_while():

@@ -1,0 +1,75 @@
+"""Recordings of an estimator that is mounted somewhere and stamps late."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
+from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
+
+DRAIN = 1.0  # s, after which what was measured last has come
+
+
+class EstimatorRecording(NamedTuple):
+    """
+    What `calibrate estimator` reads; the first column of each is the stamp [s].
+
+    Parameters
+    ----------
+    disturbance : ndarray, shape (n, 4)
+        As published: x, y, θ [m, m, rad].
+    joints : ndarray, shape (k, 4)
+        Positions of the carriages [m].
+    wall : ndarray, shape (k, 4)
+        The head on the wall: x, y, θ [m, m, rad].
+
+    """
+
+    disturbance: np.ndarray
+    joints: np.ndarray
+    wall: np.ndarray
+
+
+def record_estimator(
+    motion: Callable[[float], Pose], head: Callable[[float], Pose], settings: EstimatorSettings,
+    geometry: Geometry, duration: float, wall_noise: tuple[float, float, float],
+    rate: float = 50.0,
+) -> EstimatorRecording:
+    """
+    Record a gondola that moves and a head that is measured on the wall.
+
+    Parameters
+    ----------
+    motion, head : callable
+        Take a time [s]; return the rail in the façade's frame, and the head in the rail's.
+    settings : EstimatorSettings
+    geometry : Geometry
+    duration : float
+        [s].
+    wall_noise : tuple of three floats
+        Standard deviations of the second measurement [m, m, rad].
+    rate : float
+        Of joints and wall [Hz].
+
+    Raises
+    ------
+    LimitError
+        If the machine cannot take a pose of the head.
+
+    """
+    estimator, mechanism = SimulatedEstimator(settings, motion, 0.0), mechanism_of(geometry)
+    random = np.random.default_rng(settings.seed + 1)
+    times = np.arange(0.0, duration, 1.0 / rate).tolist()
+    heads = [head(time) for time in times]
+    joints = [(time, *mechanism.inverse_kinematics(pose))
+              for time, pose in zip(times, heads, strict=True)]
+    wall = np.array([(time, *compose(motion(time), pose))
+                     for time, pose in zip(times, heads, strict=True)])
+    wall[:, 1:] += wall_noise * random.standard_normal((len(times), 3))
+    published = sorted(estimator.advance(duration + DRAIN), key=lambda delivery: delivery.stamp)
+    return EstimatorRecording(
+        np.array([(delivery.stamp, *delivery.pose) for delivery in published]),
+        np.array(joints), wall)

@@ -1,0 +1,117 @@
+"""Mounting and delay of the estimator, found from a recording."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from facade_manipulator.calibration import fit_estimator
+from facade_manipulator.calibration.__main__ import main
+from facade_manipulator.errors import CalibrationError
+from facade_manipulator.kinematics import compose, Geometry, Pose, relative
+from facade_manipulator.simulation.estimator import EstimatorSettings
+from facade_manipulator.simulation.estimator_recording import record_estimator
+from facade_manipulator.simulation.sway import Sway, SwaySettings
+
+GEOMETRY = Geometry()
+BREEZE = Sway(SwaySettings())
+NOISE = (1e-3, 1e-3, 1e-3)
+MOUNTING = (0.5, 0.3, math.radians(0.5))
+LIMITS = np.array([5e-3, 5e-3, math.radians(0.05), 3e-3])
+
+
+def compensated(time):
+    return relative(BREEZE.at(time), Pose(0.0, 0.25, 0.0))
+
+
+def wandering(time):
+    return Pose(0.05 * math.sin(0.7 * time), 0.25, 0.0)
+
+
+def record(mounting=MOUNTING, delay=0.02, seed=1, head=wandering, motion=BREEZE.at, **changes):
+    settings = EstimatorSettings(mounting=mounting, stamp_error=delay, seed=seed, **changes)
+    return record_estimator(motion, head, settings, GEOMETRY, 120.0, NOISE)
+
+
+@pytest.mark.parametrize('head', [compensated, wandering])
+@pytest.mark.parametrize('seed', range(3))
+def test_two_minutes_of_breeze_show_mounting_and_delay(seed, head):
+    random = np.random.default_rng(seed)
+    mounting = (*random.uniform(-1.0, 1.0, 2).tolist(), random.normal(0.0, 0.02))
+    delay = random.uniform(-0.05, 0.05)
+    found = fit_estimator(GEOMETRY, *record(mounting, delay, seed, head))
+    off = np.array([*found.mounting, found.delay]) - [*mounting, delay]
+    assert (np.abs(off) < LIMITS).all()
+    assert (np.abs(off) < 4.0 * found.deviations).all()
+    assert found.residual == pytest.approx(NOISE, rel=0.4)  # and what is left of the estimator's
+
+
+def test_the_origin_of_the_second_measurement_does_not_matter():
+    recording = record()
+    tracker = Pose(3.0, -1.0, 0.1)
+    wall = np.array([(time, *compose(tracker, Pose(*head))) for time, *head in recording.wall])
+    found = fit_estimator(GEOMETRY, recording.disturbance, recording.joints, wall)
+    assert np.abs(np.subtract((*found.mounting, found.delay), (*MOUNTING, 0.02))).max() < 5e-3
+    assert found.turn == pytest.approx(0.1, abs=2e-3)
+
+
+def test_a_camera_that_sees_no_angle_is_enough_while_the_carriages_move():
+    recording = record()
+    recording.wall[:, 3] = np.nan
+    found = fit_estimator(GEOMETRY, *recording)
+    off = np.subtract((*found.mounting, found.delay), (*MOUNTING, 0.02))
+    assert (np.abs(off) < 4.0 * found.deviations).all()
+    assert math.isnan(found.residual[2])
+
+
+def test_outliers_on_the_wall_move_nothing():
+    recording = record()
+    recording.wall[::50, 1] += 0.05
+    found = fit_estimator(GEOMETRY, *recording)
+    assert (np.abs(np.subtract((*found.mounting, found.delay), (*MOUNTING, 0.02))) < LIMITS).all()
+
+
+def still(_):
+    return Pose(0.0, 0.0, 0.0)
+
+
+def test_a_gondola_that_hangs_still_shows_nothing():
+    with pytest.raises(CalibrationError, match='cannot show x of the mounting'):
+        fit_estimator(GEOMETRY, *record(motion=still))
+
+
+def test_a_gap_is_named():
+    with pytest.raises(CalibrationError, match='disturbance: a gap of 2'):
+        fit_estimator(GEOMETRY, *record(silent_from=30.0, silent_for=2.0))
+
+
+def test_recordings_that_do_not_overlap_are_rejected():
+    recording = record()
+    with pytest.raises(CalibrationError, match='in common'):
+        fit_estimator(GEOMETRY, recording.disturbance[:500], recording.joints, recording.wall)
+
+
+def test_a_time_that_does_not_ascend_is_named():
+    recording = record()
+    recording.joints[7, 0] = recording.joints[6, 0]
+    with pytest.raises(CalibrationError, match='joints: the time must ascend, row 8'):
+        fit_estimator(GEOMETRY, *recording)
+
+
+def test_the_command_writes_mounting_and_delay_for_the_compensator(tmp_path, capsys):
+    arguments, columns = ['estimator'], {'joints': ('q1', 'q2', 'q3')}
+    for name, table in record()._asdict().items():
+        path = tmp_path / f'{name}.csv'
+        with path.open('w', newline='') as file:
+            rows = csv.writer(file)
+            rows.writerow(['time', *columns.get(name, ('x', 'y', 'theta'))])
+            rows.writerows(table.tolist())
+        arguments += [f'--{name}', str(path)]
+    target = tmp_path / 'calibrated.yaml'
+    assert main([*arguments, '--output', str(target)]) == 0
+    assert 'delay' in capsys.readouterr().out
+    estimate = yaml.safe_load(target.read_text())['/**/compensator']['ros__parameters']['estimate']
+    assert estimate['mounting'] == pytest.approx(MOUNTING, abs=5e-3)
+    assert estimate['delay'] == pytest.approx(0.02, abs=3e-3)

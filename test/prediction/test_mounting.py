@@ -1,0 +1,59 @@
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.errors import InputError
+from facade_manipulator.kinematics import Pose, ZERO_POSE
+from facade_manipulator.prediction import (
+    EstimateGate,
+    EstimateSettings,
+    estimator_motion,
+    rail_pose,
+)
+
+poses = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.5)).map(
+    lambda values: Pose(*values))
+MOUNTING = (0.5, 0.3, 0.01)
+
+
+@given(poses, poses)
+def test_the_rail_is_where_it_was_before_the_estimator_was_mounted(rail, mounting):
+    assert rail_pose(estimator_motion(rail, mounting), mounting) == pytest.approx(rail, abs=1e-14)
+
+
+@given(poses)
+def test_an_estimator_at_the_rail_s_origin_publishes_the_rail(rail):
+    assert estimator_motion(rail, ZERO_POSE) == rail == rail_pose(rail, ZERO_POSE)
+
+
+def test_a_rail_at_rest_is_published_at_rest_wherever_the_estimator_is():
+    assert estimator_motion(ZERO_POSE, Pose(*MOUNTING)) == (0.0, 0.0, 0.01)
+
+
+def test_a_turn_of_the_rail_swings_the_estimator_on_its_lever_arm():
+    moved = estimator_motion(Pose(0.0, 0.0, 0.02), Pose(0.5, 0.3, 0.0))
+    assert moved == pytest.approx((-0.3 * 0.02, 0.5 * 0.02, 0.02), abs=2e-4)
+
+
+def test_the_gate_returns_the_rail_at_the_time_of_the_motion():
+    gate = EstimateGate(EstimateSettings(mounting=MOUNTING, delay=0.02))
+    rail = Pose(0.1, 0.0, 0.02)
+    estimate = gate.check(10.0, 9.97, estimator_motion(rail, Pose(*MOUNTING)), (1e-6, 1e-6, 1e-6))
+    assert estimate.stamp == pytest.approx(9.95)
+    assert estimate.pose == pytest.approx(rail)
+    assert estimate.variances == pytest.approx((1.09e-6, 1.25e-6, 1e-6))
+
+
+def test_stamps_ahead_of_the_clock_are_accepted_when_their_lead_is_known():
+    ahead = 10.05
+    with pytest.raises(InputError):
+        EstimateGate(EstimateSettings()).check(10.0, ahead, ZERO_POSE)
+    EstimateGate(EstimateSettings(delay=0.1)).check(10.0, ahead, ZERO_POSE)
+
+
+def test_after_a_change_of_the_delay_no_estimate_is_out_of_order():
+    gate = EstimateGate(EstimateSettings())
+    gate.check(10.0, 9.95, ZERO_POSE)
+    assert gate.change_settings(EstimateSettings(delay=0.1))
+    gate.check(10.0, 9.97, ZERO_POSE)
+    assert not gate.change_settings(EstimateSettings(delay=0.1, largest_yaw=0.2))
