@@ -11,6 +11,7 @@ The exception tree: one base, children by what the caller would do about them.
     │   ├── StrokeLimitError
     │   ├── CarriageGapError
     │   ├── SingularityError
+    │   ├── ForceLimitError
     │   └── SetpointLimitError
     ├── BusError                             look at the CAN interface
     └── DriveError                           look at the drive
@@ -136,6 +137,12 @@ class SingularityError(LimitError):
     """The pose is singular, beyond a singularity or too badly conditioned."""
 
     reason = 'singularity'
+
+
+class ForceLimitError(LimitError):
+    """A carriage would have to push more than its drive can for long."""
+
+    reason = 'force'
 
 
 class SetpointLimitError(LimitError):

@@ -52,14 +52,17 @@ from facade_manipulator.kinematics.planar import (
     ZERO_STATE,
     ZERO_TWIST,
 )
+from facade_manipulator.kinematics.statics import carriage_forces, certify_load, head_stiffness
 
 __all__ = [
     'add',
     'assembly_modes',
     'branch_number',
+    'carriage_forces',
     'carriage_velocity',
     'Carriages',
     'certify',
+    'certify_load',
     'check_branch',
     'check_carriages',
     'check_characteristic_length',
@@ -69,6 +72,7 @@ __all__ = [
     'forward_kinematics',
     'forward_kinematics_batch',
     'Geometry',
+    'head_stiffness',
     'inverse_kinematics',
     'inverse_kinematics_batch',
     'invert',

@@ -25,6 +25,7 @@ from facade_manipulator.kinematics.certify import (
     check_index,
     check_number,
     check_stroke,
+    index_ratio,
     MIN_CONDITIONING,
 )
 from facade_manipulator.kinematics.forward import forward_kinematics
@@ -121,7 +122,7 @@ class CalibratedMechanism:
 
     def certify(
         self, pose: Pose, min_conditioning: float = MIN_CONDITIONING,
-        characteristic_length: float = 1.0,
+        characteristic_length: float | None = None,
     ) -> Carriages:
         """Check a pose of the head; the gap is that on the rail, the stroke the drives'."""
         platform = self._platform_of(pose)
@@ -131,7 +132,9 @@ class CalibratedMechanism:
         driven = self._driven(platform.x, at)
         self._check_rail(self._actual(platform.x, at), driven)
         check_number(self._branch_number(at))
-        check_index(_squared_index(*self._entries(at), characteristic_length), min_conditioning)
+        length = self.geometry.platform_half_length / index_ratio(
+            self.geometry, characteristic_length)
+        check_index(_squared_index(*self._entries(at), length), min_conditioning)
         return driven
 
     def check(self, carriages: Carriages) -> None:

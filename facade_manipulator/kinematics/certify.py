@@ -10,7 +10,10 @@ from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
 from facade_manipulator.kinematics.inverse import Links, links
 from facade_manipulator.kinematics.jacobian import branch_number
 
-# With lengths in m, the order of the carriages alone keeps the design above 0.07 near the rail.
+# b over the index's unit of length: for the design that is 1 m, for a mechanism of another size it
+# grows with it, so that the same poses are well conditioned.
+CONDITIONING_RATIO = 0.348
+# With that unit, the order of the carriages alone keeps the design above 0.07 near the rail.
 # Towards the far edge the index falls to 0 as the links become upright: 0.05 is passed 0.1 mm
 # before it at θ = 0, where carriages already move 40 times faster than the head.
 MIN_CONDITIONING = 0.05
@@ -18,7 +21,7 @@ MIN_CONDITIONING = 0.05
 
 def certify(
     geometry: Geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING,
-    characteristic_length: float = 1.0,
+    characteristic_length: float | None = None,
 ) -> Carriages:
     """
     Check a pose against all limits of the machine at once, in the working mode PLUS_MINUS.
@@ -30,8 +33,8 @@ def certify(
         [m, m, rad].
     min_conditioning : float
         Least local conditioning index; 0 asks for nothing beyond the other limits.
-    characteristic_length : float
-        Unit of length of that index [m].
+    characteristic_length : float, optional
+        Unit of length of that index [m]; None for b/0.348, which is 1 m for the design.
 
     Returns
     -------
@@ -62,9 +65,15 @@ def certify(
     q1, q2 = x - span + projection1, x + span - projection2
     check_stroke(geometry, q1, q2)
     check_branch(at)
-    check_index(
-        squared_index(at, geometry.platform_half_length / characteristic_length), min_conditioning)
+    check_index(squared_index(at, index_ratio(geometry, characteristic_length)), min_conditioning)
     return Carriages(q1, q2, x)
+
+
+def index_ratio(geometry: Geometry, characteristic_length: float | None) -> float:
+    """Return b over the unit of length of the conditioning index."""
+    if characteristic_length is None:
+        return CONDITIONING_RATIO
+    return geometry.platform_half_length / characteristic_length
 
 
 def behind_rail(y: float) -> SingularityError:

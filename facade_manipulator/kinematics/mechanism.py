@@ -55,7 +55,7 @@ class Mechanism(Protocol):
 
     def certify(
         self, pose: Pose, min_conditioning: float = MIN_CONDITIONING,
-        characteristic_length: float = 1.0,
+        characteristic_length: float | None = None,
     ) -> Carriages:
         """Check a pose of the head against all limits; return its carriage positions."""
 

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator.kinematics import Geometry, JointPoints, joints, Pose
+from facade_manipulator.workspace.accuracy import DriveTrain
 
 COLOUR_MAP = 'viridis'  # even in lightness, safe for the colour-blind, and in grey
 # Okabe and Ito's colours, distinct to every eye.
@@ -37,6 +38,7 @@ class Study(NamedTuple):
     geometry: Geometry
     threshold: float
     characteristic_length: float
+    train: DriveTrain = DriveTrain()
 
 
 @contextmanager

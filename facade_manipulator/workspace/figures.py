@@ -32,6 +32,7 @@ from facade_manipulator.workspace.drawing import (
     PURPLE,
     Study,
 )
+from facade_manipulator.workspace.figure_accuracy import figure_accuracy
 from facade_manipulator.workspace.figure_workspace import figure_6
 from facade_manipulator.workspace.gcw import count_poses
 from facade_manipulator.workspace.maps import branch_map, pose_map, PoseMap
@@ -192,6 +193,7 @@ FIGURES: dict[str, Callable[[Study], Figure]] = {
     'figure_09_conditioning.png': figure_9,
     'figure_11_ranges.png': figure_11,
     'figure_parallel_singularity.png': figure_singularity,
+    'figure_accuracy.png': figure_accuracy,
     'figure_optimum.png': figure_optimum,
 }
 

@@ -8,6 +8,7 @@ import math
 from rich.table import Table
 from rich.text import Text
 
+from facade_manipulator.workspace.accuracy import Worth
 from facade_manipulator.workspace.objectives import OBJECTIVES
 from facade_manipulator.workspace.optimise import Optimum
 from facade_manipulator.workspace.singularities import Share
@@ -42,6 +43,22 @@ def ranges_table(rows: Sequence[dict], title: str) -> Table:
     for row in rows:
         table.add_row(f'{row["y"] * 1e3:.1f}', f'{math.degrees(row["theta_max"]):.2f}',
                       f'{row["x_max"] * 1e3:.1f}')
+    return table
+
+
+def accuracy_table(rows: Sequence[Worth], title: str) -> Table:
+    """Return what the poses at every distance are worth."""
+    table = _table(title, 'y [mm]', 'x +- [mm]', 'y +- [mm]', 'theta +- [deg]', 'kx [N/um]',
+                   'ky [N/um]', 'press [N]', 'speed [m/s]', 'force [N]')
+    table.caption = ('speed and force: half axes of the ellipses in the plane, without turning '
+                     'and without moment; press: force on the wall that the drives hold for long')
+    for row in rows:
+        x, y, theta = row.errors
+        table.add_row(
+            f'{row.y * 1e3:.0f}', f'{x * 1e3:.3f}', f'{y * 1e3:.3f}',
+            f'{math.degrees(theta):.3f}', f'{row.stiffness[0] * 1e-6:.2f}',
+            f'{row.stiffness[1] * 1e-6:.2f}', f'{row.pressing:.0f}',
+            *(f'{most:.3g} x {least:.3g}' for most, least, _ in (row.speeds, row.forces)))
     return table
 
 

@@ -9,13 +9,15 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 import sys
 from typing import Any
 
 from facade_manipulator.errors import LimitError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.parameters import METADATA_KEY
+from facade_manipulator.workspace.accuracy import DriveTrain, worth_rows
 from facade_manipulator.workspace.limits import theta_max, x_interval
 from facade_manipulator.workspace.objectives import OBJECTIVES, Requirements
 from facade_manipulator.workspace.optimise import optimise, sweep_size
@@ -41,6 +43,7 @@ examples:
                                            best in the whole box of Table 1 that turns 0.3 rad
   workspace_study --singularity --l 0.25 --b 0.45 --json share.json
   workspace_study --figures report --stroke 1.2
+  workspace_study --accuracy --drive-force 59 --carriage-error 0.0001
 
 Lengths are in m and angles in rad. Wrong input ends with exit status 2 and writes nothing.
 """
@@ -82,7 +85,7 @@ def _run(options: argparse.Namespace) -> None:
             content[key] = data
             _print(table)
         if draft:
-            _draw(draft, geometry, need)
+            _draw(draft, geometry, need, _drive_train(options))
     _say_where(options)
 
 
@@ -121,6 +124,16 @@ def _singularity_part(
     return 'beyond_parallel_singularity', rows, singularity_table(shares)
 
 
+def _accuracy_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
+    from facade_manipulator.workspace.report import accuracy_table
+
+    rows = worth_rows(geometry, options.y or _distances(geometry), _drive_train(options))
+    if not rows:
+        raise ParameterError('the machine reaches none of these y')
+    return 'accuracy', [row._asdict() for row in rows], accuracy_table(
+        rows, _title('Worth at theta = 0', geometry))
+
+
 def _optimise_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
     from facade_manipulator.workspace.report import optimum_table
 
@@ -135,6 +148,7 @@ PARTS: dict[str, Callable[[argparse.Namespace, Geometry, Requirements], tuple]] 
     'table2': _table2_part,
     'summary': _summary_part,
     'ranges': _ranges_part,
+    'accuracy': _accuracy_part,
     'singularity': _singularity_part,
     'optimise': _optimise_part,
 }
@@ -146,11 +160,11 @@ def _title(what: str, geometry: Geometry) -> str:
             f'Q = {geometry.stroke_length * 1e3:g} mm, gap {geometry.carriage_gap * 1e3:g} mm')
 
 
-def _draw(draft: Path, geometry: Geometry, need: Requirements) -> None:
+def _draw(draft: Path, geometry: Geometry, need: Requirements, train: DriveTrain) -> None:
     from facade_manipulator.workspace.drawing import Study, style
     from facade_manipulator.workspace.figures import FIGURES
 
-    study = Study(geometry, need.threshold, need.characteristic_length)
+    study = Study(geometry, need.threshold, need.characteristic_length, train)
     with style(), ProgressBar('figures', len(FIGURES)) as bar:
         for name, draw in FIGURES.items():
             draw(study).savefig(draft / name)
@@ -186,6 +200,10 @@ def _geometry(options: argparse.Namespace) -> Geometry:
         design.link_length if options.l is None else options.l,
         design.platform_half_length if options.b is None else options.b,
         _stroke(options.stroke), options.gap)
+
+
+def _drive_train(options: argparse.Namespace) -> DriveTrain:
+    return DriveTrain(**{item.name: getattr(options, item.name) for item in fields(DriveTrain)})
 
 
 def _stroke(values: list[float] | None) -> tuple[float, float]:
@@ -234,6 +252,8 @@ def _parser() -> argparse.ArgumentParser:
                        help='ranges, areas, volume and shares of one design')
     parts.add_argument('--ranges', action='store_true', default=None,
                        help='greatest theta and x over y')
+    parts.add_argument('--accuracy', action='store_true', default=None,
+                       help='error, stiffness, pressing force and ellipses over y')
     parts.add_argument('--singularity', action='store_true', default=None,
                        help='share of the workspace beyond N = 0; of one design with --l and --b')
     parts.add_argument('--optimise', nargs='*', metavar='OBJECTIVE',
@@ -242,6 +262,7 @@ def _parser() -> argparse.ArgumentParser:
                        help=f'draw the figures into DIR (default {REPORT}/)')
     parts.add_argument('--json', type=Path, metavar='FILE', help='write the numbers to FILE')
     _add_inputs(parser.add_argument_group('the design'))
+    _add_drive_train(parser.add_argument_group('what --accuracy assumes'))
     _add_requirements(parser.add_argument_group('what --optimise requires'))
     return parser
 
@@ -260,7 +281,18 @@ def _add_inputs(group: argparse._ArgumentGroup) -> None:
                        help='stroke of the carriages [m]: its length, or both ends (default 1; '
                             '--table2: 1.005)')
     group.add_argument('--y', type=float, nargs='+', action='extend',
-                       help='distances from the rail for --ranges [m] (default every 10 mm)')
+                       help='distances from the rail for --ranges and --accuracy [m] '
+                            '(default every 10 mm)')
+
+
+def _add_drive_train(group: argparse._ArgumentGroup) -> None:
+    for item in fields(DriveTrain):
+        info = item.metadata[METADATA_KEY]
+        name = 'drive_' + item.name if item.name in ('force', 'speed') else item.name
+        group.add_argument(
+            '--' + name.replace('_', '-'), dest=item.name, type=float, default=item.default,
+            metavar=info.unit.upper(),
+            help=f'{info.description} [{info.unit}] (default {item.default:g})')
 
 
 def _add_requirements(group: argparse._ArgumentGroup) -> None:

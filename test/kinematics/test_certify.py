@@ -120,3 +120,18 @@ def test_the_conditioning_bound_counts_in_its_own_characteristic_length():
 def test_a_pose_that_is_not_finite_is_a_value_error(pose):
     with pytest.raises(ValueError, match='is not a finite number'):
         certify(DESIGN, pose)
+
+
+@pytest.mark.parametrize('scale', [0.1, 1.0, 3.0])
+def test_a_mechanism_of_another_size_is_conditioned_as_the_design_is(scale):
+    geometry = Geometry(*(scale * length for length in (0.352, 0.348)),
+                        tuple(scale * end for end in (-0.5, 0.5)), 0.02 * scale)
+    for y, theta in ((0.13, 0.0), (0.25, 0.1), (0.3519, 0.0)):
+        pose = Pose(0.0, scale * y, theta)
+        answers = []
+        for at, machine in ((Pose(0.0, y, theta), DESIGN), (pose, geometry)):
+            try:
+                answers.append(certify(machine, at) and 'certified')
+            except SingularityError as error:
+                answers.append(round(error.value, 9))
+        assert answers[0] == answers[1]

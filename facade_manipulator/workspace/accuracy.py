@@ -1,0 +1,137 @@
+"""
+What the workspace is worth at each distance from the rail: accuracy, stiffness, force, speed.
+
+References
+----------
+J.-P. Merlet, "Jacobian, manipulability, condition number, and accuracy of parallel robots",
+J. Mechanical Design 128(1), 2006.
+
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import LimitError
+from facade_manipulator.kinematics import (
+    carriage_forces,
+    Geometry,
+    head_stiffness,
+    links,
+    mechanism_of,
+    Pose,
+    Wrench,
+)
+from facade_manipulator.parameters import parameter, settings
+
+PRESSING = Wrench(0.0, 1.0, 0.0)
+
+
+@settings
+class DriveTrain:
+    """What carries the head, and how exactly it is made."""
+
+    carriage_error: float = parameter(
+        1e-4, 'Standard deviation of a carriage position', unit='m', minimum=0.0, maximum=0.1)
+    length_error: float = parameter(
+        1e-4, 'Standard deviation of a link and of half the platform', unit='m', minimum=0.0,
+        maximum=0.1)
+    screw_stiffness: float = parameter(
+        2e7, 'Axial stiffness of a screw with its bearings', unit='N/m', minimum=1.0,
+        maximum=1e12)
+    link_stiffness: float = parameter(
+        2e7, 'Axial stiffness of a link with its joints', unit='N/m', minimum=1.0, maximum=1e12)
+    force: float = parameter(
+        59.0, 'Continuous force of a carriage along the rail', unit='N', minimum=0.1,
+        maximum=1e6)
+    speed: float = parameter(
+        0.5, 'Speed of a carriage', unit='m/s', minimum=1e-3, maximum=10.0)
+
+
+class Worth(NamedTuple):
+    """
+    A pose in numbers.
+
+    Parameters
+    ----------
+    y, theta : float
+        The pose; x does not matter [m, rad].
+    errors : tuple of three floats
+        Standard deviations of the head's x, y, θ by those of the carriages and lengths
+        [m, m, rad].
+    stiffness : tuple of three floats
+        Of the head along x and y and about z, the other two held [N/m, N/m, N m/rad].
+    pressing : float
+        Greatest force on the wall that the drives hold for long [N].
+    speeds, forces : tuple of (float, float, float)
+        Half axes of the ellipses of the head's velocity and force in the plane, without turning
+        and without moment, and the angle of the greater to the rail [m/s or N, rad].
+
+    """
+
+    y: float
+    theta: float
+    errors: tuple[float, float, float]
+    stiffness: tuple[float, float, float]
+    pressing: float
+    speeds: tuple[float, float, float]
+    forces: tuple[float, float, float]
+
+
+def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Worth:
+    """
+    Return what a pose of the nominal mechanism is worth.
+
+    Raises
+    ------
+    LimitError
+        If the machine may not stand there at any x.
+
+    """
+    pose, mechanism = Pose(0.0, y, theta), mechanism_of(geometry)
+    rates = mechanism.jacobian(pose)
+    deviations = _amplification(geometry, pose, np.linalg.inv(rates)) * (
+        [train.carriage_error] * 3 + [train.length_error] * 4)
+    stiffness = np.diag(head_stiffness(
+        mechanism, pose, train.screw_stiffness, train.link_stiffness))
+    pressing = train.force / max(map(abs, carriage_forces(mechanism, pose, PRESSING)))
+    # Carriages within a ball: what does not turn the head moves it by rates[:, :2], and a force
+    # without moment asks rates⁻ᵀ of them.
+    return Worth(
+        y, theta, tuple(np.sqrt((deviations ** 2).sum(axis=1)).tolist()),
+        tuple(stiffness.tolist()), pressing, _ellipse(rates[:, :2], train.speed),
+        _ellipse(np.linalg.inv(rates).T[:, :2], train.force))
+
+
+def _amplification(geometry: Geometry, pose: Pose, inverse: np.ndarray) -> np.ndarray:
+    """Return how the head moves with q1, q2, q3, l1, l2, b1 and b2, shape (3, 7)."""
+    sine, cosine, u1, u2, s1, s2 = links(geometry, pose)
+    length = geometry.link_length
+    wanted = np.array([
+        [length / s1, 0.0, u1 * sine / s1 - cosine, 0.0],
+        [0.0, -length / s2, 0.0, cosine + u2 * sine / s2],
+        [0.0, 0.0, 0.0, 0.0]])
+    return np.hstack([inverse, -inverse @ wanted])
+
+
+def _ellipse(demand: np.ndarray, limit: float) -> tuple[float, float, float]:
+    """Return half axes and angle of what a ball of carriages of a radius allows in the plane."""
+    values, vectors = np.linalg.eigh(demand.T @ demand)
+    least, most = limit / np.sqrt(values[::-1])
+    greater = vectors[:, 0]
+    return float(most), float(least), float(np.arctan2(greater[1], greater[0]) % np.pi)
+
+
+def worth_rows(
+    geometry: Geometry, distances: list[float], train: DriveTrain, theta: float = 0.0
+) -> list[Worth]:
+    """Return what the poses at distances from the rail are worth; none where there are none."""
+    rows = []
+    for y in distances:
+        try:
+            rows.append(worth(geometry, y, theta, train))
+        except LimitError:
+            continue
+    return rows

@@ -1,0 +1,71 @@
+"""What the workspace is worth: maps of error, stiffness and pressing force, and the ellipses."""
+
+from __future__ import annotations
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Ellipse
+import numpy as np
+
+from facade_manipulator.workspace.accuracy import Worth, worth
+from facade_manipulator.workspace.drawing import (
+    BLUE,
+    COLOUR_MAP,
+    figure,
+    label,
+    MILLIMETRES,
+    ORANGE,
+    Study,
+)
+from facade_manipulator.workspace.limits import theta_max, y_range
+
+ROWS, COLUMNS = 41, 21
+EDGE = 0.99  # of the greatest turn: at a limit itself there may be no pose
+ELLIPSES = 6
+Y_LABEL = 'y from the rail [mm]'
+
+
+def figure_accuracy(study: Study) -> Figure:
+    """Draw three maps over y and θ, and the ellipses of velocity and force at θ = 0."""
+    made = figure(10.0, 7.5, 'Accuracy, stiffness, force and speed of the head')
+    grid = made.subplots(2, 2)
+    lower, upper = y_range(study.geometry)
+    heights = np.linspace(lower, upper, ROWS + 2)[1:-1]
+    poses = [[worth(study.geometry, y, theta, study.train) for theta in np.linspace(
+        -EDGE, EDGE, COLUMNS) * theta_max(study.geometry, y)] for y in heights.tolist()]
+    for axes, title, value in (
+            (grid[0, 0], 'position error, 1 sigma [mm]',
+             lambda at: np.hypot(*at.errors[:2]) * MILLIMETRES),
+            (grid[0, 1], 'log10 of the stiffness along y [N/m]',
+             lambda at: np.log10(at.stiffness[1])),
+            (grid[1, 0], 'pressing force held for long [N]', lambda at: at.pressing)):
+        _draw_map(axes, poses, value)
+        label(axes, 'theta [deg]', Y_LABEL, title)
+    _draw_ellipses(grid[1, 1], [row[COLUMNS // 2] for row in poses[::ROWS // ELLIPSES]])
+    return made
+
+
+def _draw_map(axes: Axes, poses: list[list[Worth]], value) -> None:
+    theta, y, values = (np.array([[of(at) for at in row] for row in poses]) for of in (
+        lambda at: np.degrees(at.theta), lambda at: at.y * MILLIMETRES, value))
+    mesh = axes.pcolormesh(theta, y, values, cmap=COLOUR_MAP, shading='gouraud',
+                           vmax=np.percentile(values, 97.0))
+    axes.figure.colorbar(mesh, ax=axes)
+
+
+def _draw_ellipses(axes: Axes, poses: list[Worth]) -> None:
+    """Draw both ellipses of poses at θ = 0, one above the other."""
+    speed, force = (max(getattr(at, name)[0] for at in poses) for name in ('speeds', 'forces'))
+    for at in poses:
+        for name, colour, most, x in (
+                ('speeds', BLUE, speed, 0.0), ('forces', ORANGE, force, 150.0)):
+            greater, less, angle = getattr(at, name)
+            axes.add_patch(Ellipse(
+                (x, at.y * MILLIMETRES), 60.0 * greater / most, 60.0 * less / most,
+                angle=np.degrees(angle), fill=False, color=colour))
+    axes.set_xlim(-80.0, 230.0)
+    axes.set_ylim(0.0, max(at.y for at in poses) * MILLIMETRES + 40.0)
+    axes.set_aspect('equal', adjustable='box')
+    axes.set_xticks([0.0, 150.0], [f'velocity up to\n{speed:.2g} m/s',
+                                   f'force up to\n{force:.3g} N'])
+    label(axes, '', Y_LABEL, 'ellipses at theta = 0, x to the right')
