@@ -18,11 +18,13 @@ from facade_manipulator.calibration.unknowns import (
     values_of,
     with_values,
 )
+from facade_manipulator.calibration.wall_fit import fit_wall, touched_points, WallFit
 
 __all__ = [
     'candidates',
     'EstimatorFit',
     'fit_estimator',
+    'fit_wall',
     'heads',
     'Identification',
     'identify',
@@ -31,9 +33,11 @@ __all__ = [
     'plan',
     'sensitivity',
     'spread',
+    'touched_points',
     'Unknown',
     'UNKNOWNS',
     'unknowns_named',
     'values_of',
+    'WallFit',
     'with_values',
 ]

@@ -26,6 +26,7 @@ from facade_manipulator.calibration.parameter_file import (
 )
 from facade_manipulator.calibration.tables import parse_table, read_table
 from facade_manipulator.calibration.unknowns import heads, UNKNOWNS, unknowns_named
+from facade_manipulator.calibration.wall_fit import fit_wall, report_wall, touched_points
 from facade_manipulator.errors import CalibrationError, ManipulatorError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.resources import config_path
@@ -36,6 +37,7 @@ examples:
   calibrate geometry --plan poses.csv
   calibrate geometry measured.csv --output calibrated.yaml --picture accuracy.png
   calibrate estimator --disturbance disturbance.csv --joints joints.csv --wall wall.csv
+  calibrate wall touches.csv
 """
 
 
@@ -93,6 +95,24 @@ def calibrate_estimator(options: argparse.Namespace) -> None:
         print(f'{options.output} is written')
 
 
+def calibrate_wall(options: argparse.Namespace) -> None:
+    """Find the wall from places where the head touched it."""
+    source = options.parameters or config_path('manipulator.yaml')
+    table = read_table(options.touches, CARRIAGES, ('rail_x', 'rail_y', 'rail_theta'))
+    found = fit_wall(
+        touched_points(read_geometry(source), table[:, :3], table[:, 3:]), options.noise * 1e-3)
+    for line in report_wall(found):
+        print(line)
+    if found.outliers and not options.drop_outliers:
+        raise CalibrationError(
+            'some touches contradict the rest: touch there again, or leave them out with '
+            '--drop-outliers; nothing is written')
+    if options.output is not None:
+        write_parameters(source, options.output, 'linkage', '/**/ik_service', {
+            'wall_distance': found.distance})
+        print(f'{options.output} is written')
+
+
 def _measurements(path: Path | None) -> Measurements:
     if path is None:
         raise CalibrationError('name a file of measurements, - to type them, or --plan a file')
@@ -120,6 +140,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(required=True, metavar='WHAT')
     _add_geometry(commands)
     _add_estimator(commands)
+    _add_wall(commands)
     return parser
 
 
@@ -143,8 +164,7 @@ def _add_geometry(commands: argparse._SubParsersAction) -> None:
     command.add_argument('--noise', nargs=2, type=float, default=(0.1, 0.02),
                          metavar=('MM', 'DEG'),
                          help='standard deviation of the measurements (default 0.1 0.02)')
-    command.add_argument('--drop-outliers', action='store_true',
-                         help='write although some measurements contradict the rest')
+    _add_outliers(command)
     _add_files(command)
     command.add_argument('--picture', type=Path, metavar='PNG',
                          help='draw how far the head was off and how well it is known')
@@ -160,6 +180,24 @@ def _add_estimator(commands: argparse._SubParsersAction) -> None:
             ('wall', 'time, x, y, theta of the head on the wall; cells may be empty')):
         command.add_argument(f'--{name}', type=Path, required=True, metavar='CSV', help=text)
     _add_files(command)
+
+
+def _add_wall(commands: argparse._SubParsersAction) -> None:
+    command = commands.add_parser('wall', help='the wall from places where the head touched it')
+    command.set_defaults(run=calibrate_wall)
+    command.add_argument(
+        'touches', type=Path,
+        help='CSV with q1, q2, q3 at each touch, and rail_x, rail_y, rail_theta, the pose of the '
+             'rail in facade then; empty for a rail at rest')
+    command.add_argument('--noise', type=float, default=1.0, metavar='MM',
+                         help='standard deviation of a touch (default 1)')
+    _add_outliers(command)
+    _add_files(command)
+
+
+def _add_outliers(command: argparse.ArgumentParser) -> None:
+    command.add_argument('--drop-outliers', action='store_true',
+                         help='write although some measurements contradict the rest')
 
 
 def _add_files(command: argparse.ArgumentParser) -> None:
