@@ -136,9 +136,3 @@ def test_every_file_that_a_document_names_exists(name):
     linked = [(ROOT / name).parent / link for link in re.findall(r'\]\(([^)#:]+)\)', text)]
     told = [ROOT / file for file in re.findall(r'`((?:config|launch|test|docs)/[\w./]+)`', text)]
     assert not [path for path in (*linked, *told) if not path.exists()]
-
-
-def test_a_reason_of_the_tables_is_one_that_the_code_gives():
-    source = '\n'.join(path.read_text() for path in (ROOT / 'facade_manipulator').rglob('*.py'))
-    told = {name for row in rows('reason', TEXTS['docs/operation.md']) for name in names(row[0])}
-    assert not {name for name in told if f"'{name}'" not in source}
