@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo test soak soak-prediction study lint clean
+.PHONY: help setup bench bench-vcan bench-compensation demo check test soak soak-prediction study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
@@ -15,6 +15,9 @@ setup:  ## Make .venv with everything in it (the other targets do this by themse
 demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (DURATION=30 SCENARIO=gusty)
 	@$(IN_VENV) exec python -m facade_manipulator.demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
+
+check: lint  ## Check the style, run the tests that need no clock, bus or ROS: an answer in a minute
+	@$(IN_VENV) exec python .ci/test.py --pure $(PYTEST_ARGS)
 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS=…)
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)

@@ -1,16 +1,20 @@
 """
-Run all tests, those of test/socketcan where there is a vcan0; end with the totals.
+Run all tests and end with the totals; --pure runs those alone that need no clock, bus or ROS.
 
-Arguments go to pytest.
+The pure ones run on every processor and give way to the others, which run one at a time: those of
+this machine, then those of test/socketcan where there is a vcan0. Other arguments go to pytest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+import os
 from pathlib import Path
+import subprocess
 import sys
 import tempfile
 import time
+from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
 TOP = Path(__file__).resolve().parents[1]
@@ -45,10 +49,68 @@ def _unless_silent(command: list[str]) -> tuple[str, int]:
     return f'{place}, which stood still the first time', status
 
 
-PARTS: tuple[tuple[str, Callable, list[str]], ...] = (
-    ('tests', on_the_host, ['test', '--ignore=test/socketcan']),
-    ('tests of SocketCAN', on_a_vcan, ['test/socketcan']),
+class Part(NamedTuple):
+    """Tests that run in one place."""
+
+    name: str
+    where: Callable[[list[str]], tuple[str, int]]
+    selection: tuple[str, ...]
+
+    def command(self, report: Path, arguments: list[str]) -> list[str]:
+        """Return what runs them; of two -m pytest takes the last."""
+        return [sys.executable, '-m', 'pytest', f'--junitxml={report}', *arguments,
+                *self.selection]
+
+
+class Result(NamedTuple):
+    """What became of a part."""
+
+    status: int
+    line: str
+    tried: list[str]
+
+
+PURE = Part('pure tests', on_the_host, (
+    'test', '-m', 'not realtime', '--numprocesses=auto', '--dist=worksteal'))
+ONE_BY_ONE = (
+    Part('real-time tests', on_the_host, ('test', '--ignore=test/socketcan', '-m', 'realtime')),
+    Part('tests of SocketCAN', on_a_vcan, ('test/socketcan',)),
 )
+
+
+def run(part: Part, folder: Path, arguments: list[str]) -> Result:
+    """Run a part and wait for it."""
+    report, start = folder / f'{part.name}.xml', time.monotonic()
+    place, status = part.where(part.command(report, arguments))
+    return result(part, status, report, f'{time.monotonic() - start:.0f} s ({place})')
+
+
+def result(part: Part, status: int, report: Path, circumstances: str) -> Result:
+    """Sum up a part."""
+    line = f'{part.name}: {totals(report)} in {circumstances}'
+    return Result(status, line, second_tries(report))
+
+
+def run_all(folder: Path, arguments: list[str]) -> list[Result]:
+    """Run every part whatever the others say, the pure tests beside the others."""
+    print(f'{PURE.name} run beside the others and are shown after them', flush=True)
+    report, log = folder / 'pure.xml', folder / 'pure.log'
+    with open(log, 'w') as output, subprocess.Popen(
+            PURE.command(report, arguments), stdout=output, stderr=subprocess.STDOUT,
+            preexec_fn=_give_way) as pure:
+        results = []
+        for part in ONE_BY_ONE:
+            results.append(run(part, folder, arguments))
+            if results[-1].status == INTERRUPTED:
+                pure.terminate()
+                break
+    print(log.read_text())
+    return [result(PURE, pure.returncode, report, 'what the others left'), *results]
+
+
+def _give_way() -> None:
+    """Take only the processor time that nobody else wants."""
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
 def totals(report: Path) -> str:
@@ -63,21 +125,29 @@ def totals(report: Path) -> str:
     return f'{passed} passed, {failed} failed, {counts["skipped"]} skipped'
 
 
+def second_tries(report: Path) -> list[str]:
+    """Return which tests passed or failed only after they were tried again."""
+    cases = ElementTree.parse(report).iter('testcase') if report.exists() else ()
+    return [case.get('name') for case in cases
+            if any(item.get('name') == 'second try' for item in case.iter('property'))]
+
+
+def count(tried: list[str]) -> str:
+    """Say how many tests needed a second try, and which."""
+    tests = 'no test' if not tried else '1 test' if len(tried) == 1 else f'{len(tried)} tests'
+    return f'{tests} needed a second try' + (f': {", ".join(tried)}' if tried else '')
+
+
 def main(arguments: list[str]) -> int:
-    """Run every part whatever the others say; return 0 where all of them passed."""
+    """Return 0 where all parts passed."""
+    only_pure, arguments = '--pure' in arguments, [a for a in arguments if a != '--pure']
     good = (0, NOTHING_SELECTED) if arguments else (0,)  # arguments may select tests
-    lines, statuses = [], []
-    with tempfile.TemporaryDirectory(dir=sys.prefix) as folder:
-        for number, (name, where, selection) in enumerate(PARTS):
-            report, start = Path(folder, f'{number}.xml'), time.monotonic()
-            place, status = where([sys.executable, '-m', 'pytest', f'--junitxml={report}',
-                                   *selection, *arguments])
-            statuses.append(status)
-            lines.append(f'{name}: {totals(report)} in {time.monotonic() - start:.0f} s ({place})')
-            if status == INTERRUPTED:
-                break
-    print('', *lines, sep='\n')
-    return 0 if all(status in good for status in statuses) else 1
+    with tempfile.TemporaryDirectory(dir=sys.prefix) as name:
+        folder = Path(name)
+        results = [run(PURE, folder, arguments)] if only_pure else run_all(folder, arguments)
+    tried = [test for part in results for test in part.tried]
+    print('', *(part.line for part in results), count(tried), sep='\n')
+    return 0 if all(part.status in good for part in results) else 1
 
 
 if __name__ == '__main__':

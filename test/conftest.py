@@ -14,10 +14,12 @@ import threading
 
 from hypothesis import HealthCheck, settings
 import pytest
-from support import DEADLINE, wait_until
+from support import DEADLINE, second_tries, wait_until
 
 SOURCE = Path(__file__).resolve().parents[1]
 DOMAINS = range(1, 100)
+WAITING_FIXTURES = {'ros_domain', 'make_rig', 'one_rig', 'guest'}
+WAITING_NAMES = {'wait_until', 'threading', 'time'}
 STOP_DEADLINE = 10.0
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -27,6 +29,14 @@ settings.register_profile(
     'project', deadline=None, derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
 settings.load_profile('project')
+
+
+@pytest.fixture(autouse=True)
+def _count_second_tries(request):
+    """Let the report say which tests needed a second try: no rare fault hides behind it."""
+    yield
+    while second_tries:
+        request.node.user_properties.append(('second try', second_tries.pop(0)))
 
 
 _next_domain = itertools.count(os.getpid())
@@ -169,3 +179,10 @@ def end_process(process: subprocess.Popen) -> int:
         except subprocess.TimeoutExpired:
             continue
     return process.wait()
+
+
+def pytest_collection_modifyitems(items):
+    """Mark the tests for which the clock counts, by what they use or their file imports."""
+    for item in items:
+        if WAITING_FIXTURES & {*item.fixturenames} or WAITING_NAMES & {*vars(item.module)}:
+            item.add_marker('realtime')
