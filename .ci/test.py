@@ -1,8 +1,9 @@
 """
 Run all tests and end with the totals; --pure runs those alone that need no clock, bus or ROS.
 
-The pure ones run on every processor and give way to the others, which run one at a time: those of
-this machine, then those of test/socketcan where there is a vcan0. Other arguments go to pytest.
+The pure ones run on every processor and give way to the others: those for which the clock counts,
+two at a time because they mostly wait, then those of test/socketcan where there is a vcan0. Other
+arguments go to pytest.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import xml.etree.ElementTree as ElementTree
 
 TOP = Path(__file__).resolve().parents[1]
 INTERRUPTED, NOTHING_SELECTED = 2, 5  # exit statuses of pytest
+ON_EVERY_PROCESSOR = ('--numprocesses=auto', '--dist=worksteal')
 sys.path.insert(0, str(TOP / 'test' / 'socketcan'))
 
 import guest  # noqa: E402
@@ -71,9 +73,11 @@ class Result(NamedTuple):
 
 
 PURE = Part('pure tests', on_the_host, (
-    'test', '-m', 'not realtime', '--numprocesses=auto', '--dist=worksteal'))
-ONE_BY_ONE = (
-    Part('real-time tests', on_the_host, ('test', '--ignore=test/socketcan', '-m', 'realtime')),
+    'test', '-m', 'not realtime', *ON_EVERY_PROCESSOR))
+IN_TURN = (
+    Part('real-time tests', on_the_host, (
+        'test', '--ignore=test/socketcan', '-m', 'realtime', *ON_EVERY_PROCESSOR,
+        '--maxprocesses=2')),
     Part('tests of SocketCAN', on_a_vcan, ('test/socketcan',)),
 )
 
@@ -99,7 +103,7 @@ def run_all(folder: Path, arguments: list[str]) -> list[Result]:
             PURE.command(report, arguments), stdout=output, stderr=subprocess.STDOUT,
             preexec_fn=_give_way) as pure:
         results = []
-        for part in ONE_BY_ONE:
+        for part in IN_TURN:
             results.append(run(part, folder, arguments))
             if results[-1].status == INTERRUPTED:
                 pure.terminate()

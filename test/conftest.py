@@ -111,10 +111,11 @@ class RosSession:
 
 
 @pytest.fixture
-def ros(ros_domain):
-    """Run nodes in this process, in a ROS domain of their own."""
+def ros(ros_domain, monkeypatch):
+    """Run nodes in this process, in a ROS domain of their own; they say soon how they are."""
     import rclpy
 
+    monkeypatch.setattr('facade_manipulator.ros.diagnostics.PERIOD', 0.1)
     rclpy.init(domain_id=ros_domain)
     session = RosSession(rclpy.get_default_context())
     yield session
