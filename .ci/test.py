@@ -35,20 +35,10 @@ def on_the_host(command: list[str]) -> tuple[str, int]:
 def on_a_vcan(command: list[str]) -> tuple[str, int]:
     """Run a command beside a vcan0; a guest that failed counts as a failed command."""
     try:
-        return _unless_silent(command)
+        return vcan.run(command)
     except guest.GuestError as error:
         print(f'guest: {error}', file=sys.stderr)
         return f'user-mode Linux, which failed: {str(error).splitlines()[0]}', 1
-
-
-def _unless_silent(command: list[str]) -> tuple[str, int]:
-    """Begin once more, and say so, where the guest itself stood still."""
-    try:
-        return vcan.run(command)
-    except guest.GuestSilentError as error:
-        print(f'guest, once more: {error}', file=sys.stderr)
-    place, status = vcan.run(command)
-    return f'{place}, which stood still the first time', status
 
 
 class Part(NamedTuple):

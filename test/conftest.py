@@ -165,7 +165,7 @@ def start_process(ros_domain, tmp_path):
         return process
 
     yield start
-    for process in started:
+    for process in reversed(started):  # who commands before who obeys
         end_process(process)
     print(*(f'--- {process.args}\n{process.log.read_text()}' for process in started), sep='\n')
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 import numpy as np
 from PIL import Image  # matplotlib needs it too
 
-from facade_manipulator.demo.record import Course
+from facade_manipulator.demo.record import TimeCourse
 from facade_manipulator.kinematics import compose, Geometry, joints, Pose, relative
 from facade_manipulator.simulation import Facade, FacadeSettings, SCALES
 from facade_manipulator.simulation.pictures import GOAL, WITH, WITHOUT
@@ -27,13 +27,13 @@ GONDOLA_SIZE = (0.6, 0.12, 0.03)  # m: half its length, its far and its near sid
 CROSS = 0.035
 
 
-def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator[Image.Image]:
+def frames(course: TimeCourse, geometry: Geometry, wall: FacadeSettings) -> Iterator[Image.Image]:
     """
     Draw the last seconds of a run frame by frame.
 
     Parameters
     ----------
-    course : Course
+    course : TimeCourse
         At least two samples.
     geometry : Geometry
     wall : FacadeSettings
@@ -46,7 +46,7 @@ def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator
 
     """
     count = int(min(FRAMES, (course.times[-1] - course.times[0]) / FRAME_PERIOD)) or 1
-    scene = Scene(course, geometry, wall)
+    scene = Drawing(course, geometry, wall)
     palette = None
     for i in range(count):
         scene.show(course.times[-1] - (count - 1 - i) * FRAME_PERIOD)
@@ -61,10 +61,10 @@ def save(path: Path, images: list[Image.Image]) -> None:
                    duration=round(1e3 * FRAME_PERIOD), loop=0)
 
 
-class Scene:
+class Drawing:
     """One figure whose lines are moved from frame to frame."""
 
-    def __init__(self, course: Course, geometry: Geometry, wall: FacadeSettings) -> None:
+    def __init__(self, course: TimeCourse, geometry: Geometry, wall: FacadeSettings) -> None:
         self._course = course
         self._geometry = geometry
         self._figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)

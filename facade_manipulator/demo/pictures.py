@@ -7,7 +7,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from facade_manipulator.demo.record import Course
+from facade_manipulator.demo.record import TimeCourse
 from facade_manipulator.simulation import SCALES, UNITS
 from facade_manipulator.simulation.pictures import (
     amplitudes,
@@ -29,7 +29,7 @@ from facade_manipulator.simulation.pictures import (
 TOO_SHORT = 'too short for figures: no goal stood long enough'
 
 
-def draw_time_courses(path: Path, course: Course, axes: dict[str, dict]) -> None:
+def draw_time_courses(path: Path, course: TimeCourse, axes: dict[str, dict]) -> None:
     """Draw goal, disturbance and error on the wall over the run, with the summary's figures."""
     figure = Figure(figsize=(10, 9), layout='constrained')
     panels = figure.subplots(3, 1, sharex=True)
@@ -38,7 +38,7 @@ def draw_time_courses(path: Path, course: Course, axes: dict[str, dict]) -> None
                     SCALES[i] * course.errors[:, i])
         goals = SCALES[i] * course.goals[:, i]
         panel.plot(course.times, goals - goals[0], color=GOAL, lw=1.0, ls='--',
-                   label='goal, from its first place')
+                   label='goal, from its first position')
         label(panel, '', TITLES[i])
         panel.set_title(_figures(result, i), loc='left', fontsize=10)
     panels[0].legend(loc='upper right', ncols=3, frameon=False, bbox_to_anchor=(1.0, 1.2))
@@ -47,7 +47,7 @@ def draw_time_courses(path: Path, course: Course, axes: dict[str, dict]) -> None
     save(figure, path)
 
 
-def draw_spectrum(path: Path, course: Course) -> None:
+def draw_spectrum(path: Path, course: TimeCourse) -> None:
     """Draw amplitudes and attenuation against the frequency, of each axis."""
     times = np.linspace(course.times[0], course.times[-1], len(course.times))
     settled = np.interp(times, course.times, course.settled) > 0.5
@@ -75,13 +75,13 @@ def draw_spectrum(path: Path, course: Course) -> None:
     save(figure, path)
 
 
-def draw_paths(path: Path, course: Course) -> None:
+def draw_paths(path: Path, course: TimeCourse) -> None:
     """Draw the path on the wall, and the errors alone, which are too small to see on it."""
     figure = Figure(figsize=(13, 7), layout='constrained')
     wide, *close = figure.subplot_mosaic(
         [['wide', 'wide'], ['without', 'with']], height_ratios=(1.0, 1.1)).values()
     wide.plot(*(1e3 * course.heads[:, :2].T), color=WITH, lw=0.5, alpha=0.5,
-              label='head on its way')
+              label='head, goals included')
     counts = course.settled
     draw_path(wide, course.heads[counts], course.errors[counts], course.uncompensated[counts])
     wide.set_title('on the wall' if counts.any() else TOO_SHORT, fontsize=10)

@@ -31,7 +31,7 @@ class Sample(NamedTuple):
     uncompensated: Pose
 
 
-class Course(NamedTuple):
+class TimeCourse(NamedTuple):
     """
     Samples as arrays.
 
@@ -61,9 +61,9 @@ class Course(NamedTuple):
         return [compose(Pose(*carried), invert(Pose(*goal)))
                 for carried, goal in zip(self.goals + self.uncompensated, self.goals, strict=True)]
 
-    def disturbance_at(self, place: np.ndarray) -> np.ndarray:
+    def disturbance_at(self, point: np.ndarray) -> np.ndarray:
         """Return the error without compensation of a goal that stands all the time, (n, 3)."""
-        return np.array([compose(rail, Pose(*place)) for rail in self.rails()]) - place
+        return np.array([compose(rail, Pose(*point)) for rail in self.rails()]) - point
 
 
 class Thinned:
@@ -115,16 +115,16 @@ class Recorder:
         """Keep nothing more: from here on the drives stop."""
         self._is_complete = True
 
-    def newest(self) -> Course:
+    def newest(self) -> TimeCourse:
         """Return the newest minutes, every sample."""
         return self._course(self._newest)
 
-    def atomic_write(self) -> Course:
+    def entire(self) -> TimeCourse:
         """Return the whole run, thinned if it was long."""
         return self._course(self._whole.items)
 
     def forces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return times [s] and force on the wall [N], empty if no contact was told of."""
+        """Return times [s] and force on the wall [N], empty without a contact."""
         course = self.newest()
         if not len(course.times):
             return np.empty(0), np.empty(0)
@@ -136,13 +136,13 @@ class Recorder:
             Facade.force_on_wall(Pose(0.0, 0.0, yaw), wrench)
             for yaw, (_, wrench) in zip(yaws, wrenches, strict=True)])
 
-    def _course(self, samples: Iterable[Sample]) -> Course:
+    def _course(self, samples: Iterable[Sample]) -> TimeCourse:
         rows = list(samples)
         times = np.array([sample.time for sample in rows]) - (self._begin or 0.0)
         heads, errors, uncompensated = (
             np.array([getattr(sample, part) for sample in rows]).reshape(-1, 3)
             for part in Sample._fields[1:])
-        return Course(times, heads, errors, uncompensated,
+        return TimeCourse(times, heads, errors, uncompensated,
                       settled(times, heads - errors, self._settling_time))
 
     def _taker(self, part: str) -> Callable[[PoseStamped], None]:

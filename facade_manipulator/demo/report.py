@@ -127,7 +127,7 @@ def _pictures(
     times, forces = recorder.forces()
     drawings = {
         TIME_COURSES: lambda draft: pictures.draw_time_courses(
-            draft, recorder.atomic_write(), summary['axes']),
+            draft, recorder.entire(), summary['axes']),
         SPECTRUM: lambda draft: pictures.draw_spectrum(draft, course),
         PATH: lambda draft: pictures.draw_paths(draft, course),
     }

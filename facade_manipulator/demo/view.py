@@ -78,4 +78,4 @@ def _giving_way(scenario: Scenario) -> list[str]:
     compensator = scenario.compensator
     axes = [axis for axis, impedance in (
         ('y', compensator.impedance), ('theta', compensator.yaw_impedance)) if impedance.enabled]
-    return [f'{axis} gives way to the wall: its error is no fault' for axis in axes]
+    return [f'{axis} gives way to the wall: its error is intended' for axis in axes]

@@ -57,7 +57,7 @@ class LoopSettings(NamedTuple):
     sensor_delay: float = 0.005
 
 
-class Step(NamedTuple):
+class LoopStep(NamedTuple):
     """One cycle: what was asked for, and the head on the wall when the drives got there."""
 
     corrected: CorrectedPose | None
@@ -107,7 +107,7 @@ class ClosedLoop:
         self._geometry = geometry
         self._facade = Facade(settings.facade)
         self._last: WallSample | None = None
-        self._under_way: deque[Step] = deque()
+        self._under_way: deque[LoopStep] = deque()
         self._stream = SetpointStream(geometry, GoalSettings())
         self._actual = inverse_kinematics(geometry, head)
         self._command = self._actual
@@ -118,11 +118,11 @@ class ClosedLoop:
         self.compensator.take_goal(goal)
         self.wall.take_goal(self.now, goal)
 
-    def run(self, duration: float) -> list[Step]:
+    def run(self, duration: float) -> list[LoopStep]:
         """Run for a time [s]; return every cycle."""
         return [self.step() for _ in range(round(duration / self.settings.period))]
 
-    def step(self) -> Step:
+    def step(self) -> LoopStep:
         """Run one cycle."""
         now, period = self.now, self.settings.period
         self._deliver(now - self.settings.sensor_delay)
@@ -135,7 +135,7 @@ class ClosedLoop:
         command = Carriages(*self.follower.sample(reached + self.settings.assumed_lag))
         self._move(command)
         sample = self.wall.take_carriages(reached, self._actual)
-        step = Step(corrected, command, self._actual, sample, self._touch(sample))
+        step = LoopStep(corrected, command, self._actual, sample, self._touch(sample))
         self._under_way.append(step)
         self.now = now + period
         return step

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.kinematics import Pose, Twist, Wrench
 from facade_manipulator.parameters import parameter, settings
 
 ENDS = (-0.5, 0.5)
@@ -32,7 +32,7 @@ class FacadeSettings:
     friction_speed: float = parameter(
         0.01, 'Speed at which friction is nearly full', unit='m/s', minimum=1e-4, maximum=1.0)
     width: float = parameter(0.3, 'Width of the brush', unit='m', minimum=0.0, maximum=5.0)
-    step_places: tuple[float, ...] = parameter(
+    step_positions: tuple[float, ...] = parameter(
         (), 'Where the wall steps, ascending along x', unit='m', minimum=-100.0, maximum=100.0)
     step_heights: tuple[float, ...] = parameter(
         (), 'By how much it steps towards the gondola at each place', unit='m', minimum=-1.0,
@@ -42,9 +42,9 @@ class FacadeSettings:
         minimum=1e-3, maximum=1.0)
 
     def __post_init__(self) -> None:
-        if len(self.step_places) != len(self.step_heights):
+        if len(self.step_positions) != len(self.step_heights):
             raise ParameterError(
-                f'step_places has {len(self.step_places)} elements, step_heights '
+                f'step_positions has {len(self.step_positions)} elements, step_heights '
                 f'{len(self.step_heights)}')
 
 
@@ -70,16 +70,17 @@ class Facade:
         return self.settings.distance - sum(
             height * _smooth((x - place) / length + 0.5)
             for place, height in zip(
-                self.settings.step_places, self.settings.step_heights, strict=True))
+                self.settings.step_positions, self.settings.step_heights, strict=True))
 
-    def contact(self, head: Pose, velocity: Pose) -> Wrench:
+    def contact(self, head: Pose, velocity: Twist) -> Wrench:
         """
         Return the wrench of the wall on the head, in the head's frame.
 
         Parameters
         ----------
-        head, velocity : Pose
-            Of the head in the façade's frame [m, m, rad and per s].
+        head : Pose
+        velocity : Twist
+            Of the head in the façade's frame.
 
         """
         if not self.settings.present:
@@ -101,7 +102,7 @@ class Facade:
         """Return the force with which the head presses on the wall [N]."""
         return -(math.sin(head.theta) * wrench.fx + math.cos(head.theta) * wrench.fy)
 
-    def _pressure(self, head: Pose, velocity: Pose, arm: float) -> float:
+    def _pressure(self, head: Pose, velocity: Twist, arm: float) -> float:
         """Return the force on one end of the brush, 0 where it does not touch."""
         x = head.x + arm * math.cos(head.theta)
         depth = head.y + arm * math.sin(head.theta) - self.distance(x)

@@ -85,7 +85,7 @@ class Gondola:
             [math.cos(wind.direction), math.sin(wind.direction)])
         self.frequencies, self._participation, self._output = _modes(settings)
         self._advance = _discrete(self.frequencies, settings.damping_ratio, STEP)
-        self._place = np.zeros(len(self.frequencies))
+        self._positions = np.zeros(len(self.frequencies))
         self._velocity = np.zeros(len(self.frequencies))
         self._vertical_acceleration = 0.0
         self._poses: list[np.ndarray] = []
@@ -126,15 +126,15 @@ class Gondola:
     def _step(self, acceleration: np.ndarray) -> np.ndarray:
         """Step all modes; the cables' pull changes the stiffness of all but the vertical one."""
         pull = self._vertical_acceleration / GRAVITY
-        stiffening = self.frequencies ** 2 * self._place * pull
+        stiffening = self.frequencies ** 2 * self._positions * pull
         stiffening[VERTICAL] = 0.0
         drive = acceleration - stiffening
-        (a, b), (c, d), place_gain, velocity_gain = self._advance
-        place = a * self._place + b * self._velocity + place_gain * drive
-        velocity = c * self._place + d * self._velocity + velocity_gain * drive
+        (a, b), (c, d), position_gain, velocity_gain = self._advance
+        positions = a * self._positions + b * self._velocity + position_gain * drive
+        velocity = c * self._positions + d * self._velocity + velocity_gain * drive
         self._vertical_acceleration = (velocity[VERTICAL] - self._velocity[VERTICAL]) / STEP
-        self._place, self._velocity = place, velocity
-        return self._output @ place
+        self._positions, self._velocity = positions, velocity
+        return self._output @ positions
 
 
 def _modes(settings: GondolaSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -142,7 +142,7 @@ def _modes(settings: GondolaSettings) -> tuple[np.ndarray, np.ndarray, np.ndarra
     Return angular frequencies, participation and output of the six modes.
 
     Modes: two along the wall, two towards it, yaw, vertical. Participation (4, 6) takes the
-    forces (x, y, yaw moment, vertical) to modal accelerations, output (3, 6) modal places to
+    forces (x, y, yaw moment, vertical) to modal accelerations, output (3, 6) modal positions to
     the rail's (x, y, yaw).
     """
     frequencies = np.zeros(6)
@@ -184,5 +184,5 @@ def _discrete(frequencies: np.ndarray, damping: float, step: float) -> tuple:
     cosine, sine = decay * np.cos(damped * step), decay * np.sin(damped * step) / damped
     lead = damping * frequencies * sine
     squares = frequencies ** 2
-    places, velocities = (cosine + lead, sine), (-squares * sine, cosine - lead)
-    return places, velocities, (1.0 - places[0]) / squares, sine
+    positions, velocities = (cosine + lead, sine), (-squares * sine, cosine - lead)
+    return positions, velocities, (1.0 - positions[0]) / squares, sine

@@ -13,6 +13,8 @@ from facade_manipulator.kinematics import (
     forward_kinematics,
     Geometry,
     Pose,
+    Twist,
+    ZERO_TWIST,
 )
 from facade_manipulator.parameters import parameter, settings
 
@@ -57,15 +59,15 @@ class WallSample(NamedTuple):
 
     @property
     def lateral_offset(self) -> float | None:
-        """Place the head should be over, seen from it along the wall [m]; None on the way."""
+        """Where along the wall the head should be, seen from it [m]; None while the goal moves."""
         return -math.cos(self.head.theta) * self.error.x if self.settled else None
 
-    def velocity_since(self, last: WallSample) -> Pose:
+    def velocity_since(self, last: WallSample) -> Twist:
         """Return the head's mean velocity on the wall since an earlier sample."""
         elapsed = self.time - last.time
         if elapsed <= 0.0:
-            return Pose(0.0, 0.0, 0.0)
-        return Pose(*(d / elapsed for d in difference(self.head, last.head)))
+            return ZERO_TWIST
+        return Twist(*(d / elapsed for d in difference(self.head, last.head)))
 
 
 class WallMeasurement:

@@ -53,7 +53,7 @@ def test_friction_opposes_the_slip_in_proportion_to_the_pressure():
 
 def test_steps_change_the_distance_without_a_corner():
     frame = Facade(FacadeSettings(
-        present=True, step_places=(-0.05, 0.05), step_heights=(0.02, -0.02)))
+        present=True, step_positions=(-0.05, 0.05), step_heights=(0.02, -0.02)))
     distances = np.array([frame.distance(x) for x in np.linspace(-0.2, 0.2, 2001)])
     assert distances[0] == distances[-1] == DISTANCE
     assert frame.distance(0.0) == pytest.approx(DISTANCE - 0.02)
@@ -61,7 +61,7 @@ def test_steps_change_the_distance_without_a_corner():
 
 
 @pytest.mark.parametrize('values', [
-    {'step_places': (0.1,)}, {'stiffness': 0.0}, {'friction': -0.1}, {'distance': math.inf}])
+    {'step_positions': (0.1,)}, {'stiffness': 0.0}, {'friction': -0.1}, {'distance': math.inf}])
 def test_a_wall_that_makes_no_sense_is_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         FacadeSettings(**values)

@@ -21,7 +21,7 @@ import numpy as np
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.simulation.bench.pictures import draw_scenario, draw_sweep
-from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, Step
+from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, LoopStep
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.scenario import (
     load_scenario,
@@ -48,7 +48,7 @@ class Run(NamedTuple):
     """One run: the loop after it, and every cycle."""
 
     loop: ClosedLoop
-    steps: list[Step]
+    steps: list[LoopStep]
 
 
 def run_scenario(scenario: Scenario, motion: Motion | None = None) -> Run:
@@ -71,7 +71,7 @@ def with_model(scenario: Scenario, model: str) -> Scenario:
         compensator=scenario.compensator._replace(prediction=prediction))
 
 
-def judge(scenario: Scenario) -> tuple[dict, Run]:
+def evaluate(scenario: Scenario) -> tuple[dict, Run]:
     """Return what the report says of a scenario, and the run it is about."""
     motion = scenario.motion()
     runs = {
@@ -91,7 +91,7 @@ def judge(scenario: Scenario) -> tuple[dict, Run]:
     }, best
 
 
-def largest_step(steps: list[Step]) -> dict[str, float]:
+def largest_step(steps: list[LoopStep]) -> dict[str, float]:
     """Return the most by which the head on the wall leaves its velocity in one cycle."""
     heads = np.array([step.sample.head for step in steps])
     most = abs(np.diff(heads, 2, axis=0)).max(axis=0) * SCALES
@@ -130,7 +130,7 @@ def _ratio(report: dict) -> float:
     return report['residual_rms'] / report['disturbance_rms']
 
 
-def _contact(scenario: Scenario, steps: list[Step]) -> dict | None:
+def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
     if not scenario.facade.present:
         return None
     desired = scenario.compensator.impedance.force
@@ -173,7 +173,7 @@ def _cells(axis: str, result: dict) -> str:
 
 def _report(output: Path, name: str, scenario: Scenario) -> dict:
     """Judge a scenario and draw it."""
-    result, run = judge(scenario)
+    result, run = evaluate(scenario)
     force = result['contact_force']
     title = f'{name}: {scenario.mission.description}'
     draw_scenario(output / f'{name}.png', title, run.steps, force and force['desired'])

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from facade_manipulator.simulation.closed_loop import Step
+from facade_manipulator.simulation.closed_loop import LoopStep
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.pictures import (
     amplitudes,
@@ -30,7 +30,7 @@ from facade_manipulator.simulation.pictures import (
 from facade_manipulator.simulation.wall import AXES, SCALES
 
 
-def draw_scenario(path: Path, name: str, steps: Sequence[Step], pressed: float | None) -> None:
+def draw_scenario(path: Path, name: str, steps: Sequence[LoopStep], pressed: float | None) -> None:
     """
     Draw the courses, the path on the wall, the spectra and, if pressed, the force of a run.
 
@@ -40,7 +40,7 @@ def draw_scenario(path: Path, name: str, steps: Sequence[Step], pressed: float |
         PNG file to write.
     name : str
         Of the scenario.
-    steps : sequence of Step
+    steps : sequence of LoopStep
     pressed : float or None
         Desired force on the wall [N], None without a wall.
 
@@ -88,7 +88,7 @@ def draw_sweep(path: Path, sweep: Sequence[dict]) -> None:
 
 
 def _draw_hold(
-    panel: Axes, times: np.ndarray, steps: Sequence[Step], pressed: float | None
+    panel: Axes, times: np.ndarray, steps: Sequence[LoopStep], pressed: float | None
 ) -> None:
     """Draw the force on the wall; without a wall, by how much the border holds x back."""
     if pressed is None:
