@@ -16,10 +16,11 @@ demo: setup  ## Run the whole stack with simulated drives and a swaying gondola 
 	@$(IN_VENV) exec python -m facade_manipulator.demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
 
-check: lint  ## Check the style, run the tests that need no clock, bus or ROS: an answer in a minute
+check: lint  ## Check the style and run what needs no clock, bus or ROS: an answer in a minute
 	@$(IN_VENV) exec python .ci/test.py --pure $(PYTEST_ARGS)
 
-test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS=…)
+test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
+	@.ci/setup-colcon
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
 
 soak: setup  ## Run the drives for ten minutes, then fuzz them with a million frames (SOAK_ARGS=…)

@@ -1,9 +1,9 @@
 """
 Run all tests and end with the totals; --pure runs those alone that need no clock, bus or ROS.
 
-The pure ones run on every processor and give way to the others: those for which the clock counts,
-two at a time because they mostly wait, then those of test/socketcan where there is a vcan0. Other
-arguments go to pytest.
+The pure ones run on every processor, beside what colcon makes of the package, and give way to the
+others: those for which the clock counts, two at a time because they mostly wait, then those of
+test/socketcan where there is a vcan0. Other arguments go to pytest.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ class Part(NamedTuple):
     name: str
     where: Callable[[list[str]], tuple[str, int]]
     selection: tuple[str, ...]
+    program: tuple[str, ...] = (sys.executable, '-m', 'pytest')
 
     def command(self, report: Path, arguments: list[str]) -> list[str]:
         """Return what runs them; of two -m pytest takes the last."""
-        return [sys.executable, '-m', 'pytest', f'--junitxml={report}', *arguments,
-                *self.selection]
+        return [*self.program, f'--junitxml={report}', *arguments, *self.selection]
 
 
 class Result(NamedTuple):
@@ -64,6 +64,7 @@ class Result(NamedTuple):
 
 PURE = Part('pure tests', on_the_host, (
     'test', '-m', 'not realtime', *ON_EVERY_PROCESSOR))
+BESIDE = (PURE, Part('tests in a colcon workspace', on_the_host, (), ('.ci/colcon',)))
 IN_TURN = (
     Part('real-time tests', on_the_host, (
         'test', '--ignore=test/socketcan', '-m', 'realtime', *ON_EVERY_PROCESSOR,
@@ -86,24 +87,38 @@ def result(part: Part, status: int, report: Path, circumstances: str) -> Result:
 
 
 def run_all(folder: Path, arguments: list[str]) -> list[Result]:
-    """Run every part whatever the others say, the pure tests beside the others."""
-    print(f'{PURE.name} run beside the others and are shown after them', flush=True)
-    report, log = folder / 'pure.xml', folder / 'pure.log'
-    with open(log, 'w') as output, subprocess.Popen(
-            PURE.command(report, arguments), stdout=output, stderr=subprocess.STDOUT,
-            preexec_fn=_give_way) as pure:
-        results = []
-        for part in IN_TURN:
-            results.append(run(part, folder, arguments))
-            if results[-1].status == INTERRUPTED:
-                pure.terminate()
-                break
-    print(log.read_text())
-    return [result(PURE, pure.returncode, report, 'what the others left'), *results]
+    """Run every part whatever the others say."""
+    print(*(part.name for part in BESIDE), sep=', ', end=' run beside the others\n', flush=True)
+    started = [Background(part, folder, arguments) for part in BESIDE]
+    results = []
+    for part in IN_TURN:
+        results.append(run(part, folder, arguments))
+        if results[-1].status == INTERRUPTED:
+            break
+    return [part.finish(is_needed=results[-1].status != INTERRUPTED) for part in started] + results
+
+
+class Background:
+    """A part that takes only the processor time that nobody else wants, and speaks at its end."""
+
+    def __init__(self, part: Part, folder: Path, arguments: list[str]) -> None:
+        self._part = part
+        self._report, self._log = (folder / f'{part.name}.{ending}' for ending in ('xml', 'log'))
+        with open(self._log, 'w') as log:
+            self._process = subprocess.Popen(
+                part.command(self._report, arguments), stdout=log, stderr=subprocess.STDOUT,
+                preexec_fn=_give_way)
+
+    def finish(self, is_needed: bool) -> Result:
+        """Wait for its end, or end it, and show what it said."""
+        if not is_needed:
+            self._process.terminate()
+        status = self._process.wait()
+        print(f'\n--- {self._part.name}', self._log.read_text(), sep='\n')
+        return result(self._part, status, self._report, 'what the others left (this machine)')
 
 
 def _give_way() -> None:
-    """Take only the processor time that nobody else wants."""
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 
