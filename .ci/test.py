@@ -20,6 +20,7 @@ import xml.etree.ElementTree as ElementTree
 
 TOP = Path(__file__).resolve().parents[1]
 INTERRUPTED, NOTHING_SELECTED = 2, 5  # exit statuses of pytest
+LEAST_URGENT = 19  # SCHED_IDLE would wait for strangers as well
 ON_EVERY_PROCESSOR = ('--numprocesses=auto', '--dist=worksteal')
 sys.path.insert(0, str(TOP / 'test' / 'socketcan'))
 
@@ -77,12 +78,12 @@ def run(part: Part, folder: Path, arguments: list[str]) -> Result:
     """Run a part and wait for it."""
     report, start = folder / f'{part.name}.xml', time.monotonic()
     place, status = part.where(part.command(report, arguments))
-    return result(part, status, report, f'{time.monotonic() - start:.0f} s ({place})')
+    return result(part, status, report, f'in {time.monotonic() - start:.0f} s ({place})')
 
 
 def result(part: Part, status: int, report: Path, circumstances: str) -> Result:
     """Sum up a part."""
-    line = f'{part.name}: {totals(report)} in {circumstances}'
+    line = f'{part.name}: {totals(report)} {circumstances}'
     return Result(status, line, second_tries(report))
 
 
@@ -99,7 +100,7 @@ def run_all(folder: Path, arguments: list[str]) -> list[Result]:
 
 
 class Background:
-    """A part that takes only the processor time that nobody else wants, and speaks at its end."""
+    """A part that leaves the processors to the others, and says at its end what it has to say."""
 
     def __init__(self, part: Part, folder: Path, arguments: list[str]) -> None:
         self._part = part
@@ -107,7 +108,7 @@ class Background:
         with open(self._log, 'w') as log:
             self._process = subprocess.Popen(
                 part.command(self._report, arguments), stdout=log, stderr=subprocess.STDOUT,
-                preexec_fn=_give_way)
+                preexec_fn=lambda: os.nice(LEAST_URGENT))
 
     def finish(self, is_needed: bool) -> Result:
         """Wait for its end, or end it, and show what it said."""
@@ -115,11 +116,7 @@ class Background:
             self._process.terminate()
         status = self._process.wait()
         print(f'\n--- {self._part.name}', self._log.read_text(), sep='\n')
-        return result(self._part, status, self._report, 'what the others left (this machine)')
-
-
-def _give_way() -> None:
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+        return result(self._part, status, self._report, 'beside the others (this machine)')
 
 
 def totals(report: Path) -> str:
