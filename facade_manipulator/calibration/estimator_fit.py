@@ -75,6 +75,9 @@ def fit_estimator(
     """
     for name, table in (('disturbance', disturbance), ('joints', joints), ('wall', wall)):
         _check_stamps(name, table[:, 0])
+    start = disturbance[0, 0]  # seconds since 1970 leave too few digits for a delay
+    disturbance, joints, wall = (table - [start, 0.0, 0.0, 0.0] for table in (
+        disturbance, joints, wall))
     begin = max(table[0, 0] for table in (disturbance, joints, wall)) + 0.5
     end = min(table[-1, 0] for table in (disturbance, joints, wall)) - 0.5
     if end - begin < LEAST_OVERLAP:

@@ -48,6 +48,14 @@ def test_two_minutes_of_breeze_show_mounting_and_delay(seed, head):
     assert found.residual == pytest.approx(NOISE, rel=0.4)  # and what is left of the estimator's
 
 
+def test_stamps_since_1970_are_as_good():
+    recording = record()
+    for table in recording:
+        table[:, 0] += 1.8e9
+    found = fit_estimator(GEOMETRY, *recording)
+    assert (np.abs(np.subtract((*found.mounting, found.delay), (*MOUNTING, 0.02))) < LIMITS).all()
+
+
 def test_the_origin_of_the_second_measurement_does_not_matter():
     recording = record()
     tracker = Pose(3.0, -1.0, 0.1)
