@@ -67,10 +67,7 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
     check_accuracy(found, unknowns, noise)
     for line in report(found, unknowns, cross_check(geometry, unknowns, measurements, noise)):
         print(line)
-    if found.outliers and not options.drop_outliers:
-        raise CalibrationError(
-            'some measurements contradict the rest: measure them again, or leave them out with '
-            '--drop-outliers; nothing is written')
+    _check_outliers(found.outliers, options)
     if options.picture is not None:
         draw_accuracy(options.picture, geometry, found, unknowns)
     if options.output is not None:
@@ -103,14 +100,18 @@ def calibrate_wall(options: argparse.Namespace) -> None:
         touched_points(read_geometry(source), table[:, :3], table[:, 3:]), options.noise * 1e-3)
     for line in report_wall(found):
         print(line)
-    if found.outliers and not options.drop_outliers:
-        raise CalibrationError(
-            'some touches contradict the rest: touch there again, or leave them out with '
-            '--drop-outliers; nothing is written')
+    _check_outliers(found.outliers, options)
     if options.output is not None:
         write_parameters(source, options.output, 'linkage', '/**/ik_service', {
             'wall_distance': found.distance})
         print(f'{options.output} is written')
+
+
+def _check_outliers(outliers: Sequence, options: argparse.Namespace) -> None:
+    if outliers and not options.drop_outliers:
+        raise CalibrationError(
+            'some measurements contradict the rest: measure them again, or leave them out with '
+            '--drop-outliers; nothing is written')
 
 
 def _measurements(path: Path | None) -> Measurements:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from facade_manipulator.kinematics import Carriages, end_effector_force, Geometry, Pose, Wrench
+from facade_manipulator.kinematics import Carriages, Mechanism, Pose, Wrench
 from facade_manipulator.motion import Triple
 from facade_manipulator.parameters import parameter, settings
 
@@ -24,7 +24,8 @@ class FrictionSettings:
 
 
 def contact_wrench(
-    geometry: Geometry, friction: FrictionSettings, pose: Pose, velocities: Triple, forces: Triple
+    mechanism: Mechanism, friction: FrictionSettings, pose: Pose, velocities: Triple,
+    forces: Triple,
 ) -> Wrench:
     """
     Return what the wall does to the head: −Jᵀ(τ − friction), in the head's frame.
@@ -33,7 +34,7 @@ def contact_wrench(
 
     Parameters
     ----------
-    geometry : Geometry
+    mechanism : Mechanism
     friction : FrictionSettings
     pose : Pose
         Of the head in frame `rail` [m, m, rad].
@@ -50,6 +51,6 @@ def contact_wrench(
         force - coulomb * math.tanh(velocity / STICTION_SPEED) - viscous * velocity
         for force, velocity, coulomb, viscous in zip(
             forces, velocities, friction.coulomb, friction.viscous, strict=True))
-    fx, fy, mz = end_effector_force(geometry, pose, Carriages(*net))
+    fx, fy, mz = mechanism.end_effector_force(pose, Carriages(*net))
     cosine, sine = math.cos(pose.theta), math.sin(pose.theta)
     return Wrench(-cosine * fx - sine * fy, sine * fx - cosine * fy, -mz)

@@ -29,7 +29,14 @@ from facade_manipulator.kinematics.certify import (
     MIN_CONDITIONING,
 )
 from facade_manipulator.kinematics.forward import forward_kinematics
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose, Twist
+from facade_manipulator.kinematics.geometry import (
+    Carriages,
+    Geometry,
+    not_finite,
+    Pose,
+    Twist,
+    Wrench,
+)
 from facade_manipulator.kinematics.inverse import Links
 from facade_manipulator.kinematics.modes import WorkingMode
 from facade_manipulator.kinematics.planar import compose, invert, relative
@@ -119,6 +126,10 @@ class CalibratedMechanism:
         return Carriages(*(
             rate * screw.rate(q) for rate, screw, q in zip(
                 rates, self._screws, actual, strict=True)))
+
+    def end_effector_force(self, pose: Pose, carriage_forces: Carriages) -> Wrench:
+        """Wrench Jᵀτ that carriage forces exert through the head."""
+        return Wrench(*(self.jacobian(pose).T @ carriage_forces).tolist())
 
     def certify(
         self, pose: Pose, min_conditioning: float = MIN_CONDITIONING,

@@ -20,9 +20,13 @@ from facade_manipulator.kinematics.certify import (
     MIN_CONDITIONING,
 )
 from facade_manipulator.kinematics.forward import forward_kinematics
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Twist
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Twist, Wrench
 from facade_manipulator.kinematics.inverse import inverse_kinematics, links
-from facade_manipulator.kinematics.jacobian import carriage_velocity, jacobian
+from facade_manipulator.kinematics.jacobian import (
+    carriage_velocity,
+    end_effector_force,
+    jacobian,
+)
 from facade_manipulator.kinematics.modes import WorkingMode
 
 
@@ -52,6 +56,9 @@ class Mechanism(Protocol):
 
     def carriage_velocity(self, pose: Pose, velocity: Twist) -> Carriages:
         """Carriage velocities of a velocity of the head."""
+
+    def end_effector_force(self, pose: Pose, carriage_forces: Carriages) -> Wrench:
+        """Wrench that carriage forces exert through the head."""
 
     def certify(
         self, pose: Pose, min_conditioning: float = MIN_CONDITIONING,
@@ -93,6 +100,7 @@ class NominalMechanism:
         self.assembly_modes = partial(assembly_modes, geometry)
         self.jacobian = partial(jacobian, geometry)
         self.carriage_velocity = partial(carriage_velocity, geometry)
+        self.end_effector_force = partial(end_effector_force, geometry)
         self.certify = partial(certify, geometry)
 
     def check(self, carriages: Carriages) -> None:

@@ -11,7 +11,7 @@ from rclpy.qos import qos_profile_sensor_data
 
 from facade_manipulator.compensation import contact_wrench, FrictionSettings
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import CARRIAGES, declare, END_EFFECTOR, require_finite, wrench_stamped
 
@@ -28,7 +28,7 @@ class ContactView:
     """Publish the wrench of the wall on the head, from the forces of the carriages."""
 
     def __init__(self, node: Node, geometry: Geometry) -> None:
-        self._geometry = geometry
+        self._mechanism = mechanism_of(geometry)
         self._friction = declare(node, FrictionSettings, 'friction', self._change)
         self._publisher = None
         if declare(node, ContactSettings, 'contact_wrench').from_drives:
@@ -64,5 +64,5 @@ class ContactView:
                 raise InputError(
                     'names', f'joint_states has no {what} for each of {", ".join(CARRIAGES)}')
             require_finite(CARRIAGES, values, f'joint_states {what} of')
-        wrench = contact_wrench(self._geometry, self._friction, head, velocity, effort)
+        wrench = contact_wrench(self._mechanism, self._friction, head, velocity, effort)
         self._publisher.publish(wrench_stamped(END_EFFECTOR, time, wrench))

@@ -6,7 +6,15 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import compose, Geometry, joints, Point, Pose, relative
+from facade_manipulator.kinematics import (
+    compose,
+    Geometry,
+    joints,
+    mechanism_of,
+    Point,
+    Pose,
+    relative,
+)
 
 Colour = tuple[float, float, float, float]
 
@@ -144,7 +152,7 @@ def _cross(name: str, pose: Pose, colour: Colour) -> Shape:
 def _linkage(geometry: Geometry, head: Pose, colour: Colour) -> list[Shape]:
     """Return carriages as wide as their gap, so that they touch where they must stop."""
     try:
-        at = joints(geometry, head)
+        at = joints(geometry, mechanism_of(geometry).platform(head))
     except ManipulatorError:
         return []  # whoever published that pose says why
     width = max(geometry.carriage_gap, THINNEST_CARRIAGE)

@@ -39,6 +39,8 @@ def test_what_the_carriages_put_in_the_head_gives_out(machine, wrench, rates):
     pose = Pose(0.02, 0.26, 0.03)
     power = np.dot(carriage_forces(machine, pose, wrench), machine.jacobian(pose) @ rates)
     assert power == pytest.approx(np.dot(wrench, rates), abs=1e-9)
+    forces = carriage_forces(machine, pose, wrench)
+    assert machine.end_effector_force(pose, forces) == pytest.approx(wrench, abs=1e-9)
 
 
 @pytest.mark.parametrize(('y', 'force'), [(0.06, 20.4), (0.25, 119.0)])
