@@ -7,10 +7,10 @@ import pytest
 
 from facade_manipulator.control.correction import Correction, CorrectionSettings, Mode
 from facade_manipulator.control.estimate import Estimate
-from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, inverse
+from facade_manipulator.prediction import PredictionSettings
 
 PERIOD = 0.01
 HORIZON = 0.06

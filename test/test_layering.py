@@ -20,12 +20,13 @@ LAYERS = {
     'files': set(),
     'kinematics': BASE,
     'workspace': BASE | {'kinematics', 'resources', 'files'},
-    'control': BASE | {'kinematics'},
+    'prediction': BASE | {'kinematics', 'control'},
+    'control': BASE | {'kinematics', 'prediction'},
     'drives': BASE | {'resources', 'files'},
-    'simulation': BASE | {'kinematics', 'control', 'resources'},
+    'simulation': BASE | {'kinematics', 'control', 'prediction', 'resources'},
 }
 ROS_LAYERS = {'nodes', 'client'}  # these may import everything
-PURE_LAYERS = {'errors', 'parameters', 'kinematics', 'control', 'simulation'}
+PURE_LAYERS = {'errors', 'parameters', 'kinematics', 'control', 'prediction', 'simulation'}
 CLOCKS_AND_IO = {'datetime', 'os', 'random', 'select', 'signal', 'socket', 'subprocess', 'time'}
 ROS_PREFIXES, ROS_SUFFIXES = ('rcl', 'ros', 'launch', 'tf2', 'ament'), ('_msgs', '_srvs')
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob('*.py'))

@@ -116,7 +116,7 @@ def test_the_drivers_limits_and_stream_may_be_changed_while_it_runs(ros):
 def test_the_compensators_filter_correction_border_and_reference_may_be_changed_while_it_runs(ros):
     node = ros.add(CompensatorNode())
     changes = {
-        'prediction.memory': 1.0, 'correction.fade_time': 1.0, 'border.margin': 0.01,
+        'prediction.memory': 30.0, 'correction.fade_time': 1.0, 'border.margin': 0.01,
         'reference.speed': [0.1, 0.1, 0.2], 'impedance.stiffness': 20.0, 'speed': [0.3, 0.3, 1.0],
     }
     results = node.set_parameters(

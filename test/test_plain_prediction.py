@@ -1,14 +1,13 @@
-"""Predictions without oscillations."""
+"""Predictions without continuation."""
 
 import math
 
 import numpy as np
 import pytest
 
-from facade_manipulator.control.plain_prediction import make_predictor
-from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.prediction import make_predictor, PredictionSettings
 
 VARIANCES = Pose(1e-6, 1e-6, 1e-6)
 STILL = Pose(0.0, 0.0, 0.0)
@@ -29,10 +28,10 @@ def errors(model, noise=0.0):
 
 
 def test_each_model_knows_more_than_the_one_before():
-    none, acceleration, oscillations = (
-        errors(model, 1e-3) for model in ('none', 'acceleration', 'oscillations'))
+    none, acceleration, continuation = (
+        errors(model, 1e-3) for model in ('none', 'acceleration', 'continuation'))
     assert (acceleration < 0.6 * none).all()
-    assert (oscillations < 0.7 * acceleration).all()
+    assert (continuation < 0.7 * acceleration).all()
 
 
 def test_without_a_prediction_the_disturbance_comes_one_horizon_late():

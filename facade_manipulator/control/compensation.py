@@ -20,12 +20,12 @@ from facade_manipulator.control.estimate import EstimateGate, EstimateSettings
 from facade_manipulator.control.following import Following, FollowingSettings
 from facade_manipulator.control.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.control.lateral import LateralSettings
-from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.control.reference import Motion, Reference, ReferenceSettings
 from facade_manipulator.control.tracker import Tracker
 from facade_manipulator.kinematics import certify, Geometry, Pose, Wrench
 from facade_manipulator.kinematics.planar import add, compose, relative, subtract
 from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.prediction import PredictionSettings
 
 BORDER_TIME = 0.2  # s, time constant of the way to a new border
 LONGEST_INTERVAL = 0.1  # s, a pause counts as no longer

@@ -14,15 +14,15 @@ import math
 
 from facade_manipulator.control.blend import AT_REST, Blend, Course, NOWHERE
 from facade_manipulator.control.estimate import Estimate, EstimateMean
-from facade_manipulator.control.plain_prediction import make_predictor
-from facade_manipulator.control.prediction import PredictionSettings
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, inverse
 from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.prediction import make_predictor, PredictionSettings
 
 DECAYS = 6.0
 LONGEST_PAUSE = 0.5  # s
+SMOOTHING_ACCELERATION = 16.0  # of what a new estimate changed, by that of fading
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Correction:
     Attributes
     ----------
     mode : Mode
-    predictor : DisturbancePredictor or HeldPrediction
+    predictor : Predictor
 
     """
 
@@ -87,7 +87,8 @@ class Correction:
         self._time: float | None = None
         self._course = AT_REST  # at that time; what comes later continues it
         self._fade = Blend(settings.blend_acceleration)
-        self._smooth = Blend(settings.blend_acceleration)
+        self._smooth = Blend(tuple(
+            SMOOTHING_ACCELERATION * limit for limit in settings.blend_acceleration))
 
     def take(self, estimate: Estimate) -> None:
         """Learn from a believed estimate, from several at once where they come fast."""
@@ -145,6 +146,14 @@ class Correction:
         self._time = time
         self._course = self._aim()
         return self._course
+
+    def deviations(self) -> Pose | None:
+        """Return the prediction's standard deviations at the evaluation horizon, if known."""
+        predictor = self.predictor
+        if predictor.stamp is None:
+            return None
+        return predictor.deviations(
+            predictor.stamp + predictor.settings.evaluation_horizon)
 
     def age(self, now: float) -> float:
         """Return the age of the newest estimate [s], infinity before the first."""

@@ -106,10 +106,9 @@ class CompensatorReport:
             values['corrected disturbance'] = millimetres(self._last.disturbance)
             values['held back at the border'] = millimetres(self._last.excess)
             values['held back by the limits of motion'] = millimetres(self._last.behind)
-        if correction.predictor.stamp is not None:
-            values['frequencies [Hz]'] = '  '.join(
-                f'{name} {first:.3g} {second:.3g}' for name, (first, second) in zip(
-                    Pose._fields, correction.predictor.frequencies, strict=False))
+        deviations = correction.deviations()
+        if deviations is not None:
+            values['standard deviation of the prediction'] = millimetres(deviations)
         return values
 
     def _contact_values(self) -> dict:

@@ -38,7 +38,7 @@ SWEEP = (0.05, 0.08, 0.12, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0
 SWEEP_AMPLITUDE = Pose(0.01, 0.01, math.radians(1.0))
 SWEEP_DURATION = 30.0
 MODELS = {
-    'ratio': 'oscillations',
+    'ratio': 'continuation',
     'ratio_constant_acceleration': 'acceleration',
     'ratio_without_prediction': 'none',
 }

@@ -1,0 +1,204 @@
+"""
+Predict the disturbance: fixed filters, and a continuation of the motion that is learnt.
+
+Everything that grows is bounded by what came: filters are stable, whatever they learnt; moves are
+bounded by speed, what bends too sharply is drawn towards the mean, and so is what was not
+predicted better than by it. So bounded estimates give a bounded prediction. The variances of the
+predictions' errors are measured, too; they decide which estimates are outliers.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from facade_manipulator.control.blend import Course
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.prediction.continuation import Continuation, Sample
+from facade_manipulator.prediction.filters import (
+    ACCELERATION,
+    BANDWIDTHS,
+    features,
+    FilterBank,
+    LEVEL,
+    SLOWEST,
+)
+from facade_manipulator.prediction.prior import HORIZONS, noise_moments
+from facade_manipulator.prediction.settings import PredictionSettings
+
+LONGEST_GAP = 3.0  # s without estimates, after which everything is learnt again
+LEARNING_PERIOD = 0.1  # s
+SAME_TIME = 1e-6  # s, what is closer together is not told apart
+FIRST_INTERVAL = 0.02  # s, taken for the mean one until there are two estimates
+BRIDGED = 1.7  # mean intervals, beyond which missing estimates are bridged by predictions
+PEAK_TIME = 20.0  # s, time constant with which the strongest motion seen is forgotten
+PEAK_SHARE = 0.1  # variance of the acceleration expected, by its peak's square
+NOISE_PEAK = 9.0  # squares of an acceleration by its noise's variance that are no motion
+BEND_TIME = 2.0  # s, time constant with which the sharpest bend is forgotten
+OUTLIER = 8.0  # standard deviations
+HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
+GROUPS = (slice(0, 4), slice(4, None))  # of horizons, learnt apart: the near ones at once
+FULL, MEAN, FINAL = range(3)  # kinds of forecasts: learnt, mean alone, and as it is given
+
+# A cubic spline through the moves: 1, t, t², t³ and a cubic from each inner horizon but the outer
+_KNOTS = HORIZONS[2:-2]
+_POWERS = np.arange(4.0)
+_SPLINE = np.linalg.inv(np.hstack([
+    HORIZONS[:, None] ** _POWERS, np.maximum(HORIZONS[:, None] - _KNOTS, 0.0) ** 3]))
+
+
+class DisturbancePredictor:
+    """
+    Predict the disturbance from its estimates.
+
+    Parameters
+    ----------
+    settings : PredictionSettings
+
+    Attributes
+    ----------
+    stamp, since : float or None
+        Of the last estimate and of the first that was learnt from [s].
+
+    """
+
+    def __init__(self, settings: PredictionSettings) -> None:
+        self.settings = settings
+        self.stamp: float | None = None
+        self.since: float | None = None
+        self._speed = np.array(settings.speed)
+        self._acceleration = np.array(settings.acceleration)
+
+    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+        """
+        Learn from an estimate.
+
+        Parameters
+        ----------
+        stamp : float
+            When the disturbance was there [s]; if it is earlier than that of the estimate
+            before, or much later, everything is learnt again.
+        values : Pose
+            Estimated disturbance.
+        variances : Pose
+            Variances of the estimate's noise, above 0.
+
+        """
+        measured, noise = np.array(values), np.array(variances)
+        if self.stamp is None or not 0.0 < stamp - self.stamp <= LONGEST_GAP:
+            self._start(stamp, measured, noise)
+        else:
+            interval = stamp - self.stamp
+            measured = self._plausible(stamp, measured, noise)
+            self._bridge(stamp)
+            self._bank.update(stamp - self._filtered, measured)
+            self._interval += min(interval / (stamp - self.since), 1.0) * (
+                interval - self._interval)
+            self._stamp_sample(stamp, interval, measured, noise)
+
+    def predict(self, time: float) -> Course:
+        """Return the disturbance to compensate at a time, of the past or the future [s]."""
+        ahead = time - self.stamp
+        position, velocity = self._at(min(max(ahead, 0.0), HORIZONS[-1]))
+        if ahead > HORIZONS[-1]:
+            decay = math.exp((HORIZONS[-1] - ahead) / HOLD_TIME)
+            position = position + HOLD_TIME * (1.0 - decay) * velocity
+            velocity = decay * velocity
+        return Course(Pose(*position.tolist()), Pose(*velocity.tolist()))
+
+    def deviations(self, time: float) -> Pose:
+        """Return the standard deviations of the prediction's errors at a time [s]."""
+        ahead = time - self.stamp
+        return Pose(*(
+            math.sqrt(np.interp(ahead, HORIZONS, variances)) for variances in self._variances))
+
+    def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
+        axes = len(measured)
+        self.since = self._next_lesson = stamp
+        self._interval = FIRST_INTERVAL
+        self._bank = FilterBank(measured)
+        self._continuations = [
+            Continuation(axes, group, self.settings.memory) for group in GROUPS]
+        self._peak, self._bend, self._suspected = np.zeros((3, axes))
+        self._stamp_sample(stamp, self._interval, measured, noise)
+
+    def _plausible(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """Return an estimate with the prediction in place of outliers; a second one is true."""
+        ahead = min(stamp - self.stamp, HORIZONS[-1])
+        expected, _ = self._at(ahead)
+        index = int(np.searchsorted(HORIZONS, ahead))
+        bound = OUTLIER ** 2 * (self._variances[:, index] + noise)
+        suspected = (measured - expected) ** 2 > bound
+        outliers = suspected & ~self._suspected.astype(bool)
+        self._suspected = suspected
+        return np.where(outliers, expected, measured)
+
+    def _bridge(self, stamp: float) -> None:
+        """Lead the filters along the prediction while no estimates come."""
+        self._filtered = self.stamp
+        last = min(stamp, self.stamp + HORIZONS[-1]) - BRIDGED * self._interval
+        while self._filtered < last:
+            self._filtered += self._interval
+            self._bank.update(self._interval, self._at(self._filtered - self.stamp)[0])
+
+    def _stamp_sample(
+        self, stamp: float, interval: float, measured: np.ndarray, noise: np.ndarray
+    ) -> None:
+        """Predict from the filters as they are, and keep what to learn from."""
+        self.stamp = stamp
+        states = self._bank.states()
+        self._features, self._level = features(states)
+        self._mean = states[:, SLOWEST, 0]
+        self._note_strength(interval, noise * self._interval)
+        if stamp > self._next_lesson - SAME_TIME:
+            self._learn(noise)
+            self._next_lesson = stamp + LEARNING_PERIOD
+        forecasts = self._forecast(interval)
+        self._coefficients = forecasts[FINAL] @ _SPLINE.T
+        sample = Sample(stamp, interval, measured, self._features, self._level, forecasts)
+        for continuation in self._continuations:
+            continuation.add(sample)
+
+    def _note_strength(self, interval: float, density: np.ndarray) -> None:
+        """Hold the strongest acceleration; what was learnt of weaker motion counts for less."""
+        scale = BANDWIDTHS[LEVEL] ** 4
+        noise = scale * noise_moments().features[ACCELERATION, ACCELERATION] * density
+        seen = scale * self._features[:, ACCELERATION] ** 2 - NOISE_PEAK * noise
+        before = self._peak
+        self._peak = np.maximum(before * math.exp(-interval / PEAK_TIME), seen)
+        share = np.minimum((noise + before) / (noise + np.maximum(self._peak, 0.0)), 1.0)
+        for continuation in self._continuations:
+            continuation.weaken(share)
+
+    def _learn(self, noise: np.ndarray) -> None:
+        """Learn from what has come, and measure how far off the forecasts were."""
+        density = noise * self._interval
+        for continuation in self._continuations:
+            if self.stamp > self.since:
+                continuation.learn(noise)
+            continuation.solve(PEAK_SHARE * self._peak, density)
+        self._weights = np.concatenate([one.weights for one in self._continuations], axis=-1)
+        errors = np.concatenate([one.errors for one in self._continuations], axis=-1)
+        gain = np.concatenate([one.noise_gain() for one in self._continuations], axis=-1)
+        full, mean, self._variances = np.maximum(errors, gain * density[:, None])
+        self._share = np.minimum(mean / full, 1.0)
+
+    def _forecast(self, interval: float) -> np.ndarray:
+        """Return the positions at the horizons: as learnt, the mean, and what is given."""
+        reach = self._speed[:, None] * HORIZONS
+        moves = (self._features[:, None] @ self._weights)[:, 0]
+        full = self._level[:, None] + np.clip(moves, -reach, reach)
+        bend = np.abs(full[:, 0] - 2.0 * full[:, 1] + full[:, 2]) / HORIZONS[0] ** 2
+        self._bend = np.maximum(self._bend * math.exp(-interval / BEND_TIME), bend)
+        room = np.minimum(self._acceleration / np.maximum(self._bend, 1e-9), 1.0)
+        mean = np.repeat(self._mean[:, None], len(HORIZONS), axis=1)
+        final = mean + (room[:, None] * self._share) * (full - mean)
+        return np.stack((full, mean, final))
+
+    def _at(self, ahead: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return position and velocity on the spline at a time after the last estimate [s]."""
+        after = np.maximum(ahead - _KNOTS, 0.0)
+        basis = np.concatenate((ahead ** _POWERS, after ** 3))
+        slopes = np.array((0.0, 1.0, 2.0 * ahead, 3.0 * ahead * ahead, *(3.0 * after ** 2)))
+        return self._coefficients @ basis, self._coefficients @ slopes
