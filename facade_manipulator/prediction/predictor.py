@@ -31,7 +31,6 @@ LONGEST_GAP = 3.0  # s without estimates, after which everything is learnt again
 LEARNING_PERIOD = 0.1  # s
 SAME_TIME = 1e-6  # s, what is closer together is not told apart
 FIRST_INTERVAL = 0.02  # s, taken for the mean one until there are two estimates
-BRIDGED = 1.7  # mean intervals, beyond which missing estimates are bridged by predictions
 PEAK_TIME = 20.0  # s, time constant with which the strongest motion seen is forgotten
 PEAK_SHARE = 0.1  # variance of the acceleration expected, by its peak's square
 NOISE_PEAK = 9.0  # squares of an acceleration by its noise's variance that are no motion
@@ -90,9 +89,8 @@ class DisturbancePredictor:
             self._start(stamp, measured, noise)
         else:
             interval = stamp - self.stamp
-            measured = self._plausible(stamp, measured, noise)
-            self._bridge(stamp)
-            self._bank.update(stamp - self._filtered, measured)
+            measured = self._plausible(interval, measured, noise)
+            self._bridge(interval, measured)
             self._interval += min(interval / (stamp - self.since), 1.0) * (
                 interval - self._interval)
             self._stamp_sample(stamp, interval, measured, noise)
@@ -123,9 +121,9 @@ class DisturbancePredictor:
         self._peak, self._bend, self._suspected = np.zeros((3, axes))
         self._stamp_sample(stamp, self._interval, measured, noise)
 
-    def _plausible(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    def _plausible(self, interval: float, measured: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """Return an estimate with the prediction in place of outliers; a second one is true."""
-        ahead = min(stamp - self.stamp, HORIZONS[-1])
+        ahead = min(interval, HORIZONS[-1])
         expected, _ = self._at(ahead)
         index = int(np.searchsorted(HORIZONS, ahead))
         bound = OUTLIER ** 2 * (self._variances[:, index] + noise)
@@ -134,13 +132,14 @@ class DisturbancePredictor:
         self._suspected = suspected
         return np.where(outliers, expected, measured)
 
-    def _bridge(self, stamp: float) -> None:
-        """Lead the filters along the prediction while no estimates come."""
-        self._filtered = self.stamp
-        last = min(stamp, self.stamp + HORIZONS[-1]) - BRIDGED * self._interval
-        while self._filtered < last:
-            self._filtered += self._interval
-            self._bank.update(self._interval, self._at(self._filtered - self.stamp)[0])
+    def _bridge(self, interval: float, measured: np.ndarray) -> None:
+        """Lead the filters to an estimate; a gap along the prediction, corrected to end there."""
+        steps = max(round(interval / self._interval), 1)
+        error = measured - self._at(min(interval, HORIZONS[-1]))[0]
+        for share in np.arange(1, steps) / steps:
+            between = self._at(min(share * interval, HORIZONS[-1]))[0]
+            self._bank.update(interval / steps, between + share ** 2 * error)
+        self._bank.update(interval / steps, measured)
 
     def _stamp_sample(
         self, stamp: float, interval: float, measured: np.ndarray, noise: np.ndarray

@@ -16,7 +16,7 @@ import numpy as np
 from facade_manipulator.prediction.filters import features, response
 
 HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))  # s, of the moves
-SWAY_BAND = (0.03, 1.2)  # Hz: from 250 m of cable to a stiff guide
+SWAY_BAND = (0.05, 0.8)  # Hz: from 100 m of cable to a stiff guide
 SWAY_SLOPE = -4.0  # of the position's spectral density
 NOISE_BAND = (0.0025, 25.0)  # Hz: all that the filters let pass
 POINTS = 1000
