@@ -37,6 +37,7 @@ PRIOR_POWER = 3  # with which its share falls
 MOST_PRIOR = 100.0  # s
 START_SHARE = 0.5  # of the time learnt, the memory at first: filters begin at rest
 SCORE_TIME = 5.0  # s, time constant with which errors are forgotten
+KINDS = 3  # of forecasts
 UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
 LONGEST_STEP = 0.15  # s between estimates, beyond which the motion between is not known
 
@@ -79,6 +80,8 @@ class Continuation:
 
     Attributes
     ----------
+    chosen : slice
+        The horizons.
     weights : numpy.ndarray, shape (axes, FEATURES, horizons)
     errors : numpy.ndarray, shape (kinds, axes, horizons)
         Mean squares of the forecasts' errors, without the estimates' noise.
@@ -86,14 +89,14 @@ class Continuation:
     """
 
     def __init__(self, axes: int, horizons: slice, memory: float) -> None:
-        self._chosen, self._horizons, self._memory = horizons, HORIZONS[horizons], memory
+        self.chosen, self._horizons, self._memory = horizons, HORIZONS[horizons], memory
         self._samples: deque[Sample] = deque()
         self._features = np.zeros((axes, FEATURES, FEATURES))
         self._moves = np.zeros((axes, FEATURES, len(self._horizons)))
         self._learnt = np.zeros(axes)
         self._elapsed = 0.0
         self.weights = np.zeros_like(self._moves)
-        self.errors = np.full((3, axes, len(self._horizons)), UNKNOWN)
+        self.errors = np.full((KINDS, axes, len(self._horizons)), UNKNOWN)
 
     def add(self, sample: Sample) -> None:
         """Keep a sample until all that it forecast has come."""
@@ -105,6 +108,8 @@ class Continuation:
 
     def learn(self, noise: np.ndarray) -> None:
         """Learn from the samples of which every horizon has passed, and forget them."""
+        if not self._samples:
+            return
         stamps = np.array([sample.stamp for sample in self._samples])
         count = int(np.searchsorted(stamps, stamps[-1] - self._horizons[-1] + 1e-6))
         if not count:
@@ -117,7 +122,7 @@ class Continuation:
         came = (1.0 - share) * values[after - 1] + share * values[after]
         noise = ((1.0 - share) ** 2 + share ** 2) * noise
         samples = [self._samples.popleft() for _ in range(count)]
-        intervals = np.array([sample.interval for sample in samples])
+        intervals = np.minimum([sample.interval for sample in samples], LONGEST_STEP)
         weights = intervals * (steps[..., 0] <= LONGEST_STEP).all(axis=1)
         self._regress(samples, came.transpose(2, 0, 1), weights, float(intervals.sum()))
         self._score(samples, came, noise, weights)
@@ -137,10 +142,10 @@ class Continuation:
     def _score(
         self, samples: list[Sample], came: np.ndarray, noise: np.ndarray, weights: np.ndarray
     ) -> None:
-        forecasts = np.stack([sample.forecasts for sample in samples])[..., self._chosen]
+        forecasts = np.stack([sample.forecasts for sample in samples])[..., self.chosen]
         squares = (forecasts - came.swapaxes(1, 2)[:, None]) ** 2 - noise.swapaxes(1, 2)[:, None]
         known = max(weights.sum(), 1e-9)
-        mean = np.tensordot(weights, squares, 1) / known
+        mean = (weights @ squares.reshape(len(weights), -1)).reshape(self.errors.shape) / known
         self.errors += known / min(SCORE_TIME, self._elapsed) * (mean - self.errors)
 
     def solve(self, strength: np.ndarray, noise: np.ndarray) -> None:
@@ -161,10 +166,10 @@ class Continuation:
         s, r = (prior * strength)[:, None, None], (prior * noise)[:, None, None]
         self.weights = np.linalg.solve(
             self._features + s * sway.features + r * white.features,
-            self._moves + s * sway.moves[:, self._chosen] + r * white.moves[:, self._chosen])
+            self._moves + s * sway.moves[:, self.chosen] + r * white.moves[:, self.chosen])
 
     def noise_gain(self) -> np.ndarray:
         """Return the variance of predictions by the density of noise [1/s], (axes, horizons)."""
         white, weights = noise_moments(), self.weights
-        crossed = white.features @ weights - 2.0 * white.moves[:, self._chosen]
+        crossed = white.features @ weights - 2.0 * white.moves[:, self.chosen]
         return white.level + (weights * crossed).sum(axis=1)

@@ -15,10 +15,11 @@ import numpy as np
 
 from facade_manipulator.control.blend import Course
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction.continuation import Continuation, Sample
+from facade_manipulator.prediction.continuation import Continuation, Sample, UNKNOWN
 from facade_manipulator.prediction.filters import (
     ACCELERATION,
     BANDWIDTHS,
+    FEATURES,
     features,
     FilterBank,
     LEVEL,
@@ -28,16 +29,21 @@ from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.settings import PredictionSettings
 
 LONGEST_GAP = 3.0  # s without estimates, after which everything is learnt again
-LEARNING_PERIOD = 0.1  # s
+LEARNING_PERIOD = 0.14  # s
 SAME_TIME = 1e-6  # s, what is closer together is not told apart
 FIRST_INTERVAL = 0.02  # s, taken for the mean one until there are two estimates
 PEAK_TIME = 20.0  # s, time constant with which the strongest motion seen is forgotten
 PEAK_SHARE = 0.1  # variance of the acceleration expected, by its peak's square
 NOISE_PEAK = 9.0  # squares of an acceleration by its noise's variance that are no motion
+LEAST_ROOM = 0.3  # of the acceleration that fits, below which even less is compensated
 BEND_TIME = 2.0  # s, time constant with which the sharpest bend is forgotten
+MOST_STEPS = 100  # over a gap
 OUTLIER = 8.0  # standard deviations
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
-GROUPS = (slice(0, 4), slice(4, None))  # of horizons, learnt apart: the near ones at once
+NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones at once
+FAR_TURN = 4  # every fourth lesson is one of the far horizons
+ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
+    ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
 FULL, MEAN, FINAL = range(3)  # kinds of forecasts: learnt, mean alone, and as it is given
 
 # A cubic spline through the moves: 1, t, t², t³ and a cubic from each inner horizon but the outer
@@ -66,7 +72,7 @@ class DisturbancePredictor:
         self.settings = settings
         self.stamp: float | None = None
         self.since: float | None = None
-        self._speed = np.array(settings.speed)
+        self._reach = np.array(settings.speed)[:, None] * HORIZONS
         self._acceleration = np.array(settings.acceleration)
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
@@ -93,7 +99,7 @@ class DisturbancePredictor:
             self._bridge(interval, measured)
             self._interval += min(interval / (stamp - self.since), 1.0) * (
                 interval - self._interval)
-            self._stamp_sample(stamp, interval, measured, noise)
+            self._go_on(stamp, interval, measured, noise)
 
     def predict(self, time: float) -> Course:
         """Return the disturbance to compensate at a time, of the past or the future [s]."""
@@ -116,10 +122,16 @@ class DisturbancePredictor:
         self.since = self._next_lesson = stamp
         self._interval = FIRST_INTERVAL
         self._bank = FilterBank(measured)
-        self._continuations = [
-            Continuation(axes, group, self.settings.memory) for group in GROUPS]
-        self._peak, self._bend, self._suspected = np.zeros((3, axes))
-        self._stamp_sample(stamp, self._interval, measured, noise)
+        self._near, self._far = self._continuations = [
+            Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
+        self._lessons = 0
+        self._peak, self._taught, self._bend, self._suspected = np.zeros((4, axes))
+        self._weights = np.zeros((axes, FEATURES, len(HORIZONS)))
+        self._variances = np.full((axes, len(HORIZONS)), UNKNOWN)
+        self._share = np.ones((axes, len(HORIZONS)))
+        for continuation in self._continuations:
+            self._solve(continuation, noise * self._interval)
+        self._go_on(stamp, self._interval, measured, noise)
 
     def _plausible(self, interval: float, measured: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """Return an estimate with the prediction in place of outliers; a second one is true."""
@@ -134,66 +146,68 @@ class DisturbancePredictor:
 
     def _bridge(self, interval: float, measured: np.ndarray) -> None:
         """Lead the filters to an estimate; a gap along the prediction, corrected to end there."""
-        steps = max(round(interval / self._interval), 1)
+        steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
         error = measured - self._at(min(interval, HORIZONS[-1]))[0]
         for share in np.arange(1, steps) / steps:
             between = self._at(min(share * interval, HORIZONS[-1]))[0]
             self._bank.update(interval / steps, between + share ** 2 * error)
         self._bank.update(interval / steps, measured)
 
-    def _stamp_sample(
+    def _go_on(
         self, stamp: float, interval: float, measured: np.ndarray, noise: np.ndarray
     ) -> None:
         """Predict from the filters as they are, and keep what to learn from."""
         self.stamp = stamp
         states = self._bank.states()
-        self._features, self._level = features(states)
-        self._mean = states[:, SLOWEST, 0]
-        self._note_strength(interval, noise * self._interval)
+        seen, level = features(states)
+        floor = noise * (self._interval * ACCELERATION_NOISE)
+        self._peak = np.maximum(
+            math.exp(-interval / PEAK_TIME) * self._peak,
+            BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
         if stamp > self._next_lesson - SAME_TIME:
-            self._learn(noise)
             self._next_lesson = stamp + LEARNING_PERIOD
-        forecasts = self._forecast(interval)
+            self._learn(noise, floor)
+        forecasts = self._forecast(interval, seen, level, states[:, SLOWEST, :1])
         self._coefficients = forecasts[FINAL] @ _SPLINE.T
-        sample = Sample(stamp, interval, measured, self._features, self._level, forecasts)
+        sample = Sample(stamp, interval, measured, seen, level, forecasts)
         for continuation in self._continuations:
             continuation.add(sample)
 
-    def _note_strength(self, interval: float, density: np.ndarray) -> None:
-        """Hold the strongest acceleration; what was learnt of weaker motion counts for less."""
-        scale = BANDWIDTHS[LEVEL] ** 4
-        noise = scale * noise_moments().features[ACCELERATION, ACCELERATION] * density
-        seen = scale * self._features[:, ACCELERATION] ** 2 - NOISE_PEAK * noise
-        before = self._peak
-        self._peak = np.maximum(before * math.exp(-interval / PEAK_TIME), seen)
-        share = np.minimum((noise + before) / (noise + np.maximum(self._peak, 0.0)), 1.0)
+    def _learn(self, noise: np.ndarray, floor: np.ndarray) -> None:
+        """Let the near and the far horizons learn in turn; what weaker motion taught fades."""
+        share = np.minimum((floor + self._taught) / (floor + self._peak), 1.0)
+        self._taught = self._peak
         for continuation in self._continuations:
             continuation.weaken(share)
+        self._lessons += 1
+        learner = self._near if self._lessons % FAR_TURN else self._far
+        learner.learn(noise)
+        self._solve(learner, noise * self._interval)
 
-    def _learn(self, noise: np.ndarray) -> None:
-        """Learn from what has come, and measure how far off the forecasts were."""
-        density = noise * self._interval
-        for continuation in self._continuations:
-            if self.stamp > self.since:
-                continuation.learn(noise)
-            continuation.solve(PEAK_SHARE * self._peak, density)
-        self._weights = np.concatenate([one.weights for one in self._continuations], axis=-1)
-        errors = np.concatenate([one.errors for one in self._continuations], axis=-1)
-        gain = np.concatenate([one.noise_gain() for one in self._continuations], axis=-1)
-        full, mean, self._variances = np.maximum(errors, gain * density[:, None])
-        self._share = np.minimum(mean / full, 1.0)
+    def _solve(self, learner: Continuation, density: np.ndarray) -> None:
+        """Take what one group of horizons has learnt, and how well it did."""
+        learner.solve(PEAK_SHARE * self._peak, density)
+        self._weights[..., learner.chosen] = learner.weights
+        full, mean, final = np.maximum(
+            learner.errors, learner.noise_gain() * density[:, None])
+        self._variances[:, learner.chosen] = final
+        self._share[:, learner.chosen] = np.minimum(mean / full, 1.0)
 
-    def _forecast(self, interval: float) -> np.ndarray:
+    def _forecast(
+        self, interval: float, seen: np.ndarray, level: np.ndarray, mean: np.ndarray
+    ) -> np.ndarray:
         """Return the positions at the horizons: as learnt, the mean, and what is given."""
-        reach = self._speed[:, None] * HORIZONS
-        moves = (self._features[:, None] @ self._weights)[:, 0]
-        full = self._level[:, None] + np.clip(moves, -reach, reach)
+        forecasts = np.empty((3, *self._share.shape))
+        moves = (seen[:, None] @ self._weights)[:, 0]
+        forecasts[FULL] = level[:, None] + np.minimum(np.maximum(moves, -self._reach), self._reach)
+        forecasts[MEAN] = mean
+        full = forecasts[FULL]
         bend = np.abs(full[:, 0] - 2.0 * full[:, 1] + full[:, 2]) / HORIZONS[0] ** 2
-        self._bend = np.maximum(self._bend * math.exp(-interval / BEND_TIME), bend)
+        self._bend = np.maximum(math.exp(-interval / BEND_TIME) * self._bend, bend)
         room = np.minimum(self._acceleration / np.maximum(self._bend, 1e-9), 1.0)
-        mean = np.repeat(self._mean[:, None], len(HORIZONS), axis=1)
-        final = mean + (room[:, None] * self._share) * (full - mean)
-        return np.stack((full, mean, final))
+        room *= np.minimum(room / LEAST_ROOM, 1.0)
+        forecasts[FINAL] = mean + room[:, None] * self._share * (full - mean)
+        return forecasts
 
     def _at(self, ahead: float) -> tuple[np.ndarray, np.ndarray]:
         """Return position and velocity on the spline at a time after the last estimate [s]."""

@@ -1,6 +1,5 @@
 """
-Bench of the compensation: every scenario in a closed loop, beside simpler predictions and the
-best linear one.
+Bench of the compensation: every scenario in a closed loop, beside plain and ideal predictions.
 
 Run it by ``python -m facade_manipulator.simulation.bench``. It prints a table and writes
 compensation.json, a picture of each scenario and one of the sweep.
