@@ -23,7 +23,7 @@ from __future__ import annotations
 import numpy as np
 
 BANDWIDTHS = np.array((0.8, 2.0, 4.0, 8.0))  # rad/s
-SLOWEST, LEVEL = 0, 2  # filters whose positions are the mean, and what features are relative to
+LEVEL = 2  # the filter whose position the features are relative to
 FEATURES = 3 * len(BANDWIDTHS) - 1
 ACCELERATION = 3 * LEVEL + 1  # index of the level filter's a/ω² in the features
 

@@ -23,7 +23,6 @@ from facade_manipulator.prediction.filters import (
     features,
     FilterBank,
     LEVEL,
-    SLOWEST,
 )
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.settings import PredictionSettings
@@ -36,6 +35,7 @@ PEAK_TIME = 20.0  # s, time constant with which the strongest motion seen is for
 PEAK_SHARE = 0.1  # variance of the acceleration expected, by its peak's square
 NOISE_PEAK = 9.0  # squares of an acceleration by its noise's variance that are no motion
 LEAST_ROOM = 0.3  # of the acceleration that fits, below which even less is compensated
+MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
 BEND_TIME = 2.0  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
 OUTLIER = 8.0  # standard deviations
@@ -121,7 +121,7 @@ class DisturbancePredictor:
         axes = len(measured)
         self.since = self._next_lesson = stamp
         self._interval = FIRST_INTERVAL
-        self._bank = FilterBank(measured)
+        self._bank, self._mean = FilterBank(measured), measured
         self._near, self._far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
         self._lessons = 0
@@ -158,8 +158,7 @@ class DisturbancePredictor:
     ) -> None:
         """Predict from the filters as they are, and keep what to learn from."""
         self.stamp = stamp
-        states = self._bank.states()
-        seen, level = features(states)
+        seen, level = features(self._bank.states())
         floor = noise * (self._interval * ACCELERATION_NOISE)
         self._peak = np.maximum(
             math.exp(-interval / PEAK_TIME) * self._peak,
@@ -167,7 +166,8 @@ class DisturbancePredictor:
         if stamp > self._next_lesson - SAME_TIME:
             self._next_lesson = stamp + LEARNING_PERIOD
             self._learn(noise, floor)
-        forecasts = self._forecast(interval, seen, level, states[:, SLOWEST, :1])
+        self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (measured - self._mean)
+        forecasts = self._forecast(interval, seen, level)
         self._coefficients = forecasts[FINAL] @ _SPLINE.T
         sample = Sample(stamp, interval, measured, seen, level, forecasts)
         for continuation in self._continuations:
@@ -193,15 +193,13 @@ class DisturbancePredictor:
         self._variances[:, learner.chosen] = final
         self._share[:, learner.chosen] = np.minimum(mean / full, 1.0)
 
-    def _forecast(
-        self, interval: float, seen: np.ndarray, level: np.ndarray, mean: np.ndarray
-    ) -> np.ndarray:
+    def _forecast(self, interval: float, seen: np.ndarray, level: np.ndarray) -> np.ndarray:
         """Return the positions at the horizons: as learnt, the mean, and what is given."""
         forecasts = np.empty((3, *self._share.shape))
         moves = (seen[:, None] @ self._weights)[:, 0]
         forecasts[FULL] = level[:, None] + np.minimum(np.maximum(moves, -self._reach), self._reach)
+        full, mean = forecasts[FULL], self._mean[:, None]
         forecasts[MEAN] = mean
-        full = forecasts[FULL]
         bend = np.abs(full[:, 0] - 2.0 * full[:, 1] + full[:, 2]) / HORIZONS[0] ** 2
         self._bend = np.maximum(math.exp(-interval / BEND_TIME) * self._bend, bend)
         room = np.minimum(self._acceleration / np.maximum(self._bend, 1e-9), 1.0)
