@@ -123,7 +123,7 @@ def test_the_compensators_filter_correction_border_and_reference_may_be_changed_
         [Parameter(name, value=value) for name, value in changes.items()])
     assert [result.reason for result in results] == [''] * len(changes)
     compensator = node._compensator
-    assert compensator.correction.predictor.settings.memory == 1.0
+    assert compensator.correction.predictor.settings.memory == 30.0
     assert compensator.correction.settings.fade_time == 1.0
     assert compensator._reference.settings.speed == (0.1, 0.1, 0.2)
     assert compensator.contact.press.settings.stiffness == 20.0
