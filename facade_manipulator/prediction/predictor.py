@@ -26,7 +26,7 @@ from facade_manipulator.prediction.filters import (
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.settings import PredictionSettings
 
-LONGEST_GAP = 3.0  # s without estimates, after which everything is learnt again
+LONGEST_GAP = 1.1  # s without estimates, after which everything is learnt again
 LEARNING_PERIOD = 0.14  # s
 SAME_TIME = 1e-6  # s, what is closer together is not told apart
 FIRST_INTERVAL = 0.02  # s, taken for the mean one until there are two estimates
@@ -35,7 +35,7 @@ PEAK_SHARE = 0.1  # variance of the acceleration expected, by its peak's square
 NOISE_PEAK = 9.0  # squares of an acceleration by its noise's variance that are no motion
 LEAST_ROOM = 0.3  # of the acceleration that fits, below which even less is compensated
 MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
-BEND_TIME = 2.0  # s, time constant with which the sharpest bend is forgotten
+BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
 OUTLIER = 8.0  # standard deviations
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
@@ -139,6 +139,7 @@ class DisturbancePredictor:
         index = int(np.searchsorted(HORIZONS, ahead))
         bound = OUTLIER ** 2 * (self._variances[:, index] + noise)
         suspected = (measured - expected) ** 2 > bound
+        suspected &= interval <= HORIZONS[-1]  # after longer gaps anything may be true
         outliers = suspected & ~self._suspected.astype(bool)
         self._suspected = suspected
         return np.where(outliers, expected, measured)

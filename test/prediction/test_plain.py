@@ -39,7 +39,7 @@ def test_without_a_prediction_the_disturbance_comes_one_horizon_late():
     assert errors('none')[0] == pytest.approx(np.std(late), rel=0.05)
 
 
-def test_a_steady_acceleration_is_foretold():
+def test_a_steady_acceleration_is_predicted():
     predictor = make_predictor(PredictionSettings(model='acceleration'))
     for stamp in np.arange(1000.0, 1010.0, 0.02):
         predictor.update(stamp, Pose(0.005 * (stamp - 1000.0) ** 2, 0.0, 0.0), VARIANCES)

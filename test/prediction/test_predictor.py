@@ -131,6 +131,15 @@ def test_bounded_estimates_give_a_bounded_prediction(estimates, deviation):
         assert np.isfinite(predictor.deviations(stamp + HORIZON)).all()
 
 
+def test_whatever_was_learnt_a_prediction_is_bounded():
+    run = Run(sines(BREEZE), 10.03)
+    run.predictor._weights[:] = 1e9
+    run.predictor._share[:] = 1.0
+    stamp = run.predictor.stamp + 0.02
+    run.predictor.update(stamp, Pose(0.1, 0.0, 0.0), VARIANCES)
+    assert np.abs(run.predictor.predict(stamp + HORIZON).place).max() < 1.0
+
+
 @pytest.mark.parametrize('seed', range(3))
 def test_after_minutes_of_anything_a_prediction_is_bounded(seed):
     """Random walks between bounds, jumps and sines that start and stop: it never runs away."""
@@ -211,6 +220,14 @@ def struck(time, values, random):
 def test_gaps_and_outliers_do_little_harm(spoil, bound):
     run = Run(gusts(1), 60.0, spoil=spoil)
     assert (run.rms(20.0) < bound * NOISE).all()
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_gap_leaves_what_was_learnt_as_it_was(seed):
+    run = Run(sines(BREEZE), 34.0, seed=seed, spoil=lambda time, values, _: (
+        None if 30.0 < time < 30.8 else values))
+    assert run.rms(30.85)[0] < 2.5 * NOISE
+    assert (run.rms(30.85)[1:] < 0.8 * NOISE).all()
 
 
 def test_a_step_is_believed_at_its_second_estimate():
