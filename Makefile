@@ -26,7 +26,7 @@ test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-
 soak: setup  ## Run the drives for ten minutes, then fuzz them with a million frames (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/soak.py $(SOAK_ARGS)
 
-soak-prediction: setup  ## Foretell hours of gusts (SOAK_ARGS=…)
+soak-prediction: setup  ## Predict an hour of every motion that nobody tuned for (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/prediction_soak.py $(SOAK_ARGS)
 
 study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)
