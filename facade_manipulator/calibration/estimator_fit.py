@@ -8,11 +8,12 @@ matter: its frame is found with the rest.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.calibration.geometry_fit import AXES, HUBER
+from facade_manipulator.calibration.geometry_fit import AXES, FAR, HUBER
 from facade_manipulator.calibration.unknowns import heads
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import Geometry
@@ -25,6 +26,7 @@ SMOOTHING = 0.3  # s, well below a period of any gondola
 LONGEST_GAP = 1.0  # s
 LEAST_OVERLAP = 20.0  # s
 MOST_SAMPLES = 3000
+Curve = Callable[[np.ndarray], np.ndarray]
 
 
 class EstimatorFit(NamedTuple):
@@ -104,7 +106,7 @@ def _check_stamps(name: str, stamps: np.ndarray) -> None:
             f'bound {LONGEST_GAP:g} s')
 
 
-def _smoothed(disturbance: np.ndarray):
+def _smoothed(disturbance: np.ndarray) -> Curve:
     """Return the published disturbance as a smooth function of its stamps."""
     from scipy.interpolate import CubicSpline
     from scipy.signal import savgol_filter
@@ -117,40 +119,50 @@ def _smoothed(disturbance: np.ndarray):
     return CubicSpline(grid, savgol_filter(even, window, 3, axis=0), extrapolate=False)
 
 
-def _fit(published, times: np.ndarray, head: np.ndarray, wall: np.ndarray) -> EstimatorFit:
-    from scipy.optimize import least_squares
-
+def _fit(
+    published: Curve, times: np.ndarray, head: np.ndarray, wall: np.ndarray
+) -> EstimatorFit:
     there = np.isfinite(wall)
 
     def misses(values: np.ndarray) -> np.ndarray:
         expected = _expected(values, published(times + values[3]), head)
         return np.where(there, wall - expected, 0.0)
 
-    origin = np.zeros(len(TOLERANCES))
-    origin[4:6] = misses(origin)[:, :2].mean(axis=0)
+    values = np.zeros(len(TOLERANCES))
+    values[4:6] = misses(values)[:, :2].mean(axis=0)
     noise = np.full(3, 1e-2)
-    values = origin
     for _ in range(2):  # with weights guessed, then with those of the residuals
-        def residuals(scaled: np.ndarray, noise: np.ndarray = noise) -> np.ndarray:
-            weighed = misses(np.clip(scaled, -1.0, 1.0) * TOLERANCES) / noise
-            return np.concatenate([np.nan_to_num(weighed[there], nan=1e6), scaled])
-
-        found = least_squares(residuals, values / TOLERANCES, loss='huber', f_scale=HUBER,
-                              diff_step=1e-7, x_scale='jac')
-        values = found.x * TOLERANCES
+        values, rates = _solve(misses, values, noise, there)
         remains = misses(values)
         noise = np.maximum(1.4826 * np.median(np.abs(remains), axis=0), 1e-9)
-        noise[~there.any(axis=0)] = 1.0
-    weighed = remains / noise
-    inflation = max(_correlation(weighed[:, k]) for k in np.flatnonzero(there.any(axis=0)))
-    rates = found.jac[:-len(TOLERANCES)]
-    covariance = np.linalg.inv(rates.T @ rates / inflation + np.eye(len(TOLERANCES)))
-    deviations = np.sqrt(np.diag(covariance))[:4] * TOLERANCES[:4]
+    deviations = _deviations(rates, remains / noise, there)
     _check_shown(deviations)
     counts = np.where(there.any(axis=0), there.sum(axis=0), np.nan)
     return EstimatorFit(
         tuple(values[:3].tolist()), float(values[3]), deviations, float(values[6]),
         np.sqrt((remains ** 2).sum(axis=0) / counts))
+
+
+def _solve(
+    misses: Curve, values: np.ndarray, noise: np.ndarray, there: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the values that fit best, and the weighed Jacobian in units of the tolerances."""
+    from scipy.optimize import least_squares
+
+    def residuals(scaled: np.ndarray) -> np.ndarray:
+        weighed = (misses(np.clip(scaled, -1.0, 1.0) * TOLERANCES) / noise)[there]
+        return np.concatenate([np.nan_to_num(weighed, nan=FAR), scaled])
+
+    found = least_squares(residuals, values / TOLERANCES, loss='huber', f_scale=HUBER,
+                          diff_step=1e-7, x_scale='jac')
+    return found.x * TOLERANCES, found.jac[:-len(TOLERANCES)]
+
+
+def _deviations(rates: np.ndarray, weighed: np.ndarray, there: np.ndarray) -> np.ndarray:
+    """Return the deviations of x, y, yaw and delay; residuals that are alike count as fewer."""
+    inflation = max(_correlation(weighed[:, k]) for k in np.flatnonzero(there.any(axis=0)))
+    covariance = np.linalg.inv(rates.T @ rates / inflation + np.eye(len(TOLERANCES)))
+    return np.sqrt(np.diag(covariance))[:4] * TOLERANCES[:4]
 
 
 def _expected(values: np.ndarray, published: np.ndarray, head: np.ndarray) -> np.ndarray:
