@@ -49,6 +49,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ManipulatorError, FileNotFoundError) as error:
         print(f'calibrate: {error}', file=sys.stderr)
         return 1
+    except ModuleNotFoundError as error:
+        print(f'calibrate: the Python package {error.name} is needed for this; install it with '
+              "the extra 'study'", file=sys.stderr)
+        return 1
     return 0
 
 
@@ -64,7 +68,7 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
         return
     measurements = _measurements(options.measurements)
     found = identify(geometry, unknowns, measurements, noise)
-    check_accuracy(found, unknowns, noise)
+    check_accuracy(found, unknowns, measurements, noise)
     for line in report(found, unknowns, cross_check(geometry, unknowns, measurements, noise)):
         print(line)
     _check_outliers(found.outliers, options)

@@ -65,9 +65,13 @@ def accuracy(
     return spread(found.geometry, unknowns, found.covariance, permitted)
 
 
-def check_accuracy(found: Identification, unknowns: Sequence[Unknown], noise: Noise) -> None:
+def check_accuracy(
+    found: Identification, unknowns: Sequence[Unknown], measurements: Measurements, noise: Noise,
+) -> None:
     """
-    Check that the head is known all over the workspace about as well as it was measured.
+    Check that all over the workspace the head is known about as well as it was measured.
+
+    Of an axis that was never measured nothing is asked.
 
     Raises
     ------
@@ -75,7 +79,8 @@ def check_accuracy(found: Identification, unknowns: Sequence[Unknown], noise: No
         Naming what the poses cannot show.
 
     """
-    worst = (accuracy(found, unknowns) / noise.deviations).max(axis=0)
+    measured = np.isfinite(measurements.heads).any(axis=0)
+    worst = measured * (accuracy(found, unknowns) / noise.deviations).max(axis=0)
     if worst.max() > BLIND:
         axis = int(np.argmax(worst))
         unit, factor = SHOWN[axis]

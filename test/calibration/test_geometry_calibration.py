@@ -185,6 +185,17 @@ def test_the_command_reads_what_is_typed_into_its_plan(tmp_path, monkeypatch, ca
     assert len(rows) == 12 and 'scatter' in capsys.readouterr().out
 
 
+def test_a_dial_gauge_is_enough_for_what_it_shows(table, tmp_path):
+    target = tmp_path / 'calibrated.yaml'
+    only_y = table(lambda rows: [[*row[:3], '', row[4], ''] if k else row
+                                 for k, row in enumerate(rows)])
+    find = ['--find', 'tool.1', 'link_errors', 'carriage_offsets', 'rail_angle']
+    assert main(['geometry', str(only_y), *find, '--output', str(target)]) == 0
+    off = heads(read_geometry(target), POSES) - heads(MADE, POSES)
+    assert np.abs(off[:, 1]).max() < 5e-4
+    assert main(['geometry', str(only_y), '--noise', '0.001', '0.02']) == 1
+
+
 def cell(row, column, value):
     def change(rows):
         rows[row][column] = value
@@ -221,3 +232,9 @@ def test_a_file_that_is_none_is_named(table, tmp_path, capsys):
         assert message in capsys.readouterr().err
     assert main(['geometry', str(tmp_path / 'none.csv')]) == 1
     assert 'cannot be read' in capsys.readouterr().err
+
+
+def test_without_scipy_the_command_says_what_to_install(table, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'scipy.optimize', None)
+    assert main(['geometry', str(table())]) == 1
+    assert "the extra 'study'" in capsys.readouterr().err
