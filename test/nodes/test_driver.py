@@ -26,7 +26,6 @@ SIMULATED = (
     Parameter('bus.interface', value='virtual'),
     # the machine of the tests may be busy; that such time-outs act is the controller's tests'
     Parameter('controller.heartbeat_timeout', value=1.0),
-    Parameter('controller.watchdog_timeout', value=1.0),
     Parameter('controller.max_missed_cycles', value=10),
 )
 
@@ -173,7 +172,7 @@ def test_software_stop_stops_the_drives_and_they_stay_stopped(bench):
     bench.software_stop.publish(Bool(data=True))
     bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
     assert 'software_stop was set' in bench.message()
-    bench.software_stop.publish(Bool(data=False))
+    bench.operator.create_timer(0.1, lambda: bench.software_stop.publish(Bool(data=False)))
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     bench.ros.until(lambda: bench.ask('clear_faults').success, 'cleared faults')
     assert bench.change(Transition.TRANSITION_ACTIVATE)
@@ -188,8 +187,7 @@ def test_a_software_stop_that_falls_silent_stops_the_drives(bench):
 
 def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(bench):
     bench.bring_up()
-    with bench.node._simulator.access() as drives:
-        drives[1].inject_fault(0x8611)
+    bench.node._loop.disturb(1, 'inject_fault', 0x8611)
     bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
     assert 'q2' in bench.message()
     assert bench.values()['drive faults'] == '1'
@@ -200,8 +198,7 @@ def test_the_last_minute_before_a_fault_is_written_down(ros, tmp_path):
     bench = Bench(ros, Parameter('recorder.directory', value=str(tmp_path)),
                   Parameter('recorder.aftermath', value=0.1))
     bench.bring_up()
-    with bench.node._simulator.access() as drives:
-        drives[0].inject_fault(0x7320)
+    bench.node._loop.disturb(0, 'inject_fault', 0x7320)
     bench.ros.until(lambda: list(tmp_path.glob('drive_fault_*.zip')), 'the record')
 
 
@@ -216,8 +213,7 @@ def test_the_self_test_reports_each_part(bench):
 
 def test_a_drive_of_another_identity_is_rejected_by_name(ros):
     bench = Bench(ros, Parameter('q2.serial_number', value=77))
-    with bench.node._simulator.access() as drives:
-        drives[1].set_identity(Identity(serial_number=78))
+    bench.node._loop.disturb(1, 'set_identity', Identity(serial_number=78))
     assert not bench.change(Transition.TRANSITION_CONFIGURE)
     assert 'q2' in bench.message() and '78' in bench.message() and '77' in bench.message()
     assert bench.state() == 'unconfigured'
@@ -242,7 +238,7 @@ def test_an_active_driver_ends_cleanly_on_a_signal(ros_domain, start_process, nu
 
     process = start_process(
         'facade_manipulator.nodes.driver', '--ros-args', '-p', 'simulate_drives:=true',
-        '-p', 'controller.heartbeat_timeout:=1.0', '-p', 'controller.watchdog_timeout:=1.0',
+        '-p', 'controller.heartbeat_timeout:=1.0',
         '-p', 'controller.max_missed_cycles:=10')
     rclpy.init(domain_id=ros_domain)
     try:

@@ -12,13 +12,16 @@ from facade_manipulator.drives.controller.recorder import FaultRecorder, Recorde
 from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import (
+    ACTIVE_STATES,
     AxisSnapshot,
     ControllerSnapshot,
     ControllerState,
+    POWERED_STATES,
 )
 from facade_manipulator.drives.controller.targets import Mechanism
 
 __all__ = [
+    'ACTIVE_STATES',
     'AxisSnapshot',
     'BusAccess',
     'ControllerSettings',
@@ -29,5 +32,6 @@ __all__ = [
     'Finding',
     'LATENESS_BOUNDS',
     'Mechanism',
+    'POWERED_STATES',
     'RecorderSettings',
 ]
