@@ -2,6 +2,7 @@
 
 import math
 import os
+from pathlib import Path
 import signal
 
 from diagnostic_msgs.srv import SelfTest
@@ -232,8 +233,9 @@ def test_parameters_that_contradict_are_one_sentence_and_exit_status_2(start_pro
     assert 'Traceback' not in process.log.read_text()
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_an_active_driver_ends_cleanly_on_a_signal(ros_domain, start_process, number):
+@pytest.fixture
+def active_driver(ros_domain, start_process):
+    """Start a driver in a process of its own and power its drives on; give it and its loop."""
     import rclpy
 
     process = start_process(
@@ -241,13 +243,53 @@ def test_an_active_driver_ends_cleanly_on_a_signal(ros_domain, start_process, nu
         '-p', 'controller.heartbeat_timeout:=1.0',
         '-p', 'controller.max_missed_cycles:=10')
     rclpy.init(domain_id=ros_domain)
-    try:
-        with ManipulatorClient() as client:
-            client.configure()
-            client.home()
-            client.activate()
-            os.kill(process.pid, number)
-            assert exit_status(process) == 0
-    finally:
-        rclpy.try_shutdown()
-    assert 'Traceback' not in process.log.read_text()
+    with ManipulatorClient() as client:
+        client.configure()
+        client.home()
+        client.activate()
+        yield process, int(Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text())
+    rclpy.try_shutdown()
+
+
+def wait_for_the_end_of(pid):
+    wait_until(lambda: not Path(f'/proc/{pid}').exists()
+               or Path(f'/proc/{pid}/stat').read_text().split()[2] == 'Z', 'the end of the loop')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_active_driver_ends_cleanly_on_a_signal(active_driver, number):
+    process, loop = active_driver
+    os.kill(process.pid, number)
+    assert exit_status(process) == 0
+    wait_for_the_end_of(loop)
+    log = process.log.read_text()
+    assert 'The drives are off and the bus is closed.' in log
+    assert 'Traceback' not in log
+
+
+def test_all_processes_of_a_service_may_be_told_to_end_at_once(active_driver):
+    """As systemd does: the loop hears it as well as the node."""
+    process, loop = active_driver
+    os.kill(loop, signal.SIGTERM)
+    os.kill(process.pid, signal.SIGTERM)
+    assert exit_status(process) == 0
+    wait_for_the_end_of(loop)
+
+
+def test_the_loop_of_a_driver_that_is_killed_ramps_down_and_ends(active_driver):
+    process, loop = active_driver
+    os.kill(process.pid, signal.SIGKILL)
+    assert exit_status(process) == -signal.SIGKILL
+    wait_for_the_end_of(loop)
+    assert 'the carriages ramp down and the power goes off' in process.log.read_text()
+
+
+def test_a_loop_that_is_killed_leaves_the_driver_unconfigured_with_the_reason(bench):
+    bench.bring_up()
+    bench.node._loop._process.kill()
+    bench.ros.until(lambda: bench.node.state_label == 'unconfigured', 'unconfigured')
+    assert 'the control loop has ended by itself, exit status -9' in bench.message()
+    assert bench.values()['next step'].endswith('configure again')
+    assert not bench.ask('home').success
+    bench.bring_up()  # with another one, homed again
+    assert bench.state() == 'active'
