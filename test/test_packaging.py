@@ -20,7 +20,7 @@ TOP = Path(__file__).resolve().parents[1]
 AGREED = {
     'package.xml', 'setup.py', 'setup.cfg', 'README.md', 'CHANGELOG.rst', 'LICENSE', 'Makefile',
     'pyproject.toml', '.gitignore', '.ci', 'facade_manipulator', 'config', 'launch', 'test',
-    'resource',
+    'resource', 'docs',
 }
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',

@@ -1,10 +1,10 @@
 """
 Messages between two processes over a Unix socket pair: whole, bounded, never waited for.
 
-A SOCK_SEQPACKET socket keeps the borders of messages, so that no half message can arrive, and its
-buffer is the bound: what does not fit is dropped and counted, the end of the other process is an
-error that names it. The setpoints and the state of a cycle, which come hundreds of times a second,
-may get lost: the next ones say more. Replies must not, and wait for room.
+A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: what does not fit is
+dropped and counted; that the other process has ended is an error. The setpoints and the state of
+a cycle, which come hundreds of times a second, may get lost: the next ones say more. Replies must
+not, and wait for room.
 """
 
 from __future__ import annotations

@@ -228,7 +228,7 @@ class ControlLoop:
         axes = tuple([axis._replace(axis=None) for axis in snapshot.axes])
         return snapshot._replace(axes=axes), StreamStatus(
             follower.activity.value, follower.limited_cycles, follower.brakes,
-            follower.last_refusal, self._margins, self._channel.dropped)
+            follower.last_rejection, self._margins, self._channel.dropped)
 
 
 def _simulate(setup: LoopSetup) -> DriveSimulator:

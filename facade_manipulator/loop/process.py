@@ -188,7 +188,7 @@ class LoopProcess:
 
     @property
     def is_lost(self) -> bool:
-        """Tell whether the process has ended without being asked to."""
+        """Return whether the process has ended without being asked to."""
         return bool(self._lost) and not self._closing
 
     def snapshot(self) -> ControllerSnapshot:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
@@ -15,12 +15,15 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
+    ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import METADATA_KEY, ParameterInfo
+from facade_manipulator.ros.old_parameters import REMOVED, RENAMED
 
 Settings = TypeVar('Settings')
 UNBOUNDED = 1e308
@@ -59,11 +62,14 @@ def declare(
         A value is of the wrong type, out of its range or contradicts another one.
 
     """
-    names = {_join(prefix, name): name for name in _parameter_infos(settings_class)}
+    items = {f'{prefix}.{item.name}' if prefix else item.name: item
+             for item in fields(settings_class) if METADATA_KEY in item.metadata}
     values = {
-        field_name: _declare_one(node, settings_class, ros_name, field_name, on_change, defaults)
-        for ros_name, field_name in names.items()
-    }
+        item.name: _declare_one(
+            node, name, item.metadata[METADATA_KEY], defaults.get(item.name, item.default),
+            on_change is None)
+        for name, item in items.items()}
+    names = {name: item.name for name, item in items.items()}
     current = [settings_class(**values)]
     check(current[0])
     if on_change is not None:
@@ -71,34 +77,90 @@ def declare(
     return current[0]
 
 
-def _parameter_infos(settings_class: type) -> dict[str, ParameterInfo]:
-    return {
-        item.name: item.metadata[METADATA_KEY]
-        for item in fields(settings_class) if METADATA_KEY in item.metadata
-    }
+class RemovedParameterError(ParameterNotDeclaredException):
+    """A parameter that there was in an earlier release, with what holds in its place."""
+
+    def __init__(self, name: str, advice: str) -> None:
+        Exception.__init__(self, f'parameter {name} {advice}')
 
 
-def _join(prefix: str, name: str) -> str:
-    return f'{prefix}.{name}' if prefix else name
+def accept_old_names(
+    node: Node, renamed: Mapping[str, str] = RENAMED, removed: Mapping[str, str] = REMOVED
+) -> None:
+    """
+    Accept the parameter names of the release before, with a warning; call it before `declare`.
+
+    A renamed parameter of a file or an override, and one that is set while the node runs, has its
+    effect under the present name; one that is removed has none.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    renamed : mapping of str to str
+        Present names by old ones.
+    removed : mapping of str to str
+        What holds in place of a parameter, such as ``'is fixed at 1 s now'``, by its old name.
+
+    Notes
+    -----
+    Overrides are in a private attribute of rclpy's node (tried on 7.1.6). Without it old names in
+    files are ignored, as every unknown name is; `ros2 param set` works all the same.
+
+    """
+    overrides = getattr(node, '_parameter_overrides', {})
+    for name in sorted(overrides):
+        new, advice = renamed.get(name), _advice(name, removed)
+        if new is not None:
+            node.get_logger().warning(_renamed(name, new))
+            overrides.setdefault(new, Parameter(new, value=overrides[name].value))
+        elif advice:
+            node.get_logger().warning(
+                f'parameter {name} has no effect: it {advice}; delete it from the file')
+
+    def present(parameters: list[Parameter]) -> list[Parameter]:
+        return [_present(node, parameter, renamed, removed) for parameter in parameters]
+
+    node.add_pre_set_parameters_callback(present)
+
+
+def _present(
+    node: Node, parameter: Parameter, renamed: Mapping[str, str], removed: Mapping[str, str]
+) -> Parameter:
+    """Return a parameter under its present name."""
+    name = parameter.name
+    if node.has_parameter(name):
+        return parameter
+    if advice := _advice(name, removed):
+        raise RemovedParameterError(name, advice)
+    new = renamed.get(name)
+    if new is None:
+        return parameter
+    node.get_logger().warning(_renamed(name, new))
+    return Parameter(new, value=parameter.value)
+
+
+def _advice(name: str, removed: Mapping[str, str]) -> str | None:
+    return removed.get(name) or removed.get(f'{name.partition(".")[0]}.*')
+
+
+def _renamed(name: str, new: str) -> str:
+    return (f'parameter {name} is called {new} now; the old name works in this release only: '
+            'use the new one')
 
 
 def _declare_one(
-    node: Node, settings_class: type, ros_name: str, field_name: str,
-    on_change: Callable | None, defaults: dict,
+    node: Node, name: str, info: ParameterInfo, default: Any, read_only: bool
 ) -> Any:
-    item = next(item for item in fields(settings_class) if item.name == field_name)
-    info = item.metadata[METADATA_KEY]
-    default = defaults.get(field_name, item.default)
-    descriptor = _descriptor(info, default, read_only=info.read_only or on_change is None)
+    descriptor = _descriptor(info, default, info.read_only or read_only)
     initial = list(default) if isinstance(default, tuple) else default
     try:
-        value = node.declare_parameter(ros_name, initial, descriptor).value
+        value = node.declare_parameter(name, initial, descriptor).value
     except (
         InvalidParameterTypeException,
         InvalidParameterValueException,
         ParameterUninitializedException,
     ) as error:
-        raise ParameterError(f'{ros_name}: {error}') from error
+        raise ParameterError(f'{name}: {error}') from error
     return _to_field(value)
 
 
@@ -148,7 +210,7 @@ def _accept_live_changes(
         unchanged = {name: getattr(current[0], name) for name in names.values()}
         return type(current[0])(**{**unchanged, **changed}) if changed else current[0]
 
-    def judge(parameters):
+    def validate(parameters):
         try:
             check(candidate(parameters))
         except (ParameterError, TypeError) as error:
@@ -161,5 +223,5 @@ def _accept_live_changes(
             current[0] = settings
             on_change(settings)
 
-    node.add_on_set_parameters_callback(judge)
+    node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(apply)

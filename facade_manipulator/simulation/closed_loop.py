@@ -85,7 +85,7 @@ class ClosedLoop:
     now : float
         Time of the next cycle [s].
     rejections : list of str
-        Sentences of everything that was rejected.
+        Messages of everything that was rejected.
 
     """
 
@@ -115,8 +115,8 @@ class ClosedLoop:
 
     def send_goal(self, goal: Pose) -> None:
         """Give a goal on the wall, as the supervisor does."""
-        self.compensator.take_goal(goal)
-        self.wall.take_goal(self.now, goal)
+        self.compensator.set_goal(goal)
+        self.wall.set_goal(self.now, goal)
 
     def run(self, duration: float) -> list[LoopStep]:
         """Run for a time [s]; return every cycle."""
@@ -127,14 +127,14 @@ class ClosedLoop:
         now, period = self.now, self.settings.period
         self._deliver(now - self.settings.sensor_delay)
         for estimate in self.estimator.advance(now):
-            self._heed(self.compensator.take_estimate, now, *estimate)
+            self._attempt(self.compensator.add_estimate, now, *estimate)
         corrected = self.compensator.update(now)
         if corrected is not None:
-            self._heed(self._add, now, corrected)
+            self._attempt(self._add, now, corrected)
         reached = now + CYCLES_AHEAD * period
         command = Carriages(*self.follower.sample(reached + self.settings.assumed_lag))
         self._move(command)
-        sample = self.wall.take_carriages(reached, self._actual)
+        sample = self.wall.measure(reached, self._actual)
         step = LoopStep(corrected, command, self._actual, sample, self._touch(sample))
         self._under_way.append(step)
         self.now = now + period
@@ -142,16 +142,17 @@ class ClosedLoop:
 
     def _deliver(self, until: float) -> None:
         """Hand over what the sensors have seen up to a time [s]."""
+        contact = self.compensator.contact
         while self._under_way and self._under_way[0].sample.time <= until:
             step = self._under_way.popleft()
             sample = step.sample
-            self._heed(self.compensator.take_head, sample.time,
-                       forward_kinematics(self._geometry, step.actual))
+            self._attempt(self.compensator.following.add_head, sample.time,
+                          forward_kinematics(self._geometry, step.actual))
             if self.settings.facade.present:
-                self._heed(self.compensator.take_wrench, self.now, sample.time, step.wrench)
+                self._attempt(contact.add_wrench, self.now, sample.time, step.wrench)
             if self.settings.wall.slip_sensor and sample.settled:
-                self._heed(self.compensator.take_lateral_offset, self.now, sample.time,
-                           sample.lateral_offset)
+                self._attempt(contact.add_lateral_offset, self.now, sample.time,
+                              sample.lateral_offset)
 
     def _touch(self, sample: WallSample) -> Wrench:
         """Return what the wall does to the head that has come here from the last sample."""
@@ -172,7 +173,7 @@ class ClosedLoop:
             moved.append(new - steady - (last - actual - steady) * decay)
         self._actual, self._command = Carriages(*moved), command
 
-    def _heed(self, take: Callable, *arguments) -> None:
+    def _attempt(self, take: Callable, *arguments) -> None:
         try:
             take(*arguments)
         except ManipulatorError as error:

@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from support import wait_until
+from support import children, wait_until
 
 from facade_manipulator.demo.record import settled, Thinned
 from facade_manipulator.simulation.pictures import amplitudes, attenuation
@@ -19,19 +19,6 @@ SETTLED = 10.0
 RUN_DEADLINE = 60.0
 FREEZE = 1.0  # s, far beyond what drives forgive
 LARGEST_ANIMATION = 2_000_000
-
-
-def children(pid):
-    """Return the process ids whose parent is `pid`."""
-    found = []
-    for stat in Path('/proc').glob('[0-9]*/stat'):
-        try:
-            fields = stat.read_text().rsplit(')', 1)[1].split()
-        except OSError:
-            continue
-        if int(fields[1]) == pid:
-            found.append(int(stat.parent.name))
-    return found
 
 
 def ended(process):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
 import socket
 import time
 import warnings
@@ -13,6 +14,7 @@ import pytest
 DEADLINE = 20.0
 SO_RCVBUFFORCE = 33
 MUCH = 8 << 20  # bytes
+second_tries: list[str] = []  # of the test that is running, and why
 
 
 def wait_until(
@@ -41,8 +43,19 @@ def patiently(
             return action()
         except errors as error:
             warnings.warn(f'again: {error}', stacklevel=2)
+            second_tries.append(f'{error}')
             mend()
     return action()
+
+
+def children(pid: int) -> list[int]:
+    """Return the process ids whose parent is `pid`."""
+    found = []
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        with suppress(OSError):
+            if int(stat.read_text().rsplit(')', 1)[1].split()[1]) == pid:
+                found.append(int(stat.parent.name))
+    return found
 
 
 def hear_much(raw: socket.socket) -> None:

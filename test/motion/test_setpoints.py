@@ -80,6 +80,16 @@ def test_mean_velocities_make_no_jerks_once_later_setpoints_are_known(ahead, is_
     assert (made.limited_cycles == 0) is is_smooth
 
 
+def test_the_velocity_of_a_setpoint_stays_near_that_of_its_sender():
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD / 5, inside)
+    made.reset(HOME)
+    jump = LIMITS.acceleration * 0.01  # m/s, far beyond what a mean velocity is late by
+    for k, step in enumerate((0.0, 0.0, jump)):
+        position = tuple(q + step for q in HOME)
+        made.add(Setpoint(0.05 + 0.01 * k, position, (0.0,) * 3), 0.0)
+    assert made._stream.newest(2)[0][1].velocity == pytest.approx([0.5 * jump] * 3)
+
+
 def test_a_silent_stream_brakes_to_rest_and_holds():
     made = follower()
     run(made, 0.0, 1.0)
@@ -171,7 +181,7 @@ def test_a_velocity_that_leads_out_of_the_mechanism_is_braked_before_the_border(
         q2 = min(0.45 + 0.3 * now, 0.499)
         made.add(Setpoint(now + 0.03, (-0.1, q2, 0.0), (0.0, 0.3, 0.0)), now)
         assert made.sample(now + 0.02)[1] <= 0.5
-    assert 'q = 0.5' in made.last_refusal
+    assert 'q = 0.5' in made.last_rejection
     assert made.brakes >= 1
 
 
@@ -208,9 +218,9 @@ def test_whatever_arrives_the_command_stays_finite_inside_and_within_the_speed(s
         before = after
 
 
-def test_contradicting_settings_are_rejected():
+def test_a_stream_that_would_be_rejected_before_it_is_silent_is_no_setting():
     with pytest.raises(ParameterError, match='stale_after = 0.5 s'):
-        StreamSettings(stale_after=0.5, oldest=0.2)
+        StreamSettings(stale_after=0.5)
 
 
 def test_a_lower_speed_limit_slows_the_carriages_down_within_their_acceleration():

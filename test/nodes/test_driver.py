@@ -13,7 +13,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
-from support import wait_until
+from support import children, wait_until
 
 from facade_manipulator.drives.simulated.drive import Identity
 from facade_manipulator.nodes.driver import DriverNode
@@ -247,7 +247,7 @@ def active_driver(ros_domain, start_process):
         client.configure()
         client.home()
         client.activate()
-        yield process, int(Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text())
+        yield process, *children(process.pid)
     rclpy.try_shutdown()
 
 

@@ -90,11 +90,11 @@ def draw_sweep(path: Path, sweep: Sequence[dict]) -> None:
 def _draw_hold(
     panel: Axes, times: np.ndarray, steps: Sequence[LoopStep], pressed: float | None
 ) -> None:
-    """Draw the force on the wall; without a wall, by how much the border holds x back."""
+    """Draw the force on the wall; without a wall, by how much the workspace limit holds x back."""
     if pressed is None:
-        excess = [1e3 * step.corrected.excess.x for step in steps]
-        panel.plot(times, excess, color=WITH, lw=1.0)
-        label(panel, 'time [s]', 'x held back at the border [mm]')
+        saturation_error = [1e3 * step.corrected.saturation_error.x for step in steps]
+        panel.plot(times, saturation_error, color=WITH, lw=1.0)
+        label(panel, 'time [s]', 'x held back at the workspace limit [mm]')
         return
     forces = np.array([Facade.force_on_wall(step.sample.head, step.wrench) for step in steps])
     draw_force(panel, times, forces, pressed)
