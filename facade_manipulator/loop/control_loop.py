@@ -14,7 +14,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 import logging
 import time
-from typing import Any, NamedTuple
+from typing import Any
 
 from facade_manipulator.drives.canopen import BusSettings, open_bus
 from facade_manipulator.drives.cia402 import AxisSettings
@@ -32,6 +32,7 @@ from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.channel import Channel, ChannelClosedError, Message, VERSION
+from facade_manipulator.loop.state import pack_state, StreamStatus
 from facade_manipulator.motion import (
     HomingGuard,
     MechanismGuard,
@@ -60,30 +61,6 @@ class LoopSetup:
     limits: MotionLimits
     recorder: RecorderSettings
     simulate_drives: bool = False
-
-
-class StreamStatus(NamedTuple):
-    """
-    How the setpoints are followed; see `facade_manipulator.motion.SetpointFollower`.
-
-    Attributes
-    ----------
-    activity : str
-    limited_cycles, brakes : int
-    last_brake : str
-    margins : tuple of float
-        1st and 50th percentile of how early setpoints come [s]; empty before the first.
-    dropped : int
-        States that did not fit into the channel, because the node was busy.
-
-    """
-
-    activity: str = 'holding'
-    limited_cycles: int = 0
-    brakes: int = 0
-    last_brake: str = ''
-    margins: tuple[float, ...] = ()
-    dropped: int = 0
 
 
 class ControlLoop:
@@ -222,13 +199,11 @@ class ControlLoop:
         except ChannelClosedError:
             self.end()
 
-    def _state(self, snapshot: ControllerSnapshot) -> tuple[ControllerSnapshot, StreamStatus]:
-        """Return what goes to the node each cycle: without the axes' settings, which it has."""
+    def _state(self, snapshot: ControllerSnapshot) -> tuple:
         follower = self.follower
-        axes = tuple([axis._replace(axis=None) for axis in snapshot.axes])
-        return snapshot._replace(axes=axes), StreamStatus(
+        return pack_state(snapshot, StreamStatus(
             follower.activity.value, follower.limited_cycles, follower.brakes,
-            follower.last_rejection, self._margins, self._channel.dropped)
+            follower.last_rejection, self._margins, self._channel.dropped))
 
 
 def _simulate(setup: LoopSetup) -> DriveSimulator:

@@ -33,7 +33,8 @@ from facade_manipulator.loop.channel import (
     socket_pair,
     VERSION,
 )
-from facade_manipulator.loop.control_loop import LoopSetup, StreamStatus
+from facade_manipulator.loop.control_loop import LoopSetup
+from facade_manipulator.loop.state import StreamStatus, unpack_state
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 
 START_TIMEOUT = 30.0  # s
@@ -124,8 +125,8 @@ class LoopProcess:
             self._process.kill()
             raise ManipulatorError(
                 'the process of the control loop did not start: see its output above')
-        _, axes, snapshot, status = content
-        return axes, (_with_axes(snapshot, axes), status)
+        _, axes, *state = content
+        return axes, unpack_state(state, axes)
 
     # --- what the node asks for
 
@@ -203,8 +204,7 @@ class LoopProcess:
         """Decode the newest state, once; more come than are ever looked at."""
         latest = self._latest
         if isinstance(latest, Message):
-            snapshot, status = latest.content
-            self._latest = latest = _with_axes(snapshot, self._axes), status
+            self._latest = latest = unpack_state(latest.content, self._axes)
         return latest
 
     def _receive(self, channel: Channel) -> None:
@@ -257,14 +257,6 @@ class LoopProcess:
             self._process.wait(CLOSE_TIMEOUT)
         except subprocess.TimeoutExpired:
             self._process.kill()
-
-
-def _with_axes(
-    snapshot: ControllerSnapshot, axes: tuple[AxisSettings, ...]
-) -> ControllerSnapshot:
-    """Add the settings, which never change and are therefore not sent with each state."""
-    return snapshot._replace(axes=tuple(
-        one._replace(axis=axis) for one, axis in zip(snapshot.axes, axes, strict=True)))
 
 
 def _exit_status(process: Process) -> int | str:

@@ -7,7 +7,7 @@ requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for
 
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.controller import DriveController
-from facade_manipulator.drives.controller.cycle import LATENESS_BOUNDS
+from facade_manipulator.drives.controller.cycle import CycleStatistics, LATENESS_BOUNDS
 from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
 from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -27,6 +27,7 @@ __all__ = [
     'ControllerSettings',
     'ControllerSnapshot',
     'ControllerState',
+    'CycleStatistics',
     'DriveController',
     'FaultRecorder',
     'Finding',
