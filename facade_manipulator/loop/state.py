@@ -1,5 +1,5 @@
 """
-The state of a cycle on the channel: plain tuples, in a tenth of the time that pickled classes take.
+The state of a cycle on the channel: plain tuples, ten times faster than pickled classes.
 
 What never changes, names and settings of the axes, is sent once, when the loop starts.
 """

@@ -2,7 +2,7 @@
 
 import pickle
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from facade_manipulator.drives.canopen.bus import BusStatistics
@@ -18,6 +18,7 @@ from facade_manipulator.drives.controller.snapshot import (
 from facade_manipulator.loop.state import pack_state, StreamStatus, unpack_state
 
 INT = st.integers(-2**31, 2**31 - 1)
+TEXT = st.text(max_size=10)
 
 
 def maybe(strategy):
@@ -35,12 +36,13 @@ def axis(number):
 SNAPSHOTS = st.builds(
     ControllerSnapshot, st.sampled_from(ControllerState), maybe(st.floats(0.0, 2e9)),
     st.tuples(axis(0), axis(1), axis(2)),
-    st.lists(st.builds(Cause, st.text()), max_size=3).map(tuple), st.text(),
-    st.lists(st.text(), max_size=2).map(tuple), st.builds(CycleStatistics, INT, INT),
-    st.builds(BusStatistics, INT), st.text(), st.floats(0.0, 1.0))
-STATUSES = st.builds(StreamStatus, st.text(), INT, INT, st.text(), st.just((0.01, 0.02)), INT)
+    st.lists(TEXT.map(Cause), max_size=2).map(tuple), TEXT,
+    st.lists(TEXT, max_size=2).map(tuple), INT.map(CycleStatistics), INT.map(BusStatistics),
+    TEXT, st.floats(0.0, 1.0))
+STATUSES = st.builds(StreamStatus, TEXT, INT, INT, TEXT, st.just((0.01, 0.02)), INT)
 
 
+@settings(max_examples=50)
 @given(SNAPSHOTS, STATUSES)
 def test_a_state_arrives_as_it_was_sent(snapshot, status):
     packed = pickle.loads(pickle.dumps(pack_state(snapshot, status)))

@@ -195,7 +195,6 @@ def assert_ramped_down_and_off(watcher: Watcher, since: float, within: float) ->
     assert watcher.commands.complaints == []
 
 
-@pytest.mark.driver()
 def test_a_killed_node_leaves_a_loop_that_ramps_down_and_powers_off(active, driver, watcher):
     make_sure_of_power(active, watcher)
     loop, = children(driver.pid)
