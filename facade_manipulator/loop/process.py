@@ -16,7 +16,6 @@ import socket
 import subprocess
 import sys
 from threading import Thread
-import time
 from typing import Any, Protocol
 
 from facade_manipulator.drives.cia402 import AxisSettings, Cause
@@ -39,7 +38,9 @@ from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 
 START_TIMEOUT = 30.0  # s
 CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and close the bus
-SILENCE_TIMEOUT = 3.0  # s without a state: the loop hangs; without a bus it sends one each second
+# feeds, 3 s of them: without a bus the loop sends a state each second. Not a time, since a node
+# that stood still itself finds old states, and a loop that is well.
+MAX_UNANSWERED = 150
 LOST_REMEDY = 'find out why in the log, then configure again'
 
 
@@ -100,33 +101,27 @@ class LoopProcess:
 
     def start(self) -> None:
         """Start the process, waits until it is ready; the drives stay as they are."""
-        ours, theirs = socket_pair()
-        self._jobs: dict[int, Future] = {}
-        self._lost = ''
-        self._closing = False
-        self._channel = Channel(ours)
+        setup, (ours, theirs) = self._setup, socket_pair()
+        channel = Channel(ours)
         with theirs:
-            self._process = self._launch(theirs)
-        self._channel.send('setup', self._setup)
-        self._axes, self._latest = self._receive_ready()
-        self._received = time.monotonic()
-        Thread(target=self._receive, args=(self._channel,), name='control loop messages',
-               daemon=True).start()
-
-    def _receive_ready(self) -> tuple[tuple[AxisSettings, ...], tuple]:
+            process = self._launch(theirs)
+        channel.send('setup', setup)
         try:
-            message = self._channel.receive(START_TIMEOUT)
-        except ChannelClosedError:
-            message = None
-        kind, content = (message.kind, message.content) if message else ('', ())
-        if kind == 'failed':
-            raise ParameterError(*content)
-        if kind != 'ready' or content[0] != VERSION:
-            self._process.kill()
-            raise ManipulatorError(
-                'the process of the control loop did not start: see its output above')
-        _, axes, *state = content
-        return axes, unpack_state(state, axes)
+            self._axes, self._latest = _receive_ready(channel)
+        except ManipulatorError:
+            process.kill()
+            channel.close()
+            raise
+        # only now does anybody else send: the setup has to be first
+        self._jobs: dict[int, Future] = {}
+        self._unanswered = 0
+        self._lost, self._closing = '', False
+        self._process, self._channel = process, channel
+        Thread(target=self._receive, args=(channel,), name='control loop messages',
+               daemon=True).start()
+        if self._setup is not setup:  # changed meanwhile
+            self._change(limits=self._setup.limits)
+            self._change(stream=self._setup.stream)
 
     # --- what the node asks for
 
@@ -153,10 +148,11 @@ class LoopProcess:
     def feed(self) -> None:
         """Show that the node is alive, and end a loop that hangs."""
         self._send('feed')
-        silence = time.monotonic() - self._received
-        if silence > SILENCE_TIMEOUT and not self._lost:
+        self._unanswered += 1
+        if self._unanswered > MAX_UNANSWERED and not self._lost:
             self._process.kill()  # its drives miss the master's heartbeat and stop
-            self._lose(f'the control loop has hung for {silence:.1f} s and was ended')
+            self._lose(f'the control loop has sent no state while it was fed '
+                       f'{self._unanswered} times, bound {MAX_UNANSWERED}, and was ended')
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
@@ -222,7 +218,7 @@ class LoopProcess:
             channel.close()
 
     def _handle(self, message: Message) -> None:
-        self._received = time.monotonic()
+        self._unanswered = 0
         if message.kind == 'state':
             self._latest = message
         elif message.kind == 'rejected':
@@ -257,6 +253,22 @@ class LoopProcess:
             self._process.wait(CLOSE_TIMEOUT)
         except subprocess.TimeoutExpired:
             self._process.kill()
+
+
+def _receive_ready(channel: Channel) -> tuple[tuple[AxisSettings, ...], tuple]:
+    """Wait until a new loop is ready; return the settings of its axes and its first state."""
+    try:
+        message = channel.receive(START_TIMEOUT)
+    except ChannelClosedError:
+        message = None
+    kind, content = (message.kind, message.content) if message else ('', ())
+    if kind == 'failed':
+        raise ParameterError(*content)
+    if kind != 'ready' or content[0] != VERSION:
+        raise ManipulatorError(
+            'the process of the control loop did not start: see its output above')
+    _, axes, *state = content
+    return axes, unpack_state(state, axes)
 
 
 def _exit_status(process: Process) -> int | str:

@@ -123,7 +123,7 @@ def test_a_node_that_reads_nothing_holds_nothing_up(make_bench, monkeypatch):
     bench = in_thread(make_bench)
     bench.move()
     monkeypatch.setattr(bench.process, '_handle', lambda message: time.sleep(3.0))
-    monkeypatch.setattr(process_module, 'SILENCE_TIMEOUT', 60.0)
+    monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 10_000)
     wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
     cycle = bench.loop.controller.snapshot().cycle
     wait_until(lambda: bench.loop.controller.snapshot().cycle.cycles > cycle.cycles + 50, 'cycles')
@@ -218,13 +218,39 @@ def test_a_loop_that_is_killed_is_lost_and_never_restarted_into_power(make_bench
 
 
 def test_a_loop_that_hangs_is_ended_and_said_to_have_hung(make_bench, monkeypatch):
-    monkeypatch.setattr(process_module, 'SILENCE_TIMEOUT', 1.5)
+    monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 75)
     bench = make_bench()
     bench.do('configure')
     os.kill(bench.process._process.pid, signal.SIGSTOP)
     bench.until(ControllerState.LOST)
-    assert 'has hung for' in bench.process.snapshot().cause
+    assert 'has sent no state while it was fed' in bench.process.snapshot().cause
     assert bench.process._process.wait(PATIENCE) == -signal.SIGKILL
+
+
+def test_a_node_that_stood_still_does_not_blame_the_loop(make_bench, monkeypatch):
+    monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 20)
+    bench = make_bench()
+    bench.do('configure')
+    bench.feeds.clear()
+    ctypes.PyDLL(None).usleep(1_000_000)
+    bench.feeds.set()
+    assert 'homed' in bench.do('home')
+
+
+def test_a_loop_that_is_started_again_gets_what_was_changed_meanwhile(make_bench):
+    bench = make_bench()
+    launch, limits = bench.process._launch, replace(bench.setup.limits, speed=0.1)
+
+    def launch_late(end):
+        bench.process.change_limits(limits)
+        bench.process.feed()
+        return launch(end)
+
+    bench.process._process.kill()
+    bench.until(ControllerState.LOST)
+    bench.process._launch = launch_late
+    bench.process.start()
+    assert 'homed' in bench.do('configure', 'home')
 
 
 def test_sigterm_to_the_loop_alone_ends_it_in_order(make_bench):
