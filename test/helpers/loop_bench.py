@@ -28,7 +28,8 @@ from facade_manipulator.motion.setpoints import Setpoint, StreamSettings
 
 PATIENCE = 20.0
 HOME = tuple(axis.home_position for axis in DEFAULT_AXES)
-AMPLITUDE, FREQUENCY, AHEAD, PERIOD = 0.1, 0.6, 0.06, 0.01
+AMPLITUDE, FREQUENCY, AHEAD, PERIOD = 0.12, 0.64, 0.06, 0.01
+FAST = 0.4  # m/s, of 0.48
 # what a busy computer does to the cycle must fail no test that is not about it
 CONTROLLER = ControllerSettings(
     own_garbage_collection=False, boot_timeout=0.5, hold_cycles=3, max_missed_cycles=10,
@@ -128,7 +129,7 @@ class LoopBench:
         self.do('configure', 'home', 'activate')
         self._begin = time.time() + AHEAD
         self.streams.set()
-        wait_until(lambda: abs(self.process.snapshot().axes[0].velocity or 0.0) > 0.3, 'speed')
+        wait_until(lambda: abs(self.process.snapshot().axes[0].velocity or 0.0) > FAST, 'speed')
 
     def frames(self) -> list[can.Message]:
         """Return what was on the bus since this was last asked, if it is in this process."""

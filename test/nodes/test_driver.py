@@ -4,6 +4,8 @@ import math
 import os
 from pathlib import Path
 import signal
+import subprocess
+import sys
 
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import Transition
@@ -22,6 +24,7 @@ from facade_manipulator.ros.conversions import stamp
 from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 HOME = (-0.1, 0.1, 0.0)
+PARTICIPANTS = Path(__file__).resolve().parents[1] / 'participants.py'
 SIMULATED = (
     Parameter('simulate_drives', value=True),
     Parameter('bus.interface', value='virtual'),
@@ -282,6 +285,16 @@ def test_the_loop_of_a_driver_that_is_killed_ramps_down_and_ends(active_driver):
     assert exit_status(process) == -signal.SIGKILL
     wait_for_the_end_of(loop)
     assert 'the carriages ramp down and the power goes off' in process.log.read_text()
+
+
+def test_participants_that_come_and_go_stop_nothing(active_driver):
+    _, loop = active_driver
+    visitors = subprocess.run(
+        [sys.executable, PARTICIPANTS, '--visit', '--count', '4', '--pause', '0.2'], check=False)
+    assert visitors.returncode == 0
+    with ManipulatorClient(node_name='onlooker') as client:
+        assert client.driver_state() == 'active'
+    assert Path(f'/proc/{loop}').exists()
 
 
 def test_a_loop_that_is_killed_leaves_the_driver_unconfigured_with_the_reason(bench):
