@@ -83,7 +83,7 @@ class Gondola:
         self._wind = Wind(wind)
         self._mean = wind.mean_speed * np.array(
             [math.cos(wind.direction), math.sin(wind.direction)])
-        self.frequencies, self._participation, self._output = _modes(settings)
+        self.frequencies, self._participation, self._output = modes(settings)
         self._advance = _discrete(self.frequencies, settings.damping_ratio, STEP)
         self._positions = np.zeros(len(self.frequencies))
         self._velocity = np.zeros(len(self.frequencies))
@@ -137,7 +137,7 @@ class Gondola:
         return self._output @ positions
 
 
-def _modes(settings: GondolaSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def modes(settings: GondolaSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
     Return angular frequencies, participation and output of the six modes.
 
