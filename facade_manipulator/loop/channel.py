@@ -77,7 +77,7 @@ class Channel:
     Attributes
     ----------
     dropped : int
-        Messages that did not fit into the buffer.
+        Messages that did not fit into the buffer, or met another one being sent.
     invalid : int
         Messages that were too long; each was skipped.
 
@@ -104,7 +104,7 @@ class Channel:
         *content
             Anything that can be pickled.
         must_arrive : bool
-            Whether to keep the message until there is room rather than drop it.
+            Whether to keep the message for the next sending rather than drop it.
 
         Raises
         ------
@@ -112,23 +112,26 @@ class Channel:
 
         """
         data = kind.encode() + _END_OF_KIND + pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
-        with self._sending:
-            try:
-                self._flush()
+        if must_arrive:
+            self._backlog.append(data)
+        # another thread that sends just now may have been interrupted: not even for it is waited
+        if not self._sending.acquire(blocking=False):
+            self.dropped += not must_arrive
+            return False
+        try:
+            while self._backlog:
+                self._transmit(self._backlog[0])
+                self._backlog.popleft()
+            if not must_arrive:
                 self._transmit(data)
-            except BlockingIOError:
-                if must_arrive:
-                    self._backlog.append(data)
-                self.dropped += not must_arrive
-                return False
-            except OSError as error:
-                raise ChannelClosedError('the other process has ended') from error
+        except BlockingIOError:
+            self.dropped += not must_arrive
+            return False
+        except OSError as error:
+            raise ChannelClosedError('the other process has ended') from error
+        finally:
+            self._sending.release()
         return True
-
-    def _flush(self) -> None:
-        while self._backlog:
-            self._transmit(self._backlog[0])
-            self._backlog.popleft()
 
     def _transmit(self, data: bytes) -> None:
         self._socket.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)

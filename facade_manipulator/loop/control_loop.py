@@ -152,7 +152,8 @@ class ControlLoop:
         try:
             self.follower.add(Setpoint(*setpoint), time.time())
         except ManipulatorError as error:
-            self._channel.send('rejected', getattr(error, 'reason', 'other'), str(error))
+            self._channel.send(
+                'rejected', getattr(error, 'reason', 'other'), str(error), must_arrive=True)
 
     def _start_request(self, number: int, name: str) -> None:
         if name not in REQUESTS:

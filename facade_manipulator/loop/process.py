@@ -24,7 +24,7 @@ from facade_manipulator.drives.controller import (
     ControllerSnapshot,
     ControllerState,
 )
-from facade_manipulator.errors import DriveError, DriveStateError, ManipulatorError, ParameterError
+from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
 from facade_manipulator.loop.channel import (
     Channel,
     ChannelClosedError,
@@ -107,7 +107,7 @@ class LoopProcess:
             process = self._launch(theirs)
         channel.send('setup', setup)
         try:
-            self._axes, self._latest = _receive_ready(channel)
+            self._axes, self._first = _receive_ready(channel)
         except ManipulatorError:
             process.kill()
             channel.close()
@@ -115,7 +115,10 @@ class LoopProcess:
         # only now does anybody else send: the setup has to be first
         self._jobs: dict[int, Future] = {}
         self._unanswered = 0
-        self._lost, self._closing = '', False
+        self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
+        self._closing = False
+        self._decoded = None, self._first
+        self._latest: Message | None = None
         self._process, self._channel = process, channel
         Thread(target=self._receive, args=(channel,), name='control loop messages',
                daemon=True).start()
@@ -132,11 +135,10 @@ class LoopProcess:
         number = next(self._numbers)
         self._jobs[number] = job
         try:
-            if self._lost:
-                raise ChannelClosedError(self._lost)
-            if not self._channel.send('request', number, name):
-                raise DriveStateError(f'{name} is not possible: the control loop is too busy')
-        except ManipulatorError as error:
+            if self._lost is not None:
+                raise ChannelClosedError(self.snapshot().cause)
+            self._channel.send('request', number, name, must_arrive=True)
+        except ChannelClosedError as error:
             if self._jobs.pop(number, None) is not None:
                 job.set_exception(DriveError(str(error)))
         return job
@@ -149,14 +151,14 @@ class LoopProcess:
         """Show that the node is alive, and end a loop that hangs."""
         self._send('feed')
         self._unanswered += 1
-        if self._unanswered > MAX_UNANSWERED and not self._lost:
+        if self._unanswered > MAX_UNANSWERED and self._lost is None:
             self._process.kill()  # its drives miss the master's heartbeat and stop
             self._lose(f'the control loop has sent no state while it was fed '
                        f'{self._unanswered} times, bound {MAX_UNANSWERED}, and was ended')
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
-        self._send('stop', cause)
+        self._send('stop', cause, must_arrive=True)
 
     def change_limits(self, limits: MotionLimits) -> None:
         """Keep other limits from the next cycle on."""
@@ -173,11 +175,11 @@ class LoopProcess:
     def _change(self, **settings: Any) -> None:
         (kind, value), = settings.items()
         self._setup = replace(self._setup, **settings)
-        self._send(kind, value)
+        self._send(kind, value, must_arrive=True)
 
-    def _send(self, *message: Any) -> None:
+    def _send(self, *message: Any, must_arrive: bool = False) -> None:
         try:
-            self._channel.send(*message)
+            self._channel.send(*message, must_arrive=must_arrive)
         except ChannelClosedError:
             return  # the thread that receives meets the same and says so
 
@@ -186,7 +188,7 @@ class LoopProcess:
     @property
     def is_lost(self) -> bool:
         """Return whether the process has ended without being asked to."""
-        return bool(self._lost) and not self._closing
+        return self._lost is not None and not self._closing
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the newest state of controller and axes."""
@@ -198,10 +200,13 @@ class LoopProcess:
 
     def _read_latest(self) -> tuple[ControllerSnapshot, StreamStatus]:
         """Decode the newest state, once; more come than are ever looked at."""
-        latest = self._latest
-        if isinstance(latest, Message):
-            self._latest = latest = unpack_state(latest.content, self._axes)
-        return latest
+        if self._lost is not None:
+            return self._lost
+        latest, (decoded, state) = self._latest, self._decoded
+        if latest is not decoded:
+            state = unpack_state(latest.content, self._axes)
+            self._decoded = latest, state
+        return state
 
     def _receive(self, channel: Channel) -> None:
         """Take what the loop sends until one of the two ends; a thread of its own."""
@@ -232,23 +237,23 @@ class LoopProcess:
                 job.set_exception(DriveError(answer))
 
     def _lose(self, reason: str) -> None:
-        if self._lost:
+        if self._lost is not None:
             return
-        self._lost = reason
         snapshot, status = self._read_latest()
         cause = Cause(f'{reason}; the drives stop because its heartbeat is missing', LOST_REMEDY)
         state = ControllerState.CLOSED if self._closing else ControllerState.LOST
-        self._latest = ControllerSnapshot(
+        self._lost = ControllerSnapshot(
             state, None, tuple(AxisSnapshot(one.name, one.axis) for one in snapshot.axes),
             () if self._closing else (cause,), '' if self._closing else LOST_REMEDY), status
-        while self._jobs:
-            _, job = self._jobs.popitem()
-            job.set_exception(DriveError(reason))
+        for number in list(self._jobs):
+            job = self._jobs.pop(number, None)
+            if job is not None:
+                job.set_exception(DriveError(reason))
 
     def close(self) -> None:
         """Ramp down, power off, close the bus, end the process; waits for it."""
         self._closing = True
-        self._send('close')
+        self._send('close', must_arrive=True)
         try:
             self._process.wait(CLOSE_TIMEOUT)
         except subprocess.TimeoutExpired:

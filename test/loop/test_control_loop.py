@@ -159,8 +159,8 @@ def test_a_message_that_makes_no_sense_ends_nothing(make_bench):
 def test_rejected_setpoints_come_back_with_reason_and_message(make_bench):
     bench = make_bench()
     bench.do('configure', 'home', 'activate')
-    bench.process.send_setpoint(Setpoint(time.time(), (0.3, 0.4, 0.35), (0.0,) * 3))
-    wait_until(lambda: bench.rejections, 'the rejection')
+    wait_until(lambda: bench.rejections, 'the rejection', step=lambda: bench.process.send_setpoint(
+        Setpoint(time.time(), (0.3, 0.4, 0.35), (0.0,) * 3)))
     reason, message = bench.rejections[0]
     assert reason == 'far_setpoint' and 'is above the bound 0.05 m' in message
 
