@@ -18,7 +18,7 @@ import threading
 import time
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE.parent))
+sys.path[:0] = [str(HERE.parent), str(HERE / 'helpers')]
 os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 from can.interfaces.virtual import VirtualBus  # noqa: E402
@@ -140,17 +140,20 @@ def run() -> dict[str, list[Invocation]]:
     """Let the stack follow some goals; return what was counted."""
     watch = Watch()
     watch.install()
+    from loop_bench import LoopThread
+
     from facade_manipulator.nodes.driver import DriverNode
     from facade_manipulator.nodes.manipulator import make_nodes
 
     rclpy.init(domain_id=os.getpid() % 100)
-    driver = DriverNode(parameter_overrides=[Parameter('simulate_drives', value=True)])
+    driver = DriverNode(
+        launch=LoopThread, parameter_overrides=[Parameter('simulate_drives', value=True)])
     executor, supervisor = SingleThreadedExecutor(), Node('supervisor')
     nodes = [driver, *make_nodes(), supervisor]
     for node in nodes:
         executor.add_node(node)
     for request in ('configure', 'home', 'activate'):
-        job, end = getattr(driver._controller, request)(), time.monotonic() + DEADLINE
+        job, end = driver._loop.request(request), time.monotonic() + DEADLINE
         while not job.done() and time.monotonic() < end:
             executor.spin_once(0.01)
         job.result(0.0)

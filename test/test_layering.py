@@ -29,6 +29,8 @@ ROOMS = {
     'drives.cia402': BASE | {'resources', 'drives.canopen'},
     'drives.controller': BASE | {'files', 'drives.canopen', 'drives.cia402'},
     'drives.simulated': BASE | {'drives.canopen', 'drives.cia402'},
+    'loop': BASE | {'kinematics', 'motion', 'drives.canopen', 'drives.cia402', 'drives.controller',
+                    'drives.simulated'},
     'simulation': BASE | {'kinematics', 'motion', 'prediction', 'compensation', 'resources'},
 }
 ROS_ROOMS = {'ros', 'nodes', 'demo'}  # these may import everything

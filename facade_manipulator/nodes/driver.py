@@ -1,9 +1,10 @@
 """
-The driver node: three ball-screw drives on a CAN bus, and the last line of defence.
+The driver node: the ROS side of the control loop, which runs in a process of its own.
 
 A managed node: configure brings the bus up and checks the drives, activate powers them on. It
 never does so by itself, and whatever stops the drives makes it inactive again, with the reason in
-/diagnostics and the next step in the reply of the service that is asked.
+/diagnostics and the next step in the reply of the service that is asked. If the loop's process
+ends, the node becomes unconfigured; the next configure starts another one.
 """
 
 from __future__ import annotations
@@ -19,30 +20,21 @@ from rclpy.logging import get_logging_directory
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from facade_manipulator.drives.canopen import BusSettings, open_bus
+from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.controller import (
-    BusAccess,
+    ACTIVE_STATES,
     ControllerSettings,
     ControllerSnapshot,
     ControllerState,
-    DriveController,
-    FaultRecorder,
     Finding,
-    Mechanism,
+    POWERED_STATES,
     RecorderSettings,
 )
-from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
 from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion import (
-    HomingGuard,
-    MechanismGuard,
-    MotionLimits,
-    Setpoint,
-    SetpointFollower,
-    StreamSettings,
-)
+from facade_manipulator.loop import LoopProcess, LoopSetup, start_process
+from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
@@ -58,7 +50,6 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     LATEST,
     ManagedNode,
-    node_time,
     Rejections,
     RELIABLE,
     run,
@@ -68,11 +59,6 @@ from facade_manipulator.ros import (
 )
 
 SUPERVISION_PERIOD = 0.02
-ACTIVE_STATES = frozenset({
-    ControllerState.ACTIVATING, ControllerState.ACTIVE, ControllerState.HALTING,
-    ControllerState.HALTED, ControllerState.DEACTIVATING,
-})
-POWERED_STATES = ACTIVE_STATES | {ControllerState.HOMING}
 
 
 @settings
@@ -91,25 +77,24 @@ class DriverSettings:
 
 
 class DriverNode(ManagedNode):
-    """ROS side of the drive controller: parameters, messages, requests and their answers."""
+    """
+    ROS side of the control loop: parameters, messages, requests and their answers.
 
-    def __init__(self, **kwargs) -> None:
+    Parameters
+    ----------
+    launch : callable
+        Starts the loop's process; see `facade_manipulator.loop.LoopProcess`.
+
+    """
+
+    def __init__(self, launch=start_process, **kwargs) -> None:
         super().__init__('driver', **kwargs)
         accept_old_names(self)
-        self._geometry = declare(self, Geometry, 'geometry')
-        self._settings = declare(self, DriverSettings, '', self._change_settings)
-        self._controller_settings = declare(self, ControllerSettings, 'controller')
-        self._axes = self._declare_axes()
-        self._bus = declare(self, BusSettings, 'bus')
-        self._guard = MechanismGuard(self._geometry)
-        self._follower = SetpointFollower(
-            declare(self, StreamSettings, 'stream', self._change_stream),
-            declare(self, MotionLimits, 'limits', self._change_limits, self._check_limits),
-            self._controller_settings.period, self._guard)
-        self._simulator = None
-        self._controller = self._make_controller()
-        self._closer = ThreadPoolExecutor(max_workers=1)
         self._rejections = Rejections(self)
+        self._settings = declare(self, DriverSettings, '', self._change_settings)
+        self._setup = self._declare_setup()
+        self._loop = LoopProcess(self._setup, self._add_rejection, launch)
+        self._worker = ThreadPoolExecutor(max_workers=1)
         self._published_stamp: float | None = None
         self._drive_faults = 0
         self._was_stopped = False
@@ -120,12 +105,11 @@ class DriverNode(ManagedNode):
 
     def transition_jobs(self):
         """Return what starts each lifecycle transition."""
-        controller = self._controller
         return {
-            State.TRANSITION_STATE_CONFIGURING: controller.configure,
-            State.TRANSITION_STATE_ACTIVATING: controller.activate,
-            State.TRANSITION_STATE_DEACTIVATING: controller.deactivate,
-            State.TRANSITION_STATE_CLEANINGUP: controller.cleanup,
+            State.TRANSITION_STATE_CONFIGURING: self._configure,
+            State.TRANSITION_STATE_ACTIVATING: lambda: self._loop.request('activate'),
+            State.TRANSITION_STATE_DEACTIVATING: lambda: self._loop.request('deactivate'),
+            State.TRANSITION_STATE_CLEANINGUP: lambda: self._loop.request('cleanup'),
             State.TRANSITION_STATE_SHUTTINGDOWN: self._shut_down,
         }
 
@@ -136,39 +120,38 @@ class DriverNode(ManagedNode):
         self._diagnostics.publish()
 
     def close(self) -> None:
-        """Stop the drives, then leave the bus."""
-        self._controller.close()
+        """Ramp down, power off, leave the bus; ends the loop's process."""
+        self._loop.close()
         self.get_logger().info('The drives are off and the bus is closed.')
-        self._closer.shutdown()
-        if self._simulator is not None:
-            self._simulator.stop()
-            self._simulator.bus.shutdown()
+        self._worker.shutdown()
 
-    def _declare_axes(self) -> tuple[AxisSettings, ...]:
-        least, greatest = self._geometry.stroke
+    def _declare_setup(self) -> LoopSetup:
+        geometry = declare(self, Geometry, 'geometry')
+        controller = declare(self, ControllerSettings, 'controller')
+        axes = self._declare_axes(geometry)
+        bus = declare(self, BusSettings, 'bus')
+        if self._settings.simulate_drives:
+            bus = replace(bus, interface='virtual')
+        return LoopSetup(
+            geometry, controller, axes, bus,
+            declare(self, StreamSettings, 'stream', self._change_stream),
+            declare(self, MotionLimits, 'limits', self._change_limits,
+                    lambda limits: _check_limits(limits, axes)),
+            self._declare_recorder(), self._settings.simulate_drives)
+
+    def _declare_axes(self, geometry: Geometry) -> tuple[AxisSettings, ...]:
+        least, greatest = geometry.stroke
         return tuple(
             declare(self, AxisSettings, name, node_id=axis.node_id,
                     home_position=axis.home_position, lower_limit=least, upper_limit=greatest)
             for name, axis in zip(CARRIAGES, DEFAULT_AXES, strict=True))
 
-    def _make_controller(self) -> DriveController:
-        bus = self._bus
-        if self._settings.simulate_drives:
-            # python-can's virtual channels are shared by the whole process
-            bus = replace(bus, interface='virtual', channel=f'{self.get_namespace()}{bus.channel}')
-            self._simulator = DriveSimulator(open_bus(bus), simulated_drives(self._axes))
-            self._simulator.start()
-        return DriveController(
-            self._controller_settings, self._axes, BusAccess(lambda: open_bus(bus), bus.bitrate),
-            Mechanism(self._follower, self._guard, HomingGuard(self._geometry)),
-            self._make_recorder())
-
-    def _make_recorder(self) -> FaultRecorder:
+    def _declare_recorder(self) -> RecorderSettings:
         settings = declare(self, RecorderSettings, 'recorder')
-        if not settings.directory:
-            folder = Path(str(get_logging_directory())) / 'drive_faults'
-            settings = replace(settings, directory=str(folder))
-        return FaultRecorder(settings, self._axes, self._bus.channel)
+        if settings.directory:
+            return settings
+        folder = Path(str(get_logging_directory())) / 'drive_faults'
+        return replace(settings, directory=str(folder))
 
     def _offer(self) -> None:
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
@@ -176,14 +159,15 @@ class DriverNode(ManagedNode):
             JointState, 'joint_setpoints', self._receive_setpoint, LATEST, raw=True)
         self._software_stop = SoftwareStop(self, self._stop_by_software)
         for name, start in (
-            ('home', self._controller.home),
-            ('halt', self._controller.halt),
+            ('home', lambda: self._loop.request('home')),
+            ('halt', lambda: self._loop.request('halt')),
             ('clear_faults', self._clear_faults),
         ):
             self._offer_request(f'driver/{name}', start)
         self.replies.attach(self.create_service(
             SelfTest, 'driver/self_test',
-            lambda *_: Deferred(self._controller.self_test(), self._self_test_response)))
+            lambda *_: Deferred(
+                self._loop.request('self_test'), self._self_test_response)))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(1.0 / self._settings.joint_states_rate, self._publish_joint_states)
         self.create_timer(SUPERVISION_PERIOD, self._supervise)
@@ -212,78 +196,80 @@ class DriverNode(ManagedNode):
         self._settings = settings
 
     def _change_stream(self, settings: StreamSettings) -> None:
-        self._follower.settings = settings
+        self._loop.change_stream(settings)
 
     def _change_limits(self, limits: MotionLimits) -> None:
-        self._follower.change_limits(limits)
+        self._loop.change_limits(limits)
         self.get_logger().info(
             f'limits of motion are now {limits.speed:g} m/s, {limits.acceleration:g} m/s^2, '
             f'{limits.jerk:g} m/s^3')
 
-    def _check_limits(self, limits: MotionLimits) -> None:
-        """Reject what the drives, configured with limits of their own, would not follow."""
-        for name, axis in zip(CARRIAGES, self._axes, strict=True):
-            for what, value, bound, unit in (
-                ('speed', limits.speed, axis.max_speed, 'm/s'),
-                ('acceleration', limits.acceleration, axis.max_acceleration, 'm/s^2'),
-            ):
-                if value > bound:
-                    raise ParameterError(
-                        f'limits.{what} = {value:g} {unit} is above {name}.max_{what} = '
-                        f'{bound:g} {unit}')
+    def _configure(self) -> Future:
+        """Configure; if the loop's process has ended, start another one before."""
+        if not self._loop.is_lost:
+            return self._loop.request('configure')
+
+        def begin_again() -> str:
+            self._loop.start()
+            return self._loop.request('configure').result()
+
+        return self._worker.submit(begin_again)
 
     def _clear_faults(self) -> Future:
         """Reset the drives' faults; where there is only a halt, end it."""
-        if self._controller.snapshot().state is ControllerState.HALTED:
-            return self._controller.activate()
-        return self._controller.clear_faults()
+        is_halted = self._loop.snapshot().state is ControllerState.HALTED
+        return self._loop.request('activate' if is_halted else 'clear_faults')
 
     def _shut_down(self) -> Future:
         def close() -> str:
-            self._controller.close()
+            self._loop.close()
             return 'drives off, bus closed'
 
-        return self._closer.submit(close)
+        return self._worker.submit(close)
 
     def _receive_setpoint(self, data: bytes) -> None:
         try:
             self._require_active()
             time, (q1, q2, q3, *velocity) = self._setpoint_codec.read(data)
-            self._follower.add(Setpoint(time, (q1, q2, q3), tuple(velocity)), node_time(self))
+            self._loop.send_setpoint(Setpoint(time, (q1, q2, q3), tuple(velocity)))
         except ManipulatorError as error:
             self._rejections.add(error)
 
+    def _add_rejection(self, reason: str, message: str) -> None:
+        """Count a setpoint that the loop has rejected, in the thread that receives from it."""
+        self._rejections.add(InputError(reason, message))
+
     def _require_active(self) -> None:
-        state = self._controller.snapshot().state
+        state = self._loop.snapshot().state
         if state is not ControllerState.ACTIVE:
             raise InputError(
                 state.value, f'setpoint rejected: the drives are {state.value}, not active')
 
     def _stop_by_software(self, cause: str) -> None:
-        if self._controller.snapshot().state in POWERED_STATES:
-            self._controller.stop(cause)
+        if self._loop.snapshot().state in POWERED_STATES:
+            self._loop.stop(cause)
 
     def _supervise(self) -> None:
-        self._controller.feed_watchdog()
+        self._loop.feed()
         self._software_stop.watch(self._settings.software_stop_timeout)
-        snapshot = self._controller.snapshot()
+        snapshot = self._loop.snapshot()
         self._log_stop(snapshot)
         if snapshot.state not in ACTIVE_STATES:
-            self.fall_back()
+            self.fall_back(to_unconfigured=self._loop.is_lost)
         outcome = snapshot.outcome(), self._last_failure
         if outcome != self._published_outcome:
             self._published_outcome = outcome
             self._diagnostics.publish_change()
 
     def _log_stop(self, snapshot: ControllerSnapshot) -> None:
-        is_stopped = snapshot.state is ControllerState.STOPPED
+        is_stopped = snapshot.state in (ControllerState.STOPPED, ControllerState.LOST)
         if is_stopped and not self._was_stopped:
             self._drive_faults += 1
             self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
         self._was_stopped = is_stopped
 
     def _publish_joint_states(self) -> None:
-        joints = self._controller.snapshot().joints()
+        joints = self._loop.snapshot().joints()
         if joints is None or joints.stamp == self._published_stamp:
             return
         self._published_stamp = joints.stamp
@@ -291,18 +277,31 @@ class DriverNode(ManagedNode):
             joints.stamp, joints.positions + joints.velocities + joints.forces))
 
     def _components(self) -> list[DiagnosticStatus]:
-        snapshot = self._controller.snapshot()
-        settings = self._controller_settings
+        snapshot, settings = self._loop.snapshot(), self._setup.controller
         values = {
             'drive faults': self._drive_faults,
             'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
             **self._rejections.values(),
         }
         return [
-            operation_status(snapshot, self._follower, self._last_failure, values),
+            operation_status(
+                snapshot, self._loop.stream_status(), self._last_failure, values),
             bus_status(snapshot),
             *(axis_status(axis) for axis in snapshot.axes),
         ]
+
+
+def _check_limits(limits: MotionLimits, axes: tuple[AxisSettings, ...]) -> None:
+    """Reject what the drives, configured with limits of their own, would not follow."""
+    for name, axis in zip(CARRIAGES, axes, strict=True):
+        for what, value, bound, unit in (
+            ('speed', limits.speed, axis.max_speed, 'm/s'),
+            ('acceleration', limits.acceleration, axis.max_acceleration, 'm/s^2'),
+        ):
+            if value > bound:
+                raise ParameterError(
+                    f'limits.{what} = {value:g} {unit} is above {name}.max_{what} = '
+                    f'{bound:g} {unit}')
 
 
 def main(args: list[str] | None = None) -> int:

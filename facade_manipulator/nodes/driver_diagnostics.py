@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-import numpy as np
 
 from facade_manipulator.drives.cia402 import State
 from facade_manipulator.drives.controller import (
@@ -15,12 +14,13 @@ from facade_manipulator.drives.controller import (
     Finding,
     LATENESS_BOUNDS,
 )
-from facade_manipulator.motion import SetpointFollower
+from facade_manipulator.loop import StreamStatus
 from facade_manipulator.ros import diagnostic_status
 
 STATE_LEVELS = {
     ControllerState.STOPPED: 'error',
     ControllerState.BUS_LOST: 'error',
+    ControllerState.LOST: 'error',
     ControllerState.HALTED: 'warn',
     ControllerState.HALTING: 'warn',
 }
@@ -28,22 +28,23 @@ FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 def operation_status(
-    snapshot: ControllerSnapshot, follower: SetpointFollower, last_failure: str,
+    snapshot: ControllerSnapshot, stream: StreamStatus, last_failure: str,
     counters: dict[str, Any],
 ) -> DiagnosticStatus:
     """Say what the drives do as a group, why, what was rejected last and what comes next."""
     values = {
         'state': snapshot.state.value,
-        'activity': follower.activity.value,
+        'activity': stream.activity,
         'cause': snapshot.cause,
         'next step': snapshot.next_step,
         'further causes': '; '.join(snapshot.further_causes),
         'notes': '; '.join(snapshot.notes),
         'not homed': ', '.join(snapshot.unhomed),
-        'limited cycles': follower.limited_cycles,
-        'brakes': follower.brakes,
-        'last brake': follower.last_rejection,
-        **_margins(follower),
+        'limited cycles': stream.limited_cycles,
+        'brakes': stream.brakes,
+        'last brake': stream.last_brake,
+        'states dropped': stream.dropped,
+        **_margins(stream.margins),
         **counters,
     }
     level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
@@ -108,13 +109,10 @@ def _message(snapshot: ControllerSnapshot, last_failure: str) -> str:
     return f'{snapshot.state.value}; {last_failure}' if last_failure else snapshot.state.value
 
 
-def _margins(follower: SetpointFollower) -> dict[str, float]:
+def _margins(margins: tuple[float, ...]) -> dict[str, float]:
     """How early setpoints come: 0 would be the instant at which the carriages should be there."""
-    margins = tuple(follower.margins)
-    if not margins:
-        return {}
-    low, middle = np.percentile(margins, (1, 50))
-    return {'setpoint margin p1 [ms]': 1e3 * low, 'setpoint margin p50 [ms]': 1e3 * middle}
+    return {f'setpoint margin {name} [ms]': 1e3 * margin
+            for name, margin in zip(('p1', 'p50'), margins, strict=False)}
 
 
 def _histogram(counts: tuple[int, ...]) -> dict[str, int]:

@@ -52,11 +52,13 @@ class ManagedNode(LifecycleNode):
         else:
             self.get_logger().error(message)
 
-    def fall_back(self) -> None:
-        """Go from active to inactive: the drives have already stopped by themselves."""
-        if self._state_machine.current_state[0] == State.PRIMARY_STATE_ACTIVE:
-            self._state_machine.trigger_transition_by_id(
-                Transition.TRANSITION_DEACTIVATE, True)
+    def fall_back(self, to_unconfigured: bool = False) -> None:
+        """Go from active to inactive, or further: what the state stands for has already ended."""
+        paths = {State.PRIMARY_STATE_ACTIVE: Transition.TRANSITION_DEACTIVATE}
+        if to_unconfigured:
+            paths[State.PRIMARY_STATE_INACTIVE] = Transition.TRANSITION_CLEANUP
+        while (transition := paths.pop(self._state_machine.current_state[0], None)) is not None:
+            self._state_machine.trigger_transition_by_id(transition, True)
             self._finish(SUCCESS)
 
     def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response):

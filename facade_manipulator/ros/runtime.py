@@ -25,7 +25,7 @@ LATCHED = QoSProfile(
     depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 SHUT_DOWN, USAGE_ERROR = 1, 2
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 WATCH_PERIOD = 0.05  # s, in which a signal is seen on a node where nothing happens
 
 
@@ -34,7 +34,7 @@ def run(
     experimental: bool = True,
 ) -> int:
     """
-    Spin the nodes until SIGINT or SIGTERM; return the process's exit status.
+    Spin the nodes until SIGINT, SIGTERM or SIGHUP; return the process's exit status.
 
     A `ManipulatorError` while the nodes are made, such as a parameter out of range, is one
     message on stderr and exit status 2; so is the end of ROS without a signal, with status 1:
@@ -44,7 +44,8 @@ def run(
     """
     received: list[int] = []
     for number in STOP_SIGNALS:
-        signal.signal(number, lambda number, _: received.append(number))
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # of nohup
+            signal.signal(number, lambda number, _: received.append(number))
     nodes: Sequence[Node] = ()
     try:
         nodes = _start(make_nodes, args)

@@ -264,7 +264,7 @@ class Driver:
         # an object that a drive is asked for while it boots is asked for again
         logging.getLogger('canopen').setLevel(logging.CRITICAL)
         settings = ControllerSettings(
-            rate=RATE, boot_timeout=PATIENCE, watchdog_timeout=1.0, max_missed_cycles=10,
+            rate=RATE, boot_timeout=PATIENCE, max_missed_cycles=10,
             heartbeat_timeout=0.5)
         guard = MechanismGuard(Geometry())
         self.follower = SetpointFollower(
@@ -306,7 +306,7 @@ class Driver:
 
 
 class Reader(threading.Thread):
-    """Beat and ask for a snapshot 100 times a second, as the node does; count the time of it."""
+    """Ask for a snapshot 100 times a second, as the node does; count the time of it."""
 
     def __init__(self, controller) -> None:
         super().__init__(daemon=True)
@@ -316,7 +316,6 @@ class Reader(threading.Thread):
 
     def run(self) -> None:
         while True:
-            self._controller.feed_watchdog()
             begin = time.thread_time()
             self._controller.snapshot()
             self.spent += time.thread_time() - begin

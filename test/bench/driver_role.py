@@ -45,9 +45,8 @@ class DriverRelay(RelayDriver):
 def answer_instead(driver: Node) -> None:
     """Give an active driver drives that cost next to nothing."""
     Answers(can.Bus(interface='virtual', channel=CHANNEL))
-    driver._simulator.stop()
-    driver._simulator.bus.shutdown()
-    driver._simulator = None
+    simulator = driver._loop._process.loop.simulator
+    simulator.stop()
 
 
 def main() -> None:

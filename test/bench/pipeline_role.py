@@ -10,6 +10,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable
 import json
+from pathlib import Path
 import signal
 import sys
 from threading import Event, Thread
@@ -29,7 +30,7 @@ from facade_manipulator.ros.runtime import LATEST
 
 LAST_COMMAND = pdo.RPDO1.cob_id(3)
 HOP = 0.0002  # s: an estimate younger than this is not in the next corrected pose yet
-CHANNEL = '/bench/driver_bench'
+CHANNEL = 'driver_bench'
 PATIENCE = 60.0
 
 
@@ -82,10 +83,13 @@ def real_driver(
     heard: list, when_active: Callable[[Node], None] = lambda driver: None
 ) -> Node:
     """Return the driver node, homed and active soon, that then notes each setpoint it takes."""
+    sys.path.append(str(Path(__file__).resolve().parents[1] / 'helpers'))
+    from loop_bench import LoopThread
+
     from facade_manipulator.nodes.driver import DriverNode
 
-    driver = DriverNode()
-    follower, controller = driver._follower, driver._controller
+    driver = DriverNode(launch=LoopThread)  # in this process, so that its bus can be watched
+    follower = driver._loop._process.loop.follower
     add = follower.add
 
     def note(setpoint, now):
@@ -93,8 +97,8 @@ def real_driver(
         heard.append((setpoint.time - HORIZON, time.time()))
 
     def bring_up():
-        for request in (controller.configure, controller.home, controller.activate):
-            print(request().result(PATIENCE), file=sys.stderr)
+        for request in ('configure', 'home', 'activate'):
+            print(driver._loop.request(request).result(PATIENCE), file=sys.stderr)
         when_active(driver)
         follower.add = note
 

@@ -99,7 +99,7 @@ def run_driver(is_ours: bool, rate: float, quick: bool) -> Load:
         role = processes.script(
             'driver_role', 'driver' if is_ours else 'relay', '--ros-args',
             '-r', '__ns:=/bench', '-p', 'simulate_drives:=true',
-            '-p', 'bus.channel:=/driver_bench', '-p', f'controller.rate:={FAST_RATE:.0f}',
+            '-p', 'bus.channel:=driver_bench', '-p', f'controller.rate:={FAST_RATE:.0f}',
             *PATIENT)
         processes.role('setpoints', 'events', rate)
         until(lambda: listen(role, 0.2)[0])
@@ -207,7 +207,7 @@ def way_to_the_bus(is_ours: bool, rate: float, quick: bool) -> dict[str, list[fl
         if is_ours:
             processes.node('manipulator', f'rate:={rate}')
             seat = ('driver', str(rate), '--ros-args', '-p', 'simulate_drives:=true',
-                    '-p', f'controller.rate:={rate:.0f}', '-p', 'bus.channel:=/driver_bench',
+                    '-p', f'controller.rate:={rate:.0f}', '-p', 'bus.channel:=driver_bench',
                     *PATIENT)
         else:
             processes.role('compensator_relay', 'single', rate)

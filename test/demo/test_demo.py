@@ -9,7 +9,7 @@ import time
 
 import numpy as np
 import pytest
-from support import wait_until
+from support import children, wait_until
 
 from facade_manipulator.demo.record import settled, Thinned
 from facade_manipulator.simulation.pictures import amplitudes, attenuation
@@ -19,19 +19,6 @@ SETTLED = 10.0
 RUN_DEADLINE = 60.0
 FREEZE = 1.0  # s, far beyond what drives forgive
 LARGEST_ANIMATION = 2_000_000
-
-
-def children(pid):
-    """Return the process ids whose parent is `pid`."""
-    found = []
-    for stat in Path('/proc').glob('[0-9]*/stat'):
-        try:
-            fields = stat.read_text().rsplit(')', 1)[1].split()
-        except OSError:
-            continue
-        if int(fields[1]) == pid:
-            found.append(int(stat.parent.name))
-    return found
 
 
 def ended(process):
@@ -147,10 +134,11 @@ def test_drives_that_stop_end_the_demo_with_the_reason(start_process, tmp_path):
     wait_until(lambda: ' 0.0 s ' in process.log.read_text(), 'the first line', RUN_DEADLINE)
     driver = next(pid for pid in children(process.pid)
                   if b'nodes.driver' in Path(f'/proc/{pid}/cmdline').read_bytes())
-    os.kill(driver, signal.SIGSTOP)
-    wait_until(lambda: Path(f'/proc/{driver}/stat').read_text().split()[2] == 'T', 'the freeze')
+    loop, = children(driver)
+    os.kill(loop, signal.SIGSTOP)
+    wait_until(lambda: Path(f'/proc/{loop}/stat').read_text().split()[2] == 'T', 'the freeze')
     time.sleep(FREEZE)
-    os.kill(driver, signal.SIGCONT)
+    os.kill(loop, signal.SIGCONT)
     wait_until(lambda: ended(process), 'the end of the demo', RUN_DEADLINE)
     assert process.returncode == 1
     assert re.search('the demo ended: driver: stopped: .*; next: ', process.log.read_text())

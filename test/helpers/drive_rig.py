@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from contextlib import suppress
-import threading
 
 import can
 import pytest
@@ -25,7 +24,7 @@ PATIENCE = 20.0
 HOME = (-0.1, 0.1, 0.0)
 # what a busy computer does to the cycle must fail no test that is not about it
 SETTINGS = ControllerSettings(
-    own_garbage_collection=False, boot_timeout=0.5, hold_cycles=3, watchdog_timeout=1.0,
+    own_garbage_collection=False, boot_timeout=0.5, hold_cycles=3,
     max_missed_cycles=10, heartbeat_timeout=0.5)
 MOVING = 0.1  # m/s
 
@@ -72,8 +71,6 @@ class Rig:
         self.interface = interface
         self.axes = axes
         self.source = source or Source(settings.period)
-        self.feeds = threading.Event()
-        self.feeds.set()
         self.buses = []
         self.bus_is_missing = False
         self._bus = self._new_bus()
@@ -85,9 +82,6 @@ class Rig:
                    'drives that are on')  # a boot-up while they are reset means: once more
         self.controller = DriveController(
             settings, axes, BusAccess(self.open_bus), Mechanism(self.source, **checks), recorder)
-        self._ended = threading.Event()
-        self._feeder = threading.Thread(target=self._feed)
-        self._feeder.start()
 
     def _new_bus(self) -> can.BusABC:
         return can.Bus(interface=self.interface, channel=self.channel)
@@ -98,15 +92,8 @@ class Rig:
         self.buses.append(self._new_bus())
         return self.buses[-1]
 
-    def _feed(self) -> None:
-        while not self._ended.wait(0.02):
-            if self.feeds.is_set():
-                self.controller.feed_watchdog()
-
     def close(self) -> None:
         self.controller.close()
-        self._ended.set()
-        self._feeder.join()
         self.simulator.stop()
         for bus in (self._bus, self.listener):
             bus.shutdown()

@@ -25,7 +25,7 @@ from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, Stre
 
 # for tests: what a busy computer does is no fault
 PATIENT = replace(SETTINGS, max_missed_cycles=5, hold_cycles=1, reopen_after=0.2)
-# for figures: the project's own bounds, but for the executor, for it is the test that runs in it
+# for figures: the project's own bounds
 EXACT = replace(PATIENT, max_missed_cycles=3, heartbeat_timeout=0.15)
 SLOW_HOMING = tuple(
     replace(axis, homing_method=17, homing_speed=0.03) for axis in DEFAULT_AXES)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from pathlib import Path
 import socket
 import time
 import warnings
@@ -45,6 +46,16 @@ def patiently(
             second_tries.append(f'{error}')
             mend()
     return action()
+
+
+def children(pid: int) -> list[int]:
+    """Return the process ids whose parent is `pid`."""
+    found = []
+    for stat in Path('/proc').glob('[0-9]*/stat'):
+        with suppress(OSError):
+            if int(stat.read_text().rsplit(')', 1)[1].split()[1]) == pid:
+                found.append(int(stat.parent.name))
+    return found
 
 
 def hear_much(raw: socket.socket) -> None:

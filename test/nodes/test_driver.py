@@ -2,7 +2,10 @@
 
 import math
 import os
+from pathlib import Path
 import signal
+import subprocess
+import sys
 
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import Transition
@@ -12,7 +15,7 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
-from support import wait_until
+from support import children, wait_until
 
 from facade_manipulator.drives.simulated.drive import Identity
 from facade_manipulator.nodes.driver import DriverNode
@@ -21,12 +24,12 @@ from facade_manipulator.ros.conversions import stamp
 from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 HOME = (-0.1, 0.1, 0.0)
+PARTICIPANTS = Path(__file__).resolve().parents[1] / 'participants.py'
 SIMULATED = (
     Parameter('simulate_drives', value=True),
     Parameter('bus.interface', value='virtual'),
     # the machine of the tests may be busy; that such time-outs act is the controller's tests'
     Parameter('controller.heartbeat_timeout', value=1.0),
-    Parameter('controller.watchdog_timeout', value=1.0),
     Parameter('controller.max_missed_cycles', value=10),
 )
 
@@ -173,7 +176,7 @@ def test_software_stop_stops_the_drives_and_they_stay_stopped(bench):
     bench.software_stop.publish(Bool(data=True))
     bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
     assert 'software_stop was set' in bench.message()
-    bench.software_stop.publish(Bool(data=False))
+    bench.operator.create_timer(0.1, lambda: bench.software_stop.publish(Bool(data=False)))
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     bench.ros.until(lambda: bench.ask('clear_faults').success, 'cleared faults')
     assert bench.change(Transition.TRANSITION_ACTIVATE)
@@ -188,8 +191,7 @@ def test_a_software_stop_that_falls_silent_stops_the_drives(bench):
 
 def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(bench):
     bench.bring_up()
-    with bench.node._simulator.access() as drives:
-        drives[1].inject_fault(0x8611)
+    bench.node._loop.disturb(1, 'inject_fault', 0x8611)
     bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
     assert 'q2' in bench.message()
     assert bench.values()['drive faults'] == '1'
@@ -200,8 +202,7 @@ def test_the_last_minute_before_a_fault_is_written_down(ros, tmp_path):
     bench = Bench(ros, Parameter('recorder.directory', value=str(tmp_path)),
                   Parameter('recorder.aftermath', value=0.1))
     bench.bring_up()
-    with bench.node._simulator.access() as drives:
-        drives[0].inject_fault(0x7320)
+    bench.node._loop.disturb(0, 'inject_fault', 0x7320)
     bench.ros.until(lambda: list(tmp_path.glob('drive_fault_*.zip')), 'the record')
 
 
@@ -216,8 +217,7 @@ def test_the_self_test_reports_each_part(bench):
 
 def test_a_drive_of_another_identity_is_rejected_by_name(ros):
     bench = Bench(ros, Parameter('q2.serial_number', value=77))
-    with bench.node._simulator.access() as drives:
-        drives[1].set_identity(Identity(serial_number=78))
+    bench.node._loop.disturb(1, 'set_identity', Identity(serial_number=78))
     assert not bench.change(Transition.TRANSITION_CONFIGURE)
     assert 'q2' in bench.message() and '78' in bench.message() and '77' in bench.message()
     assert bench.state() == 'unconfigured'
@@ -236,22 +236,73 @@ def test_parameters_that_contradict_are_one_sentence_and_exit_status_2(start_pro
     assert 'Traceback' not in process.log.read_text()
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_an_active_driver_ends_cleanly_on_a_signal(ros_domain, start_process, number):
+@pytest.fixture
+def active_driver(ros_domain, start_process):
+    """Start a driver in a process of its own and power its drives on; give it and its loop."""
     import rclpy
 
     process = start_process(
         'facade_manipulator.nodes.driver', '--ros-args', '-p', 'simulate_drives:=true',
-        '-p', 'controller.heartbeat_timeout:=1.0', '-p', 'controller.watchdog_timeout:=1.0',
+        '-p', 'controller.heartbeat_timeout:=1.0',
         '-p', 'controller.max_missed_cycles:=10')
     rclpy.init(domain_id=ros_domain)
-    try:
-        with ManipulatorClient() as client:
-            client.configure()
-            client.home()
-            client.activate()
-            os.kill(process.pid, number)
-            assert exit_status(process) == 0
-    finally:
-        rclpy.try_shutdown()
-    assert 'Traceback' not in process.log.read_text()
+    with ManipulatorClient() as client:
+        client.configure()
+        client.home()
+        client.activate()
+        yield process, *children(process.pid)
+    rclpy.try_shutdown()
+
+
+def wait_for_the_end_of(pid):
+    wait_until(lambda: not Path(f'/proc/{pid}').exists()
+               or Path(f'/proc/{pid}/stat').read_text().split()[2] == 'Z', 'the end of the loop')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_active_driver_ends_cleanly_on_a_signal(active_driver, number):
+    process, loop = active_driver
+    os.kill(process.pid, number)
+    assert exit_status(process) == 0
+    wait_for_the_end_of(loop)
+    log = process.log.read_text()
+    assert 'The drives are off and the bus is closed.' in log
+    assert 'Traceback' not in log
+
+
+def test_all_processes_of_a_service_may_be_told_to_end_at_once(active_driver):
+    """As systemd does: the loop hears it as well as the node."""
+    process, loop = active_driver
+    os.kill(loop, signal.SIGTERM)
+    os.kill(process.pid, signal.SIGTERM)
+    assert exit_status(process) == 0
+    wait_for_the_end_of(loop)
+
+
+def test_the_loop_of_a_driver_that_is_killed_ramps_down_and_ends(active_driver):
+    process, loop = active_driver
+    os.kill(process.pid, signal.SIGKILL)
+    assert exit_status(process) == -signal.SIGKILL
+    wait_for_the_end_of(loop)
+    assert 'the carriages ramp down and the power goes off' in process.log.read_text()
+
+
+def test_participants_that_come_and_go_stop_nothing(active_driver):
+    _, loop = active_driver
+    visitors = subprocess.run(
+        [sys.executable, PARTICIPANTS, '--visit', '--count', '4', '--pause', '0.2'], check=False)
+    assert visitors.returncode == 0
+    with ManipulatorClient(node_name='onlooker') as client:
+        assert client.driver_state() == 'active'
+    assert Path(f'/proc/{loop}').exists()
+
+
+def test_a_loop_that_is_killed_leaves_the_driver_unconfigured_with_the_reason(bench):
+    bench.bring_up()
+    bench.node._loop._process.kill()
+    bench.ros.until(lambda: bench.node.state_label == 'unconfigured', 'unconfigured')
+    assert 'the control loop has ended by itself, exit status -9' in bench.message()
+    assert bench.values()['next step'].endswith('configure again')
+    assert not bench.ask('home').success
+    bench.bring_up()  # with another one, homed again
+    assert bench.state() == 'active'

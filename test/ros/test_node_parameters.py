@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
+from loop_bench import LoopThread
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from support import DEADLINE
+from support import DEADLINE, wait_until
 import yaml
 
 from facade_manipulator import config_path
@@ -105,12 +106,13 @@ def test_limits_beyond_those_of_the_drives_are_rejected_at_start(ros):
 
 
 def test_the_drivers_limits_and_stream_may_be_changed_while_it_runs(ros):
-    driver = ros.add(DriverNode())
+    driver = ros.add(DriverNode(launch=LoopThread))
     results = driver.set_parameters([
         Parameter('limits.speed', value=0.1), Parameter('stream.first_step', value=0.02)])
     assert all(result.successful for result in results)
-    assert driver._follower._limiter.limits.speed == 0.1
-    assert driver._follower.settings.first_step == 0.02
+    follower = driver._loop._process.loop.follower
+    wait_until(lambda: (follower._limiter.limits.speed, follower.settings.first_step)
+               == (0.1, 0.02), 'the changes in the loop')
 
 
 def test_what_the_compensator_does_may_be_changed_while_it_runs(ros):

@@ -17,17 +17,19 @@ from command_watch import CommandWatch
 from listener import Listener
 import pytest
 from stack import as_driver, assert_says, bring_up, come_down, DRIVER, go_on, PERIOD
-from support import DEADLINE, hear_much, patiently, wait_until
+from support import children, DEADLINE, hear_much, patiently, wait_until
 from test_drive_simulator import switch
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, State
+from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.ros.client import ManipulatorClient, ManipulatorError
 
 NODES = (1, 2, 3)
 HEARTBEAT_TIMEOUT = 0.15
 QUICK_STOP_WITHIN = 0.16
+RAMP_WITHIN = 3.0
 MOST_BUSY = 0.5  # of a guest's processor: far from a loop without a pause
 PULSE, PULSE_PERIOD = 0x7F1, 0.005  # no drive listens to it
 HERE = Path(__file__).resolve().parent
@@ -96,12 +98,12 @@ def misses_heartbeat(data: bytes) -> bool:
     return data[:2] == b'\x30\x81'
 
 
-def has_quick_stopped(data: bytes) -> bool:
-    return decode_state(pdo.decode_tpdo1(data).statusword) is State.QUICK_STOP_ACTIVE
-
-
 def stops(data: bytes) -> bool:
     return pdo.decode_rpdo1(data).controlword == Controlword.QUICK_STOP
+
+
+def is_off(data: bytes) -> bool:
+    return decode_state(pdo.decode_tpdo1(data).statusword) is State.SWITCH_ON_DISABLED
 
 
 def enables(data: bytes) -> bool:
@@ -141,10 +143,12 @@ def wait_until_enabled(watcher: Watcher, deadline: float = DEADLINE) -> None:
 
 
 @pytest.mark.driver()
-def test_a_killed_driver_is_missed_by_every_drive_in_time(active, driver, watcher, listener):
+def test_a_driver_that_is_killed_with_its_loop_is_missed_by_every_drive_in_time(
+        active, driver, watcher, listener):
     make_sure_of_power(active, watcher)
     begin = time.time()
-    os.kill(driver.pid, signal.SIGKILL)
+    for pid in (*children(driver.pid), driver.pid):
+        os.kill(pid, signal.SIGKILL)
     assert_drives_stopped_by_themselves(watcher, begin)
     wait_until(lambda: states_by_sdo(listener) == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
 
@@ -159,18 +163,19 @@ def states_by_sdo(listener: Listener) -> list[State]:
 
 
 @pytest.mark.driver()
-def test_a_frozen_driver_is_missed_in_time_and_enables_nothing_when_it_thaws(
+def test_a_frozen_loop_is_missed_in_time_and_enables_nothing_when_it_thaws(
         active, driver, watcher):
     make_sure_of_power(active, watcher)
+    loop, = children(driver.pid)
     begin = time.time()
-    os.kill(driver.pid, signal.SIGSTOP)
+    os.kill(loop, signal.SIGSTOP)
     try:
         assert_drives_stopped_by_themselves(watcher, begin)
         wait_until(lambda: watcher.states() == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
         wait_until(lambda: time.time() > begin + 2.0 * HEARTBEAT_TIMEOUT, 'a long pause')
     finally:
         thawed = time.time()
-        os.kill(driver.pid, signal.SIGCONT)
+        os.kill(loop, signal.SIGCONT)
     active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
     assert all_of(watcher.first(0x200 + node, thawed, stops) for node in NODES)
     assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
@@ -179,7 +184,28 @@ def test_a_frozen_driver_is_missed_in_time_and_enables_nothing_when_it_thaws(
     go_on(active)
 
 
-def test_an_executor_that_hangs_stops_the_drives_in_time(drives, start_process, client, watcher):
+def assert_ramped_down_and_off(watcher: Watcher, since: float, within: float) -> None:
+    """Check that the drives lost power on the loop's commands, without a quick stop."""
+    off = wait_until(lambda: all_of(
+        watcher.first(0x180 + node, since, is_off) for node in NODES), 'power off')
+    print(f'power off {1e3 * (max(off) - since):.0f} ms after the node was gone')
+    assert max(off) - since <= within + watcher.pause(since, max(off))
+    assert [watcher.first(0x200 + node, since, stops) for node in NODES] == [None] * 3
+    assert [watcher.first(0x080 + node, since) for node in NODES] == [None] * 3
+    assert watcher.commands.complaints == []
+
+
+def test_a_killed_node_leaves_a_loop_that_ramps_down_and_powers_off(active, driver, watcher):
+    make_sure_of_power(active, watcher)
+    loop, = children(driver.pid)
+    begin = time.time()
+    os.kill(driver.pid, signal.SIGKILL)
+    assert_ramped_down_and_off(watcher, begin, RAMP_WITHIN)
+    wait_until(lambda: not Path(f'/proc/{loop}').exists(), 'the end of the loop')
+
+
+def test_a_node_that_hangs_leaves_a_loop_that_ramps_down_and_powers_off(
+        drives, start_process, client, watcher):
     process = start_process(
         'hanging_driver', '--ros-args', *DRIVER, env={'PYTHONPATH': str(HERE)},
         preexec_fn=as_driver)
@@ -188,18 +214,9 @@ def test_an_executor_that_hangs_stops_the_drives_in_time(drives, start_process, 
     os.kill(process.pid, signal.SIGUSR1)
     hung = float(wait_until(
         lambda: re.search(r'hung at ([\d.]+)\n', process.log.read_text()), 'the hanging')[1])
-    commanded = wait_until(lambda: all_of(
-        watcher.first(0x200 + node, hung, stops) for node in NODES), 'the commands to stop')
-    taken = wait_until(lambda: watcher.first(0x080, max(commanded)), 'the SYNC that takes them')
-    told = wait_until(lambda: all_of(
-        watcher.first(0x180 + node, hung, has_quick_stopped) for node in NODES), 'quick stop')
-    assert all_of(watcher.first(0x200 + node, hung, enables) for node in NODES), 'stopped before'
-    pause = watcher.pause(hung, taken)
-    print(f'commanded to stop {1e3 * (max(commanded) - hung):.1f} ms after the executor hung, '
-          f'taken by SYNC after {1e3 * (taken - hung):.1f} ms, told by the drives after '
-          f'{1e3 * (max(told) - hung):.1f} ms; the machine stood still for {1e3 * pause:.1f} ms')
-    assert taken - hung <= QUICK_STOP_WITHIN + pause
-    process.kill()  # it would hear nothing else
+    assert_ramped_down_and_off(
+        watcher, hung, ControllerSettings().watchdog_timeout + RAMP_WITHIN)
+    process.kill()  # it would receive nothing else
 
 
 def busy_share(pid: int) -> float:

@@ -136,7 +136,7 @@ def describe(code: int) -> str:
 
 
 def is_error_reset(code: int) -> bool:
-    """Tell whether an emergency message says that errors are gone rather than come."""
+    """Return whether an emergency message says that errors are gone rather than come."""
     return code & 0xFF00 == 0
 
 

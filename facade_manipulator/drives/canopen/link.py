@@ -78,7 +78,7 @@ def check_link(channel: str, bitrate: int) -> None:
 
 
 def is_up(channel: str) -> bool:
-    """Tell whether a network interface exists and is up."""
+    """Return whether a network interface exists and is up."""
     try:
         flags = int((_SYSTEM / channel / 'flags').read_text(), 16)
     except (OSError, ValueError):

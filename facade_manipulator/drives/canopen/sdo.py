@@ -31,7 +31,7 @@ class SdoAbortError(DriveObjectError):
 
     @property
     def is_absent(self) -> bool:
-        """Tell whether the drive has no such object at all."""
+        """Return whether the drive has no such object at all."""
         return self.code in NO_SUCH_OBJECT
 
 

@@ -151,7 +151,7 @@ class AxisStepper:
 
     def advance(self, feedback: Feedback, now: float) -> bool:
         """
-        Tell whether the step is done.
+        Return whether the step is done.
 
         Raises
         ------

@@ -51,7 +51,7 @@ class Cause:
         return f'{self.message}; next: {self.remedy}'
 
     def is_completed_by(self, later: Cause) -> bool:
-        """Tell whether a later cause completes this one: a drive was silent and then restarted."""
+        """Return whether a later cause completes this one: a silent drive has restarted."""
         return self.is_silence and later.is_restart and later.axis == self.axis
 
     def completed_by(self, later: Cause) -> Cause:

@@ -105,7 +105,7 @@ class Group:
 
     @property
     def is_powered(self) -> bool:
-        """Tell whether the drives are meant to have power."""
+        """Return whether the drives are meant to have power."""
         return self.phase in POWERED_PHASES
 
     def enable(self, now: float) -> None:
@@ -208,7 +208,7 @@ class Group:
 
     @property
     def needs_configuration(self) -> bool:
-        """Tell whether a cause asks for the drives to be configured again."""
+        """Return whether a cause asks for the drives to be configured again."""
         return self.severest_cause is not None and self.severest_cause.configure_again
 
     def stop(self, cause: Cause, now: float) -> None:
@@ -262,7 +262,7 @@ class Group:
         return self._commands(bits)
 
     def _is_unchanged(self, feedback: tuple[Feedback, ...]) -> bool:
-        """Tell whether all is done, nothing comes next, and no drive has sent anything else."""
+        """Return whether all is done, nothing comes next, and no drive has sent anything else."""
         return self.is_settled and len(self._plan) == 1 and feedback == self._last_feedback
 
     def _may_proceed(self, phase: Phase) -> bool:

@@ -121,7 +121,7 @@ class HomingSequence:
 
     @property
     def done(self) -> bool:
-        """Tell whether every axis is homed."""
+        """Return whether every axis is homed."""
         return all(axis.state is HomingState.HOMED for axis in self.axes)
 
     @property

@@ -7,27 +7,32 @@ requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for
 
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.controller import DriveController
-from facade_manipulator.drives.controller.cycle import LATENESS_BOUNDS
+from facade_manipulator.drives.controller.cycle import CycleStatistics, LATENESS_BOUNDS
 from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
 from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import (
+    ACTIVE_STATES,
     AxisSnapshot,
     ControllerSnapshot,
     ControllerState,
+    POWERED_STATES,
 )
 from facade_manipulator.drives.controller.targets import Mechanism
 
 __all__ = [
+    'ACTIVE_STATES',
     'AxisSnapshot',
     'BusAccess',
     'ControllerSettings',
     'ControllerSnapshot',
     'ControllerState',
+    'CycleStatistics',
     'DriveController',
     'FaultRecorder',
     'Finding',
     'LATENESS_BOUNDS',
     'Mechanism',
+    'POWERED_STATES',
     'RecorderSettings',
 ]

@@ -9,6 +9,7 @@ group and commands once per SYNC. What needs SDO runs in a worker thread.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import suppress
@@ -26,7 +27,7 @@ from facade_manipulator.drives.controller.service_operations import CLOSING_TIME
 from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.drives.controller.targets import Mechanism
+from facade_manipulator.drives.controller.targets import allow_anything, Mechanism
 from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0
@@ -64,6 +65,11 @@ class DriveController:
     recorder : FaultRecorder, optional
         Gets every frame, and writes the last minute down when the drives stop.
 
+    Attributes
+    ----------
+    observe : callable
+        Takes the snapshot of each cycle, in the control thread; must not wait.
+
     Raises
     ------
     ParameterError
@@ -76,6 +82,7 @@ class DriveController:
         mechanism: Mechanism, recorder: FaultRecorder | None = None,
     ) -> None:
         self._session = Session(settings, axes, bus, mechanism, recorder)
+        self.observe: Callable[[ControllerSnapshot], None] = allow_anything
         self._operation: Operation | None = None
         self._future: Future[str] | None = None
         self._requests: deque[tuple[Operation, Future[str]]] = deque()
@@ -129,10 +136,6 @@ class DriveController:
         if connection is not None:
             with suppress(BusError):  # the control thread meets the same error and handles it
                 connection.exchange.send_stop()
-
-    def feed_watchdog(self) -> None:
-        """Show that the caller's executor is alive; powered drives stop without."""
-        self._session.supervision.fed = time.monotonic()
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the state of controller and axes at the newest cycle."""
@@ -297,6 +300,7 @@ class DriveController:
             bus_error=session.lost.message if session.lost is not None else '',
             bus_load=session.bus_load,
         )
+        self.observe(self._snapshot)
 
     def _notes(self) -> tuple[str, ...]:
         notes, recorder = self._rejected + self._session.notes, self._session.recorder

@@ -13,7 +13,7 @@ from bisect import bisect_right
 from typing import NamedTuple
 
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
-COMMANDS_DUE = 0.8  # later commands might meet the kernel's next SYNC on the wire
+COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC
 MIN_GAP = 0.2  # between our commands and our next SYNC
 OTHERS_DUE = 0.3  # of the period: how long after a late first answer the others may come
 FIRST_ANSWER_DUE = 3.0  # for any answer to our SYNC: this computer is late, not all drives dead
@@ -137,7 +137,7 @@ class SyncProducer(CycleClock):
         self._next_sync = now
 
     def sync_due(self, now: float, all_read: bool) -> bool:
-        """Tell whether to send SYNC."""
+        """Return whether to send SYNC."""
         return not self.is_open and now >= self._next_sync
 
     def begin(self, time: float, stamp: float) -> None:
@@ -150,7 +150,7 @@ class SyncProducer(CycleClock):
 
     def step_due(self, now: float, answers: int, expected: int, all_read: bool) -> bool:
         """
-        Tell whether to step.
+        Return whether to step.
 
         Parameters
         ----------
@@ -185,7 +185,7 @@ class SyncConsumer(CycleClock):
         self._next_sync = now + SYNC_OVERDUE * self.period
 
     def is_unexpected(self, time: float) -> bool:
-        """Tell whether a SYNC of a time is too early; the pace of the targets hangs on it."""
+        """Return whether a SYNC of a time is too early; the pace of the targets hangs on it."""
         unexpected = time < self.sync_time + SYNC_TOO_EARLY * self.period
         self._unexpected += unexpected
         return unexpected
@@ -197,7 +197,7 @@ class SyncConsumer(CycleClock):
         self._open(time, stamp)
 
     def sync_due(self, now: float, all_read: bool) -> bool:
-        """Tell whether the kernel's SYNC is overdue; it may be among frames not yet read."""
+        """Return whether the kernel's SYNC is overdue; it may be among frames not yet read."""
         patience = 0.0 if all_read else (SYNC_MISSING - SYNC_OVERDUE) * self.period
         return now >= self._next_sync + patience
 
@@ -209,7 +209,7 @@ class SyncConsumer(CycleClock):
         self._open(time, stamp)
 
     def step_due(self, now: float, answers: int, expected: int, all_read: bool) -> bool:
-        """Tell whether to step; see `SyncProducer.step_due`."""
+        """Return whether to step; see `SyncProducer.step_due`."""
         share = ANSWERS_DUE if all_read else COMMANDS_DUE
         return self.is_open and (
             answers >= expected or now >= self.sync_time + share * self.period)

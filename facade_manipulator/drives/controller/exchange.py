@@ -232,7 +232,7 @@ class CyclicExchange:
         for monitor in self._monitors:
             monitor.end_cycle()
         group = self.group
-        for cause in self._supervision.causes(group, self._monitors, now):
+        for cause in self._supervision.causes(group, self._monitors):
             group.stop(cause, now)
         for cause in self._supervision.timing_causes(
                 group, self._monitors, self.clock, self._read_until):

@@ -175,7 +175,7 @@ class FaultRecorder:
 
     @property
     def is_on(self) -> bool:
-        """Tell whether there is a folder to write to."""
+        """Return whether there is a folder to write to."""
         return bool(self._settings.directory)
 
     def watch(self, causes: tuple[Cause | str, ...], now: float) -> None:

@@ -147,18 +147,18 @@ class Session:
 
     @property
     def is_powered(self) -> bool:
-        """Tell whether the drives are meant to have power."""
+        """Return whether the drives are meant to have power."""
         return self.group is not None and self.group.is_powered
 
     @property
     def is_stopped(self) -> bool:
-        """Tell whether something has stopped the drives and was not cleared yet."""
+        """Return whether something has stopped the drives and was not cleared yet."""
         group = self.group
         return group is not None and group.cause is not None and group.phase in STOPPED_PHASES
 
     @property
     def is_off(self) -> bool:
-        """Tell whether all drives have confirmed that they have no power."""
+        """Return whether all drives have confirmed that they have no power."""
         return self.has_done(Phase.OFF)
 
     @property
@@ -189,7 +189,7 @@ class Session:
         return self.connection.bus.statistics if self.connection else BusStatistics()
 
     def has_done(self, phase: Phase) -> bool:
-        """Tell whether all drives are where a phase wants them."""
+        """Return whether all drives are where a phase wants them."""
         return self.group is not None and self.group.phase is phase and self.group.is_settled
 
     def positions(self) -> Triple:

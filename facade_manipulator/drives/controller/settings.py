@@ -30,8 +30,8 @@ class ControllerSettings:
         0.15, 'Silence after which master and drives take each other for lost', unit='s',
         minimum=0.02, maximum=1.0, read_only=True)
     watchdog_timeout: float = parameter(
-        0.1, 'Silence of the executor after which powered drives stop', unit='s',
-        minimum=0.02, maximum=1.0, read_only=True)
+        2.0, 'Silence of the node after which powered drives ramp down and the loop ends',
+        unit='s', minimum=0.1, maximum=10.0, read_only=True)
     step_timeout: float = parameter(
         1.0, 'Longest time for one step of the state machine', unit='s',
         minimum=0.05, maximum=1.0, read_only=True)

@@ -35,6 +35,14 @@ class ControllerState(Enum):
     BUS_LOST = 'bus lost'
     CLEANING_UP = 'cleaning up'
     CLOSED = 'closed'
+    LOST = 'control loop lost'
+
+
+ACTIVE_STATES = frozenset({
+    ControllerState.ACTIVATING, ControllerState.ACTIVE, ControllerState.HALTING,
+    ControllerState.HALTED, ControllerState.DEACTIVATING,
+})
+POWERED_STATES = ACTIVE_STATES | {ControllerState.HOMING}
 
 
 class JointStates(NamedTuple):

@@ -36,8 +36,6 @@ class Supervision:
     ----------
     stops : deque of Cause
         Stops asked for; any thread may append.
-    fed : float
-        When the watchdog was last fed [s].
     homing : HomingSequence or None
         The last homing.
 
@@ -45,19 +43,13 @@ class Supervision:
 
     def __init__(self, settings: ControllerSettings, check_homing: HomingCheck) -> None:
         self.stops: deque[Cause] = deque(maxlen=16)
-        self.fed = 0.0
         self.homing: HomingSequence | None = None
         self._settings = settings
         self._check_homing = check_homing
 
-    def causes(self, group: Group, monitors: Sequence[AxisMonitor], now: float) -> list[Cause]:
+    def causes(self, group: Group, monitors: Sequence[AxisMonitor]) -> list[Cause]:
         """Return why to stop, as far as neither bus nor clock is the reason."""
         causes = [self.stops.popleft() for _ in range(len(self.stops))]
-        silence, bound = now - self.fed, self._settings.watchdog_timeout
-        if group.is_powered and silence > bound:
-            causes.append(Cause(
-                f'the executor has not run for {1e3 * silence:.0f} ms, '
-                f'bound {1e3 * bound:.0f} ms'))
         if group.phase is Phase.HOMING:
             causes += self._homing_causes(monitors)
         return causes

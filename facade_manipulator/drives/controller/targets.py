@@ -35,7 +35,7 @@ class TargetSource(Protocol):
 
     @property
     def at_rest(self) -> bool:
-        """Tell whether the targets stand still."""
+        """Return whether the targets stand still."""
 
     def reset(self, positions: Triple) -> None:
         """Hold at positions [m] and forget everything before."""

@@ -183,7 +183,7 @@ class SimulatedAxis:
         return True
 
     def is_reset_edge(self, controlword: int) -> bool:
-        """Tell whether a controlword that is about to act has a rising fault reset bit."""
+        """Return whether a controlword that is about to act has a rising fault reset bit."""
         return bool(controlword & ~(self._controlword or 0) & Controlword.FAULT_RESET)
 
     def leave_fault(self) -> None:

@@ -163,7 +163,7 @@ class Homing:
         self.enter()
 
     def supports(self, method: int) -> bool:
-        """Tell whether the drive has a homing method."""
+        """Return whether the drive has a homing method."""
         return method in self._methods
 
     def enter(self) -> None:

@@ -39,7 +39,7 @@ Frame = tuple[int, bytes]
 
 class HeartbeatProducer:
     """
-    Tells when the next heartbeat is due, as 1017 says.
+    When the next heartbeat is due, as 1017 says.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class HeartbeatProducer:
         self.deadline = now + period if period > 0.0 else math.inf
 
     def is_due(self, now: float) -> bool:
-        """Tell whether a heartbeat is due now; if so, set the next one."""
+        """Return whether a heartbeat is due now; if so, set the next one."""
         if now < self.deadline:
             return False
         late = now - self.deadline
@@ -99,13 +99,13 @@ class HeartbeatConsumer:
         return heartbeat_cob_id(node) if time_out and 0 < node < 0x80 else None
 
     def receive(self, now: float) -> bool:
-        """Note a heartbeat; tell whether the master had counted as dead."""
+        """Note a heartbeat; return whether the master had counted as dead."""
         self.deadline = now + (self._values[0x1016, 1] & 0xFFFF) * 1e-3
         was_lost, self.lost = self.lost, False
         return was_lost
 
     def is_overdue(self, now: float) -> bool:
-        """Tell, once, that the master has died."""
+        """Return, once, that the master has died."""
         if now < self.deadline:
             return False
         self.deadline, self.lost = math.inf, True
@@ -172,7 +172,7 @@ class ErrorHistory:
         self._present.pop(code, None)
 
     def reset(self) -> bool:
-        """Forget the errors whose cause is gone; tell whether none is left."""
+        """Forget the errors whose cause is gone; return whether none is left."""
         self._present = {code: True for code, persistent in self._present.items() if persistent}
         return not self._present
 

@@ -65,7 +65,7 @@ class _Transmit:
         return self.codec.pack(*[source() for source in self.sources])
 
     def is_due_at_sync(self, data: bytes) -> bool:
-        """Count a SYNC; tell whether this one is to be answered."""
+        """Count a SYNC; return whether this one is to be answered."""
         if self.transmission == 0:
             return data != self.data
         self.syncs = (self.syncs + 1) % self.transmission
@@ -223,7 +223,7 @@ class ProcessData:
         return self._store.readers.get(key) or partial(self._store.values.__getitem__, key)
 
     def receive(self, cob_id: int, data: bytes) -> bool:
-        """Take an RPDO; tell whether it acted at once rather than waiting for a SYNC."""
+        """Take an RPDO; return whether it acted at once rather than waiting for a SYNC."""
         self._compile()
         rpdo = self._receive[cob_id]
         if len(data) < rpdo.codec.size:

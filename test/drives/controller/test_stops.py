@@ -6,7 +6,7 @@ from dataclasses import replace
 import math
 import time
 
-from drive_rig import at_rest, HOME, inactive, MOVING, moving, SETTINGS, SITUATIONS, situations
+from drive_rig import at_rest, HOME, inactive, MOVING, SETTINGS, SITUATIONS, situations
 import pytest
 from support import wait_until
 
@@ -190,22 +190,6 @@ def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
     rig.do('clear_faults')
     rig.source.speed = 0.0
     rig.do('activate')
-
-
-def test_an_executor_that_hangs_stops_the_drives(make_rig):
-    rig = make_rig(settings=replace(SETTINGS, watchdog_timeout=0.3))
-    moving(rig)
-    rig.feeds.clear()
-    rig.until_stopped()
-    assert 'the executor has not run for' in rig.controller.snapshot().cause
-    assert 'bound 300 ms' in rig.controller.snapshot().cause
-
-
-def test_an_executor_that_hangs_while_nothing_has_power_stops_nothing(rig):
-    inactive(rig)
-    rig.feeds.clear()
-    rig.cycles(20)
-    assert rig.state is ControllerState.INACTIVE
 
 
 def recorder(watch):

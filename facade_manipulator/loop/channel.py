@@ -1,0 +1,170 @@
+"""
+Messages between two processes over a Unix socket pair: whole, bounded, never waited for.
+
+A SOCK_SEQPACKET socket keeps messages whole, and its buffer is the bound: what does not fit is
+dropped and counted; that the other process has ended is an error. The setpoints and the state of
+a cycle, which come hundreds of times a second, may get lost: the next ones say more. Replies must
+not, and wait for room.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+import pickle
+import select
+import socket
+from threading import Lock
+from typing import Any, NamedTuple
+
+from facade_manipulator.errors import ManipulatorError
+
+VERSION = 1  # of the messages; both ends must have the same
+MAX_MESSAGE = 1 << 16  # bytes
+BUFFER = 1 << 17  # bytes, about a second of states
+MAX_BACKLOG = 64
+_END_OF_KIND = b'\0'
+
+
+class ChannelError(ManipulatorError):
+    """A message cannot be read."""
+
+
+class ChannelClosedError(ChannelError):
+    """The process at the other end has closed the channel, or has ended."""
+
+
+class Message(NamedTuple):
+    """
+    A message as received: what it is about, and its content still packed.
+
+    Attributes
+    ----------
+    kind : str
+    packed : bytes
+        Of many states only some are looked at, and unpacked for it.
+
+    """
+
+    kind: str
+    packed: bytes
+
+    @property
+    def content(self) -> tuple:
+        """
+        The values that were sent.
+
+        Raises
+        ------
+        ChannelError
+            They cannot be read.
+
+        """
+        try:
+            return pickle.loads(self.packed)
+        except Exception as error:  # pickle raises whatever the damage makes it raise
+            raise ChannelError(f'a message {self.kind!r} cannot be read: {error}') from error
+
+
+class Channel:
+    """
+    One end of a channel; any thread may send, one receives.
+
+    Parameters
+    ----------
+    end : socket.socket
+        Blocking, of a SOCK_SEQPACKET pair; owned from now on.
+
+    Attributes
+    ----------
+    dropped : int
+        Messages that did not fit into the buffer, or met another one being sent.
+    invalid : int
+        Messages that were too long; each was skipped.
+
+    """
+
+    def __init__(self, end: socket.socket) -> None:
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        self.dropped = self.invalid = 0
+        self._socket = end
+        self._poll = select.poll()
+        self._poll.register(end, select.POLLIN)
+        self._buffer = bytearray(MAX_MESSAGE)
+        self._sending = Lock()
+        self._backlog: deque[bytes] = deque(maxlen=MAX_BACKLOG)
+
+    def send(self, kind: str, *content: Any, must_arrive: bool = False) -> bool:
+        """
+        Send a message without waiting; return whether it is on its way.
+
+        Parameters
+        ----------
+        kind : str
+            What it is about.
+        *content
+            Anything that can be pickled.
+        must_arrive : bool
+            Whether to keep the message for the next sending rather than drop it.
+
+        Raises
+        ------
+        ChannelClosedError
+
+        """
+        data = kind.encode() + _END_OF_KIND + pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
+        if must_arrive:
+            self._backlog.append(data)
+        # another thread that sends just now may have been interrupted: not even for it is waited
+        if not self._sending.acquire(blocking=False):
+            self.dropped += not must_arrive
+            return False
+        try:
+            while self._backlog:
+                self._transmit(self._backlog[0])
+                self._backlog.popleft()
+            if not must_arrive:
+                self._transmit(data)
+        except BlockingIOError:
+            self.dropped += not must_arrive
+            return False
+        except OSError as error:
+            raise ChannelClosedError('the other process has ended') from error
+        finally:
+            self._sending.release()
+        return True
+
+    def _transmit(self, data: bytes) -> None:
+        self._socket.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+
+    def receive(self, timeout: float | None) -> Message | None:
+        """
+        Wait for a message; return None after the time-out [s].
+
+        Raises
+        ------
+        ChannelClosedError
+
+        """
+        if not self._poll.poll(None if timeout is None else 1e3 * timeout):
+            return None
+        try:
+            length, _, flags, _ = self._socket.recvmsg_into([self._buffer])
+        except OSError as error:
+            raise ChannelClosedError('the other process has ended') from error
+        if length == 0:
+            raise ChannelClosedError('the other process has closed the channel')
+        if flags & socket.MSG_TRUNC:
+            self.invalid += 1
+            return None
+        kind, _, packed = bytes(memoryview(self._buffer)[:length]).partition(_END_OF_KIND)
+        return Message(kind.decode(errors='replace'), packed)
+
+    def close(self) -> None:
+        """Close this end; the other one meets a `ChannelClosedError`."""
+        with self._sending:
+            self._socket.close()
+
+
+def socket_pair() -> tuple[socket.socket, socket.socket]:
+    """Return the two ends of a new channel."""
+    return socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)

@@ -1,0 +1,219 @@
+"""
+The control loop's process: drives, bus and mechanism, and the messages that reach them.
+
+Two threads do the work. The control thread of `DriveController` turns the cycle and sends one
+state a cycle; nothing that the node does or fails to do can make it wait. The thread that calls
+`serve` receives the node's messages and watches that the node is alive. No ROS in here: whatever
+a middleware does with the interpreter's lock, it does in another process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import dataclass
+import logging
+import time
+from typing import Any
+
+from facade_manipulator.drives.canopen import BusSettings, open_bus
+from facade_manipulator.drives.cia402 import AxisSettings
+from facade_manipulator.drives.controller import (
+    BusAccess,
+    ControllerSettings,
+    ControllerSnapshot,
+    DriveController,
+    FaultRecorder,
+    Mechanism,
+    POWERED_STATES,
+    RecorderSettings,
+)
+from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.loop.channel import Channel, ChannelClosedError, Message, VERSION
+from facade_manipulator.loop.state import pack_state, StreamStatus
+from facade_manipulator.motion import (
+    HomingGuard,
+    MechanismGuard,
+    MotionLimits,
+    Setpoint,
+    SetpointFollower,
+    StreamSettings,
+)
+
+LOOK_PERIOD = 0.05  # s: how often the node's silence and a signal are looked at
+MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a waste
+REQUESTS = frozenset({
+    'configure', 'cleanup', 'activate', 'deactivate', 'home', 'halt', 'clear_faults', 'self_test'})
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class LoopSetup:
+    """All that the loop is made of; sent once, when it starts."""
+
+    geometry: Geometry
+    controller: ControllerSettings
+    axes: tuple[AxisSettings, ...]
+    bus: BusSettings
+    stream: StreamSettings
+    limits: MotionLimits
+    recorder: RecorderSettings
+    simulate_drives: bool = False
+
+
+class ControlLoop:
+    """
+    Everything that keeps the drives moving, and the node's messages to it.
+
+    Parameters
+    ----------
+    setup : LoopSetup
+    channel : Channel
+        To the node.
+
+    Raises
+    ------
+    ParameterError
+        As `DriveController` does.
+
+    """
+
+    def __init__(self, setup: LoopSetup, channel: Channel) -> None:
+        guard = MechanismGuard(setup.geometry)
+        self.follower = SetpointFollower(
+            setup.stream, setup.limits, setup.controller.period, guard)
+        self.controller = DriveController(
+            setup.controller, setup.axes,
+            BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate),
+            Mechanism(self.follower, guard, HomingGuard(setup.geometry)),
+            FaultRecorder(setup.recorder, setup.axes, setup.bus.channel))
+        self.simulator = _simulate(setup) if setup.simulate_drives else None
+        self._channel = channel
+        self._watchdog_timeout = setup.controller.watchdog_timeout
+        self._margins: tuple[float, ...] = ()
+        self._margins_due = 0.0
+        self._fed = time.monotonic()
+        self._handlers: dict[str, Callable[..., None]] = {
+            'feed': lambda: None,
+            'setpoint': self._add_setpoint,
+            'request': self._start_request,
+            'stop': self.controller.stop,
+            'limits': self.follower.change_limits,
+            'stream': self._change_stream,
+            'disturb': self._disturb,
+            'close': self.end,
+        }
+        self._ends = False
+
+    def end(self) -> None:
+        """Let `serve` come to its end: ramp down, power off, close the bus."""
+        self._ends = True
+
+    def serve(self) -> None:
+        """Do what the node says until it closes, has ended, or is silent while there is power."""
+        snapshot = self.controller.snapshot()
+        axes = tuple(one.axis for one in snapshot.axes)
+        try:
+            self._channel.send(
+                'ready', VERSION, axes, *self._state(snapshot), must_arrive=True)
+            self.controller.observe = self._send_state
+            while not self._ends:
+                self._handle(self._channel.receive(LOOK_PERIOD))
+                self._watch_node(time.monotonic())
+        except ChannelClosedError as error:
+            if self.controller.snapshot().state in POWERED_STATES:
+                _log.error('%s: the carriages ramp down and the power goes off', error)
+        finally:
+            self._close()
+
+    def _close(self) -> None:
+        self.controller.close()
+        if self.simulator is not None:
+            self.simulator.stop()
+            self.simulator.bus.shutdown()
+        self._channel.close()
+
+    # --- from the node
+
+    def _handle(self, message: Message | None) -> None:
+        if message is None:
+            return
+        self._fed = time.monotonic()
+        try:
+            self._handlers[message.kind](*message.content)
+        except ChannelClosedError:
+            raise
+        except Exception:  # a message that fails must not end the loop
+            _log.exception('a message of the kind %r failed', message.kind)
+
+    def _add_setpoint(self, *setpoint: Any) -> None:
+        try:
+            self.follower.add(Setpoint(*setpoint), time.time())
+        except ManipulatorError as error:
+            self._channel.send(
+                'rejected', getattr(error, 'reason', 'other'), str(error), must_arrive=True)
+
+    def _start_request(self, number: int, name: str) -> None:
+        if name not in REQUESTS:
+            raise ValueError(f'{name} is no request')
+        job: Future = getattr(self.controller, name)()
+        job.add_done_callback(lambda job: self._reply(number, job))
+
+    def _change_stream(self, settings: StreamSettings) -> None:
+        self.follower.settings = settings
+
+    def _disturb(self, number: int, method: str, *arguments: Any) -> None:
+        """Inject a fault into a simulated drive."""
+        if self.simulator is not None:
+            with self.simulator.access() as drives:
+                getattr(drives[number], method)(*arguments)
+
+    def _watch_node(self, now: float) -> None:
+        if now >= self._margins_due:
+            self._margins_due = now + MARGINS_PERIOD
+            self._margins = _percentiles(tuple(self.follower.margins))
+        silence = now - self._fed
+        if (silence > self._watchdog_timeout
+                and self.controller.snapshot().state in POWERED_STATES):
+            _log.error(
+                'the driver node has been silent for %.2f s, bound %g s: the carriages ramp down '
+                'and the power goes off', silence, self._watchdog_timeout)
+            self.end()
+
+    # --- to the node
+
+    def _reply(self, number: int, job: Future) -> None:
+        error = job.exception()
+        try:
+            self._channel.send(
+                'reply', number, error is None, str(error) if error else job.result(),
+                must_arrive=True)
+        except ChannelClosedError:
+            self.end()
+
+    def _send_state(self, snapshot: ControllerSnapshot) -> None:
+        """Send the state of a cycle, in the control thread."""
+        try:
+            self._channel.send('state', *self._state(snapshot))
+        except ChannelClosedError:
+            self.end()
+
+    def _state(self, snapshot: ControllerSnapshot) -> tuple:
+        follower = self.follower
+        return pack_state(snapshot, StreamStatus(
+            follower.activity.value, follower.limited_cycles, follower.brakes,
+            follower.last_rejection, self._margins, self._channel.dropped))
+
+
+def _simulate(setup: LoopSetup) -> DriveSimulator:
+    simulator = DriveSimulator(open_bus(setup.bus), simulated_drives(setup.axes))
+    simulator.start()
+    return simulator
+
+
+def _percentiles(values: tuple[float, ...]) -> tuple[float, ...]:
+    """Return the 1st and the 50th percentile."""
+    ordered = sorted(values)
+    return tuple(ordered[int(share * len(ordered))] for share in (0.01, 0.5)) if ordered else ()

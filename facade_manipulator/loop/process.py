@@ -1,0 +1,283 @@
+"""
+The node's side of the control loop: start its process, ask, publish setpoints, read its state.
+
+Nothing here waits but `start` and `close`. A process that has ended is not started again by
+itself: the drives have stopped, and whoever wants them to move configures again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Future
+from dataclasses import replace
+from itertools import count
+import os
+import socket
+import subprocess
+import sys
+from threading import Thread
+from typing import Any, Protocol
+
+from facade_manipulator.drives.cia402 import AxisSettings, Cause
+from facade_manipulator.drives.controller import (
+    AxisSnapshot,
+    ControllerSnapshot,
+    ControllerState,
+)
+from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError
+from facade_manipulator.loop.channel import (
+    Channel,
+    ChannelClosedError,
+    Message,
+    socket_pair,
+    VERSION,
+)
+from facade_manipulator.loop.control_loop import LoopSetup
+from facade_manipulator.loop.state import StreamStatus, unpack_state
+from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
+
+START_TIMEOUT = 30.0  # s
+CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and close the bus
+# feeds, 3 s of them: without a bus the loop sends a state each second. Not a time, since a node
+# that stood still itself finds old states, and a loop that is well.
+MAX_UNANSWERED = 150
+LOST_REMEDY = 'find out why in the log, then configure again'
+
+
+class Process(Protocol):
+    """What is needed of a started process, as `subprocess.Popen` has it."""
+
+    def wait(self, timeout: float) -> int:
+        """Wait for the end, return the exit status or raise `subprocess.TimeoutExpired`."""
+
+    def kill(self) -> None:
+        """End it at once."""
+
+
+def start_process(end: socket.socket) -> Process:
+    """
+    Start the loop in a process of its own that inherits one end of a channel.
+
+    A new interpreter rather than a fork: no thread, lock or library of this one is in it. In a
+    session of its own, so that the signals of a terminal reach the node alone, which then asks
+    for an orderly end.
+    """
+    number = end.fileno()
+    return subprocess.Popen(
+        [sys.executable, '-m', 'facade_manipulator.loop', str(number)], pass_fds=(number,),
+        stdin=subprocess.DEVNULL, start_new_session=True,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, sys.path))})
+
+
+class LoopProcess:
+    """
+    The control loop as the node sees it.
+
+    Parameters
+    ----------
+    setup : LoopSetup
+        Whose limits and stream are kept up to date, should the loop be started again.
+    on_rejection : callable
+        Takes reason and message of a setpoint that the loop has rejected; called in a thread.
+    launch : callable
+        Starts the process.
+
+    Raises
+    ------
+    ManipulatorError
+        The process does not start, or its settings contradict each other.
+
+    """
+
+    def __init__(
+        self, setup: LoopSetup, on_rejection: Callable[[str, str], None],
+        launch: Callable[[socket.socket], Process] = start_process,
+    ) -> None:
+        self._setup = setup
+        self._on_rejection = on_rejection
+        self._launch = launch
+        self._numbers = count()
+        self.start()
+
+    def start(self) -> None:
+        """Start the process, waits until it is ready; the drives stay as they are."""
+        setup, (ours, theirs) = self._setup, socket_pair()
+        channel = Channel(ours)
+        with theirs:
+            process = self._launch(theirs)
+        channel.send('setup', setup)
+        try:
+            self._axes, self._first = _receive_ready(channel)
+        except ManipulatorError:
+            process.kill()
+            channel.close()
+            raise
+        # only now does anybody else send: the setup has to be first
+        self._jobs: dict[int, Future] = {}
+        self._unanswered = 0
+        self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
+        self._closing = False
+        self._decoded = None, self._first
+        self._latest: Message | None = None
+        self._process, self._channel = process, channel
+        Thread(target=self._receive, args=(channel,), name='control loop messages',
+               daemon=True).start()
+        if self._setup is not setup:  # changed meanwhile
+            self._change(limits=self._setup.limits)
+            self._change(stream=self._setup.stream)
+
+    # --- what the node asks for
+
+    def request(self, name: str) -> Future:
+        """Ask for a transition or a test; the future ends with the reply or with its error."""
+        job: Future = Future()
+        job.set_running_or_notify_cancel()  # from here on nobody can cancel it
+        number = next(self._numbers)
+        self._jobs[number] = job
+        try:
+            if self._lost is not None:
+                raise ChannelClosedError(self.snapshot().cause)
+            self._channel.send('request', number, name, must_arrive=True)
+        except ChannelClosedError as error:
+            if self._jobs.pop(number, None) is not None:
+                job.set_exception(DriveError(str(error)))
+        return job
+
+    def send_setpoint(self, setpoint: Setpoint) -> None:
+        """Pass a setpoint on; a rejection comes back by `on_rejection`."""
+        self._send('setpoint', *setpoint)
+
+    def feed(self) -> None:
+        """Show that the node is alive, and end a loop that hangs."""
+        self._send('feed')
+        self._unanswered += 1
+        if self._unanswered > MAX_UNANSWERED and self._lost is None:
+            self._process.kill()  # its drives miss the master's heartbeat and stop
+            self._lose(f'the control loop has sent no state while it was fed '
+                       f'{self._unanswered} times, bound {MAX_UNANSWERED}, and was ended')
+
+    def stop(self, cause: str) -> None:
+        """Quick stop all axes at once."""
+        self._send('stop', cause, must_arrive=True)
+
+    def change_limits(self, limits: MotionLimits) -> None:
+        """Keep other limits from the next cycle on."""
+        self._change(limits=limits)
+
+    def change_stream(self, settings: StreamSettings) -> None:
+        """Check setpoints by other settings from the next one on."""
+        self._change(stream=settings)
+
+    def disturb(self, number: int, method: str, *arguments: Any) -> None:
+        """Inject a fault into a simulated drive, for tests and training."""
+        self._send('disturb', number, method, *arguments)
+
+    def _change(self, **settings: Any) -> None:
+        (kind, value), = settings.items()
+        self._setup = replace(self._setup, **settings)
+        self._send(kind, value, must_arrive=True)
+
+    def _send(self, *message: Any, must_arrive: bool = False) -> None:
+        try:
+            self._channel.send(*message, must_arrive=must_arrive)
+        except ChannelClosedError:
+            return  # the thread that receives meets the same and says so
+
+    # --- what the loop says
+
+    @property
+    def is_lost(self) -> bool:
+        """Return whether the process has ended without being asked to."""
+        return self._lost is not None and not self._closing
+
+    def snapshot(self) -> ControllerSnapshot:
+        """Return the newest state of controller and axes."""
+        return self._read_latest()[0]
+
+    def stream_status(self) -> StreamStatus:
+        """Return how the setpoints are followed."""
+        return self._read_latest()[1]
+
+    def _read_latest(self) -> tuple[ControllerSnapshot, StreamStatus]:
+        """Decode the newest state, once; more come than are ever looked at."""
+        if self._lost is not None:
+            return self._lost
+        latest, (decoded, state) = self._latest, self._decoded
+        if latest is not decoded:
+            state = unpack_state(latest.content, self._axes)
+            self._decoded = latest, state
+        return state
+
+    def _receive(self, channel: Channel) -> None:
+        """Take what the loop sends until one of the two ends; a thread of its own."""
+        try:
+            while True:
+                message = channel.receive(None)
+                if message is not None:
+                    self._handle(message)
+        except ChannelClosedError:
+            if channel is self._channel:  # else another loop has been started meanwhile
+                status = _exit_status(self._process)
+                self._lose(f'the control loop has ended by itself, exit status {status}')
+        finally:
+            channel.close()
+
+    def _handle(self, message: Message) -> None:
+        self._unanswered = 0
+        if message.kind == 'state':
+            self._latest = message
+        elif message.kind == 'rejected':
+            self._on_rejection(*message.content)
+        elif message.kind == 'reply':
+            number, succeeded, answer = message.content
+            job = self._jobs.pop(number)
+            if succeeded:
+                job.set_result(answer)
+            else:
+                job.set_exception(DriveError(answer))
+
+    def _lose(self, reason: str) -> None:
+        if self._lost is not None:
+            return
+        snapshot, status = self._read_latest()
+        cause = Cause(f'{reason}; the drives stop because its heartbeat is missing', LOST_REMEDY)
+        state = ControllerState.CLOSED if self._closing else ControllerState.LOST
+        self._lost = ControllerSnapshot(
+            state, None, tuple(AxisSnapshot(one.name, one.axis) for one in snapshot.axes),
+            () if self._closing else (cause,), '' if self._closing else LOST_REMEDY), status
+        for number in list(self._jobs):
+            job = self._jobs.pop(number, None)
+            if job is not None:
+                job.set_exception(DriveError(reason))
+
+    def close(self) -> None:
+        """Ramp down, power off, close the bus, end the process; waits for it."""
+        self._closing = True
+        self._send('close', must_arrive=True)
+        try:
+            self._process.wait(CLOSE_TIMEOUT)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+
+
+def _receive_ready(channel: Channel) -> tuple[tuple[AxisSettings, ...], tuple]:
+    """Wait until a new loop is ready; return the settings of its axes and its first state."""
+    try:
+        message = channel.receive(START_TIMEOUT)
+    except ChannelClosedError:
+        message = None
+    kind, content = (message.kind, message.content) if message else ('', ())
+    if kind == 'failed':
+        raise ParameterError(*content)
+    if kind != 'ready' or content[0] != VERSION:
+        raise ManipulatorError(
+            'the process of the control loop did not start: see its output above')
+    _, axes, *state = content
+    return axes, unpack_state(state, axes)
+
+
+def _exit_status(process: Process) -> int | str:
+    try:
+        return process.wait(1.0)
+    except subprocess.TimeoutExpired:
+        return 'unknown'

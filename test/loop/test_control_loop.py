@@ -1,0 +1,277 @@
+"""The control loop and its node: each survives the other, and nothing holds the loop up."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import replace
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from command_watch import CommandWatch
+from loop_bench import CONTROLLER, loop_setup, LoopBench, LoopThread, PATIENCE
+import pytest
+from support import wait_until
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.cia402.states import Controlword, Mode, State
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.errors import DriveError, ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.loop import process as process_module
+from facade_manipulator.motion.guard import MechanismGuard
+from facade_manipulator.motion.setpoints import Setpoint
+
+RAMP_TIME = 3.0  # s: bound of the way to rest and power off
+
+
+@pytest.fixture
+def make_bench():
+    made = []
+
+    def make(setup=None, **details):
+        made.append(LoopBench(setup, **details))
+        return made[-1]
+
+    yield make
+    for bench in made:
+        bench.close()
+
+
+def in_thread(make_bench, **controller):
+    """Return a bench whose drives and bus can be looked at."""
+    return make_bench(loop_setup(replace(CONTROLLER, **controller)), launch=LoopThread)
+
+
+def targets(frames):
+    """Yield the three targets [m] of each cycle that enables the drives."""
+    found = {}
+    for frame in frames:
+        node = frame.arbitration_id - pdo.RPDO1.cob_id(0)
+        if node in (1, 2, 3):
+            command = pdo.decode_rpdo1(bytes(frame.data))
+            if (command.controlword & 0x0F == Controlword.ENABLE_OPERATION
+                    and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
+                found[node] = loop_setup().axes[node - 1].to_metres(command.target_counts)
+                if node == 3 and len(found) == 3:
+                    yield found[1], found[2], found[3]
+
+
+def assert_orderly_end(bench, loop):
+    """Check that the carriages came to rest inside the limits, then lost power, on commands."""
+    begin = time.monotonic()
+    assert bench.process._process.wait(PATIENCE) == 0
+    assert time.monotonic() - begin < RAMP_TIME
+    frames = bench.frames()
+    watch = CommandWatch(bench.setup.axes, CONTROLLER.period)
+    watch.take(frames)
+    assert watch.enabling and not watch.complaints
+    guard = MechanismGuard(Geometry())
+    for positions in targets(frames):
+        guard(positions)
+    words = [pdo.decode_rpdo1(bytes(frame.data)).controlword for frame in frames
+             if frame.arbitration_id == pdo.RPDO1.cob_id(1)]
+    assert Controlword.QUICK_STOP not in words
+    assert words[-1] == Controlword.DISABLE_VOLTAGE
+    assert loop.controller.snapshot().state is ControllerState.CLOSED
+    states = [drive.state for drive in loop.simulator._drives]
+    assert states == [State.SWITCH_ON_DISABLED] * 3
+
+
+# --- the node ends, hangs, or is slow
+
+def test_a_node_that_ends_at_full_speed_leaves_carriages_that_ramp_down(make_bench):
+    bench = in_thread(make_bench)
+    bench.move()
+    bench.streams.clear()
+    bench.feeds.clear()
+    loop = bench.loop
+    bench.process._channel._socket.shutdown(2)  # what the kernel does for a process that is killed
+    assert_orderly_end(bench, loop)
+
+
+def test_a_node_that_hangs_at_full_speed_leaves_carriages_that_ramp_down(make_bench):
+    bench = in_thread(make_bench, watchdog_timeout=0.3)
+    bench.move()
+    loop = bench.loop
+    bench.streams.clear()
+    bench.feeds.clear()
+    assert_orderly_end(bench, loop)
+
+
+def test_a_node_that_hangs_while_nothing_has_power_ends_nothing(make_bench):
+    bench = in_thread(make_bench, watchdog_timeout=0.1)
+    bench.do('configure', 'home')
+    bench.feeds.clear()
+    with pytest.raises(subprocess.TimeoutExpired):
+        bench.process._process.wait(0.5)
+    assert bench.state is ControllerState.INACTIVE
+
+
+def test_close_while_moving_ramps_down_and_powers_off(make_bench):
+    bench = in_thread(make_bench)
+    bench.move()
+    loop = bench.loop
+    bench.streams.clear()
+    bench.process.close()
+    assert_orderly_end(bench, loop)
+
+
+def test_a_node_that_reads_nothing_holds_nothing_up(make_bench, monkeypatch):
+    bench = in_thread(make_bench)
+    bench.move()
+    monkeypatch.setattr(bench.process, '_handle', lambda message: time.sleep(3.0))
+    monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 10_000)
+    wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
+    cycle = bench.loop.controller.snapshot().cycle
+    wait_until(lambda: bench.loop.controller.snapshot().cycle.cycles > cycle.cycles + 50, 'cycles')
+    assert bench.loop.controller.snapshot().state is ControllerState.ACTIVE
+    monkeypatch.undo()
+    wait_until(lambda: bench.process.stream_status().dropped, 'the newest state')
+
+
+def test_a_node_that_holds_its_interpreters_lock_for_a_second_stops_nothing(make_bench):
+    """As a middleware does in a C call; the stream is stale meanwhile, and goes on after."""
+    bench = make_bench()
+    bench.move()
+    before = bench.process.snapshot(), bench.process.stream_status()
+    ctypes.PyDLL(None).usleep(1_000_000)
+    wait_until(lambda: bench.process.stream_status().brakes > before[1].brakes, 'the pause')
+    wait_until(lambda: bench.process.stream_status().activity == 'following', 'the stream')
+    after = bench.process.snapshot()
+    assert after.state is ControllerState.ACTIVE, after.cause
+    assert after.cycle.cycles - before[0].cycle.cycles > 60  # of some 100 within the second
+
+
+def test_a_message_that_makes_no_sense_ends_nothing(make_bench):
+    bench = in_thread(make_bench)
+    channel = bench.process._channel
+    for message in (('nonsense',), ('request', 1, 'close'), ('setpoint', 'x'), ('limits',)):
+        channel.send(*message)
+    channel._socket.send(b'garbage')
+    assert 'power is off' in bench.do('configure')
+
+
+# --- what goes through
+
+def test_rejected_setpoints_come_back_with_reason_and_message(make_bench):
+    bench = make_bench()
+    bench.do('configure', 'home', 'activate')
+    wait_until(lambda: bench.rejections, 'the rejection', step=lambda: bench.process.send_setpoint(
+        Setpoint(time.time(), (0.3, 0.4, 0.35), (0.0,) * 3)))
+    reason, message = bench.rejections[0]
+    assert reason == 'far_setpoint' and 'is above the bound 0.05 m' in message
+
+
+def test_limits_and_stream_are_changed_while_it_runs_and_kept_for_another_loop(make_bench):
+    bench = in_thread(make_bench)
+    limits = replace(bench.setup.limits, speed=0.1)
+    stream = replace(bench.setup.stream, first_step=0.02)
+    bench.process.change_limits(limits)
+    bench.process.change_stream(stream)
+    follower = bench.loop.follower
+    wait_until(lambda: follower._limiter.limits is not bench.setup.limits
+               and follower.settings == stream, 'the change')
+    assert follower._limiter.limits == limits
+    assert (bench.process._setup.limits, bench.process._setup.stream) == (limits, stream)
+
+
+def test_a_stop_is_latched_with_its_cause(make_bench):
+    bench = make_bench()
+    bench.move()
+    bench.process.stop('software_stop was set')
+    bench.until(ControllerState.STOPPED)
+    assert bench.process.snapshot().cause == 'software_stop was set'
+    with pytest.raises(DriveError, match='software_stop was set'):
+        bench.do('activate')
+
+
+def test_settings_that_contradict_are_rejected_at_the_start():
+    setup = loop_setup()
+    swapped = (setup.axes[0], setup.axes[0], setup.axes[2])
+    with pytest.raises(ParameterError, match='two axes have the same node_id'):
+        LoopBench(replace(setup, axes=swapped))
+
+
+# --- the loop ends
+
+def test_a_loop_that_is_killed_is_lost_and_never_restarted_into_power(make_bench):
+    bench = make_bench()
+    bench.move()
+    job = bench.process.request('halt')
+    bench.process._process.kill()
+    bench.until(ControllerState.LOST)
+    snapshot = bench.process.snapshot()
+    assert 'ended by itself, exit status -9' in snapshot.cause
+    assert 'configure again' in snapshot.next_step
+    assert snapshot.unhomed == ('q1', 'q2', 'q3')
+    assert job.done()
+    with pytest.raises(DriveError, match='ended by itself'):
+        bench.do('activate')
+    bench.streams.clear()
+    bench.process.start()
+    assert bench.state is ControllerState.UNCONFIGURED
+    bench.do('configure')
+    assert bench.state is ControllerState.INACTIVE
+
+
+def test_a_loop_that_hangs_is_ended_and_said_to_have_hung(make_bench, monkeypatch):
+    monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 75)
+    bench = make_bench()
+    bench.do('configure')
+    os.kill(bench.process._process.pid, signal.SIGSTOP)
+    bench.until(ControllerState.LOST)
+    assert 'has sent no state while it was fed' in bench.process.snapshot().cause
+    assert bench.process._process.wait(PATIENCE) == -signal.SIGKILL
+
+
+def test_a_node_that_stood_still_does_not_blame_the_loop(make_bench, monkeypatch):
+    monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 20)
+    bench = make_bench()
+    bench.do('configure')
+    bench.feeds.clear()
+    ctypes.PyDLL(None).usleep(1_000_000)
+    bench.feeds.set()
+    assert 'homed' in bench.do('home')
+
+
+def test_a_loop_that_is_started_again_gets_what_was_changed_meanwhile(make_bench):
+    bench = make_bench()
+    launch, limits = bench.process._launch, replace(bench.setup.limits, speed=0.1)
+
+    def launch_late(end):
+        bench.process.change_limits(limits)
+        bench.process.feed()
+        return launch(end)
+
+    bench.process._process.kill()
+    bench.until(ControllerState.LOST)
+    bench.process._launch = launch_late
+    bench.process.start()
+    assert 'homed' in bench.do('configure', 'home')
+
+
+def test_sigterm_to_the_loop_alone_ends_it_in_order(make_bench):
+    bench = make_bench()
+    bench.move()
+    os.kill(bench.process._process.pid, signal.SIGTERM)
+    assert bench.process._process.wait(PATIENCE) == 0
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGHUP])
+def test_the_signals_of_a_terminal_are_the_nodes_matter(make_bench, number):
+    bench = make_bench()
+    bench.do('configure')
+    os.kill(bench.process._process.pid, number)
+    assert 'homed' in bench.do('home')
+
+
+def test_no_ros_is_imported_by_the_loop():
+    found = subprocess.run(
+        [sys.executable, '-c', 'import facade_manipulator.loop.__main__, sys; print([name for '
+         'name in sys.modules if name.startswith(("rclpy", "rcl_", "rosidl", "rpyutils"))'
+         ' or name.endswith(("_msgs", "_srvs"))])'],
+        capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == '[]'
