@@ -19,7 +19,14 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Carriages, certify, Geometry, Pose
+from facade_manipulator.kinematics import (
+    Carriages,
+    certify,
+    forward_kinematics,
+    Geometry,
+    Pose,
+    Wrench,
+)
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     carriages_from,
@@ -45,7 +52,10 @@ from facade_manipulator.ros import (
 from facade_manipulator.simulation import (
     Delivery,
     Facade,
+    ForceSensor,
     load_scenario,
+    PressedGondola,
+    require_reaction,
     Scenario,
     SimulatedEstimator,
     WallMeasurement,
@@ -74,11 +84,11 @@ class GondolaSimulatorNode(Node):
         def motion(time: float) -> Pose:
             return course(time - start)
 
-        self._estimator = SimulatedEstimator(scenario.estimator, motion, start)
-        self._wall = WallMeasurement(self._geometry, scenario.wall, motion)
-        self._facade = Facade(scenario.facade)
+        self._gondola = PressedGondola(motion, Facade(scenario.facade), scenario.gondola)
+        self._estimator = SimulatedEstimator(scenario.estimator, self._gondola.at, start)
+        self._wall = WallMeasurement(self._geometry, scenario.wall, self._gondola.at)
+        self._sensor = ForceSensor(scenario.force_sensor) if scenario.facade.present else None
         self._sees_slip = scenario.wall.slip_sensor
-        self._last: WallSample | None = None
         self._rejections = Rejections(self)
         self._connect()
         self._diagnostics = DiagnosticsPublisher(self, self._components)
@@ -88,9 +98,9 @@ class GondolaSimulatorNode(Node):
         """Return the settings: the scenario's, where a parameter does not say otherwise."""
         name = declare(self, ScenarioSettings).scenario
         scenario = load_scenario(name) if name else Scenario()
-        return scenario._replace(**{
+        return require_reaction(name, scenario._replace(**{
             part: declare(self, type(settings), part, **asdict(settings))
-            for part, settings in scenario._asdict().items() if part != 'compensator'})
+            for part, settings in scenario._asdict().items() if part != 'compensator'}))
 
     def _connect(self) -> None:
         self._disturbance = self.create_publisher(
@@ -123,8 +133,11 @@ class GondolaSimulatorNode(Node):
     def _take_joint_states(self, message: JointState) -> None:
         time = seconds(message.header.stamp)
         try:
-            carriages = carriages_from(message.name, message.position, 'joint_states position')
-            sample = self._wall.take_carriages(time, Carriages(*carriages))
+            carriages = Carriages(*carriages_from(
+                message.name, message.position, 'joint_states position'))
+            wrench = self._gondola.advance(
+                time, forward_kinematics(self._geometry, carriages))
+            sample = self._wall.take_carriages(time, carriages)
         except ManipulatorError as error:
             self._rejections.add(error)
             return
@@ -132,19 +145,17 @@ class GondolaSimulatorNode(Node):
         if sample.error is not None:
             self._error.publish(pose_stamped(FACADE, time, sample.error))
             self._uncompensated.publish(pose_stamped(FACADE, time, sample.uncompensated))
-        self._feel(sample)
+        self._feel(sample, wrench)
 
-    def _feel(self, sample: WallSample) -> None:
+    def _feel(self, sample: WallSample, wrench: Wrench) -> None:
         """Publish what sensors on the head tell of the wall."""
-        if self._facade.settings.present and self._last is not None:
-            velocity = sample.velocity_since(self._last)
-            wrench = self._facade.contact(sample.head, velocity)
-            self._wrench.publish(wrench_stamped(END_EFFECTOR, sample.time, wrench))
+        felt = self._sensor and self._sensor.measure(sample.time, wrench)
+        if felt is not None:
+            self._wrench.publish(wrench_stamped(END_EFFECTOR, sample.time, felt))
         if self._sees_slip and sample.settled:
             message = PointStamped(point=Point(x=sample.lateral_offset))
             message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(sample.time)
             self._lateral.publish(message)
-        self._last = sample
 
     def _report(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True

@@ -78,7 +78,7 @@ class SimulatedEstimator:
         self._taken = 0
         self._random = np.random.default_rng(settings.seed)
         self._deviation = np.sqrt(np.array(settings.variances()))
-        self._under_way: list[tuple[float, Delivery]] = []
+        self._under_way: list[tuple[float, float, np.ndarray]] = []
 
     def advance(self, now: float) -> list[Delivery]:
         """Return the estimates that have come by now [s], in the order of their arrival."""
@@ -87,7 +87,10 @@ class SimulatedEstimator:
             self._take(stamp)
         arrived = []
         while self._under_way and self._under_way[0][0] <= now:
-            arrived.append(heapq.heappop(self._under_way)[1])
+            _, stamp, noise = heapq.heappop(self._under_way)
+            # looked up only now: the motion of the stamp is certain once the head has moved there
+            pose = Pose(*(np.array(self._motion(stamp)) + noise).tolist())
+            arrived.append(Delivery(stamp, pose, self._settings.variances()))
         return arrived
 
     def _take(self, stamp: float) -> None:
@@ -98,6 +101,4 @@ class SimulatedEstimator:
         silent = 0.0 <= stamp - self._start - settings.silent_from < settings.silent_for
         if not lost and not silent:
             noise[0] += settings.drift * (stamp - self._start)
-            pose = Pose(*(np.array(self._motion(stamp)) + noise).tolist())
-            heapq.heappush(
-                self._under_way, (stamp + delay, Delivery(stamp, pose, settings.variances())))
+            heapq.heappush(self._under_way, (stamp + delay, stamp, noise))

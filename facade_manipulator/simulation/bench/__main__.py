@@ -55,7 +55,8 @@ def run_scenario(scenario: Scenario, motion: Motion | None = None) -> Run:
     """Run a scenario in a closed loop, without a clock."""
     mission = scenario.mission
     settings = LoopSettings(
-        scenario.compensator, scenario.estimator, scenario.wall, scenario.facade)
+        scenario.compensator, scenario.estimator, scenario.wall, scenario.facade,
+        scenario.gondola, scenario.force_sensor)
     loop = ClosedLoop(Geometry(), settings, motion or scenario.motion(), mission.goal(0.0))
     steps = loop.run(HEAD_START)
     for number in range(math.ceil(mission.duration / mission.goal_period)):
@@ -131,16 +132,23 @@ def _ratio(report: dict) -> float:
 
 
 def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
+    """Return the force on the wall and what it does to the gondola, from the first touch on."""
     if not scenario.facade.present:
         return None
     desired = scenario.compensator.impedance.force
     begin = steps[0].sample.time + CONTACT_BEGINS
+    pressing = [step for step in steps if step.sample.time >= begin]
     forces = np.array([
-        Facade.force_on_wall(step.sample.head, step.wrench)
-        for step in steps if step.sample.time >= begin])
+        Facade.force_on_wall(step.sample.head, step.wrench) for step in pressing])
+    every = [Facade.force_on_wall(step.sample.head, step.wrench) for step in steps]
+    rails = np.array([step.rail for step in pressing])
     error = math.sqrt(((forces - desired) ** 2).mean())
-    return {'desired': desired, 'rms_error': error, 'rms_error_ratio': error / desired,
-            'least': float(forces.min()), 'most': float(forces.max())}
+    return {'desired': desired, 'mean': float(forces.mean()), 'rms_error': error,
+            'rms_error_ratio': error / desired, 'least': float(forces.min()),
+            'most': float(forces.max()), 'most_ever': max(every),
+            'share_off_the_wall': float((forces <= 0.0).mean()),
+            'push_back_mm': float(-1e3 * rails[:, 1].mean()),
+            'most_yaw_deg': math.degrees(abs(rails[:, 2]).max())}
 
 
 def table(results: dict) -> Iterator[str]:
@@ -155,7 +163,10 @@ def table(results: dict) -> Iterator[str]:
             force = result['contact_force']
             yield (f'{name:16}force  {force["desired"]:9.1f} N {force["rms_error"]:8.2f} N'
                    f'{100 * force["rms_error_ratio"]:7.2f}%  {force["least"]:.1f} to '
-                   f'{force["most"]:.1f} N')
+                   f'{force["most"]:.1f} N, off the wall '
+                   f'{100 * force["share_off_the_wall"]:.2g} %')
+            yield (f'{name:16}gondola  pushed back {force["push_back_mm"]:.1f} mm, yaw '
+                   f'{force["most_yaw_deg"]:.2f}° at most')
         step = result['max_step']
         yield (f'{name:16}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
                f'{step["theta_deg"]:.3f}° in one cycle at most')

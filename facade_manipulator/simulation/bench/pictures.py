@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
 import numpy as np
 
 from facade_manipulator.simulation.closed_loop import LoopStep
@@ -19,6 +19,7 @@ from facade_manipulator.simulation.pictures import (
     amplitudes,
     draw_course,
     draw_force,
+    draw_gondola,
     draw_path,
     draw_spectra,
     label,
@@ -67,7 +68,7 @@ def draw_scenario(path: Path, name: str, steps: Sequence[LoopStep], pressed: flo
         for values, counts in ((uncompensated, np.ones_like(settled)), (errors, settled)))
     draw_spectra(figure.add_subplot(grid[1, 1]), frequencies, without, error,
                  'amplitude of x [mm]')
-    _draw_hold(figure.add_subplot(grid[2, 1]), times, steps, pressed)
+    _draw_hold(figure, grid[2, 1], times, steps, pressed)
     figure.suptitle(name)
     save(figure, path)
 
@@ -88,13 +89,18 @@ def draw_sweep(path: Path, sweep: Sequence[dict]) -> None:
 
 
 def _draw_hold(
-    panel: Axes, times: np.ndarray, steps: Sequence[LoopStep], pressed: float | None
+    figure: Figure, place: SubplotSpec, times: np.ndarray, steps: Sequence[LoopStep],
+    pressed: float | None,
 ) -> None:
-    """Draw the force on the wall; without a wall, by how much the border holds x back."""
+    """Draw force on the wall and gondola; without a wall, by how much the border holds x back."""
     if pressed is None:
         excess = [1e3 * step.corrected.excess.x for step in steps]
+        panel = figure.add_subplot(place)
         panel.plot(times, excess, color=WITH, lw=1.0)
         label(panel, 'time [s]', 'x held back at the border [mm]')
         return
     forces = np.array([Facade.force_on_wall(step.sample.head, step.wrench) for step in steps])
-    draw_force(panel, times, forces, pressed)
+    force, gondola = place.subgridspec(2, 1).subplots(sharex=True)
+    draw_force(force, times, forces, pressed)
+    draw_gondola(gondola, times, np.array([step.rail for step in steps]))
+    force.set_xlabel('')
