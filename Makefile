@@ -34,7 +34,7 @@ bench: setup  ## Measure performance beside what else one could use (QUICK=1: un
 
 bench-vcan: setup  ## Measure the CAN cycle on a vcan, of user-mode Linux where the kernel has none
 	@$(IN_VENV) exec python test/socketcan/vcan.py -- python test/bench --sections bus \
-	  --can socketcan:vcan0 --can-rate $(or $(RATE),125) --output bench_report/vcan \
+	  --can socketcan:vcan0 --can-rate $(or $(RATE),500) --output bench_report/vcan \
 	  $(if $(QUICK),--quick) $(BENCH_ARGS)
 
 bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_ARGS=…)

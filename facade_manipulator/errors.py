@@ -4,7 +4,7 @@ The exception tree: one base, children by what the caller would do about them.
 ::
 
     ManipulatorError
-    ├── ParameterError (also a ValueError)   mend the configuration
+    ├── ParameterError (also a ValueError)   correct the configuration
     ├── InputError                           the message is rejected and counted
     ├── LimitError                           the machine cannot go there
     │   ├── UnreachableError
@@ -71,10 +71,10 @@ class InputError(ManipulatorError):
             'clocks synchronised?')
 
     @staticmethod
-    def out_of_order(what: str, behind: float) -> InputError:
+    def out_of_order(what: str, lateness: float) -> InputError:
         """Return the rejection of what came after something newer [s], ready to be raised."""
         return InputError(
-            'out_of_order', f'{what} is {behind:.3f} s older than the one before, expected a '
+            'out_of_order', f'{what} is {lateness:.3f} s older than the one before, expected a '
             'newer one')
 
 

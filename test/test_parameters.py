@@ -2,12 +2,18 @@ from dataclasses import dataclass
 import math
 
 import pytest
-from rcl_interfaces.srv import DescribeParameters
+from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.old_parameters import RENAMED as RENAMED_NOW
+from facade_manipulator.ros.parameters import accept_old_names, declare
+
+NODES = (CompensatorNode, IkServiceNode, DriverNode)
 
 
 @dataclass(frozen=True)
@@ -96,3 +102,67 @@ def test_a_wrong_value_at_start_is_one_message(ros, override):
 
 def test_the_default_of_one_node_may_differ_from_the_dataclass(ros):
     assert declare(ros.node('node'), Sample, low=0.5).low == 0.5
+
+
+RENAMED, REMOVED = {'lowest': 'low'}, {'middle': 'is fixed at 0.5 m now', 'sway.*': 'is gone'}
+
+
+@pytest.fixture
+def make_old(ros):
+    """Make a node that accepts old names; return it, its settings, changes and warnings."""
+    def make(**kwargs):
+        node, heard, warnings = ros.node('node', **kwargs), [], []
+        node.get_logger().warning = warnings.append
+        accept_old_names(node, RENAMED, REMOVED)
+        return node, declare(node, Sample, '', heard.append), heard, warnings
+
+    return make
+
+
+def test_an_old_name_in_a_file_has_its_effect_and_warns(make_old, tmp_path):
+    file = tmp_path / 'old.yaml'
+    file.write_text('/**: {ros__parameters: {lowest: 0.3, middle: 0.4, sway: {x: 1.0}}}')
+    _, settings, _, warnings = make_old(cli_args=['--ros-args', '--params-file', str(file)])
+    assert settings == Sample(low=0.3)
+    assert warnings == [
+        'parameter lowest is called low now; the old name works in this release only: '
+        'use the new one',
+        'parameter middle has no effect: it is fixed at 0.5 m now; delete it from the file',
+        'parameter sway.x has no effect: it is gone; delete it from the file']
+
+
+def test_an_old_name_as_an_override_has_its_effect_unless_the_new_one_is_there(make_old):
+    old, new = Parameter('lowest', value=0.3), Parameter('low', value=0.2)
+    assert make_old(parameter_overrides=[old])[1] == Sample(low=0.3)
+    assert make_old(parameter_overrides=[old, new])[1] == Sample(low=0.2)
+
+
+def test_a_value_out_of_range_under_an_old_name_is_rejected_at_start(make_old):
+    with pytest.raises(ParameterError, match='low'):
+        make_old(parameter_overrides=[Parameter('lowest', value=7.0)])
+
+
+def test_an_old_name_may_be_set_while_the_node_runs(make_old):
+    node, _, heard, warnings = make_old()
+    assert node.set_parameters([Parameter('lowest', value=0.3)])[0].successful
+    assert heard == [Sample(low=0.3)]
+    assert 'lowest is called low now' in warnings[0]
+    assert not node.has_parameter('lowest')
+    assert not node.set_parameters([Parameter('lowest', value=7.0)])[0].successful
+
+
+@pytest.mark.parametrize('name, reason', [
+    ('middle', 'parameter middle is fixed at 0.5 m now'), ('sway.x', 'parameter sway.x is gone'),
+    ('nonsense', 'undeclared')])
+def test_what_is_no_parameter_any_more_is_rejected_with_what_holds_now(
+        ros, make_old, name, reason):
+    make_old()
+    request = SetParameters.Request(
+        parameters=[Parameter(name, value=0.4).to_parameter_msg()])
+    result = ros.call(ros.node('caller'), SetParameters, 'node/set_parameters', request).results[0]
+    assert not result.successful and reason in result.reason
+
+
+@pytest.mark.parametrize('name', [*RENAMED_NOW.values()])
+def test_every_renamed_parameter_leads_to_one_that_there_is(ros, name):
+    assert any(ros.add(make()).has_parameter(name) for make in NODES)

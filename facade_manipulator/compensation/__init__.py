@@ -14,16 +14,16 @@ from facade_manipulator.compensation.compensator import (
     DEFAULTS,
 )
 from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
-from facade_manipulator.compensation.correction import Mode
-from facade_manipulator.compensation.workspace_limit import Border
+from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.workspace_limit import WorkspaceLimit
 
 __all__ = [
-    'Border',
+    'WorkspaceLimit',
     'Compensator',
     'CompensatorSettings',
     'contact_wrench',
     'CorrectedPose',
+    'CorrectionMode',
     'DEFAULTS',
     'FrictionSettings',
-    'Mode',
 ]

@@ -1,13 +1,14 @@
 """
-The compensation: a goal on the wall becomes the course of the head as the rail has to see it.
+The compensation: a goal on the wall becomes the path of the head in the frame of the rail.
 
 corrected = d⁻¹ ∘ reference, in SE(2), for the instant one horizon ahead; held within the limits of
-motion, then led in at the border of the workspace, so that nothing can lead it out again.
+motion, then saturated at the workspace limit, so that nothing can lead it out again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 import math
 from typing import Any, NamedTuple
 
@@ -16,13 +17,14 @@ from facade_manipulator.compensation.contact import Contact
 from facade_manipulator.compensation.correction import (
     Correction,
     CorrectionSettings,
+    FADE_ACCELERATION,
     LONGEST_PAUSE,
 )
 from facade_manipulator.compensation.following import Following, FollowingSettings
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.lateral import LateralSettings
 from facade_manipulator.compensation.tracker import Tracker
-from facade_manipulator.compensation.workspace_limit import Border, BorderSettings
+from facade_manipulator.compensation.workspace_limit import WorkspaceLimit, WorkspaceLimitSettings
 from facade_manipulator.kinematics import (
     add,
     certify,
@@ -36,11 +38,11 @@ from facade_manipulator.kinematics import (
     ZERO_POSE,
     ZERO_TWIST,
 )
-from facade_manipulator.motion import Motion, Reference, ReferenceSettings
+from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction import EstimateGate, EstimateSettings, PredictionSettings
 
-BORDER_TIME = 0.2  # s, time constant of the way to a new border
+LIMIT_CHANGE_TIME = 0.2  # s, time constant of the change to a new workspace limit
 LONGEST_INTERVAL = 0.1  # s, a pause counts as no longer
 
 
@@ -72,14 +74,14 @@ class CorrectedPose(NamedTuple):
     pose : Pose
         In frame rail.
     reference : Pose
-        Where on the wall the head should be then, in frame facade: on its way to the goal.
+        Where on the wall the head should be then, in frame facade: on its path to the goal.
     shifted : Pose
         The same with what the contact with the wall shifts it by.
     disturbance : Pose
         Disturbance that is corrected.
-    excess : Pose
-        By how much each axis is held back at the border of the workspace.
-    behind : Pose
+    saturation_error : Pose
+        By how much each axis is held back at the workspace limit.
+    tracking_error : Pose
         By how much each axis is held back by the limits of motion.
 
     """
@@ -89,8 +91,8 @@ class CorrectedPose(NamedTuple):
     reference: Pose
     shifted: Pose
     disturbance: Pose
-    excess: Pose
-    behind: Pose
+    saturation_error: Pose
+    tracking_error: Pose
 
 
 class CompensatorSettings(NamedTuple):
@@ -101,7 +103,7 @@ class CompensatorSettings(NamedTuple):
     prediction: PredictionSettings = PredictionSettings()
     correction: CorrectionSettings = CorrectionSettings()
     reference: ReferenceSettings = ReferenceSettings()
-    border: BorderSettings = BorderSettings()
+    workspace_limit: WorkspaceLimitSettings = WorkspaceLimitSettings()
     following: FollowingSettings = FollowingSettings()
     lateral: LateralSettings = LateralSettings()
     impedance: ImpedanceSettings = ImpedanceSettings()
@@ -129,9 +131,9 @@ class Compensator:
     following : Following
         How the head follows.
     goal : Pose or None
-        Where on the wall the head is to rest.
-    anchors : int
-        How often the course began again.
+        Where on the wall the head is to end.
+    initialisations : int
+        How often the path began at the head.
 
     """
 
@@ -143,27 +145,23 @@ class Compensator:
             settings.lateral, settings.impedance, settings.yaw_impedance)
         self.following = Following(settings.following)
         self.goal: Pose | None = None
-        self.anchors = 0
+        self.initialisations = 0
         self._gate = EstimateGate(settings.estimate)
-        self._reference = Reference(settings.reference)
-        self._border = Border(geometry, settings.border)
+        self._reference = ReferencePath(settings.reference)
+        self._workspace_limit = WorkspaceLimit(geometry, settings.workspace_limit)
         self._tracker = Tracker(self.settings.speed, self.settings.acceleration)
         self._planned_goal: Pose | None = None
         self._last: CorrectedPose | None = None
-        self._rest = Blend(settings.correction.blend_acceleration)
-        self._changes = {
+        self._remainder = Blend(FADE_ACCELERATION)
+        self._changes: dict[str, Callable[[Any], None]] = {
             'compensation': self._change_motion,
             'estimate': self._gate.change_settings,
             'prediction': self.correction.change_prediction,
-            'border': self._change_border,
-        }
-        self._parts = {
-            'correction': self.correction,
-            'reference': self._reference,
-            'following': self.following,
-            'lateral': self.contact.lateral,
-            'impedance': self.contact.press,
-            'yaw_impedance': self.contact.turn,
+            'workspace_limit': self._change_workspace_limit,
+            **{name: partial(setattr, part, 'settings') for name, part in (
+                ('correction', self.correction), ('reference', self._reference),
+                ('following', self.following), ('lateral', self.contact.lateral),
+                ('impedance', self.contact.press), ('yaw_impedance', self.contact.turn))},
         }
 
     def change(self, part: str, settings: Any) -> None:
@@ -181,31 +179,28 @@ class Compensator:
         Raises
         ------
         ParameterError
-            If a border leaves no workspace; the one before stays.
+            If a margin leaves no workspace; the one before stays.
 
         """
-        if part in self._changes:
-            self._changes[part](settings)
-        else:
-            self._parts[part].settings = settings
+        self._changes[part](settings)
 
     def _change_motion(self, settings: CompensationSettings) -> None:
         self.settings = settings
         self._tracker.change_limits(settings.speed, settings.acceleration)
 
-    def _change_border(self, settings: BorderSettings) -> None:
-        border, last = Border(self.geometry, settings), self._last
-        if last is not None:  # lead from the pose inside the old border to that inside the new
-            rest = self._rest.at(last.time).position
-            led = subtract(add(last.pose, last.excess), rest)
+    def _change_workspace_limit(self, settings: WorkspaceLimitSettings) -> None:
+        limit, last = WorkspaceLimit(self.geometry, settings), self._last
+        if last is not None:  # blend from the pose inside the old limit to that inside the new
+            remainder = self._remainder.at(last.time).position
+            wanted = subtract(add(last.pose, last.saturation_error), remainder)
             here = MotionState(last.pose, ZERO_TWIST)
-            there = MotionState(border.lead_in(led).pose, ZERO_TWIST)
-            self._rest.begin(last.time, here.minus(there), BORDER_TIME)
-        self._border = border
+            there = MotionState(limit.saturate(wanted).pose, ZERO_TWIST)
+            self._remainder.begin(last.time, here.minus(there), LIMIT_CHANGE_TIME)
+        self._workspace_limit = limit
 
-    def take_goal(self, goal: Pose) -> None:
+    def set_goal(self, goal: Pose) -> None:
         """
-        Head for a goal on the wall from now on.
+        Move to a goal on the wall from now on.
 
         Raises
         ------
@@ -216,7 +211,7 @@ class Compensator:
         certify(self.geometry, goal, self.settings.min_conditioning)
         self.goal = goal
 
-    def take_estimate(
+    def add_estimate(
         self, now: float, stamp: float, pose: Pose, variances: Sequence[float]
     ) -> None:
         """
@@ -225,14 +220,14 @@ class Compensator:
         Raises
         ------
         InputError
-            If it cannot be believed.
+            If it cannot be true.
 
         """
-        self.correction.take(self._gate.check(now, stamp, pose, variances))
+        self.correction.add_estimate(self._gate.check(now, stamp, pose, variances))
 
-    def take_head(self, stamp: float, pose: Pose) -> None:
+    def add_head(self, stamp: float, pose: Pose) -> None:
         """
-        Take where the head is, seen from the rail, at a stamp [s].
+        Compare the head's pose in frame rail at a stamp [s] with its path.
 
         Raises
         ------
@@ -240,31 +235,31 @@ class Compensator:
             If it is older than the one before.
 
         """
-        self.following.take(stamp, pose)
+        self.following.add_head(stamp, pose)
 
-    def take_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
+    def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
         Learn from a wrench of the wall on the head, in the head's frame, at a stamp [s].
 
         Raises
         ------
         InputError
-            If it cannot be believed.
+            If it is not finite, stale, from the future or out of order.
 
         """
-        self.contact.take_wrench(now, stamp, wrench)
+        self.contact.add_wrench(now, stamp, wrench)
 
-    def take_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
+    def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
         """
-        Learn where the head should be, seen from it along the wall [m], at a stamp [s].
+        Note where the head should be, from it along the wall [m], at a stamp [s].
 
         Raises
         ------
         InputError
-            If it cannot be believed.
+            If it is not finite, stale, from the future or out of order.
 
         """
-        self.contact.take_lateral_offset(now, stamp, offset)
+        self.contact.add_lateral_offset(now, stamp, offset)
 
     def update(self, now: float) -> CorrectedPose | None:
         """
@@ -273,7 +268,7 @@ class Compensator:
         Parameters
         ----------
         now : float
-            Present time [s]; later than at the update before. If the clock is set, the course
+            Present time [s]; later than at the update before. If the clock is set, the path
             begins again.
 
         """
@@ -285,8 +280,8 @@ class Compensator:
         disturbance = self.correction.at(now, aim).position
         if self.goal is None:
             return None
-        if self._last is None or self.following.lost(now):
-            self._anchor(now, aim, disturbance)
+        if self._last is None or self.following.is_off_path(now):
+            self._initialise(now, aim, disturbance)
         elif self.goal != self._planned_goal:
             self._reference.retarget(aim, self.goal)
         self._planned_goal = self.goal
@@ -296,27 +291,27 @@ class Compensator:
     def _corrected(
         self, now: float, time: float, reference: Pose, disturbance: Pose
     ) -> CorrectedPose:
-        interval, excess = 0.0, ZERO_POSE
+        interval, saturation_error = 0.0, ZERO_POSE
         if self._last is not None:
             interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
-            excess = self._last.excess
-        shifted = self.contact.shift(now, time, interval, reference, excess)
+            saturation_error = self._last.saturation_error
+        shifted = self.contact.shift(now, time, interval, reference, saturation_error)
         wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
-        inside = self._border.lead_in(tracked, math.tan(disturbance.theta))
-        rest = self._rest.at(time).position
-        pose = add(inside.pose, rest)
+        inside = self._workspace_limit.saturate(tracked, math.tan(disturbance.theta))
+        pose = add(inside.pose, self._remainder.at(time).position)
         self.following.publish(time, pose)
         return CorrectedPose(
-            time, pose, reference, shifted, disturbance, inside.excess, self._tracker.behind)
+            time, pose, reference, shifted, disturbance, inside.saturation_error,
+            self._tracker.tracking_error)
 
-    def _anchor(self, now: float, aim: float, disturbance: Pose) -> None:
-        """Begin the course where the head stands, or at the goal if it is not seen."""
+    def _initialise(self, now: float, aim: float, disturbance: Pose) -> None:
+        """Begin the path where the head stands, or at the goal if that is not known."""
         self._tracker.reset()
         self.following.begin(now)
-        self.anchors += 1
+        self.initialisations += 1
         head = self.following.head(now)
         start = self.goal
         if head is not None:
             start = subtract(compose(disturbance, head), self.contact.present)
-        self._reference.anchor(aim, Motion(start), self.goal)
+        self._reference.initialise(aim, HeadMotion(start), self.goal)

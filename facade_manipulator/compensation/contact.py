@@ -1,4 +1,4 @@
-"""What the wall tells the head: forces to give way to, slip to bring back."""
+"""What is measured at the wall: forces to give way to, slip to bring back."""
 
 from __future__ import annotations
 
@@ -7,19 +7,24 @@ import math
 from facade_manipulator.compensation.impedance import (
     Impedance,
     ImpedanceSettings,
+    OLDEST_WRENCH,
     YawImpedanceSettings,
 )
-from facade_manipulator.compensation.lateral import LateralRegulator, LateralSettings
+from facade_manipulator.compensation.lateral import (
+    LateralRegulator,
+    LateralSettings,
+    OLDEST_OFFSET,
+)
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import add, Pose, Wrench
 
 FUTURE_TOLERANCE = 0.02  # s
-CLOCK_STEP = 2.0  # s, older than that means that the clock was set back
+CLOCK_STEP = 2.0  # s, a measurement older than that means that the clock was set back
 
 
 class Contact:
     """
-    Shift the goal on the wall by what is felt and seen there.
+    Shift the goal on the wall by what is measured there.
 
     Parameters
     ----------
@@ -42,7 +47,7 @@ class Contact:
         self._yaw = 0.0
         self._stamps: dict[str, float] = {}
 
-    def take_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
+    def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
         Learn from a wrench of the wall on the head, in its frame, measured at a stamp [s].
 
@@ -52,15 +57,14 @@ class Contact:
             If it is not finite, stale, from the future or out of order.
 
         """
-        age = self.press.settings.longest_age
-        self._check('contact_wrench', now, stamp, age, wrench._asdict())
+        self._check('contact_wrench', now, stamp, OLDEST_WRENCH, wrench._asdict())
         cosine, sine = math.cos(self._yaw), math.sin(self._yaw)
-        self.press.take(stamp, -(sine * wrench.fx + cosine * wrench.fy))
-        self.turn.take(stamp, -wrench.mz)
+        self.press.add_measurement(stamp, -(sine * wrench.fx + cosine * wrench.fy))
+        self.turn.add_measurement(stamp, -wrench.mz)
 
-    def take_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
+    def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
         """
-        Learn where the head should be, seen from it along the wall [m], at a stamp [s].
+        Note where the head should be, from it along the wall [m], at a stamp [s].
 
         Raises
         ------
@@ -68,9 +72,8 @@ class Contact:
             If it is not finite, stale, from the future or out of order.
 
         """
-        age = self.lateral.settings.longest_age
-        self._check('lateral_offset', now, stamp, age, {'x': offset})
-        self.lateral.take(stamp, offset)
+        self._check('lateral_offset', now, stamp, OLDEST_OFFSET, {'x': offset})
+        self.lateral.add_measurement(stamp, offset)
 
     @property
     def present(self) -> Pose:
@@ -78,7 +81,7 @@ class Contact:
         return Pose(self.lateral.shift, self.press.offset, self.turn.offset)
 
     def shift(
-        self, now: float, time: float, interval: float, reference: Pose, excess: Pose
+        self, now: float, time: float, interval: float, reference: Pose, saturation_error: Pose
     ) -> Pose:
         """
         Return the reference with what the contact adds.
@@ -89,14 +92,14 @@ class Contact:
             Present time, the time the reference is for, the time since the last one [s].
         reference : Pose
             Where the head should be on the wall.
-        excess : Pose
-            By how much each axis was held back at the border of the workspace.
+        saturation_error : Pose
+            By how much each axis was held back at the workspace limit.
 
         """
         if not (self.lateral.idle and self.press.idle and self.turn.idle):
-            self.lateral.step(now, interval, excess.x)
-            self.press.step(now, time, interval, excess.y)
-            self.turn.step(now, time, interval, excess.theta)
+            self.lateral.step(now, interval, saturation_error.x)
+            self.press.step(now, time, interval, saturation_error.y)
+            self.turn.step(now, time, interval, saturation_error.theta)
         shifted = add(reference, self.present)
         self._yaw = shifted.theta
         return shifted
@@ -112,7 +115,7 @@ class Contact:
             raise InputError.stale(what, now - stamp, longest_age)
         if stamp - now > FUTURE_TOLERANCE:
             raise InputError.from_future(what, stamp - now, FUTURE_TOLERANCE)
-        behind = self._stamps.get(what, -math.inf) - stamp
-        if 0.0 <= behind <= CLOCK_STEP:
-            raise InputError.out_of_order(what, behind)
+        lateness = self._stamps.get(what, -math.inf) - stamp
+        if 0.0 <= lateness <= CLOCK_STEP:
+            raise InputError.out_of_order(what, lateness)
         self._stamps[what] = stamp

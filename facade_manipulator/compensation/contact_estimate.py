@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 from facade_manipulator.kinematics import Carriages, end_effector_force, Geometry, Pose, Wrench
+from facade_manipulator.motion import Triple
 from facade_manipulator.parameters import parameter, settings
 
-Triple = tuple[float, float, float]
+STICTION_SPEED = 0.002  # m/s, below which the Coulomb friction fades, its sign being unknown
 
 
 @settings
@@ -20,9 +21,6 @@ class FrictionSettings:
     viscous: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'Friction per speed: q1, q2, q3', unit='N s/m',
         minimum=0.0, maximum=1e5, elements=Carriages._fields)
-    stiction_speed: float = parameter(
-        0.002, 'Speed below which the Coulomb friction fades, its sign being unknown', unit='m/s',
-        minimum=1e-5, maximum=0.1)
 
 
 def contact_wrench(
@@ -49,7 +47,7 @@ def contact_wrench(
 
     """
     net = (
-        force - coulomb * math.tanh(velocity / friction.stiction_speed) - viscous * velocity
+        force - coulomb * math.tanh(velocity / STICTION_SPEED) - viscous * velocity
         for force, velocity, coulomb, viscous in zip(
             forces, velocities, friction.coulomb, friction.viscous, strict=True))
     fx, fy, mz = end_effector_force(geometry, pose, Carriages(*net))

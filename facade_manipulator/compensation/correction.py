@@ -1,9 +1,9 @@
 """
-The disturbance as the compensator corrects it: believed, predicted, faded in and out smoothly.
+The disturbance as the compensator corrects it: checked, predicted, faded in and out smoothly.
 
 Whatever happens (enable, disable, tare, a silent estimator, an estimate that changes the
-prediction) changes the course at which the correction aims, never the correction itself: the
-difference dies out.
+prediction) changes the trajectory at which the correction aims, never the correction itself: the
+difference decays.
 """
 
 from __future__ import annotations
@@ -13,7 +13,15 @@ import math
 
 from facade_manipulator.compensation.blend import Blend
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import compose, invert, MotionState, Pose, ZERO_POSE, ZERO_STATE
+from facade_manipulator.kinematics import (
+    compose,
+    invert,
+    MotionState,
+    Pose,
+    Twist,
+    ZERO_POSE,
+    ZERO_STATE,
+)
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction import (
     Estimate,
@@ -22,13 +30,16 @@ from facade_manipulator.prediction import (
     PredictionSettings,
 )
 
-DECAYS = 6.0
-LONGEST_PAUSE = 0.5  # s
+DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
+LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
+SETTLING_TIME = 0.5  # s, for which estimates must have come before the correction fades in
+SMOOTHING = 0.03  # s, time constant of what a new estimate changes: an estimator at 30 Hz
+FADE_ACCELERATION = (0.5, 0.5, 1.0)  # m/s², m/s², rad/s²: highest of fading, far below the drives'
 
 
 @settings
 class CorrectionSettings:
-    """How the correction fades and how smoothly it takes new estimates."""
+    """How the correction fades in and out."""
 
     enabled: bool = parameter(
         True, 'Whether the correction is enabled at start; later it is compensator/enable',
@@ -38,22 +49,13 @@ class CorrectionSettings:
     silence: float = parameter(
         0.5, 'Age of the newest estimate from which the estimator counts as silent', unit='s',
         minimum=0.05, maximum=10.0)
-    settling_time: float = parameter(
-        0.5, 'Time for which estimates must have come before the correction fades in', unit='s',
-        minimum=0.0, maximum=60.0)
-    smoothing: float = parameter(
-        0.03, 'Time constant with which the correction takes what a new estimate changed',
-        unit='s', minimum=0.0, maximum=1.0)
-    blend_acceleration: tuple[float, ...] = parameter(
-        (0.5, 0.5, 1.0), 'Highest acceleration of fading: x, y, theta', unit='m/s^2, rad/s^2',
-        minimum=0.01, maximum=20.0, read_only=True, elements=Pose._fields)
 
 
-class Mode(enum.Enum):
+class CorrectionMode(enum.Enum):
     """What the correction aims at, as a message."""
 
     DISABLED = 'disabled by the operator'
-    UNHEARD = 'no estimate of the disturbance has come yet'
+    NO_ESTIMATE = 'no estimate of the disturbance has come yet'
     SETTLING = 'waiting until the estimates have settled'
     ACTIVE = 'compensating'
     SILENT = 'the estimator is silent: the correction has been faded out'
@@ -70,7 +72,7 @@ class Correction:
 
     Attributes
     ----------
-    mode : Mode
+    mode : CorrectionMode
     predictor : DisturbancePredictor or HeldPrediction
 
     """
@@ -80,33 +82,33 @@ class Correction:
         self.predictor = make_predictor(prediction)
         self._mean = EstimateMean()
         self.enabled = settings.enabled
-        self.mode = Mode.UNHEARD if settings.enabled else Mode.DISABLED
+        self.mode = CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
         self._nominal = ZERO_POSE
         self._time: float | None = None
-        self._course = ZERO_STATE  # at that time; what comes later continues it
-        self._fade = Blend(settings.blend_acceleration)
-        self._smooth = Blend(settings.blend_acceleration)
+        self._state = ZERO_STATE  # at that time; what comes later continues it
+        self._fade = Blend(FADE_ACCELERATION)
+        self._smooth = Blend(FADE_ACCELERATION)
 
-    def take(self, estimate: Estimate) -> None:
-        """Learn from a believed estimate, from several at once where they come fast."""
+    def add_estimate(self, estimate: Estimate) -> None:
+        """Learn from a checked estimate, from several at once where they come fast."""
         estimate = self._mean.add(estimate)
         if estimate is None:
             return
-        smooth = self.mode is Mode.ACTIVE and self._time is not None
+        smooth = self.mode is CorrectionMode.ACTIVE and self._time is not None
         self.predictor.update(estimate.stamp, estimate.pose, estimate.variances)
         if smooth:
             self._smooth.clear()
             self._smooth.begin(
-                self._time, self._course.minus(self._aim()), self.settings.smoothing)
+                self._time, self._state.minus(self._aim()), SMOOTHING)
 
     def change_prediction(self, settings: PredictionSettings) -> None:
         """Learn again by other settings; meanwhile the correction fades out, and in again."""
-        self._change(mode=Mode.UNHEARD)
+        self._change(mode=CorrectionMode.NO_ESTIMATE)
         self.predictor = make_predictor(settings)
 
     def tare(self, now: float) -> Pose:
         """
-        Take the disturbance of the moment as the new nominal place and return it.
+        Make the disturbance of the moment the new nominal position and return it.
 
         Raises
         ------
@@ -115,9 +117,9 @@ class Correction:
 
         """
         if self.age(now) > self.settings.silence:
-            heard = 'none has come yet' if self.predictor.stamp is None else (
+            newest = 'none has come yet' if self.predictor.stamp is None else (
                 f'the newest is {self.age(now):.1f} s old, bound {self.settings.silence:g} s')
-            raise ManipulatorError(f'cannot tare without a fresh estimate: {heard}')
+            raise ManipulatorError(f'cannot tare without a fresh estimate: {newest}')
         nominal = self.predictor.predict(now).position
         self._change(nominal=nominal)
         return nominal
@@ -141,45 +143,47 @@ class Correction:
         elif mode is not self.mode:
             self._change(mode=mode)
         self._time = time
-        self._course = self._aim()
-        return self._course
+        self._state = self._aim()
+        return self._state
 
     def age(self, now: float) -> float:
         """Return the age of the newest estimate [s], infinity before the first."""
         return math.inf if self.predictor.stamp is None else now - self.predictor.stamp
 
-    def _present_mode(self, now: float) -> Mode:
+    def _present_mode(self, now: float) -> CorrectionMode:
         if not self.enabled:
-            return Mode.DISABLED
+            return CorrectionMode.DISABLED
         if self.predictor.stamp is None:
-            return Mode.UNHEARD
+            return CorrectionMode.NO_ESTIMATE
         if abs(self.age(now)) > self.settings.silence:
-            return Mode.SILENT
-        if self.predictor.stamp - self.predictor.since < self.settings.settling_time:
-            return Mode.SETTLING
-        return Mode.ACTIVE
+            return CorrectionMode.SILENT
+        if self.predictor.stamp - self.predictor.since < SETTLING_TIME:
+            return CorrectionMode.SETTLING
+        return CorrectionMode.ACTIVE
 
-    def _change(self, mode: Mode | None = None, nominal: Pose | None = None) -> None:
-        """Aim at another course and fade over from where the correction is."""
+    def _change(self, mode: CorrectionMode | None = None, nominal: Pose | None = None) -> None:
+        """Aim at another trajectory and fade over from where the correction is."""
         self.mode, self._nominal = mode or self.mode, nominal or self._nominal
         self._fade.clear()
         self._smooth.clear()
         if self._time is not None:
             self._fade.begin(
-                self._time, self._course.minus(self._aim()), self.settings.fade_time / DECAYS)
+                self._time, self._state.minus(self._aim()), self.settings.fade_time / DECAYS)
 
     def _aim(self) -> MotionState:
-        """Return the course with what is left of its predecessors."""
+        """Return the prediction with the remainders of what was aimed at before."""
         if self._time is None:
             return ZERO_STATE
-        rest = self._smooth.at(self._time).plus(self._fade.at(self._time))
-        return rest if self.mode is not Mode.ACTIVE else self._predicted().plus(rest)
+        remainder = self._smooth.at(self._time).plus(self._fade.at(self._time))
+        active = self.mode is CorrectionMode.ACTIVE
+        return self._predicted().plus(remainder) if active else remainder
 
     def _predicted(self) -> MotionState:
-        course = self.predictor.predict(self._time)
+        predicted = self.predictor.predict(self._time)
         if self._nominal == ZERO_POSE:
-            return course
+            return predicted
         back = invert(self._nominal)
-        turn = Pose(0.0, 0.0, back.theta)
-        return MotionState(compose(back, course.position), compose(turn, course.velocity)._replace(
-            theta=course.velocity.theta))
+        cosine, sine = math.cos(back.theta), math.sin(back.theta)
+        vx, vy, omega = predicted.velocity
+        velocity = Twist(cosine * vx - sine * vy, sine * vx + cosine * vy, omega)
+        return MotionState(compose(back, predicted.position), velocity)

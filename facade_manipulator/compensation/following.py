@@ -1,40 +1,32 @@
-"""How the head follows the published course: whether at all, and with which lag."""
+"""How the head follows the published path: whether at all, and with which lag."""
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections import deque
 import math
-from operator import itemgetter
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import difference, Pose
+from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
+from facade_manipulator.motion import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
-KEPT_TIME = 2.0
+CLOCK_STEP = 2.0  # s, a pose older than that means that the clock was set back
+LARGEST_YAW_ERROR = 0.035  # rad, beyond which the head is not following
 ARM = 0.35  # m, weighs yaw against displacement
-LEAST_SPEED = 0.02
+LEAST_SPEED = 0.02  # m/s, below which the lag drowns in noise
+LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
+GREATEST_LAG = 0.05  # s, that is compensated: a greater one is no lag but a fault
 
 
 @settings
 class FollowingSettings:
-    """When the head counts as not following, and how its lag is measured."""
+    """When the head counts as not following."""
 
     distance: float = parameter(
-        0.02, 'Distance of the head from the course from which it is not following', unit='m',
-        minimum=1e-3, maximum=1.0)
-    yaw: float = parameter(
-        0.035, 'Yaw of the head from the course from which it is not following', unit='rad',
+        0.02, 'Distance of the head from its path beyond which it is not following', unit='m',
         minimum=1e-3, maximum=1.0)
     patience: float = parameter(
-        0.5, 'Time of not following after which the course begins again at the head', unit='s',
+        0.5, 'Time of not following after which the path begins again at the head', unit='s',
         minimum=0.05, maximum=10.0)
-    lag_memory: float = parameter(
-        10.0, "Time constant with which the head's lag is measured", unit='s', minimum=0.5,
-        maximum=600.0)
-    greatest_lag: float = parameter(
-        0.05, 'Greatest lag of the head that is made up for; 0 for none', unit='s', minimum=0.0,
-        maximum=0.2)
 
 
 class Following:
@@ -49,27 +41,23 @@ class Following:
 
     def __init__(self, settings: FollowingSettings) -> None:
         self.settings = settings
-        self._course: deque[tuple[float, Pose]] = deque()
+        self._path: TimedBuffer[Pose] = TimedBuffer()
         self._head: tuple[float, Pose] | None = None
         self._followed_at = -math.inf
         self._delay = self._power = 0.0
 
     def begin(self, now: float) -> None:
-        """Forget the course; a new one begins."""
-        self._course.clear()
+        """Forget the path; a new one begins."""
+        self._path.clear()
         self._followed_at = now
 
     def publish(self, time: float, pose: Pose) -> None:
         """Note what is published for a time [s], in place of what was for it and later."""
-        while self._course and self._course[-1][0] >= time:
-            self._course.pop()
-        self._course.append((time, pose))
-        while self._course[0][0] < time - KEPT_TIME:
-            self._course.popleft()
+        self._path.append(time, pose)
 
-    def take(self, stamp: float, head: Pose) -> None:
+    def add_head(self, stamp: float, head: Pose) -> None:
         """
-        Take where the head is at a stamp [s].
+        Compare where the head is at a stamp [s] with where it should be.
 
         Raises
         ------
@@ -77,7 +65,7 @@ class Following:
             If it is older than the one before; much older, the clock was set back.
 
         """
-        if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
+        if self._head is not None and 0.0 <= self._head[0] - stamp <= CLOCK_STEP:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
         interval = 0.0 if self._head is None else max(stamp - self._head[0], 0.0)
         self._head = stamp, head
@@ -85,11 +73,11 @@ class Following:
         if planned is None:
             self._followed_at = stamp
             return
-        error = difference(planned[0], head)
+        error = difference(planned.position, head)
         if math.hypot(error.x, error.y) < self.settings.distance and (
-                abs(error.theta) < self.settings.yaw):
+                abs(error.theta) < LARGEST_YAW_ERROR):
             self._followed_at = stamp
-            self._measure_lag(interval, error, planned[1])
+            self._measure_lag(interval, error, planned.velocity)
 
     def head(self, now: float) -> Pose | None:
         """Return where the head is, None if that is not known any more."""
@@ -97,41 +85,36 @@ class Following:
             return None
         return self._head[1]
 
-    def lost(self, now: float) -> bool:
-        """Tell whether the head is seen but does not follow."""
+    def is_off_path(self, now: float) -> bool:
+        """Return whether the head's pose is known but does not follow."""
         return self.head(now) is not None and (
             self._head[0] - self._followed_at > self.settings.patience)
 
     @property
     def lag(self) -> float:
-        """Lag of the head behind the course [s], 0 while it is not known."""
-        if self._power < LEAST_SPEED ** 2 * min(self.settings.lag_memory, 1.0):
+        """Lag of the head on its path [s], 0 while it is not known."""
+        if self._power < LEAST_SPEED ** 2:
             return 0.0
-        limit = self.settings.greatest_lag
-        return min(max(self._delay / self._power, -limit), limit)
+        return min(max(self._delay / self._power, -GREATEST_LAG), GREATEST_LAG)
 
-    def _planned(self, stamp: float) -> tuple[Pose, Pose] | None:
-        """Return place and velocity of the course at a stamp, None where there was none."""
-        course = self._course
-        index = bisect_right(course, stamp, key=itemgetter(0))
-        if not 0 < index < len(course):
+    def _planned(self, stamp: float) -> MotionState | None:
+        """Return the motion on the path at a stamp, None where there was none."""
+        before, after = self._path.around(stamp)
+        if before is None or after is None:
             return None
-        return _between(*course[index - 1], *course[index], stamp)
+        (begin, first), (end, second) = before, after
+        share, change = (stamp - begin) / (end - begin), difference(second, first)
+        return MotionState(
+            Pose(*(a + share * d for a, d in zip(first, change, strict=True))),
+            Twist(*(d / (end - begin) for d in change)))
 
-    def _measure_lag(self, interval: float, error: Pose, velocity: Pose) -> None:
+    def _measure_lag(self, interval: float, error: Pose, velocity: Twist) -> None:
         """Regress the error on the velocity, the older the less."""
         interval = min(interval, 1.0)
-        fade = math.exp(-interval / self.settings.lag_memory)
+        fade = math.exp(-interval / LAG_MEMORY)
         turn = ARM * ARM * velocity.theta
         self._delay = fade * self._delay + interval * (
             error.x * velocity.x + error.y * velocity.y + error.theta * turn)
         self._power = fade * self._power + interval * (
             velocity.x ** 2 + velocity.y ** 2 + velocity.theta * turn)
 
-
-def _between(
-    begin: float, first: Pose, end: float, second: Pose, stamp: float
-) -> tuple[Pose, Pose]:
-    share, change = (stamp - begin) / (end - begin), difference(second, first)
-    place = Pose(*(a + share * d for a, d in zip(first, change, strict=True)))
-    return place, Pose(*(d / (end - begin) for d in change))

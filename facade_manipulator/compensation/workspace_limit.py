@@ -1,4 +1,4 @@
-"""The border of the workspace: poses beyond it are led along it, axis by axis."""
+"""The limit of the workspace: poses beyond it are saturated along it, axis by axis."""
 
 from __future__ import annotations
 
@@ -10,33 +10,27 @@ from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.parameters import parameter, settings
 
 REFINEMENTS = 3
+# Depth over which an axis is bent into the limit, so that the head meets it without a jerk.
+KNEE, HEIGHT_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
 
 
 @settings
-class BorderSettings:
+class WorkspaceLimitSettings:
     """How close to the limits of the mechanism the compensation goes."""
 
     margin: float = parameter(
         0.004, 'Distance kept from reach, stroke and carriage gap', unit='m', minimum=1e-4,
         maximum=0.1)
-    knee: float = parameter(
-        0.03, 'Depth over which x is led into the border', unit='m', minimum=1e-4,
-        maximum=0.3)
-    height_knee: float = parameter(
-        0.01, 'Depth over which y is led into the border', unit='m', minimum=1e-4, maximum=0.1)
-    yaw_knee: float = parameter(
-        0.02, 'Depth over which theta is led into the border', unit='rad', minimum=1e-4,
-        maximum=0.2)
 
 
 class Saturated(NamedTuple):
-    """A pose inside the border and by how much each axis was held back [m, m, rad]."""
+    """A pose inside the limit and by how much each axis was held back [m, m, rad]."""
 
     pose: Pose
-    excess: Pose
+    saturation_error: Pose
 
 
-class Border:
+class WorkspaceLimit:
     """
     Keep poses inside the workspace: y first, then θ at this y, then x at both.
 
@@ -46,7 +40,7 @@ class Border:
     Parameters
     ----------
     geometry : Geometry
-    settings : BorderSettings
+    settings : WorkspaceLimitSettings
 
     Raises
     ------
@@ -55,7 +49,7 @@ class Border:
 
     """
 
-    def __init__(self, geometry: Geometry, settings: BorderSettings) -> None:
+    def __init__(self, geometry: Geometry, settings: WorkspaceLimitSettings) -> None:
         self._settings = settings
         self._half = geometry.platform_half_length
         self._reach = geometry.link_length - settings.margin
@@ -70,7 +64,7 @@ class Border:
                 f'margin = {settings.margin:g} m leaves no workspace in y: from '
                 f'{self._height[0]:.4g} m to {self._height[1]:.4g} m')
 
-    def lead_in(self, pose: Pose, slope: float = 0.0) -> Saturated:
+    def saturate(self, pose: Pose, slope: float = 0.0) -> Saturated:
         """
         Return the pose of the workspace for a wanted one, which may lie outside.
 
@@ -83,16 +77,16 @@ class Border:
 
         """
         inside = self._clamped(pose)
-        if slope != 0.0 and inside.excess.x != 0.0:
+        if slope != 0.0 and inside.saturation_error.x != 0.0:
             for _ in range(REFINEMENTS):  # the end of x depends on y a little
-                inside = self._clamped(pose._replace(y=pose.y + slope * inside.excess.x))
+                inside = self._clamped(pose._replace(y=pose.y + slope * inside.saturation_error.x))
         return inside
 
     def _clamped(self, pose: Pose) -> Saturated:
-        y = soft_clamp(pose.y, *self._height, self._settings.height_knee)
+        y = soft_clamp(pose.y, *self._height, HEIGHT_KNEE)
         yaw = self._greatest_yaw(y)
-        theta = soft_clamp(pose.theta, -yaw, yaw, self._settings.yaw_knee)
-        x = soft_clamp(pose.x, *self._widths(y, theta), self._settings.knee)
+        theta = soft_clamp(pose.theta, -yaw, yaw, YAW_KNEE)
+        x = soft_clamp(pose.x, *self._widths(y, theta), KNEE)
         return Saturated(
             Pose(x, y, theta), Pose(pose.x - x, pose.y - y, pose.theta - theta))
 

@@ -107,9 +107,9 @@ class Recorder:
         self._wrenches: deque[tuple[float, Wrench]] = deque(maxlen=NEWEST)
         for part in PARTS:
             node.create_subscription(
-                PoseStamped, f'gondola_simulator/{part}', self._taker(part), RELIABLE)
+                PoseStamped, f'gondola_simulator/{part}', self._receiver(part), RELIABLE)
         node.create_subscription(
-            WrenchStamped, 'contact_wrench', self._take_wrench, qos_profile_sensor_data)
+            WrenchStamped, 'contact_wrench', self._receive_wrench, qos_profile_sensor_data)
 
     def stop(self) -> None:
         """Keep nothing more: from here on the drives stop."""
@@ -145,10 +145,10 @@ class Recorder:
         return TimeCourse(times, heads, errors, uncompensated,
                       settled(times, heads - errors, self._settling_time))
 
-    def _taker(self, part: str) -> Callable[[PoseStamped], None]:
-        return lambda message: self._take(part, message)
+    def _receiver(self, part: str) -> Callable[[PoseStamped], None]:
+        return lambda message: self._receive(part, message)
 
-    def _take(self, part: str, message: PoseStamped) -> None:
+    def _receive(self, part: str, message: PoseStamped) -> None:
         time = seconds(message.header.stamp)
         parts = self._waiting.setdefault(time, {})
         parts[part] = planar_pose(message.pose, part)
@@ -166,7 +166,7 @@ class Recorder:
         self._newest.append(sample)
         self._whole.append(sample)
 
-    def _take_wrench(self, message: WrenchStamped) -> None:
+    def _receive_wrench(self, message: WrenchStamped) -> None:
         self._wrenches.append((seconds(message.header.stamp), planar_wrench(message)))
 
 

@@ -49,7 +49,7 @@ def _latency(observer: Observer) -> dict[str, float | None]:
     """
     From the compensator's decision to the SYNC at which the drives take the target.
 
-    The compensator stamps its poses a horizon ahead of the decision, and the driver tells how
+    The compensator stamps its poses a horizon ahead of the decision, and the driver publishes how
     much of it was left (margin) when it chose the target of a cycle.
     """
     operation = 'driver: operation'

@@ -36,7 +36,7 @@ from facade_manipulator.kinematics.jacobian import (
     parallel_singularity,
     platform_velocity,
 )
-from facade_manipulator.kinematics.linkage import Joints, joints, Point
+from facade_manipulator.kinematics.linkage import JointPoints, joints, Point
 from facade_manipulator.kinematics.modes import WorkingMode
 from facade_manipulator.kinematics.planar import (
     add,
@@ -72,8 +72,8 @@ __all__ = [
     'inverse_kinematics_batch',
     'invert',
     'jacobian',
+    'JointPoints',
     'joints',
-    'Joints',
     'links',
     'local_conditioning_index',
     'MIN_CONDITIONING',

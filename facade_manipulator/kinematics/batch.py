@@ -222,7 +222,7 @@ def _versines(
 ) -> None:
     """Write u = 1 − cos θ of the greatest root into `u`; NaN where there is none."""
     f0, f1, f2, f3 = coefficients
-    slope, step, rest = work
+    slope, step, cubic_part = work
     np.multiply(f1, f1, out=slope)
     np.multiply(f0, f2, out=u)
     u *= 4.0
@@ -231,11 +231,11 @@ def _versines(
     np.add(f1, slope, out=step)
     np.divide(f0, step, out=u)
     u += u
-    np.multiply(u, u, out=rest)  # step = f3 u³/(slope + 3 f3 u²)
-    rest *= f3
-    np.multiply(rest, u, out=step)
-    rest *= 3.0
-    slope += rest
+    np.multiply(u, u, out=cubic_part)  # step = f3 u³/(slope + 3 f3 u²)
+    cubic_part *= f3
+    np.multiply(cubic_part, u, out=step)
+    cubic_part *= 3.0
+    slope += cubic_part
     step /= slope
     u -= step
     easy = step < STEP_TOLERANCE

@@ -5,7 +5,7 @@ Of the cubic in `closure`, one root lies at or below −1; the greatest of the o
 are real, is the branch with N > 0 on which the machine is assembled. f is convex right of it and
 f(1) ≥ 0, so Newton's method descends to it from there without a bracket. Near θ = 0 the cubic is
 a parabola but for its last term: one Newton step from the parabola's root, where c is less, leads
-there or to a better place than c = 1 to descend from. θ comes from atan2 and never from
+there or to a better start than c = 1 to descend from. θ comes from atan2 and never from
 acos, so nothing is lost near θ = 0; one Newton step on the links polishes the pose.
 """
 
@@ -86,7 +86,7 @@ def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]
 def _polish(
     geometry: Geometry, left: float, right: float, y: float, theta: float
 ) -> tuple[float, float]:
-    """Take Newton steps while they shrink: near N = 0 the cubic has lost half its digits."""
+    """Take Newton steps while they shrink: near N = 0 the cubic loses half its digits."""
     last = 1.0
     while True:
         dy, dtheta = newton_step(geometry, left, right, y, sin(theta), cos(theta))
@@ -105,8 +105,8 @@ def _greatest_root(f0: float, f1: float, f2: float, f3: float) -> float:
     if f1 > 0.0 < square:
         slope = sqrt(square)
         u = 2.0 * f0 / (f1 + slope)
-        rest = f3 * u * u
-        step = rest * u / (slope + 3.0 * rest)
+        cubic_part = f3 * u * u
+        step = cubic_part * u / (slope + 3.0 * cubic_part)
         u -= step
         if step < STEP_TOLERANCE:
             return u

@@ -50,25 +50,11 @@ def inverse_kinematics(
         If a link is too short: |y| + b |sin θ| is not below l (eq. 19).
 
     """
-    x, y, theta = pose
-    if not isfinite(x + y + theta):
-        raise not_finite(Pose(x, y, theta))
-    length, half = geometry.link_length, geometry.platform_half_length
-    rise = half * sin(theta)
-    height1 = y - rise
-    height2 = y + rise
-    square = length * length
-    root1 = square - height1 * height1
-    root2 = square - height2 * height2
-    if root1 <= 0.0 or root2 <= 0.0:
-        raise _unreachable(geometry, y, rise)
-    span = half * cos(theta)
+    x = pose[0]
+    _, cosine, _, _, projection1, projection2 = links(geometry, pose, working_mode)
+    span = geometry.platform_half_length * cosine
     # Carriages(...) in half the time: the machine asks for this at every setpoint.
-    return _new_tuple(Carriages, (
-        x - span + working_mode.sign1 * sqrt(root1),
-        x + span + working_mode.sign2 * sqrt(root2),
-        x,
-    ))
+    return _new_tuple(Carriages, (x - span + projection1, x + span - projection2, x))
 
 
 def links(
@@ -103,13 +89,9 @@ def links(
     root1 = square - height1 * height1
     root2 = square - height2 * height2
     if root1 <= 0.0 or root2 <= 0.0:
-        raise _unreachable(geometry, y, rise)
+        raise UnreachableError(
+            '|y| + b |sin theta|', abs(y) + abs(rise), length, 'm', 'not below')
     return (
         sine, cos(theta), height1, height2,
         working_mode.sign1 * sqrt(root1), -working_mode.sign2 * sqrt(root2),
     )
-
-
-def _unreachable(geometry: Geometry, y: float, rise: float) -> UnreachableError:
-    return UnreachableError(
-        '|y| + b |sin theta|', abs(y) + abs(rise), geometry.link_length, 'm', 'not below')

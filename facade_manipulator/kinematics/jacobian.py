@@ -7,7 +7,7 @@ With the heights u1, u2 and projections s1, s2 of `links`, and e1 = u1 c + s1 s,
     q2' = x' + u2/s2 y' + b e2/s2 θ'        det J = −b N/(s1 s2),  N = u1 e2 + u2 e1
     q3' = x'
 
-This is J = A⁻¹B of eqs 10-17 with the first term of eq. 11 mended to q2'. N = 0 is a parallel
+This is J = A⁻¹B of eqs 10-17 with the first term of eq. 11 corrected to q2'. N = 0 is a parallel
 singularity that the paper does not mention: the platform can move with all carriages locked.
 """
 
@@ -18,7 +18,7 @@ import struct
 import numpy as np
 
 from facade_manipulator.errors import SingularityError
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Wrench
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Twist, Wrench
 from facade_manipulator.kinematics.inverse import Links, links
 from facade_manipulator.kinematics.modes import WorkingMode
 
@@ -62,7 +62,7 @@ def jacobian(
 
 
 def carriage_velocity(
-    geometry: Geometry, pose: Pose, velocity: Pose,
+    geometry: Geometry, pose: Pose, velocity: Twist,
     working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
 ) -> Carriages:
     """
@@ -82,7 +82,7 @@ def carriage_velocity(
 def platform_velocity(
     geometry: Geometry, pose: Pose, velocity: Carriages,
     working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
-) -> Pose:
+) -> Twist:
     """
     Platform velocity J⁻¹·velocity (x', y', θ') of carriage velocities [m/s, rad/s].
 
@@ -100,7 +100,7 @@ def platform_velocity(
     if determinant == 0.0:
         raise SingularityError('|N|', 0.0, 0.0, 'm2', 'not above')
     side1, side2 = v1 - v3, v2 - v3
-    return Pose(
+    return Twist(
         v3,
         (t2 * side1 - t1 * side2) / determinant,
         (y1 * side2 - y2 * side1) / determinant,

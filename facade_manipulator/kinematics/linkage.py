@@ -11,9 +11,9 @@ from facade_manipulator.kinematics.inverse import inverse_kinematics
 Point = tuple[float, float]
 
 
-class Joints(NamedTuple):
+class JointPoints(NamedTuple):
     """
-    Joints in frame `rail`, each (x, y) [m].
+    JointPoints in frame `rail`, each (x, y) [m].
 
     A1, A2 and A3 stand on the carriages, the links run from A1 to B1 and from A2 to B2, and the
     end-effector point P, the middle of the platform from B1 to B2, slides above A3.
@@ -27,7 +27,7 @@ class Joints(NamedTuple):
     p: Point
 
 
-def joints(geometry: Geometry, pose: Pose) -> Joints:
+def joints(geometry: Geometry, pose: Pose) -> JointPoints:
     """
     Return the joints of the mechanism at a pose.
 
@@ -40,6 +40,6 @@ def joints(geometry: Geometry, pose: Pose) -> Joints:
     q1, q2, q3 = inverse_kinematics(geometry, pose)
     along = geometry.platform_half_length * cos(pose.theta)
     out = geometry.platform_half_length * sin(pose.theta)
-    return Joints(
+    return JointPoints(
         (q1, 0.0), (q2, 0.0), (q3, 0.0),
         (pose.x - along, pose.y - out), (pose.x + along, pose.y + out), (pose.x, pose.y))

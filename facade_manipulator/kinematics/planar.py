@@ -32,7 +32,7 @@ def compose(a: Pose, b: Pose) -> Pose:
     """
     Compose two poses: the pose `b`, given in the frame whose pose is `a`.
 
-    The angles add without wrapping, so that a course of poses stays continuous.
+    The angles add without wrapping, so that a path of poses stays continuous.
     """
     cosine, sine = math.cos(a.theta), math.sin(a.theta)
     return Pose(

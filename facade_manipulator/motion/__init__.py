@@ -1,30 +1,39 @@
 """
 Motion inside limits: poses in, setpoints and carriage targets out.
 
-For ik_service: `Approach` and `Reference` (jerk-limited paths of the head), `SetpointStream`
+For ik_service: `Approach` and `ReferencePath` (jerk-limited paths of the head), `SetpointStream`
 (certified poses to setpoints). For the driver: `SetpointFollower` (setpoints to targets within
 speed, acceleration and jerk) and the guards that check the mechanism before a target is sent.
 """
 
 from facade_manipulator.motion.approach import Approach
 from facade_manipulator.motion.guard import HomingGuard, MechanismGuard
-from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.motion.reference import Motion, Reference, ReferenceSettings
-from facade_manipulator.motion.setpoint_stream import certified_path, GoalSettings, SetpointStream
+from facade_manipulator.motion.limits import MotionLimits, Triple
+from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
+from facade_manipulator.motion.setpoint_stream import (
+    certified_path,
+    GoalSettings,
+    SetpointStream,
+    STREAM_GAP,
+)
 from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, StreamSettings
+from facade_manipulator.motion.timed_buffer import TimedBuffer
 
 __all__ = [
     'Approach',
     'certified_path',
     'GoalSettings',
+    'HeadMotion',
     'HomingGuard',
     'MechanismGuard',
-    'Motion',
     'MotionLimits',
-    'Reference',
+    'ReferencePath',
     'ReferenceSettings',
     'Setpoint',
     'SetpointFollower',
     'SetpointStream',
+    'STREAM_GAP',
     'StreamSettings',
+    'TimedBuffer',
+    'Triple',
 ]

@@ -1,9 +1,9 @@
-"""The way to a single goal: poses on a jerk-limited straight path until the head is there."""
+"""The path to a single goal: poses on a jerk-limited straight path until the head is there."""
 
 from __future__ import annotations
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.motion.reference import Motion, Reference, ReferenceSettings
+from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
 
 
 class Approach:
@@ -17,7 +17,7 @@ class Approach:
     """
 
     def __init__(self, settings: ReferenceSettings) -> None:
-        self._reference = Reference(settings)
+        self._reference = ReferencePath(settings)
         self._is_under_way = False
 
     def change_settings(self, settings: ReferenceSettings) -> None:
@@ -29,7 +29,7 @@ class Approach:
         if self._is_under_way:
             self._reference.retarget(time, goal)
         else:
-            self._reference.anchor(time, Motion(head), goal)
+            self._reference.initialise(time, HeadMotion(head), goal)
         self._is_under_way = True
 
     def end(self) -> None:

@@ -25,7 +25,7 @@ from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.parameters import parameter, settings
 
 Triple = tuple[float, float, float]
-AT_REST_SPEED = 1e-5
+STANDSTILL_SPEED = 1e-5
 FEED_FORWARD_SHARE = 0.8
 PLAN_TOLERANCE = 1e-9
 ROUNDING = 1e-9  # relative
@@ -49,7 +49,7 @@ class MotionLimits:
                 'a ramp would take more than 1 s')
 
 
-class Motion(NamedTuple):
+class CarriageMotion(NamedTuple):
     """Positions [m], velocities [m/s] and accelerations [m/s²] of the three carriages."""
 
     position: Triple
@@ -58,8 +58,8 @@ class Motion(NamedTuple):
 
     @property
     def at_rest(self) -> bool:
-        """Tell whether no carriage moves."""
-        return _greatest(self.velocity) < AT_REST_SPEED
+        """Whether no carriage moves."""
+        return _greatest(self.velocity) < STANDSTILL_SPEED
 
 
 class PathLimiter:
@@ -82,10 +82,12 @@ class PathLimiter:
         self._brake = _plan(limits, ControlInterface.Velocity)
         self._output = OutputParameter(3)
         self._trajectory = Trajectory(3)
-        self._relative: Motion | None = None
+        self._relative: CarriageMotion | None = None
         self._is_catching_up = False
 
-    def reach(self, motion: Motion, target: Triple, target_velocity: Triple) -> Motion | None:
+    def reach(
+        self, motion: CarriageMotion, target: Triple, target_velocity: Triple
+    ) -> CarriageMotion | None:
         """
         Return the motion that is at the target one period later, None if limits forbid it.
 
@@ -100,13 +102,15 @@ class PathLimiter:
         self._is_catching_up = False
         return direct
 
-    def chase(self, motion: Motion, target: Triple, target_velocity: Triple) -> Motion:
+    def chase(
+        self, motion: CarriageMotion, target: Triple, target_velocity: Triple
+    ) -> CarriageMotion:
         """
         Return the motion one period later on the fastest allowed way to a moving target.
 
         Parameters
         ----------
-        motion : Motion
+        motion : CarriageMotion
             Present commanded motion.
         target : tuple of float, shape (3,)
             Where the carriages should be one period later [m].
@@ -116,7 +120,7 @@ class PathLimiter:
         """
         self._is_catching_up = True
         frame = self._feed_forward(target_velocity)
-        relative = self._continued(Motion(
+        relative = self._continued(CarriageMotion(
             tuple(p - t + w * self.period
                   for p, t, w in zip(motion.position, target, frame, strict=True)),
             tuple(v - w for v, w in zip(motion.velocity, frame, strict=True)),
@@ -124,23 +128,23 @@ class PathLimiter:
         self._chase.max_velocity = [self.limits.speed - w for w in frame]
         self._chase.min_velocity = [-self.limits.speed - w for w in frame]
         self._relative = step = self._step(_begin(self._chase, relative, self.limits.acceleration))
-        return Motion(
+        return CarriageMotion(
             tuple(e + t for e, t in zip(step.position, target, strict=True)),
             tuple(e + w for e, w in zip(step.velocity, frame, strict=True)),
             step.acceleration)
 
-    def brake(self, motion: Motion) -> Motion:
+    def brake(self, motion: CarriageMotion) -> CarriageMotion:
         """Return the motion one period later on the way to rest, all axes braking together."""
         self._is_catching_up = True
         return self._step(_begin(self._brake, motion, self.limits.acceleration))
 
-    def rest_position(self, motion: Motion) -> Triple:
+    def rest_position(self, motion: CarriageMotion) -> Triple:
         """Return where the carriages come to rest when they brake now [m]."""
         plan = _begin(self._brake, motion, self.limits.acceleration)
         _require(self._planner.calculate(plan, self._trajectory))
         return tuple(self._trajectory.at_time(self._trajectory.duration)[0])
 
-    def _continued(self, relative: Motion) -> Motion:
+    def _continued(self, relative: CarriageMotion) -> CarriageMotion:
         """Return the planned motion if it is the present one: a new plan would bend the path."""
         planned = self._relative
         if planned is None or any(
@@ -151,8 +155,8 @@ class PathLimiter:
             return relative
         return planned
 
-    def _direct(self, motion: Motion, target: Triple) -> Motion:
-        return Motion(
+    def _direct(self, motion: CarriageMotion, target: Triple) -> CarriageMotion:
+        return CarriageMotion(
             target,
             velocity := self._rates(motion.position, target),
             self._rates(motion.velocity, velocity))
@@ -162,15 +166,15 @@ class PathLimiter:
         rate, (a1, a2, a3), (b1, b2, b3) = 1.0 / self.period, before, after
         return (b1 - a1) * rate, (b2 - a2) * rate, (b3 - a3) * rate
 
-    def _allowed(self, before: Motion, after: Motion) -> bool:
+    def _allowed(self, before: CarriageMotion, after: CarriageMotion) -> bool:
         limits = self.limits
         jerk = self._rates(before.acceleration, after.acceleration)
         return (_greatest(after.velocity) <= limits.speed
                 and _greatest(after.acceleration) <= limits.acceleration
                 and _greatest(jerk) <= limits.jerk)
 
-    def _meets(self, before: Motion, after: Motion, velocity: Triple) -> bool:
-        """Tell whether a motion with a mean velocity arrives with a velocity, about."""
+    def _meets(self, before: CarriageMotion, after: CarriageMotion, velocity: Triple) -> bool:
+        """Return whether a motion with a mean velocity arrives with a velocity, about."""
         tolerance = 0.5 * self.limits.jerk * self.period ** 2
         return all(
             abs(2.0 * mean - start - wanted) <= tolerance
@@ -182,10 +186,10 @@ class PathLimiter:
         share = min(1.0, FEED_FORWARD_SHARE * self.limits.speed / fastest) if fastest else 1.0
         return tuple(share * v for v in velocity)
 
-    def _step(self, plan: InputParameter) -> Motion:
+    def _step(self, plan: InputParameter) -> CarriageMotion:
         _require(self._planner.update(plan, self._output))
         output = self._output
-        return Motion(
+        return CarriageMotion(
             tuple(output.new_position), tuple(output.new_velocity), tuple(output.new_acceleration))
 
 
@@ -201,7 +205,7 @@ def _plan(limits: MotionLimits, interface: ControlInterface) -> InputParameter:
     return plan
 
 
-def _begin(plan: InputParameter, motion: Motion, most: float) -> InputParameter:
+def _begin(plan: InputParameter, motion: CarriageMotion, most: float) -> InputParameter:
     """
     Let a plan begin at a motion.
 

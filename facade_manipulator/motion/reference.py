@@ -9,12 +9,11 @@ from typing import NamedTuple
 from ruckig import InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Pose, wrap_angle
+from facade_manipulator.kinematics import Pose, Twist, wrap_angle, ZERO_POSE, ZERO_TWIST
 from facade_manipulator.parameters import parameter, settings
 
 UNITS = 'm, rad'
-SHORTEST_WAY = 1e-9
-STILL = Pose(0.0, 0.0, 0.0)
+SHORTEST = 1e-9  # m or rad: an axis with less to go stands
 
 
 @settings
@@ -32,15 +31,15 @@ class ReferenceSettings:
         maximum=1e4, elements=Pose._fields)
 
 
-class Motion(NamedTuple):
-    """Place, velocity and acceleration of the head on the wall [m, m, rad per s, s²]."""
+class HeadMotion(NamedTuple):
+    """Position, velocity and acceleration of the head on the wall [m, m, rad; per s; per s²]."""
 
     position: Pose
-    velocity: Pose = STILL
-    acceleration: Pose = STILL
+    velocity: Twist = ZERO_TWIST
+    acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
-class Reference:
+class ReferencePath:
     """
     The head's path on the wall towards the goal of the moment.
 
@@ -62,11 +61,11 @@ class Reference:
         self._plan = InputParameter(len(Pose._fields))
         self.settings = settings
         self._trajectory = Trajectory(len(Pose._fields))
-        self._rest = Motion(STILL)
+        self._end = HeadMotion(ZERO_POSE)
         self._start: float | None = None
         self.goal: Pose | None = None
 
-    def anchor(self, time: float, motion: Motion, goal: Pose) -> None:
+    def initialise(self, time: float, motion: HeadMotion, goal: Pose) -> None:
         """
         Begin the path again at a motion and plan it to a goal.
 
@@ -74,9 +73,9 @@ class Reference:
         ----------
         time : float
             When the head has this motion [s].
-        motion : Motion
+        motion : HeadMotion
         goal : Pose
-            Where to rest; the shorter way round is taken.
+            Where to end at rest; θ turns by at most half a turn.
 
         Raises
         ------
@@ -84,8 +83,8 @@ class Reference:
             If there is no such path.
 
         """
-        way = wrap_angle(goal.theta - motion.position.theta)
-        goal = goal._replace(theta=motion.position.theta + way)
+        turn = wrap_angle(goal.theta - motion.position.theta)
+        goal = goal._replace(theta=motion.position.theta + turn)
         plan = self._plan
         plan.current_position, plan.current_velocity, plan.current_acceleration = (
             map(list, motion))
@@ -97,35 +96,35 @@ class Reference:
             raise ManipulatorError(
                 f'no jerk-limited path from {tuple(motion.position)} to {tuple(goal)} {UNITS}')
         self._trajectory, self._start, self.goal = trajectory, time, goal
-        self._rest = Motion(*(Pose(*row) for row in trajectory.at_time(trajectory.duration)))
+        self._end = _motion(trajectory, trajectory.duration)
 
     def _calculate(self) -> Trajectory | None:
         """Return a path, straight unless rounding leaves ruckig none; None if there is none."""
         trajectory = Trajectory(len(Pose._fields))
         for synchronization in (Synchronization.Phase, Synchronization.TimeIfNecessary):
             self._plan.synchronization = synchronization
-            with suppress(RuckigError):  # met where all that is left of a way is 1e-14
+            with suppress(RuckigError):  # met where the remainder of a path is 1e-14
                 if self._planner.calculate(self._plan, trajectory) in (
                         Result.Working, Result.Finished):
                     return trajectory
         return None
 
     def retarget(self, time: float, goal: Pose) -> None:
-        """Plan to another goal from the motion at a time [s]; it must have been anchored."""
-        self.anchor(time, self.at(time), goal)
+        """Plan to another goal from the motion at a time [s]; it must have been initialised."""
+        self.initialise(time, self.at(time), goal)
 
-    def at(self, time: float) -> Motion:
+    def at(self, time: float) -> HeadMotion:
         """Return the motion at a time [s]; before the path begins its start, later its end."""
         elapsed = max(time - self._start, 0.0)
         if elapsed >= self._trajectory.duration:
-            return self._rest
-        return Motion(*(Pose(*row) for row in self._trajectory.at_time(elapsed)))
+            return self._end
+        return _motion(self._trajectory, elapsed)
 
-    def _limit(self, way: list[float]) -> None:
-        """Give all axes that move limits in proportion to their way, so that it is straight."""
+    def _limit(self, displacement: list[float]) -> None:
+        """Limit all axes that move in proportion to their displacement: the path is straight."""
         plan, settings = self._plan, self.settings
         plan.max_velocity, plan.max_acceleration, plan.max_jerk = (
-            _proportional(limits, way)
+            _proportional(limits, displacement)
             for limits in (settings.speed, settings.acceleration, settings.jerk))
 
     def arrival(self) -> float:
@@ -133,11 +132,16 @@ class Reference:
         return -math.inf if self._start is None else self._start + self._trajectory.duration
 
 
-def _proportional(limits: tuple[float, ...], way: list[float]) -> list[float]:
-    """Return the greatest limits in proportion to the way; its own where an axis stands."""
+def _motion(trajectory: Trajectory, elapsed: float) -> HeadMotion:
+    position, velocity, acceleration = trajectory.at_time(elapsed)
+    return HeadMotion(Pose(*position), Twist(*velocity), tuple(acceleration))
+
+
+def _proportional(limits: tuple[float, ...], displacement: list[float]) -> list[float]:
+    """Return the greatest limits in proportion to the displacement; an axis at rest keeps its."""
     pace = min(
-        (limit / abs(step) for limit, step in zip(limits, way, strict=True)
-         if abs(step) > SHORTEST_WAY), default=0.0)
+        (limit / abs(step) for limit, step in zip(limits, displacement, strict=True)
+         if abs(step) > SHORTEST), default=0.0)
     return [
-        pace * abs(step) if abs(step) > SHORTEST_WAY else limit
-        for limit, step in zip(limits, way, strict=True)]
+        pace * abs(step) if abs(step) > SHORTEST else limit
+        for limit, step in zip(limits, displacement, strict=True)]

@@ -13,28 +13,24 @@ from facade_manipulator.kinematics import (
     difference,
     Geometry,
     Pose,
+    Twist,
+    ZERO_TWIST,
 )
 from facade_manipulator.motion.setpoints import Setpoint
 from facade_manipulator.parameters import parameter, settings
 
+PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
+LONGEST_PATH = 10000  # poses: a slip of the spacing must not stop the node for long
+STREAM_GAP = 0.2  # s, pause after which poses begin a new stream
+
 
 @settings
 class GoalSettings:
-    """What ik_service takes as a goal."""
+    """What ik_service accepts as a goal."""
 
     min_conditioning: float = parameter(
         0.05, 'Least local conditioning index of a goal (characteristic length 1 m)',
         minimum=0.0, maximum=1.0)
-    path_spacing: float = parameter(
-        0.005, 'Distance of the poses of a path where the request names none', unit='m',
-        minimum=0.0001, maximum=0.1)
-    longest_path: int = parameter(
-        10000, 'Most poses of one path', minimum=2, maximum=1000000)
-    stream_gap: float = parameter(
-        0.2, 'Pause after which poses begin a new stream', unit='s', minimum=0.005, maximum=2.0)
-    lead: float = parameter(
-        0.05, 'How far ahead of their time the setpoints of an approach are sent', unit='s',
-        minimum=0.0, maximum=0.5)
 
 
 class SetpointStream:
@@ -58,7 +54,7 @@ class SetpointStream:
         Return the setpoint of a pose meant for a time [s].
 
         Its velocity is J ṗ, ṗ being the change since the last pose of the stream; a pose that
-        begins a stream is a place to rest.
+        begins a stream is passed at rest.
 
         Raises
         ------
@@ -72,11 +68,11 @@ class SetpointStream:
         velocity = carriage_velocity(self.geometry, pose, rates) if any(rates) else rates
         return Setpoint(time, tuple(carriages), tuple(velocity))
 
-    def _rates(self, time: float, pose: Pose) -> tuple[float, float, float]:
-        if self._last is None or not 0.0 < time - self._last[0] <= self.settings.stream_gap:
-            return (0.0, 0.0, 0.0)
+    def _rates(self, time: float, pose: Pose) -> Twist:
+        if self._last is None or not 0.0 < time - self._last[0] <= STREAM_GAP:
+            return ZERO_TWIST
         elapsed, change = time - self._last[0], difference(pose, self._last[1])
-        return change.x / elapsed, change.y / elapsed, change.theta / elapsed
+        return Twist(change.x / elapsed, change.y / elapsed, change.theta / elapsed)
 
 
 def certified_path(
@@ -93,7 +89,7 @@ def certified_path(
         Ends of the path; x, y and θ change in proportion.
     spacing : float
         Greatest distance [m] of neighbouring poses, measured at the head and at the platform's
-        joints; 0 takes `settings.path_spacing`.
+        joints; 0 means `PATH_SPACING`.
 
     Returns
     -------
@@ -112,20 +108,20 @@ def certified_path(
         raise InputError('tolerance', f'tolerance = {spacing} m is not a distance')
     return [
         certify(geometry, pose, settings.min_conditioning)
-        for pose in _straight(geometry, settings, start, goal, spacing or settings.path_spacing)
+        for pose in _straight(geometry, start, goal, spacing or PATH_SPACING)
     ]
 
 
 def _straight(
-    geometry: Geometry, settings: GoalSettings, start: Pose, goal: Pose, spacing: float
+    geometry: Geometry, start: Pose, goal: Pose, spacing: float
 ) -> Iterator[Pose]:
     change = difference(goal, start)
     length = math.hypot(change.x, change.y) + geometry.platform_half_length * abs(change.theta)
     steps = max(1.0, math.ceil(length / spacing))
-    if steps + 1 > settings.longest_path:
+    if steps + 1 > LONGEST_PATH:
         raise InputError(
             'tolerance', f'a path of {length:.4g} m every {spacing:g} m has '
-            f'{steps + 1:.0f} poses, bound {settings.longest_path}')
+            f'{steps + 1:.0f} poses, bound {LONGEST_PATH}')
     for k in range(int(steps) + 1):
         share = k / steps
         yield Pose(*(a + share * d for a, d in zip(start, change, strict=True)))

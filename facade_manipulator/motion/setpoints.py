@@ -3,13 +3,12 @@ The driver's view of the setpoint stream: checked on arrival, interpolated and l
 
 Setpoints carry the instant they are meant for. Between two of them the carriages follow a cubic
 curve, shortly beyond the newest one its velocity, and after that they brake and hold: a stream
-that falls silent never moves anything. The velocity at a setpoint is its sender's until later ones
-are known: then it becomes the one that leaves no jump in the acceleration.
+that falls silent never moves anything. Senders give the mean velocity since the setpoint before;
+as soon as the next one is known, the velocity becomes that of the parabola through all three.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from collections import deque
 from collections.abc import Callable
 import enum
@@ -20,17 +19,17 @@ from typing import NamedTuple
 from facade_manipulator.errors import (
     InputError,
     ManipulatorError,
-    ParameterError,
     SetpointLimitError,
 )
 from facade_manipulator.kinematics import Carriages
-from facade_manipulator.motion.limits import Motion, MotionLimits, PathLimiter, Triple
-from facade_manipulator.motion.spline import inner_slopes
+from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter, Triple
+from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
 CARRIAGES = Carriages._fields
 KEPT_MARGINS = 1000
-MOST_SMOOTHED = 5  # setpoints at once: each further one has a quarter of the effect
+OLDEST = 0.2  # s, age beyond which a setpoint is rejected: it is of no use any more
+EARLIEST = 1.0  # s, how far in the future a setpoint may be meant: beyond that a clock is wrong
 
 
 class Setpoint(NamedTuple):
@@ -41,35 +40,16 @@ class Setpoint(NamedTuple):
     velocity: Triple
 
 
-class Knot(NamedTuple):
-    """A setpoint on the course: the velocity with which it is passed, and the sender's own."""
-
-    time: float
-    position: Triple
-    velocity: Triple
-    told: Triple
-
-
 @settings
 class StreamSettings:
-    """How old, how early and how far a setpoint may be."""
+    """How late and how far a setpoint may be."""
 
     stale_after: float = parameter(
         0.1, 'Silence after which the carriages brake and hold', unit='s',
-        minimum=0.01, maximum=1.0)
-    oldest: float = parameter(
-        0.2, 'Age beyond which a setpoint is rejected', unit='s', minimum=0.01, maximum=2.0)
-    earliest: float = parameter(
-        1.0, 'How far in the future a setpoint may be meant', unit='s', minimum=0.01, maximum=10.0)
+        minimum=0.01, maximum=OLDEST)
     first_step: float = parameter(
         0.05, 'How far from the carriages a stream may begin or jump', unit='m',
         minimum=0.001, maximum=0.5)
-
-    def __post_init__(self) -> None:
-        if self.stale_after > self.oldest:
-            raise ParameterError(
-                f'stale_after = {self.stale_after:g} s is above oldest = {self.oldest:g} s: '
-                'a stream would be rejected before it counts as silent')
 
 
 class Activity(enum.Enum):
@@ -86,7 +66,7 @@ class SetpointFollower:
     Turn a stream of setpoints into one commanded position per cycle.
 
     `add` runs in the thread that receives the stream, everything else in the control thread;
-    what they share, the stream and the commanded motion, is immutable and replaced whole.
+    what they share, the stream and the commanded motion, is replaced and never changed.
 
     Parameters
     ----------
@@ -102,7 +82,7 @@ class SetpointFollower:
     ----------
     limited_cycles, brakes : int
         Cycles in which the limits held the carriages back; how often they had to brake.
-    last_refusal : str
+    last_rejection : str
         Why they last braked although the stream went on.
     margins : deque of float
         How early the last setpoints were when first used: their time less the commanded one [s].
@@ -116,13 +96,13 @@ class SetpointFollower:
         self.settings = settings
         self.limited_cycles = 0
         self.brakes = 0
-        self.last_refusal = ''
+        self.last_rejection = ''
         self.margins: deque[float] = deque(maxlen=KEPT_MARGINS)
         self._period = period
         self.change_limits(limits)
         self._check = check
-        self._motion: Motion | None = None
-        self._stream: tuple[Knot, ...] = ()
+        self._motion: CarriageMotion | None = None
+        self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
         self._sampled = self._newest = -math.inf
         self._activity = Activity.HOLDING
@@ -133,13 +113,13 @@ class SetpointFollower:
         return self._activity
 
     @property
-    def motion(self) -> Motion | None:
+    def motion(self) -> CarriageMotion | None:
         """The commanded motion; None before the first `reset`."""
         return self._motion
 
     @property
     def at_rest(self) -> bool:
-        """Tell whether the commanded motion is at rest."""
+        """Whether the commanded motion is at rest."""
         return self._motion is None or self._motion.at_rest
 
     def change_limits(self, limits: MotionLimits) -> None:
@@ -149,17 +129,17 @@ class SetpointFollower:
     def reset(self, positions: Triple) -> None:
         """Hold at measured positions [m] and forget the stream."""
         self.hold()
-        self._motion = Motion(tuple(positions))
+        self._motion = CarriageMotion(tuple(positions))
         self._activity = Activity.HOLDING
 
     def hold(self) -> None:
         """Brake to rest and forget the stream."""
         with self._writing:
-            self._stream = ()
+            self._stream.clear()
 
     def add(self, setpoint: Setpoint, now: float) -> None:
         """
-        Take a setpoint into the stream.
+        Add a setpoint to the stream.
 
         Parameters
         ----------
@@ -178,10 +158,11 @@ class SetpointFollower:
         self._require_finite(setpoint)
         self._check(setpoint.position)
         with self._writing:
-            stream = self._current_stream(now)
-            self._require_timely(setpoint, now, stream)
-            self._require_near(setpoint, stream)
-            self._stream = self._smoothed((*stream, Knot(*setpoint, setpoint.velocity)))
+            last = self._last_setpoint(now)
+            self._require_timely(setpoint, now, last)
+            self._require_near(setpoint, last)
+            self._smooth(setpoint)
+            self._stream.append(setpoint.time, setpoint)
 
     def sample(self, latch_time: float) -> Triple:
         """
@@ -213,74 +194,67 @@ class SetpointFollower:
         return motion.position
 
     def _note_margin(self, latch_time: float) -> None:
-        newest = self._stream[-1].time if self._stream else self._newest
-        if newest != self._newest:
-            self._newest = newest
-            self.margins.append(newest - latch_time)
+        for newest, _ in self._stream.newest():
+            if newest != self._newest:
+                self._newest = newest
+                self.margins.append(newest - latch_time)
 
-    def _current_stream(self, now: float) -> tuple[Knot, ...]:
-        """Return what is still of use: nothing of a silent stream, one point before now."""
-        stream = self._stream
-        if not stream or now - stream[-1].time > self.settings.stale_after:
-            return ()
-        passed = bisect_right(stream, min(self._sampled, now), key=lambda item: item.time)
-        return stream[max(0, passed - 1):]
+    def _last_setpoint(self, now: float) -> Setpoint | None:
+        """Return the setpoint that the next one continues; a silent stream is forgotten."""
+        for time, setpoint in self._stream.newest():
+            if now - time <= self.settings.stale_after:
+                return setpoint
+        self._stream.clear()
+        return None
 
-    def _smoothed(self, stream: tuple[Knot, ...]) -> tuple[Knot, ...]:
-        """Choose velocities without a jump of acceleration, beyond what is being followed."""
-        if len(stream) < 3 or stream[-1].time - stream[-2].time < 1.5 * self._period:
-            return stream  # hardly a cycle falls between setpoints
-        passed = bisect_right(stream, self._sampled, key=lambda item: item.time)
-        begin = max(passed, len(stream) - MOST_SMOOTHED)
-        ahead = stream[begin:]
-        if len(ahead) < 3:
-            return stream
-        times, positions, velocities, _ = zip(*ahead, strict=True)
-        slopes = inner_slopes(times, positions, velocities[0], velocities[-1])
-        inner = [
-            Knot(knot.time, knot.position,
-                 self._near(knot.told, slope, knot.time - before.time), knot.told)
-            for before, knot, slope in zip(ahead, ahead[1:-1], slopes, strict=False)]
-        return (*stream[:begin + 1], *inner, stream[-1])
-
-    def _near(self, told: Triple, wanted: Triple, interval: float) -> Triple:
+    def _smooth(self, following: Setpoint) -> None:
         """
-        Return a wanted velocity as far from the one told as the acceleration may have led.
+        Give the newest setpoint the velocity that it has between its two neighbours.
 
-        Senders tell the mean velocity since the setpoint before.
+        Only where the path to it is not being followed yet, and more than a cycle falls between
+        setpoints. Mean velocities alone make a jump of acceleration at each setpoint: at 500 Hz
+        the jerk limit would hold the carriages back in every third cycle.
         """
-        most = 0.5 * self._limiter.limits.acceleration * interval
-        return tuple([
-            min(max(v, t - most), t + most) for v, t in zip(wanted, told, strict=True)])
+        before = self._stream.newest(2)
+        if len(before) < 2 or before[0][0] <= self._sampled or (
+                following.time - before[1][0] < 1.5 * self._period):
+            return
+        (_, first), (time, newest) = before
+        h, k = time - first.time, following.time - time
+        most = 0.5 * self._limiter.limits.acceleration * h  # what a mean velocity is late by
+        velocity = tuple([
+            min(max((k / h * (b - a) + h / k * (c - b)) / (h + k), mean - most), mean + most)
+            for a, b, c, mean in zip(
+                first.position, newest.position, following.position, newest.velocity,
+                strict=True)])
+        self._stream.append(time, newest._replace(velocity=velocity))
 
     def _target(self, time: float) -> tuple[Triple, Triple] | None:
-        stream = self._stream
-        if not stream or time - stream[-1].time > self.settings.stale_after:
+        before, after = self._stream.around(time)
+        if before is None or (
+                after is None and time - before[0] > self.settings.stale_after):
             return None
-        index = bisect_right(stream, time, key=lambda item: item.time)
-        if index == 0:
-            return None
-        if index == len(stream):
-            return _extrapolate(stream[-1], time)
-        return _interpolate(stream[index - 1], stream[index], time)
+        if after is None:
+            return _extrapolate(before[1], time)
+        return _interpolate(before[1], after[1], time)
 
-    def _follow(self, position: Triple, velocity: Triple) -> Motion:
+    def _follow(self, position: Triple, velocity: Triple) -> CarriageMotion:
         direct = self._limiter.reach(self._motion, position, velocity)
         motion = direct or self._limiter.chase(self._motion, position, velocity)
         try:
             self._check(self._limiter.rest_position(motion))
             self._check(motion.position)  # last: whoever sends it has it checked once more
         except ManipulatorError as error:
-            self.last_refusal = str(error)
+            self.last_rejection = str(error)
             return self._brake()
         self._activity = Activity.FOLLOWING if direct else Activity.LIMITED
         self.limited_cycles += direct is None
         return motion
 
-    def _brake(self) -> Motion:
+    def _brake(self) -> CarriageMotion:
         if self._motion.at_rest:
             self._activity = Activity.HOLDING
-            return Motion(self._motion.position)
+            return CarriageMotion(self._motion.position)
         self.brakes += self._activity is not Activity.BRAKING
         self._activity = Activity.BRAKING
         motion = self._limiter.brake(self._motion)
@@ -297,27 +271,22 @@ class SetpointFollower:
                 if not math.isfinite(value):
                     raise InputError.not_finite(f'setpoint {name} of {carriage}', value, unit)
 
-    def _require_timely(
-        self, setpoint: Setpoint, now: float, stream: tuple[Knot, ...]
-    ) -> None:
+    def _require_timely(self, setpoint: Setpoint, now: float, last: Setpoint | None) -> None:
         age = now - setpoint.time
-        if not age <= self.settings.oldest:
+        if not age <= OLDEST:
+            raise InputError('stale', f'setpoint is {age:.3g} s old, bound {OLDEST:g} s')
+        if -age > EARLIEST:
             raise InputError(
-                'stale', f'setpoint is {age:.3g} s old, bound {self.settings.oldest:g} s')
-        if -age > self.settings.earliest:
+                'future', f'setpoint is meant for {-age:.3g} s from now, bound {EARLIEST:g} s')
+        if last is not None and setpoint.time <= last.time:
             raise InputError(
-                'future', f'setpoint is meant for {-age:.3g} s from now, '
-                f'bound {self.settings.earliest:g} s')
-        newest = stream[-1].time if stream else -math.inf
-        if setpoint.time <= newest:
-            raise InputError(
-                'out_of_order', f'setpoint is {newest - setpoint.time:.3g} s earlier than '
+                'out_of_order', f'setpoint is {last.time - setpoint.time:.3g} s earlier than '
                 'the one before it, or of the same time')
 
-    def _require_near(self, setpoint: Setpoint, stream: tuple[Knot, ...]) -> None:
+    def _require_near(self, setpoint: Setpoint, last: Setpoint | None) -> None:
         if self._motion is None:
             raise InputError('inactive', 'setpoint rejected: the driver holds no position')
-        start = stream[-1].position if stream else self._motion.position
+        start = self._motion.position if last is None else last.position
         for carriage, value, near in zip(CARRIAGES, setpoint.position, start, strict=True):
             if abs(value - near) > self.settings.first_step:
                 raise SetpointLimitError(
@@ -325,14 +294,14 @@ class SetpointFollower:
                     self.settings.first_step, 'm', 'above')
 
 
-def _extrapolate(last: Knot, time: float) -> tuple[Triple, Triple]:
+def _extrapolate(last: Setpoint, time: float) -> tuple[Triple, Triple]:
     ahead = time - last.time
     position = tuple(
         p + ahead * v for p, v in zip(last.position, last.velocity, strict=True))
     return position, last.velocity
 
 
-def _interpolate(a: Knot, b: Knot, time: float) -> tuple[Triple, Triple]:
+def _interpolate(a: Setpoint, b: Setpoint, time: float) -> tuple[Triple, Triple]:
     """Evaluate the cubic Hermite curve from a to b and its derivative."""
     h = b.time - a.time
     u = (time - a.time) / h

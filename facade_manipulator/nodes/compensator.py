@@ -13,12 +13,18 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 
-from facade_manipulator.compensation import Border, Compensator, CompensatorSettings, DEFAULTS
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.compensation import (
+    Compensator,
+    CompensatorSettings,
+    DEFAULTS,
+    WorkspaceLimit,
+)
+from facade_manipulator.errors import LimitError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
+    accept_old_names,
     declare,
     DiagnosticsPublisher,
     END_EFFECTOR,
@@ -53,6 +59,7 @@ class CompensatorNode(Node):
 
     def __init__(self, **kwargs) -> None:
         super().__init__('compensator', **kwargs)
+        accept_old_names(self)
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
         self.settings = CompensatorSettings(**{
@@ -71,92 +78,76 @@ class CompensatorNode(Node):
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(1.0 / rate, self._update)
 
-    def see_heads_of(self, heads: PoseStream) -> None:
-        """Take the head's pose from a node of this process in place of the topic."""
+    def subscribe_heads_of(self, heads: PoseStream) -> None:
+        """Receive the head's pose from a node of this process in place of the topic."""
         self.destroy_subscription(self._heads)
-        heads.hand_to(self._see_head, subscribes=False)
+        heads.connect(self._add_head, subscribes=False)
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type):
         """Declare the settings of a part of the compensator, which may change while it runs."""
         def check(settings) -> None:
-            if part == 'border':
-                Border(geometry, settings)
+            if part == 'workspace_limit':
+                WorkspaceLimit(geometry, settings)
 
         return declare(
             self, settings_class, '' if part == 'compensation' else part,
             lambda settings: self._compensator.change(part, settings), check)
 
     def _subscribe(self) -> None:
-        self.create_subscription(PoseStamped, 'goal_pose', self._take_goal, LATEST)
+        self.create_subscription(PoseStamped, 'goal_pose', self._receive_goal, LATEST)
         self.create_subscription(
-            PoseWithCovarianceStamped, 'disturbance', self._take_disturbance,
+            PoseWithCovarianceStamped, 'disturbance', self._receive_disturbance,
             qos_profile_sensor_data, raw=True)
         self._heads = self.create_subscription(
-            PoseStamped, 'end_effector_pose', self._take_head, RELIABLE, raw=True)
+            PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE, raw=True)
         self.create_subscription(
-            WrenchStamped, 'contact_wrench', self._take_wrench, qos_profile_sensor_data)
+            WrenchStamped, 'contact_wrench', self._receive_wrench, qos_profile_sensor_data)
         self.create_subscription(
-            PointStamped, 'lateral_offset', self._take_lateral_offset, qos_profile_sensor_data)
+            PointStamped, 'lateral_offset', self._receive_lateral_offset, qos_profile_sensor_data)
 
-    def _take_goal(self, message: PoseStamped) -> None:
-        try:
+    def _receive_goal(self, message: PoseStamped) -> None:
+        with self._rejections:
             require_frame(message.header.frame_id, FACADE, 'goal_pose')
             goal = planar_pose(message.pose, 'goal_pose')
-        except ManipulatorError as error:
-            self._rejections.add(error)
-            return
-        try:
-            self._compensator.take_goal(goal)
-        except ManipulatorError as error:
-            self._rejections.add(error, 'goal_pose')
+            try:
+                self._compensator.set_goal(goal)
+            except LimitError as error:
+                self._rejections.add(error, 'goal_pose')
 
-    def _take_disturbance(self, data: bytes) -> None:
-        try:
+    def _receive_disturbance(self, data: bytes) -> None:
+        with self._rejections:
             time, (*pose, x, y, yaw) = self._disturbance_codec.read(data)
-            self._compensator.take_estimate(
+            self._compensator.add_estimate(
                 node_time(self), time, planar(pose, 'disturbance'), (x, y, yaw))
-        except ManipulatorError as error:
-            self._rejections.add(error)
 
-    def _take_head(self, data: bytes) -> None:
-        try:
+    def _receive_head(self, data: bytes) -> None:
+        with self._rejections:
             time, pose = self._head_codec.read(data)
-            self._compensator.take_head(time, planar(pose, 'end_effector_pose'))
-        except ManipulatorError as error:
-            self._rejections.add(error)
+            self._compensator.add_head(time, planar(pose, 'end_effector_pose'))
 
-    def _see_head(self, time: float, pose: Pose) -> None:
-        try:
-            self._compensator.take_head(time, pose)
-        except ManipulatorError as error:
-            self._rejections.add(error)
+    def _add_head(self, time: float, pose: Pose) -> None:
+        with self._rejections:
+            self._compensator.add_head(time, pose)
 
-    def _take_wrench(self, message: WrenchStamped) -> None:
-        try:
+    def _receive_wrench(self, message: WrenchStamped) -> None:
+        with self._rejections:
             require_frame(message.header.frame_id, END_EFFECTOR, 'contact_wrench')
-            self._compensator.take_wrench(
+            self._compensator.add_wrench(
                 node_time(self), seconds(message.header.stamp), planar_wrench(message))
-        except ManipulatorError as error:
-            self._rejections.add(error)
 
-    def _take_lateral_offset(self, message: PointStamped) -> None:
-        try:
+    def _receive_lateral_offset(self, message: PointStamped) -> None:
+        with self._rejections:
             require_frame(message.header.frame_id, END_EFFECTOR, 'lateral_offset')
-            self._compensator.take_lateral_offset(
+            self._compensator.add_lateral_offset(
                 node_time(self), seconds(message.header.stamp), message.point.x)
-        except ManipulatorError as error:
-            self._rejections.add(error)
 
     def _update(self) -> None:
-        now = node_time(self)
-        try:
+        now, corrected = node_time(self), None
+        with self._rejections:
             corrected = self._compensator.update(now)
-        except ManipulatorError as error:
-            self._rejections.add(error)
-            return
         if corrected is not None:
-            self.corrected.tell(corrected.time, corrected.pose)
-            self._reference.tell(corrected.time, corrected.reference)
+            self.corrected.publish(corrected.time, corrected.pose)
+            self._reference.publish(corrected.time, corrected.reference)
             self._report.note(now, corrected)
         if self._report.changed(now):
             self._diagnostics.publish()
@@ -164,10 +155,9 @@ class CompensatorNode(Node):
     def _enable(self, request: SetBool.Request, response: SetBool.Response):
         correction = self._compensator.correction
         correction.enabled = request.data
-        response.success = True
-        way = 'in' if request.data else 'out'
+        response.success, direction = True, 'in' if request.data else 'out'
         response.message = (
-            f'the correction fades {way} within {correction.settings.fade_time:g} s')
+            f'the correction fades {direction} within {correction.settings.fade_time:g} s')
         return response
 
     def _tare(self, _: Trigger.Request, response: Trigger.Response):
@@ -177,7 +167,7 @@ class CompensatorNode(Node):
             response.success, response.message = False, str(error)
             return response
         response.success = True
-        response.message = f'the nominal place of the rail is now {millimetres(nominal)}'
+        response.message = f'the nominal position of the rail is now {millimetres(nominal)}'
         return response
 
     def _components(self) -> list[DiagnosticStatus]:

@@ -1,4 +1,4 @@
-"""What the compensator tells in its diagnostics."""
+"""What the compensator publishes in its diagnostics."""
 
 from __future__ import annotations
 
@@ -7,23 +7,26 @@ import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator.compensation import Compensator, CorrectedPose, Mode
+from facade_manipulator.compensation import Compensator, CorrectedPose, CorrectionMode
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.ros import diagnostic_status
 
-LEAST_TOLD = 1e-4
-TOLD_FOR = 1.0
+LEAST_ERROR = 1e-4  # m or rad, from which an axis counts as held back
+SHOWN_FOR = 1.0  # s, so that a person can read it
 LOOK_PERIOD = 0.02
 LEVELS = {
-    Mode.ACTIVE: 'ok', Mode.SETTLING: 'ok', Mode.DISABLED: 'warn', Mode.UNHEARD: 'warn',
-    Mode.SILENT: 'error',
+    CorrectionMode.ACTIVE: 'ok',
+    CorrectionMode.SETTLING: 'ok',
+    CorrectionMode.DISABLED: 'warn',
+    CorrectionMode.NO_ESTIMATE: 'warn',
+    CorrectionMode.SILENT: 'error',
 }
-HOLDS = {'excess': 'at the border of the workspace', 'behind': 'by the limits of motion'}
+HOLDS = {'saturation_error': 'at the workspace limit', 'tracking_error': 'by the limits of motion'}
 
 
 class CompensatorReport:
     """
-    Keep what there is to tell.
+    Keep what an operator should know.
 
     Parameters
     ----------
@@ -34,37 +37,37 @@ class CompensatorReport:
     def __init__(self, compensator: Compensator) -> None:
         self._compensator = compensator
         self._last: CorrectedPose | None = None
-        self._published = 0
+        self._pose_count = 0
         self._held_until: dict[tuple[str, str], float] = {}
-        self._told = ('', '')
+        self._published_outcome = ('', '')
         self._next_look = -math.inf
 
     def note(self, now: float, corrected: CorrectedPose) -> None:
         """Note a corrected pose and what held it back."""
         self._last = corrected
-        self._published += 1
+        self._pose_count += 1
         for what in HOLDS:
             amounts = getattr(corrected, what)
-            if max(amounts) > LEAST_TOLD or min(amounts) < -LEAST_TOLD:
-                self._note_held(what, amounts, now + TOLD_FOR)
+            if max(amounts) > LEAST_ERROR or min(amounts) < -LEAST_ERROR:
+                self._note_held(what, amounts, now + SHOWN_FOR)
 
     def _note_held(self, what: str, amounts: Pose, until: float) -> None:
         for axis, amount in zip(Pose._fields, amounts, strict=True):
-            if abs(amount) > LEAST_TOLD:
+            if abs(amount) > LEAST_ERROR:
                 self._held_until[what, axis] = until
 
     def changed(self, now: float) -> bool:
-        """Tell whether level or message are others than last told; looks now and then."""
+        """Return whether level or message are others than last published; looks now and then."""
         if 0.0 < self._next_look - now <= LOOK_PERIOD:  # further off, the clock was set
             return False
         self._next_look = now + LOOK_PERIOD
-        return self._outcome(now) != self._told
+        return self._outcome(now) != self._published_outcome
 
     def components(self, now: float, rejections: Mapping) -> list[DiagnosticStatus]:
         """Return the diagnostics of this moment."""
-        self._told = self._outcome(now)
+        self._published_outcome = self._outcome(now)
         components = [diagnostic_status(
-            'correction', *self._told, {**self._values(now), **rejections})]
+            'correction', *self._published_outcome, {**self._values(now), **rejections})]
         contact = self._compensator.contact
         if any(axis.settings.enabled for axis in (contact.lateral, contact.press, contact.turn)):
             components.append(diagnostic_status(
@@ -96,15 +99,15 @@ class CompensatorReport:
         correction = self._compensator.correction
         values = {
             'horizon [ms]': 1e3 * self._compensator.settings.horizon,
-            'corrected poses': self._published,
+            'corrected poses': self._pose_count,
             'age of the estimate [ms]': 1e3 * correction.age(now),
             'lag of the head [ms]': 1e3 * self._compensator.following.lag,
-            'courses begun': self._compensator.anchors,
+            'initialisations': self._compensator.initialisations,
         }
         if self._last is not None:
             values['corrected disturbance'] = millimetres(self._last.disturbance)
-            values['held back at the border'] = millimetres(self._last.excess)
-            values['held back by the limits of motion'] = millimetres(self._last.behind)
+            values['saturation error'] = millimetres(self._last.saturation_error)
+            values['tracking error'] = millimetres(self._last.tracking_error)
         if correction.predictor.stamp is not None:
             values['frequencies [Hz]'] = '  '.join(
                 f'{name} {first:.3g} {second:.3g}' for name, (first, second) in zip(

@@ -48,6 +48,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
 )
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
+    accept_old_names,
     CARRIAGES,
     declare,
     Deferred,
@@ -91,6 +92,7 @@ class DriverNode(ManagedNode):
 
     def __init__(self, **kwargs) -> None:
         super().__init__('driver', **kwargs)
+        accept_old_names(self)
         self._geometry = declare(self, Geometry, 'geometry')
         self._settings = declare(self, DriverSettings, '', self._change_settings)
         self._controller_settings = declare(self, ControllerSettings, 'controller')
@@ -124,9 +126,9 @@ class DriverNode(ManagedNode):
             State.TRANSITION_STATE_SHUTTINGDOWN: self._shut_down,
         }
 
-    def tell(self, success: bool, message: str) -> None:
+    def report(self, success: bool, message: str) -> None:
         """Say how a request ended, in the log and in /diagnostics."""
-        super().tell(success, message)
+        super().report(success, message)
         self._last_failure = '' if success else message
         self._diagnostics.publish()
 
@@ -187,7 +189,7 @@ class DriverNode(ManagedNode):
         def answer(job: Future) -> Trigger.Response:
             error = job.exception()
             message = str(error or job.result())
-            self.tell(error is None, message)
+            self.report(error is None, message)
             return Trigger.Response(success=error is None, message=message)
 
         self.replies.attach(
@@ -197,7 +199,7 @@ class DriverNode(ManagedNode):
         error = job.exception()
         findings = [Finding('self_test', False, str(error))] if error else job.result()
         passed = all(finding.passed for finding in findings)
-        self.tell(passed, 'self-test passed' if passed else '; '.join(
+        self.report(passed, 'self-test passed' if passed else '; '.join(
             f'{finding.name}: {finding.message}' for finding in findings if not finding.passed))
         return SelfTest.Response(
             id=self.get_fully_qualified_name(), passed=bytes([passed]),

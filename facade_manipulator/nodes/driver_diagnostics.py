@@ -42,7 +42,7 @@ def operation_status(
         'not homed': ', '.join(snapshot.unhomed),
         'limited cycles': follower.limited_cycles,
         'brakes': follower.brakes,
-        'last brake': follower.last_refusal,
+        'last brake': follower.last_rejection,
         **_margins(follower),
         **counters,
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 import json
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -18,7 +17,6 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
     Carriages,
     certify,
@@ -29,6 +27,7 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
+    accept_old_names,
     carriages_from,
     declare,
     diagnostic_status,
@@ -55,7 +54,6 @@ from facade_manipulator.simulation import (
     ForceSensor,
     load_scenario,
     PressedGondola,
-    require_reaction,
     Scenario,
     SimulatedEstimator,
     WallMeasurement,
@@ -67,40 +65,35 @@ DELIVERY_PERIOD = 0.005
 
 @settings
 class ScenarioSettings:
-    """Which scenario gives the defaults of all other parameters."""
+    """Which scenario is simulated; its file has all the numbers."""
 
     scenario: str = parameter('', 'A name in config/scenarios or a file; empty for a breeze')
 
 
 class GondolaSimulatorNode(Node):
-    """Simulate what moves the rail, and judge what the manipulator makes of it."""
+    """Simulate what moves the rail, and measure what the manipulator makes of it."""
 
     def __init__(self, **kwargs) -> None:
         super().__init__('gondola_simulator', **kwargs)
+        accept_old_names(self)
         self._geometry = declare(self, Geometry, 'geometry')
-        scenario = self._declare_scenario()
-        course, start = scenario.motion(), node_time(self)
+        name = declare(self, ScenarioSettings).scenario
+        scenario = load_scenario(name) if name else Scenario()
+        displacement, start = scenario.motion(), node_time(self)
 
         def motion(time: float) -> Pose:
-            return course(time - start)
+            return displacement(time - start)
 
         self._gondola = PressedGondola(motion, Facade(scenario.facade), scenario.gondola)
         self._estimator = SimulatedEstimator(scenario.estimator, self._gondola.at, start)
         self._wall = WallMeasurement(self._geometry, scenario.wall, self._gondola.at)
-        self._sensor = ForceSensor(scenario.force_sensor) if scenario.facade.present else None
-        self._sees_slip = scenario.wall.slip_sensor
+        self._force_sensor = (
+            ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
+        self._measures_slip = scenario.wall.slip_sensor
         self._rejections = Rejections(self)
         self._connect()
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(DELIVERY_PERIOD, self._deliver)
-
-    def _declare_scenario(self) -> Scenario:
-        """Return the settings: the scenario's, where a parameter does not say otherwise."""
-        name = declare(self, ScenarioSettings).scenario
-        scenario = load_scenario(name) if name else Scenario()
-        return require_reaction(name, scenario._replace(**{
-            part: declare(self, type(settings), part, **asdict(settings))
-            for part, settings in scenario._asdict().items() if part != 'compensator'}))
 
     def _connect(self) -> None:
         self._disturbance = self.create_publisher(
@@ -112,47 +105,44 @@ class GondolaSimulatorNode(Node):
             WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
         self._lateral = self.create_publisher(
             PointStamped, 'lateral_offset', qos_profile_sensor_data)
-        self.create_subscription(PoseStamped, 'goal_pose', self._take_goal, LATEST)
-        self.create_subscription(JointState, 'joint_states', self._take_joint_states, RELIABLE)
+        self.create_subscription(PoseStamped, 'goal_pose', self._receive_goal, LATEST)
+        self.create_subscription(JointState, 'joint_states', self._receive_joint_states, RELIABLE)
         self.create_service(Trigger, 'gondola_simulator/report', self._report)
 
     def _deliver(self) -> None:
         for delivery in self._estimator.advance(node_time(self)):
             self._disturbance.publish(_estimate_message(delivery))
 
-    def _take_goal(self, message: PoseStamped) -> None:
-        try:
+    def _receive_goal(self, message: PoseStamped) -> None:
+        with self._rejections:
             require_frame(message.header.frame_id, FACADE, 'goal_pose')
             goal = planar_pose(message.pose, 'goal_pose')
             certify(self._geometry, goal)
-        except ManipulatorError as error:
-            self._rejections.add(error)
-            return
-        self._wall.take_goal(node_time(self), goal)
+            self._wall.set_goal(node_time(self), goal)
 
-    def _take_joint_states(self, message: JointState) -> None:
+    def _receive_joint_states(self, message: JointState) -> None:
         time = seconds(message.header.stamp)
-        try:
+        with self._rejections:
             carriages = Carriages(*carriages_from(
                 message.name, message.position, 'joint_states position'))
             wrench = self._gondola.advance(
                 time, forward_kinematics(self._geometry, carriages))
-            sample = self._wall.take_carriages(time, carriages)
-        except ManipulatorError as error:
-            self._rejections.add(error)
-            return
+            self._publish_sample(self._wall.measure(time, carriages), wrench)
+
+    def _publish_sample(self, sample: WallSample, wrench: Wrench) -> None:
+        time = sample.time
         self._head.publish(pose_stamped(FACADE, time, sample.head))
         if sample.error is not None:
             self._error.publish(pose_stamped(FACADE, time, sample.error))
             self._uncompensated.publish(pose_stamped(FACADE, time, sample.uncompensated))
-        self._feel(sample, wrench)
+        self._publish_sensors(sample, wrench)
 
-    def _feel(self, sample: WallSample, wrench: Wrench) -> None:
-        """Publish what sensors on the head tell of the wall."""
-        felt = self._sensor and self._sensor.measure(sample.time, wrench)
-        if felt is not None:
-            self._wrench.publish(wrench_stamped(END_EFFECTOR, sample.time, felt))
-        if self._sees_slip and sample.settled:
+    def _publish_sensors(self, sample: WallSample, wrench: Wrench) -> None:
+        """Publish what sensors on the head measure of the wall."""
+        measured = self._force_sensor and self._force_sensor.measure(sample.time, wrench)
+        if measured is not None:
+            self._wrench.publish(wrench_stamped(END_EFFECTOR, sample.time, measured))
+        if self._measures_slip and sample.settled:
             message = PointStamped(point=Point(x=sample.lateral_offset))
             message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(sample.time)
             self._lateral.publish(message)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -18,11 +20,13 @@ from facade_manipulator.motion import (
     GoalSettings,
     ReferenceSettings,
     SetpointStream,
+    STREAM_GAP,
 )
 from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.linkage import LinkageView
 from facade_manipulator.nodes.workspace_map import WorkspaceMap
 from facade_manipulator.ros import (
+    accept_old_names,
     CARRIAGES,
     declare,
     diagnostic_status,
@@ -46,6 +50,7 @@ from facade_manipulator.ros import (
 
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01
+LEAD = 0.05  # s, how far ahead of their time the setpoints of an approach are sent
 SAME_TIME = 1e-5  # s: stamps are cut to nanoseconds, floats hold a quarter of a microsecond
 
 
@@ -54,11 +59,13 @@ class IkServiceNode(Node):
 
     def __init__(self, **kwargs) -> None:
         super().__init__('ik_service', **kwargs)
+        accept_old_names(self)
         self.geometry = declare(self, Geometry, 'geometry')
         self.settings = declare(self, GoalSettings, '', self._change_settings)
         self._stream = SetpointStream(self.geometry, self.settings)
         self._approach = Approach(
-            declare(self, ReferenceSettings, 'approach', self._change_approach))
+            declare(self, ReferenceSettings, 'approach',
+                    lambda settings: self._approach.change_settings(settings)))
         self._last_goal_time = -math.inf
         self._rejections = Rejections(self)
         self._outcome = ('ok', 'no goal yet')
@@ -70,11 +77,12 @@ class IkServiceNode(Node):
         self.heads = PoseStream(self, 'end_effector_pose', RAIL, RELIABLE)
         self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
         self.create_subscription(
-            PoseStamped, 'corrected_pose', self._take_goal, LATEST, raw=True)
+            PoseStamped, 'corrected_pose', self._receive_goal, LATEST, raw=True)
         self.create_subscription(
-            JointState, 'joint_states', self._take_joint_states, RELIABLE, raw=True)
+            JointState, 'joint_states', self._receive_joint_states, RELIABLE, raw=True)
         self.create_service(GetPlan, 'ik_service/solve', self._solve)
-        self._leading = self.create_timer(APPROACH_PERIOD, self._lead, autostart=False)
+        self._approaching = self.create_timer(
+            APPROACH_PERIOD, self._continue_approach, autostart=False)
         self._contact = ContactView(self, self.geometry)
         self._linkage = LinkageView(self, self.geometry)
         self._workspace = WorkspaceMap(self, self.geometry, lambda: self._head)
@@ -84,51 +92,47 @@ class IkServiceNode(Node):
     def _change_settings(self, settings: GoalSettings) -> None:
         self.settings = self._stream.settings = settings
 
-    def _change_approach(self, settings: ReferenceSettings) -> None:
-        self._approach.change_settings(settings)
-
-    def _take_goal(self, data: bytes) -> None:
+    @contextmanager
+    def _ending_at_rejection(self) -> Iterator[None]:
+        """End the approach where a goal or a pose on the path to it is rejected."""
         try:
-            time, pose = self._goal_codec.read(data)
-            self._go_to(time or node_time(self), planar(pose, 'corrected_pose'))
+            yield
         except ManipulatorError as error:
-            self._give_up(error)
+            self._approach.end()
+            self._reject(error)
 
-    def take_pose(self, time: float, pose: Pose) -> None:
-        """Follow a pose meant for a time [s], handed over by a compensator in this process."""
-        try:
+    def _receive_goal(self, data: bytes) -> None:
+        with self._ending_at_rejection():
+            time, numbers = self._goal_codec.read(data)
+            if abs(time - self._last_goal_time) < SAME_TIME:  # came by a call already
+                return
+            self._go_to(time or node_time(self), planar(numbers, 'corrected_pose'))
+
+    def follow(self, time: float, pose: Pose) -> None:
+        """Follow a pose meant for a time [s], by call from a compensator in this process."""
+        with self._ending_at_rejection():
             self._go_to(time, pose)
-        except ManipulatorError as error:
-            self._give_up(error)
 
     def _go_to(self, time: float, pose: Pose) -> None:
-        """Follow a goal of a stream; lead the head to one that comes alone."""
+        """Follow a goal of a stream; approach one that comes alone."""
         pause = time - self._last_goal_time
-        if abs(pause) < SAME_TIME:  # handed over before, and now heard on the topic
-            return
         self._last_goal_time = time
-        if self._head is None or pause <= self.settings.stream_gap:
+        if self._head is None or pause <= STREAM_GAP:
             self._approach.end()
             self._follow(time, pose)
             return
         certify(self.geometry, pose, self.settings.min_conditioning)
-        self._approach.begin(node_time(self) + self.settings.lead, self._head, pose)
-        self._leading.reset()
+        self._approach.begin(node_time(self) + LEAD, self._head, pose)
+        self._approaching.reset()
 
-    def _lead(self) -> None:
-        time = node_time(self) + self.settings.lead
-        try:
+    def _continue_approach(self) -> None:
+        time = node_time(self) + LEAD
+        with self._ending_at_rejection():
             pose = self._approach.pose(time)
             if pose is None:
-                self._leading.cancel()
+                self._approaching.cancel()
             else:
                 self._follow(time, pose)
-        except ManipulatorError as error:
-            self._give_up(error)
-
-    def _give_up(self, error: ManipulatorError) -> None:
-        self._approach.end()
-        self._reject(error)
 
     def _follow(self, time: float, pose: Pose) -> None:
         setpoint = self._stream.setpoint(time, pose)
@@ -137,21 +141,15 @@ class IkServiceNode(Node):
             setpoint.time, setpoint.position + setpoint.velocity))
         self._accept('following the goals')
 
-    def _take_joint_states(self, data: bytes) -> None:
-        try:
+    def _receive_joint_states(self, data: bytes) -> None:
+        self._head = None
+        with self._rejections:
             time, numbers = self._states_codec.read(data)
             position, velocity, effort = numbers[:3], numbers[3:6], numbers[6:]
             require_finite(CARRIAGES, position, 'joint_states position of')
             self._head = forward_kinematics(self.geometry, Carriages(*position))
-        except ManipulatorError as error:
-            self._head = None
-            self._rejections.add(error)
-            return
-        self.heads.tell(time, self._head)
-        try:
+            self.heads.publish(time, self._head)
             self._contact.publish(time, self._head, velocity, effort)
-        except ManipulatorError as error:
-            self._rejections.add(error)
 
     def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         response.plan.header.frame_id = ACTUATOR_SPACE

@@ -1,4 +1,4 @@
-"""ik_service/linkage: the manipulator as markers, drawn only while someone looks."""
+"""ik_service/linkage: the manipulator as markers, drawn only while somebody subscribes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.nodes.shapes import Scene, Shape, shapes
+from facade_manipulator.nodes.shapes import MechanismView, Shape, shapes
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     declare,
@@ -67,7 +67,7 @@ class LinkageView:
         self._node = node
         self._geometry = geometry
         self._settings = declare(node, LinkageSettings, 'linkage', self._change_settings)
-        self._seen: dict[str, tuple[float, Any]] = {}
+        self._values: dict[str, tuple[float, Any]] = {}
         self._driver = f'{node.get_namespace()}/driver: operation'.lstrip('/')
         self._subscriptions: list = []
         self._timer = node.create_timer(PERIOD, self._publish, autostart=False)
@@ -87,11 +87,11 @@ class LinkageView:
     def _open(self) -> None:
         create = self._node.create_subscription
         self._subscriptions = [
-            *(create(PoseStamped, topic, self._keeper(topic), LATEST)
+            *(create(PoseStamped, topic, self._receiver(topic), LATEST)
               for topic in ('end_effector_pose', 'corrected_pose', 'goal_pose')),
-            create(PoseWithCovarianceStamped, 'disturbance', self._take_disturbance,
+            create(PoseWithCovarianceStamped, 'disturbance', self._receive_disturbance,
                    qos_profile_sensor_data),
-            create(DiagnosticArray, '/diagnostics', self._take_diagnostics, RELIABLE),
+            create(DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE),
         ]
         self._timer.reset()
 
@@ -100,45 +100,45 @@ class LinkageView:
         for subscription in self._subscriptions:
             self._node.destroy_subscription(subscription)
         self._subscriptions = []
-        self._seen.clear()
+        self._values.clear()
 
-    def _keeper(self, topic: str) -> Callable[[PoseStamped], None]:
+    def _receiver(self, topic: str) -> Callable[[PoseStamped], None]:
         return lambda message: self._keep_pose(topic, message.pose)
 
-    def _take_disturbance(self, message: PoseWithCovarianceStamped) -> None:
+    def _receive_disturbance(self, message: PoseWithCovarianceStamped) -> None:
         self._keep_pose('disturbance', message.pose.pose)
 
     def _keep_pose(self, topic: str, message: Any) -> None:
         try:
             self._keep(topic, planar_pose(message, topic))
         except ManipulatorError:
-            self._seen.pop(topic, None)  # the node that rejects it says why
+            self._values.pop(topic, None)  # the node that rejects it says why
 
-    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name == self._driver:
                 self._keep('driver', status)
 
     def _keep(self, what: str, value: Any) -> None:
-        self._seen[what] = node_time(self._node), value
+        self._values[what] = node_time(self._node), value
 
     def _newest(self, what: str, oldest: float = OLDEST) -> Any:
-        time, value = self._seen.get(what, (0.0, None))
+        time, value = self._values.get(what, (0.0, None))
         return value if node_time(self._node) - time < oldest else None
 
-    def _scene(self) -> Scene:
+    def _view(self) -> MechanismView:
         driver: DiagnosticStatus | None = self._newest('driver', OLDEST_STATE)
-        return Scene(
+        return MechanismView(
             head=self._newest('end_effector_pose'),
             corrected=self._newest('corrected_pose'),
-            goal=self._seen.get('goal_pose', (0.0, None))[1],
+            goal=self._values.get('goal_pose', (0.0, None))[1],
             disturbance=self._newest('disturbance') or Pose(0.0, 0.0, 0.0),
             wall=self._settings.wall_distance,
             level=LEVEL_NAMES[driver.level] if driver else 'stale',
             message=driver.message if driver else '')
 
     def _publish(self) -> None:
-        picture = shapes(self._geometry, self._scene())
+        picture = shapes(self._geometry, self._view())
         now = self._node.get_clock().now().to_msg()
         self._publisher.publish(MarkerArray(
             markers=[_marker(shape, now) for shape in picture]))

@@ -12,8 +12,8 @@ from facade_manipulator.ros import run
 def make_nodes(**kwargs) -> list[Node]:
     """Make both nodes, their poses going straight from one to the other."""
     compensator, ik_service = CompensatorNode(**kwargs), IkServiceNode(**kwargs)
-    compensator.corrected.hand_to(ik_service.take_pose, subscribes=True)
-    compensator.see_heads_of(ik_service.heads)
+    compensator.corrected.connect(ik_service.follow, subscribes=True)
+    compensator.subscribe_heads_of(ik_service.heads)
     return [compensator, ik_service]
 
 

@@ -31,7 +31,7 @@ from facade_manipulator.ros import (
 )
 
 REFRESH_PERIOD = 0.25
-SILENT_AFTER = 2.5  # s without a word from a component that speaks once a second
+SILENT_AFTER = 2.5  # s without diagnostics of a component, which come once a second
 OLD_AFTER = 1.0  # s after which a pose is no longer shown
 LEVEL_STYLES = {b'\x00': 'green', b'\x01': 'yellow', b'\x02': 'bold red', b'\x03': 'magenta'}
 SILENT_STYLE = 'bold magenta'
@@ -44,7 +44,7 @@ POSES = {
 }
 LASTING = ('goal_pose',)  # sent once
 PROFILES = {'goal_pose': LATEST, 'corrected_pose': LATEST}
-# what is told of a component beside its message: diagnostic key, and how it is written
+# what is shown of a component beside its message: diagnostic key, and how it is written
 DETAILS = {
     'driver: operation': (
         ('drive faults', 'faults: {}'), ('rejected', '{} setpoints rejected')),
@@ -73,38 +73,38 @@ class Observer:
         self.client = client
         self.poses: dict[str, Pose] = {}
         self.joints: JointState | None = None
-        self._heard: dict[str, float] = {}
+        self._received_at: dict[str, float] = {}
         for topic in POSES:
             self._watch(client.node, topic)
         client.node.create_subscription(
-            JointState, 'joint_states', self._take_joints, RELIABLE)
+            JointState, 'joint_states', self._receive_joints, RELIABLE)
 
     def _watch(self, node: Node, topic: str) -> None:
-        def take(message: PoseStamped) -> None:
-            self._heard[topic] = time.monotonic()
+        def receive(message: PoseStamped) -> None:
+            self._received_at[topic] = time.monotonic()
             try:
                 self.poses[topic] = planar_pose(message.pose, topic)
             except ManipulatorError:
                 self.poses.pop(topic, None)  # the node that rejects it says why
 
-        node.create_subscription(PoseStamped, topic, take, PROFILES.get(topic, RELIABLE))
+        node.create_subscription(PoseStamped, topic, receive, PROFILES.get(topic, RELIABLE))
 
-    def _take_joints(self, message: JointState) -> None:
-        self._heard['joint_states'] = time.monotonic()
+    def _receive_joints(self, message: JointState) -> None:
+        self._received_at['joint_states'] = time.monotonic()
         self.joints = message
 
     def is_old(self, topic: str) -> bool:
-        """Tell whether the newest message of a topic is no longer the present."""
-        age = time.monotonic() - self._heard.get(topic, -math.inf)
+        """Return whether the newest message of a topic is too old to be shown."""
+        age = time.monotonic() - self._received_at.get(topic, -math.inf)
         return topic not in LASTING and age > OLD_AFTER
 
     def value(self, component: str, key: str) -> str | None:
-        """Return one value of a component's diagnostics, None before it was heard."""
+        """Return one value of a component's diagnostics, None before one came."""
         known = self.client.component(component)
         return _values(known).get(key) if known else None
 
     def count(self, component: str, key: str) -> int:
-        """Return one counter of a component's diagnostics, 0 before it was heard."""
+        """Return one counter of a component's diagnostics, 0 before one came."""
         return int(self.value(component, key) or 0)
 
     def rejected(self) -> int:
@@ -137,10 +137,10 @@ def _carriage_table(observer: Observer) -> Table:
         'carriage', '>position [mm]', '>speed [mm/s]', '>force [N]', '>lag [mm]', 'drive')
     for name in CARRIAGES:
         component = observer.client.component(f'driver: {name}')
-        behind = _number(observer.value(f'driver: {name}', 'following error [m]'))
+        lag = _number(observer.value(f'driver: {name}', 'following error [m]'))
         table.add_row(
-            name, *_motion(observer, name), '-' if behind is None else f'{1e3 * behind:+.2f}',
-            Text('not heard yet', style='magenta') if component is None
+            name, *_motion(observer, name), '-' if lag is None else f'{1e3 * lag:+.2f}',
+            Text('no diagnostics yet', style='magenta') if component is None
             else _message(observer, component))
     return table
 

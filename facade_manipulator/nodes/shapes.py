@@ -17,7 +17,7 @@ LINK_WIDTH, PLATFORM_WIDTH, GUIDE_WIDTH = 0.012, 0.018, 0.006
 HEAD_LENGTH, HEAD_WIDTH = 0.06, 0.012
 CROSS_LENGTH, CROSS_WIDTH = 0.04, 0.004
 WALL_LENGTH, WALL_DEPTH, WALL_HEIGHT = 4.0, 0.02, 0.3
-TEXT_HEIGHT, TEXT_PLACE = 0.035, (0.0, -0.12)
+TEXT_HEIGHT, TEXT_POSITION = 0.035, (0.0, -0.12)
 
 # a colour-blind safe set (Okabe and Ito), the last number being the opacity
 STATE_COLOURS = {
@@ -34,14 +34,14 @@ CORRECTED_COLOUR = (0.80, 0.47, 0.65, 1.0)
 TEXT_COLOUR = (0.9, 0.9, 0.9, 1.0)
 
 
-class Scene(NamedTuple):
+class MechanismView(NamedTuple):
     """
     What is to be seen.
 
     Parameters
     ----------
     head : Pose or None
-        Where the head is, in frame `rail`; None when it has not been heard of lately.
+        Where the head is, in frame `rail`; None when no pose has come lately.
     corrected : Pose or None
         The goal as the rail has to see it, in frame `rail`.
     goal : Pose or None
@@ -97,22 +97,22 @@ class Shape(NamedTuple):
     text: str = ''
 
 
-def shapes(geometry: Geometry, scene: Scene) -> list[Shape]:
+def shapes(geometry: Geometry, view: MechanismView) -> list[Shape]:
     """
-    Return the picture of a scene.
+    Return the picture of a view.
 
     Everything is given as seen from the rail: the wall and the goal on it move when the gondola
     does, the head should move with them.
     """
-    picture = [_rail(geometry), _wall(scene), _text(scene)]
+    picture = [_rail(geometry), _wall(view), _text(view)]
     for name, pose, colour in (
-        ('goal', scene.goal and relative(scene.disturbance, scene.goal), GOAL_COLOUR),
-        ('corrected goal', scene.corrected, CORRECTED_COLOUR),
+        ('goal', view.goal and relative(view.disturbance, view.goal), GOAL_COLOUR),
+        ('corrected goal', view.corrected, CORRECTED_COLOUR),
     ):
         if pose is not None:
             picture.append(_cross(name, pose, colour))
-    if scene.head is not None:
-        picture += _linkage(geometry, scene.head, STATE_COLOURS[scene.level])
+    if view.head is not None:
+        picture += _linkage(geometry, view.head, STATE_COLOURS[view.level])
     return picture
 
 
@@ -123,15 +123,15 @@ def _rail(geometry: Geometry) -> Shape:
         'rail', 'box', RAIL_COLOUR, (geometry.stroke_length, RAIL_DEPTH, RAIL_HEIGHT), middle)
 
 
-def _wall(scene: Scene) -> Shape:
-    face = Pose(0.0, scene.wall + 0.5 * WALL_DEPTH, 0.0)
+def _wall(view: MechanismView) -> Shape:
+    face = Pose(0.0, view.wall + 0.5 * WALL_DEPTH, 0.0)
     return Shape('wall', 'box', WALL_COLOUR, (WALL_LENGTH, WALL_DEPTH, WALL_HEIGHT),
-                 relative(scene.disturbance, face))
+                 relative(view.disturbance, face))
 
 
-def _text(scene: Scene) -> Shape:
-    return Shape('state', 'text', TEXT_COLOUR, (TEXT_HEIGHT,) * 3, Pose(*TEXT_PLACE, 0.0),
-                 text=scene.message or 'the driver is not heard')
+def _text(view: MechanismView) -> Shape:
+    return Shape('state', 'text', TEXT_COLOUR, (TEXT_HEIGHT,) * 3, Pose(*TEXT_POSITION, 0.0),
+                 text=view.message or 'no diagnostics of the driver')
 
 
 def _cross(name: str, pose: Pose, colour: Colour) -> Shape:

@@ -10,6 +10,7 @@ from facade_manipulator.prediction.estimate import (
     EstimateGate,
     EstimateMean,
     EstimateSettings,
+    Variances,
 )
 from facade_manipulator.prediction.plain import make_predictor
 from facade_manipulator.prediction.predictor import PredictionSettings
@@ -21,4 +22,5 @@ __all__ = [
     'EstimateSettings',
     'make_predictor',
     'PredictionSettings',
+    'Variances',
 ]

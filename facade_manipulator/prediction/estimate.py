@@ -1,4 +1,4 @@
-"""Whether an estimate of the disturbance can be believed: everything else is rejected here."""
+"""Whether an estimate of the disturbance can be true: everything else is rejected here."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import parameter, settings
 
-UNITS = Pose('m', 'm', 'rad')
+UNITS = ('m', 'm', 'rad')
+FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks keep within
+# A change from one estimate to the next beyond this and what speed explains is a jump.
+JUMP = (0.03, 0.03, 0.03)  # m, m, rad
+FASTEST = 1.0  # m/s or rad/s, that a gondola moves: a real jump is accepted after a while
+LEAST_NOISE = 1e-4  # m or rad, standard deviation: below it a filter would trust nothing else
 LEARNING_PERIOD = 0.015  # s, well below what a gondola needs to move: 3 Hz lose 0.3 %
 
 
@@ -21,32 +26,25 @@ class EstimateSettings:
 
     longest_age: float = parameter(
         0.3, 'Age beyond which an estimate is stale', unit='s', minimum=0.01, maximum=10.0)
-    future_tolerance: float = parameter(
-        0.01, "Lead of the estimator's clock that is tolerated", unit='s', minimum=0.0,
-        maximum=1.0)
     largest_displacement: float = parameter(
-        2.0, 'Displacement in x or y that is still believed', unit='m', minimum=0.01,
+        2.0, 'Largest displacement in x or y', unit='m', minimum=0.01,
         maximum=100.0)
     largest_yaw: float = parameter(
-        0.6, 'Yaw that is still believed', unit='rad', minimum=0.01, maximum=math.pi)
-    displacement_jump: float = parameter(
-        0.03, 'Change in x or y from one estimate to the next, beyond what speed explains, '
-        'that makes it a jump', unit='m', minimum=1e-4, maximum=10.0)
-    yaw_jump: float = parameter(
-        0.03, 'Change of yaw from one estimate to the next, beyond what speed explains, '
-        'that makes it a jump', unit='rad', minimum=1e-4, maximum=math.pi)
-    fastest: float = parameter(
-        1.0, 'Speed of the gondola that is still believed', unit='m/s or rad/s', minimum=0.01,
-        maximum=20.0)
+        0.6, 'Largest yaw', unit='rad', minimum=0.01, maximum=math.pi)
     position_noise: float = parameter(
-        1e-3, 'Standard deviation in x and y where the message tells none', unit='m',
+        1e-3, 'Standard deviation in x and y where the message has none', unit='m',
         minimum=1e-5, maximum=1.0)
     yaw_noise: float = parameter(
-        1.75e-3, 'Standard deviation in yaw where the message tells none', unit='rad',
+        1.75e-3, 'Standard deviation in yaw where the message has none', unit='rad',
         minimum=1e-5, maximum=1.0)
-    least_noise: float = parameter(
-        1e-4, 'Standard deviation below which none is believed', unit='m or rad', minimum=1e-6,
-        maximum=0.1)
+
+
+class Variances(NamedTuple):
+    """Variances of x, y and theta [m², m², rad²]."""
+
+    x: float
+    y: float
+    theta: float
 
 
 class Estimate(NamedTuple):
@@ -54,12 +52,12 @@ class Estimate(NamedTuple):
 
     stamp: float
     pose: Pose
-    variances: Pose
+    variances: Variances
 
 
 class EstimateGate:
     """
-    Let the believable estimates through.
+    Let the estimates through that can be true.
 
     Parameters
     ----------
@@ -72,21 +70,18 @@ class EstimateGate:
         self.change_settings(settings)
 
     def change_settings(self, settings: EstimateSettings) -> None:
-        """Believe by other bounds from the next estimate on."""
+        """Check by other bounds from the next estimate on."""
         self.settings = settings
-        self._jump = Pose(
-            settings.displacement_jump, settings.displacement_jump, settings.yaw_jump)
-        self._largest = Pose(
+        self._largest = (
             settings.largest_displacement, settings.largest_displacement, settings.largest_yaw)
-        self._noise = Pose(
-            settings.position_noise, settings.position_noise, settings.yaw_noise)
-        self._told_variances: tuple[float, ...] | None = None
+        self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
+        self._message_variances: tuple[float, ...] | None = None
 
     def check(
         self, now: float, stamp: float, pose: Pose, variances: Sequence[float] = (0.0, 0.0, 0.0)
     ) -> Estimate:
         """
-        Return the estimate if it can be believed.
+        Return the estimate if it can be true.
 
         Parameters
         ----------
@@ -101,18 +96,18 @@ class EstimateGate:
         ------
         InputError
             With reason ``'not_finite'``, ``'range'``, ``'stale'``, ``'future'``,
-            ``'out_of_order'`` or ``'jump'``. A jump that lasts is believed as soon as the
+            ``'out_of_order'`` or ``'jump'``. A jump that lasts is accepted as soon as the
             fastest gondola could have got there.
 
         """
         self._check_values(pose)
         self._check_age(now - stamp)
-        if self._last is not None and self._last.stamp - now > self.settings.future_tolerance:
-            self._last = None  # the clock was set back: its stamps say nothing any more
+        if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
+            self._last = None  # the clock was set back: its stamps mean nothing any more
         if self._last is not None:
             self._check_order(stamp - self._last.stamp)
             self._check_jump(stamp - self._last.stamp, pose)
-        self._last = Estimate(stamp, pose, self._believed(tuple(variances)))
+        self._last = Estimate(stamp, pose, self._variances_of(tuple(variances)))
         return self._last
 
     def _check_values(self, pose: Pose) -> None:
@@ -130,35 +125,35 @@ class EstimateGate:
     def _check_age(self, age: float) -> None:
         if age > self.settings.longest_age:
             raise InputError.stale('disturbance', age, self.settings.longest_age)
-        if age < -self.settings.future_tolerance:
-            raise InputError.from_future('disturbance', -age, self.settings.future_tolerance)
+        if age < -FUTURE_TOLERANCE:
+            raise InputError.from_future('disturbance', -age, FUTURE_TOLERANCE)
 
     def _check_order(self, elapsed: float) -> None:
         if elapsed <= 0.0:
             raise InputError.out_of_order('disturbance', -elapsed)
 
     def _check_jump(self, elapsed: float, pose: Pose) -> None:
-        if all(map(le, map(abs, map(sub, pose, self._last.pose)), self._jump)):
+        if all(map(le, map(abs, map(sub, pose, self._last.pose)), JUMP)):
             return
         for name, value, last, bound, unit in zip(
-                Pose._fields, pose, self._last.pose, self._jump, UNITS, strict=True):
-            change, allowed = abs(value - last), bound + self.settings.fastest * elapsed
+                Pose._fields, pose, self._last.pose, JUMP, UNITS, strict=True):
+            change, allowed = abs(value - last), bound + FASTEST * elapsed
             if change > allowed:
                 raise InputError(
                     'jump', f'disturbance {name} jumps by {change:.4g} {unit} in '
                     f'{elapsed:.3f} s, bound {allowed:.4g} {unit}')
 
-    def _believed(self, variances: tuple[float, ...]) -> Pose:
-        """Return the variances to go by; most estimators tell the same ones every time."""
-        if variances != self._told_variances:
-            self._told_variances = variances
-            self._variances = Pose(*map(self._variance, variances, self._noise))
+    def _variances_of(self, variances: tuple[float, ...]) -> Variances:
+        """Return the variances to use; most estimators send the same ones every time."""
+        if variances != self._message_variances:
+            self._message_variances = variances
+            self._variances = Variances(*map(self._variance, variances, self._noise))
         return self._variances
 
     def _variance(self, variance: float, unknown: float) -> float:
         if not 0.0 < variance < math.inf:
             return unknown * unknown
-        return max(variance, self.settings.least_noise ** 2)
+        return max(variance, LEAST_NOISE ** 2)
 
 
 class EstimateMean:
@@ -195,4 +190,4 @@ def mean_estimate(estimates: Sequence[Estimate]) -> Estimate:
     return Estimate(
         first + sum(stamp - first for stamp in stamps) / count,
         Pose(*(sum(axis) / count for axis in zip(*poses, strict=True))),
-        Pose(*(sum(axis) / count ** 2 for axis in zip(*variances, strict=True))))
+        Variances(*(sum(axis) / count ** 2 for axis in zip(*variances, strict=True))))

@@ -30,12 +30,13 @@ from facade_manipulator.ros.conversions import (
 from facade_manipulator.ros.deferred import Deferred
 from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
 from facade_manipulator.ros.lifecycle import ManagedNode
-from facade_manipulator.ros.parameters import declare
+from facade_manipulator.ros.parameters import accept_old_names, declare
 from facade_manipulator.ros.pose_stream import PoseStream
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE, run, USAGE_ERROR
 from facade_manipulator.ros.software_stop import SoftwareStop
 
 __all__ = [
+    'accept_old_names',
     'CARRIAGES',
     'carriages_from',
     'Component',

@@ -88,13 +88,13 @@ class ManipulatorClient:
         self.head_in_rail: Pose | None = None
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
-        self._goals: Publisher | None = None  # who only looks needs no right to move anything
+        self._goals: Publisher | None = None  # a mere observer needs no right to move anything
         self.node.create_subscription(
-            DiagnosticArray, '/diagnostics', self._take_diagnostics, RELIABLE)
+            DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE)
         self.node.create_subscription(
-            DiagnosticStatus, 'ik_service/status', self._take_status, LATCHED)
+            DiagnosticStatus, 'ik_service/status', self._receive_status, LATCHED)
         self.node.create_subscription(
-            PoseStamped, 'end_effector_pose', self._take_head, RELIABLE)
+            PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE)
         self._clients: dict[str, Any] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
@@ -115,11 +115,11 @@ class ManipulatorClient:
         return self.components.get(name)
 
     def age(self, component: Component) -> float:
-        """Return how long ago a component was heard of [s]."""
+        """Return how old a component's status is [s]."""
         return node_time(self.node) - component.time
 
     def spin(self, duration: float) -> None:
-        """Take what arrives for a while [s]."""
+        """Process what arrives for a while [s]."""
         end = time.monotonic() + duration
         while (left := end - time.monotonic()) > 0.0:
             self._check()
@@ -183,7 +183,7 @@ class ManipulatorClient:
         return _message('compensator/enable', reply)
 
     def tare(self) -> str:
-        """Take the present disturbance as the gondola's nominal place."""
+        """Make the present disturbance the nominal position of the gondola."""
         return self._trigger('compensator/tare')
 
     def send_goal(self, pose: Pose) -> None:
@@ -193,12 +193,12 @@ class ManipulatorClient:
         Raises
         ------
         NoAnswerError
-            Nobody takes goals.
+            Nobody subscribes to goals.
 
         """
         if self._goals is None:
             self._goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
-        self.wait_until(self._all_take_goals, 'a compensator that takes goals')
+        self.wait_until(self._goals_are_matched, 'a compensator that subscribes to goal_pose')
         self.goal = pose
         self._goals.publish(pose_stamped('facade', node_time(self.node), pose))
 
@@ -246,8 +246,8 @@ class ManipulatorClient:
         self.wait_until(future.done, f'the answer of {name}', timeout)
         return future.result()
 
-    def _all_take_goals(self) -> bool:
-        """Tell whether all that listen to goals are met: a goal sent before would be lost."""
+    def _goals_are_matched(self) -> bool:
+        """Return whether all subscribers are matched: a goal published before would miss some."""
         return 0 < self.node.count_subscribers('goal_pose') <= (
             self._goals.get_subscription_count())
 
@@ -262,25 +262,25 @@ class ManipulatorClient:
 
     def _driver_reason(self, since: float) -> str:
         """Return the driver's message; a transition's reply itself has no room for one."""
-        def told() -> str | None:
+        def reason() -> str | None:
             component = self.component('driver: operation')
             return component.status.message if component and component.time >= since else None
 
         try:
-            return self.wait_until(told, 'the reason in /diagnostics', REASON_TIMEOUT)
+            return self.wait_until(reason, 'the reason in /diagnostics', REASON_TIMEOUT)
         except NoAnswerError:
             return 'rejected; the reason stands in the log of the driver'
 
-    def _take_diagnostics(self, message: DiagnosticArray) -> None:
+    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             namespace, _, name = status.name.rpartition('/')
             if namespace == self._namespace:
                 self.components[name] = Component(seconds(message.header.stamp), status)
 
-    def _take_status(self, status: DiagnosticStatus) -> None:
+    def _receive_status(self, status: DiagnosticStatus) -> None:
         self.goal_status = status
 
-    def _take_head(self, message: PoseStamped) -> None:
+    def _receive_head(self, message: PoseStamped) -> None:
         try:
             self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
         except ManipulatorError:

@@ -1,5 +1,5 @@
 """
-Messages as bytes, for the topics that are heard and told hundreds of times a second.
+Messages as bytes, for topics of hundreds of messages a second.
 
 rclpy makes a Python object of every part of a message: 25 us for a pose with its covariance, 11 us
 for a JointState, which is more than the nodes take to decide. On the topic of a stream all
@@ -9,8 +9,8 @@ Whatever looks different goes through rclpy as on any other topic.
 References
 ----------
 OMG Common Data Representation, which all of ROS 2's middleware sends: values follow each other,
-each aligned to its own size, as in a struct of C. Four bytes before them tell the byte order.
-Strings have their length before them and a zero behind, arrays their length before them.
+each aligned to its own size, as in a struct of C. Four bytes before them name the byte order.
+Strings have their length before them and a zero after, arrays their length before them.
 
 """
 
@@ -88,7 +88,7 @@ def unread(count: int) -> Field:
     return Field(f'{8 * count}x', ())
 
 
-class Wire:
+class Codec:
     """
     Reads and writes the messages of a topic.
 
@@ -142,8 +142,8 @@ class Wire:
         if len(data) >= self._size and data.startswith(ENCAPSULATION):  # padding may follow
             values = self._body.unpack_from(data, len(self._head))
             if self._pick_constants(values) == self._constants:
-                whole, nanoseconds, *numbers = self._pick_changing(values)
-                return self._checked(whole + nanoseconds * 1e-9), numbers
+                sec, nanosec, *numbers = self._pick_changing(values)
+                return self._checked(sec + nanosec * 1e-9), numbers
         return self._read_slowly(data)
 
     def _checked(self, time: float) -> float:
@@ -163,18 +163,18 @@ class Wire:
         return self._checked(seconds(message.header.stamp)), self._numbers_of(message)
 
 
-def pose_codec(topic: str, frame_id: str) -> Wire:
-    """Return the wire of a topic of PoseStamped, whose numbers are those of the pose."""
+def pose_codec(topic: str, frame_id: str) -> Codec:
+    """Return the codec of a topic of PoseStamped, whose numbers are those of the pose."""
     def numbers_of(message: PoseStamped) -> tuple[float, ...]:
         require_frame(message.header.frame_id, frame_id, topic)
         return pose_numbers(message.pose)
 
-    return Wire(PoseStamped, (text(frame_id), doubles(len(POSE_NUMBERS))), numbers_of, topic)
+    return Codec(PoseStamped, (text(frame_id), doubles(len(POSE_NUMBERS))), numbers_of, topic)
 
 
-def estimate_codec(topic: str, frame_id: str) -> Wire:
+def estimate_codec(topic: str, frame_id: str) -> Codec:
     """
-    Return the wire of a topic of PoseWithCovarianceStamped.
+    Return the codec of a topic of PoseWithCovarianceStamped.
 
     Its numbers are those of the pose, then the variances of x, y and yaw.
     """
@@ -186,27 +186,27 @@ def estimate_codec(topic: str, frame_id: str) -> Wire:
     covariance = chain.from_iterable(
         (doubles(1), unread(end - begin - 1))
         for begin, end in pairwise((*VARIANCES, COVARIANCE_SIZE)))
-    return Wire(
+    return Codec(
         PoseWithCovarianceStamped,
         (text(frame_id), doubles(len(POSE_NUMBERS)), *covariance), numbers_of, topic)
 
 
-def setpoint_codec() -> Wire:
-    """Return the wire of joint_setpoints: position and velocity of q1, q2 and q3."""
+def setpoint_codec() -> Codec:
+    """Return the codec of joint_setpoints: position and velocity of q1, q2 and q3."""
     return _carriages_codec('setpoint', RAIL, needed=('position', 'velocity'), optional=())
 
 
-def states_codec() -> Wire:
-    """Return the wire of joint_states: position, velocity and effort of q1, q2 and q3."""
+def states_codec() -> Codec:
+    """Return the codec of joint_states: position, velocity and effort of q1, q2 and q3."""
     return _carriages_codec(
         'joint_states', '', needed=('position',), optional=('velocity', 'effort'))
 
 
 def _carriages_codec(
     what: str, frame_id: str, needed: Sequence[str], optional: Sequence[str]
-) -> Wire:
+) -> Codec:
     """
-    Return the wire of a topic of JointState: three numbers of each array.
+    Return the codec of a topic of JointState: three numbers of each array.
 
     They are NaN where an optional array has not one for each. The frame is the usual one, others
     will do.
@@ -224,6 +224,6 @@ def _carriages_codec(
     arrays = [
         (length(count), doubles(count)) if name in (*needed, *optional) else (length(0),)
         for name in ('position', 'velocity', 'effort')]
-    return Wire(JointState, (
+    return Codec(JointState, (
         text(frame_id), length(count), *map(text, CARRIAGES), *chain.from_iterable(arrays),
     ), numbers_of, what)

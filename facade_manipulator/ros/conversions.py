@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
-from reprlib import repr as quoted  # a message stays one, whatever a stranger sends
+from reprlib import repr as quoted  # a message stays short, whatever is sent
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -40,7 +40,8 @@ def seconds(stamp: Time) -> float:
 
 def node_time(node: Node) -> float:
     """Return the present time of a node's clock [s]."""
-    # the clock's own now() makes objects of it, which takes four times as long
+    # The clock's own now() makes objects of it, which takes four times as long. `handle` and
+    # get_now() are undocumented (tried on rclpy 7.1.6); without them every node ends at start.
     return node.get_clock().handle.get_now().nanoseconds * 1e-9
 
 
@@ -58,8 +59,8 @@ def set_stamp(message: Time, time: float) -> None:
 
 def stamp_numbers(time: float) -> tuple[int, int]:
     """Return the two numbers of a stamp, whole seconds and the nanoseconds after them."""
-    whole = math.floor(time)
-    return whole, int((time - whole) * 1e9)
+    sec = math.floor(time)
+    return sec, int((time - sec) * 1e9)
 
 
 def require_frame(frame_id: str, expected: str, what: str) -> None:

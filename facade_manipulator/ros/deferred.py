@@ -2,9 +2,10 @@
 Services whose answer takes longer than a callback may: the executor never waits.
 
 rclpy sends what a service's callback returns at once. Waiting there would stop every other
-callback of the node, among them the one that hears the operator's stop; a coroutine is polled
+callback of the node, among them the one that receives the operator's stop; a coroutine is polled
 without pause while it waits. Here the callback returns a `Deferred` and the answer is sent when
-its job is done.
+its job is done: the service's own `send_response` is wrapped (tried on rclpy 7.1.6); an rclpy that
+calls something else would try to send the `Deferred` and raise a TypeError.
 """
 
 from __future__ import annotations

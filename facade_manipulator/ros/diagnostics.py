@@ -64,9 +64,9 @@ def _summary(components: list[DiagnosticStatus]) -> list[tuple[str, bytes, str]]
 
 class Rejections:
     """
-    Count rejected messages by reason and say in the log why, at most once a second.
+    Count rejected messages by reason and log why, at most once a second, the same once a minute.
 
-    A message that says nothing new, such as that the drives are not active, comes once a minute.
+    ``with rejections:`` adds the `ManipulatorError` that the block raises and goes on after it.
 
     Parameters
     ----------
@@ -80,6 +80,15 @@ class Rejections:
         self.last_message = ''
         self._logged = ''
         self._logged_at = -math.inf
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> bool:
+        if not isinstance(error, ManipulatorError):
+            return False
+        self.add(error)
+        return True
 
     @property
     def total(self) -> int:

@@ -53,18 +53,18 @@ def spin(executor: Executor, end: Future) -> None:
 
 
 def _require_messages(executor: Executor) -> None:
-    """Raise unless a node of its own hears its own message, sent by its own timer."""
+    """Raise unless a node receives its own message, published by its own timer."""
     node = rclpy.create_node(
         'executor_check', use_global_arguments=False, enable_rosout=False,
         start_parameter_services=False)
-    heard = []
-    node.create_subscription(Empty, '~/message', heard.append, 1)
+    received = []
+    node.create_subscription(Empty, '~/message', received.append, 1)
     publisher = node.create_publisher(Empty, '~/message', 1)
     node.create_timer(REPEAT, lambda: publisher.publish(Empty()))
     executor.add_node(node)
     try:
         deadline = time.monotonic() + PATIENCE
-        while not heard:
+        while not received:
             if time.monotonic() > deadline:
                 raise TimeoutError(f'no message within {PATIENCE:g} s')
             executor.spin_once(timeout_sec=REPEAT)

@@ -2,8 +2,10 @@
 A managed (lifecycle) node whose transitions take their time while the node keeps answering.
 
 rclpy's lifecycle node runs a transition inside its service's callback. A drive takes seconds to
-boot and the operator's stop must be heard meanwhile, so here a transition is a job: the node is
-in the standard's transition state (configuring, activating, …) until the job is done.
+boot and the operator's stop must be received meanwhile, so here a transition is a job: the node is
+in the standard's transition state (configuring, activating, …) until the job is done. For that
+`ManagedNode` replaces the callback of the private `_service_change_state` and steps the private
+`_state_machine` (tried on rclpy 7.1.6); without them it ends at start with an AttributeError.
 """
 
 from __future__ import annotations
@@ -50,8 +52,8 @@ class ManagedNode(LifecycleNode):
         """Label of the present lifecycle state."""
         return self._state_machine.current_state[1]
 
-    def tell(self, success: bool, message: str) -> None:
-        """Say how a request ended, before it is answered: a transition's answer has no text."""
+    def report(self, success: bool, message: str) -> None:
+        """Log how a request ended, before its response: that of a transition has no text."""
         if success:  # one line each: rclpy forbids two severities on one
             self.get_logger().info(message)
         else:
@@ -67,7 +69,7 @@ class ManagedNode(LifecycleNode):
     def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response):
         transition = self._requested(request)
         if transition is None:
-            self.tell(
+            self.report(
                 False,
                 f"transition '{request.transition.label or request.transition.id}' rejected: "
                 f"not possible from state '{self.state_label}'")
@@ -90,9 +92,9 @@ class ManagedNode(LifecycleNode):
         what = self.state_label
         self._finish(SUCCESS if error is None else FAILURE)
         if error is not None:
-            self.tell(False, f'{what} failed: {error}')
+            self.report(False, f'{what} failed: {error}')
         else:
-            self.tell(True, str(job.result()))
+            self.report(True, str(job.result()))
         return ChangeState.Response(success=error is None)
 
     def _finish(self, outcome: TransitionCallbackReturn) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
@@ -15,12 +15,15 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
+    ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import METADATA_KEY, ParameterInfo
+from facade_manipulator.ros.old_parameters import REMOVED, RENAMED
 
 Settings = TypeVar('Settings')
 UNBOUNDED = 1e308
@@ -69,6 +72,77 @@ def declare(
     if on_change is not None:
         _accept_live_changes(node, names, current, on_change, check)
     return current[0]
+
+
+class RemovedParameterError(ParameterNotDeclaredException):
+    """A parameter that there was in an earlier release, with what holds in its place."""
+
+    def __init__(self, name: str, advice: str) -> None:
+        Exception.__init__(self, f'parameter {name} {advice}')
+
+
+def accept_old_names(
+    node: Node, renamed: Mapping[str, str] = RENAMED, removed: Mapping[str, str] = REMOVED
+) -> None:
+    """
+    Accept the parameter names of the release before, with a warning; call it before `declare`.
+
+    A renamed parameter of a file or an override, and one that is set while the node runs, has its
+    effect under the present name; one that is removed has none.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    renamed : mapping of str to str
+        Present names by old ones.
+    removed : mapping of str to str
+        What holds in place of a parameter, such as ``'is fixed at 1 s now'``, by its old name.
+
+    Notes
+    -----
+    Overrides are in a private attribute of rclpy's node (tried on 7.1.6). Without it old names in
+    files are ignored, as every unknown name is; `ros2 param set` works all the same.
+
+    """
+    overrides = getattr(node, '_parameter_overrides', {})
+    for name in sorted(overrides):
+        new, advice = renamed.get(name), _advice(name, removed)
+        if new is not None:
+            node.get_logger().warning(_renamed(name, new))
+            overrides.setdefault(new, Parameter(new, value=overrides[name].value))
+        elif advice:
+            node.get_logger().warning(
+                f'parameter {name} has no effect: it {advice}; delete it from the file')
+
+    def present(parameters: list[Parameter]) -> list[Parameter]:
+        return [_present(node, parameter, renamed, removed) for parameter in parameters]
+
+    node.add_pre_set_parameters_callback(present)
+
+
+def _present(
+    node: Node, parameter: Parameter, renamed: Mapping[str, str], removed: Mapping[str, str]
+) -> Parameter:
+    """Return a parameter under its present name."""
+    name = parameter.name
+    if node.has_parameter(name):
+        return parameter
+    if advice := _advice(name, removed):
+        raise RemovedParameterError(name, advice)
+    new = renamed.get(name)
+    if new is None:
+        return parameter
+    node.get_logger().warning(_renamed(name, new))
+    return Parameter(new, value=parameter.value)
+
+
+def _advice(name: str, removed: Mapping[str, str]) -> str | None:
+    return removed.get(name) or removed.get(f'{name.partition(".")[0]}.*')
+
+
+def _renamed(name: str, new: str) -> str:
+    return (f'parameter {name} is called {new} now; the old name works in this release only: '
+            'use the new one')
 
 
 def _parameter_infos(settings_class: type) -> dict[str, ParameterInfo]:
@@ -148,7 +222,7 @@ def _accept_live_changes(
         unchanged = {name: getattr(current[0], name) for name in names.values()}
         return type(current[0])(**{**unchanged, **changed}) if changed else current[0]
 
-    def judge(parameters):
+    def validate(parameters):
         try:
             check(candidate(parameters))
         except (ParameterError, TypeError) as error:
@@ -161,5 +235,5 @@ def _accept_live_changes(
             current[0] = settings
             on_change(settings)
 
-    node.add_on_set_parameters_callback(judge)
+    node.add_on_set_parameters_callback(validate)
     node.add_post_set_parameters_callback(apply)

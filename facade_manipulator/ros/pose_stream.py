@@ -1,4 +1,4 @@
-"""A topic of poses that is told hundreds of times a second."""
+"""A topic on which poses are published hundreds of times a second."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from facade_manipulator.ros.conversions import planar_numbers
 
 class PoseStream:
     """
-    Tell poses to a neighbour in the same process at once, and on the topic if anybody listens.
+    Publish poses: to a node of the same process by a call, on the topic if anybody subscribes.
 
     Parameters
     ----------
@@ -27,34 +27,34 @@ class PoseStream:
     """
 
     def __init__(self, node: Node, topic: str, frame_id: str, qos: QoSProfile) -> None:
-        self._wire = pose_codec(topic, frame_id)
-        self._neighbour: Callable[[float, Pose], None] | None = None
-        self._listeners = self._needless = 0
+        self._codec = pose_codec(topic, frame_id)
+        self._callback: Callable[[float, Pose], None] | None = None
+        self._subscriptions = self._unused = 0
         self._publisher = node.create_publisher(
             PoseStamped, topic, qos,
             event_callbacks=PublisherEventCallbacks(matched=self._match))
 
     def _match(self, matched) -> None:
-        self._listeners = matched.current_count
+        self._subscriptions = matched.current_count
 
-    def hand_to(self, neighbour: Callable[[float, Pose], None], subscribes: bool) -> None:
+    def connect(self, callback: Callable[[float, Pose], None], subscribes: bool) -> None:
         """
-        Hand the poses to a node of the same process, past the middleware.
+        Call a node of the same process with the poses, past the middleware.
 
         Parameters
         ----------
-        neighbour : callable
-            Takes the time of a pose [s] and the pose.
+        callback : callable
+            Of the time of a pose [s] and the pose.
         subscribes : bool
-            Whether it listens to the topic as well, for poses from elsewhere; for its sake alone
-            nothing is published.
+            Whether the node subscribes to the topic as well, for poses from elsewhere: for this
+            subscription alone nothing is published.
 
         """
-        self._neighbour, self._needless = neighbour, int(subscribes)
+        self._callback, self._unused = callback, int(subscribes)
 
-    def tell(self, time: float, pose: Pose) -> None:
-        """Tell a pose and its time [s]."""
-        if self._neighbour is not None:
-            self._neighbour(time, pose)
-        if self._listeners > self._needless:
-            self._publisher.publish(self._wire.write(time, planar_numbers(pose)))
+    def publish(self, time: float, pose: Pose) -> None:
+        """Publish a pose and its time [s]."""
+        if self._callback is not None:
+            self._callback(time, pose)
+        if self._subscriptions > self._unused:
+            self._publisher.publish(self._codec.write(time, planar_numbers(pose)))

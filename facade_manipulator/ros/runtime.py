@@ -35,7 +35,7 @@ def run(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None = None)
 
     A `ManipulatorError` while the nodes are made, such as a parameter out of range, is one
     message on stderr and exit status 2; so is the end of ROS without a signal, with status 1:
-    no node ends in silence. A node with a method ``close`` is closed first, while
+    no node ends without a word. A node with a method ``close`` is closed first, while
     ROS still runs: rclpy's own signal handlers would end ROS before, under a waiting executor.
     """
     received: list[int] = []

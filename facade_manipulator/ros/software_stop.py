@@ -1,4 +1,4 @@
-"""software_stop: true stops the drives, and so does silence once it was heard."""
+"""software_stop: true stops the drives, and so does silence once one was received."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from facade_manipulator.ros.runtime import LATEST
 
 class SoftwareStop:
     """
-    Listen to a supervisor's stop, and to its silence.
+    Subscribe to a supervisor's stop, and watch its silence.
 
     Parameters
     ----------
@@ -25,20 +25,20 @@ class SoftwareStop:
 
     def __init__(self, node: Node, stop: Callable[[str], None]) -> None:
         self._stop_drives = stop
-        self._heard: float | None = None
-        node.create_subscription(Bool, 'software_stop', self._take, LATEST)
+        self._received_at: float | None = None
+        node.create_subscription(Bool, 'software_stop', self._receive, LATEST)
 
     def watch(self, timeout: float) -> None:
-        """Stop when it has been silent for a time [s]; it counts again when it is heard again."""
-        if self._heard is None:
+        """Stop when it has been silent for a time [s], once until the next message."""
+        if self._received_at is None:
             return
-        silence = time.monotonic() - self._heard
+        silence = time.monotonic() - self._received_at
         if silence > timeout:
-            self._heard = None
+            self._received_at = None
             self._stop_drives(
                 f'software_stop has been silent for {silence:.2f} s, bound {timeout:g} s')
 
-    def _take(self, message: Bool) -> None:
-        self._heard = time.monotonic()
+    def _receive(self, message: Bool) -> None:
+        self._received_at = time.monotonic()
         if message.data:
             self._stop_drives('software_stop was set')

@@ -13,7 +13,6 @@ from facade_manipulator.simulation.reaction import PressedGondola
 from facade_manipulator.simulation.scenario import (
     compensator_parameters,
     load_scenario,
-    require_reaction,
     Scenario,
 )
 from facade_manipulator.simulation.wall import AXES, SCALES, UNITS, WallMeasurement, WallSample
@@ -27,7 +26,6 @@ __all__ = [
     'ForceSensor',
     'load_scenario',
     'PressedGondola',
-    'require_reaction',
     'SCALES',
     'Scenario',
     'SimulatedEstimator',

@@ -66,7 +66,7 @@ class LoopStep(NamedTuple):
     """
     One cycle: what was asked for, and the head on the wall when the drives got there.
 
-    The wrench is that of the wall on the head, `felt` what the sensor tells of it.
+    The wrench is that of the wall on the head, `measured` what the sensor says of it.
     """
 
     corrected: CorrectedPose | None
@@ -74,7 +74,7 @@ class LoopStep(NamedTuple):
     actual: Carriages
     sample: WallSample
     wrench: Wrench
-    felt: Wrench | None
+    measured: Wrench | None
     rail: Pose
 
 
@@ -97,7 +97,7 @@ class ClosedLoop:
     now : float
         Time of the next cycle [s].
     rejections : list of str
-        Sentences of everything that was rejected.
+        Messages of everything that was rejected.
 
     """
 
@@ -127,8 +127,8 @@ class ClosedLoop:
 
     def send_goal(self, goal: Pose) -> None:
         """Give a goal on the wall, as the supervisor does."""
-        self.compensator.take_goal(goal)
-        self.wall.take_goal(self.now, goal)
+        self.compensator.set_goal(goal)
+        self.wall.set_goal(self.now, goal)
 
     def run(self, duration: float) -> list[LoopStep]:
         """Run for a time [s]; return every cycle."""
@@ -139,16 +139,16 @@ class ClosedLoop:
         now, period = self.now, self.settings.period
         self._deliver(now - self.settings.sensor_delay)
         for estimate in self.estimator.advance(now):
-            self._heed(self.compensator.take_estimate, now, *estimate)
+            self._attempt(self.compensator.add_estimate, now, *estimate)
         corrected = self.compensator.update(now)
         if corrected is not None:
-            self._heed(self._add, now, corrected)
+            self._attempt(self._add, now, corrected)
         reached = now + CYCLES_AHEAD * period
         command = Carriages(*self.follower.sample(reached + self.settings.assumed_lag))
         self._move(command)
         wrench = self.gondola.advance(
             reached, forward_kinematics(self._geometry, self._actual))
-        sample = self.wall.take_carriages(reached, self._actual)
+        sample = self.wall.measure(reached, self._actual)
         step = LoopStep(corrected, command, self._actual, sample, wrench,
                         self._sensor.measure(reached, wrench), self.gondola.at(reached))
         self._under_way.append(step)
@@ -160,12 +160,13 @@ class ClosedLoop:
         while self._under_way and self._under_way[0].sample.time <= until:
             step = self._under_way.popleft()
             sample = step.sample
-            self._heed(self.compensator.take_head, sample.time,
+            self._attempt(self.compensator.add_head, sample.time,
                        forward_kinematics(self._geometry, step.actual))
-            if self.settings.facade.present and step.felt is not None:
-                self._heed(self.compensator.take_wrench, self.now, sample.time, step.felt)
+            if self.settings.facade.present and step.measured is not None:
+                self._attempt(
+                    self.compensator.add_wrench, self.now, sample.time, step.measured)
             if self.settings.wall.slip_sensor and sample.settled:
-                self._heed(self.compensator.take_lateral_offset, self.now, sample.time,
+                self._attempt(self.compensator.add_lateral_offset, self.now, sample.time,
                            sample.lateral_offset)
 
     def _add(self, now: float, corrected: CorrectedPose) -> None:
@@ -181,7 +182,7 @@ class ClosedLoop:
             moved.append(new - steady - (last - actual - steady) * decay)
         self._actual, self._command = Carriages(*moved), command
 
-    def _heed(self, take: Callable, *arguments) -> None:
+    def _attempt(self, take: Callable, *arguments) -> None:
         try:
             take(*arguments)
         except ManipulatorError as error:

@@ -84,7 +84,7 @@ class SimulatedEstimator:
         """Return the estimates that have come by now [s], in the order of their arrival."""
         while (stamp := self._start + self._taken / self._settings.rate) <= now:
             self._taken += 1
-            self._take(stamp)
+            self._receive(stamp)
         arrived = []
         while self._under_way and self._under_way[0][0] <= now:
             _, stamp, noise = heapq.heappop(self._under_way)
@@ -93,7 +93,7 @@ class SimulatedEstimator:
             arrived.append(Delivery(stamp, pose, self._settings.variances()))
         return arrived
 
-    def _take(self, stamp: float) -> None:
+    def _receive(self, stamp: float) -> None:
         settings = self._settings
         noise = self._deviation * self._random.standard_normal(len(Pose._fields))
         delay = settings.latency + settings.jitter * self._random.uniform(-1.0, 1.0)

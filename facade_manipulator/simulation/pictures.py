@@ -85,7 +85,7 @@ def attenuation(
     without, error : numpy.ndarray, shape (n,)
         Amplitudes over the same samples: what leaks into a neighbouring band leaks in both.
     present : numpy.ndarray, shape (n,)
-        Amplitudes of the disturbance over all samples, which tell where there is any.
+        Amplitudes of the disturbance over all samples, which show where there is any.
 
     Returns
     -------

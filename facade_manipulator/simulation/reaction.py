@@ -8,21 +8,18 @@ linear, so the two add up (but for the cables' pull in vertical gusts, which is 
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections import deque
 from collections.abc import Callable
 import math
-from operator import itemgetter
 
 import numpy as np
 
 from facade_manipulator.kinematics import add, compose, Pose, subtract, Twist, Wrench, ZERO_POSE
+from facade_manipulator.motion import TimedBuffer
 from facade_manipulator.simulation.facade import Facade, NO_CONTACT
 from facade_manipulator.simulation.gondola import GondolaSettings, modes
 
 LONGEST_STEP = 0.002  # s, ten steps and more in a period of 500 kg on 100 N/mm
 LONGEST_GAP = 0.5  # s, after which nobody knows where the head has been
-KEPT_TIME = 10.0
 
 
 class Reaction:
@@ -96,7 +93,7 @@ class PressedGondola:
         self._time = -math.inf
         self._rail = self._head = ZERO_POSE  # without the reaction; the head as the rail sees it
         self._place: Pose | None = None
-        self._past: deque[tuple[float, Pose]] = deque()
+        self._past: TimedBuffer[Pose] = TimedBuffer()
 
     def at(self, time: float) -> Pose:
         """Return the pose of the rail in the façade's frame at a time [s], the past included."""
@@ -120,9 +117,7 @@ class PressedGondola:
         else:
             self._press(elapsed, rail, head)
         self._time, self._rail, self._head = time, rail, head
-        self._past.append((time, self.reaction.pose))
-        while self._past[0][0] < time - KEPT_TIME:
-            self._past.popleft()
+        self._past.append(time, self.reaction.pose)
         return self.wrench
 
     def _coast(self, elapsed: float) -> None:
@@ -157,11 +152,10 @@ class PressedGondola:
 
     def _added(self, time: float) -> Pose:
         """Return what the reaction has added at a time [s], the last of it later."""
-        past = self._past
-        index = bisect_right(past, time, key=itemgetter(0))
-        if index in (0, len(past)):
-            return past[-1][1] if index else ZERO_POSE
-        (begin, first), (end, second) = past[index - 1], past[index]
+        before, after = self._past.around(time)
+        if before is None or after is None:
+            return (before or after or (time, ZERO_POSE))[1]
+        (begin, first), (end, second) = before, after
         return _between(first, second, (time - begin) / (end - begin))
 
 

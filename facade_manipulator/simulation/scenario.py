@@ -155,9 +155,9 @@ def make_scenario(sections: Sections) -> Scenario:
     return _fill(Scenario(), sections, '')
 
 
-def require_reaction(name: str, scenario: Scenario) -> Scenario:
+def load_scenario(name: str) -> Scenario:
     """
-    Return the scenario.
+    Return a scenario by its name or file; see also `scenario_file` and `read_sections`.
 
     Raises
     ------
@@ -165,22 +165,21 @@ def require_reaction(name: str, scenario: Scenario) -> Scenario:
         If its gondola does not feel the head and its name does not say so.
 
     """
-    if not scenario.gondola.reaction and WITHOUT_REACTION not in Path(name).stem:
-        raise ParameterError(
-            f"scenario '{name}' has gondola.reaction = false: a gondola that does not feel the "
-            f"head needs a scenario with '{WITHOUT_REACTION}' in its name")
-    return scenario
-
-
-def load_scenario(name: str) -> Scenario:
-    """Return a scenario by its name or file; see `scenario_file` and `read_sections`."""
     path = scenario_file(name).resolve()
-    scenario = require_reaction(name, make_scenario(read_sections(path)))
+    scenario = make_scenario(read_sections(path))
+    _require_reaction(name, scenario)
     mission = scenario.mission
     if not mission.recording:
         return scenario
     return scenario._replace(
         mission=replace(mission, recording=str(path.parent / mission.recording)))
+
+
+def _require_reaction(name: str, scenario: Scenario) -> None:
+    if not scenario.gondola.reaction and WITHOUT_REACTION not in Path(name).stem:
+        raise ParameterError(
+            f"scenario '{name}' has gondola.reaction = false: a gondola that does not feel the "
+            f"head needs a scenario with '{WITHOUT_REACTION}' in its name")
 
 
 def compensator_parameters(scenario: Scenario) -> dict[str, Any]:

@@ -85,12 +85,12 @@ class WallMeasurement:
         self._squares = {'disturbance': [0.0] * 3, 'residual': [0.0] * 3}
         self.count = 0
 
-    def take_goal(self, now: float, goal: Pose) -> None:
+    def set_goal(self, now: float, goal: Pose) -> None:
         """Take the goal on the wall from now [s] on; the same goal again changes nothing."""
         if goal != self._goal:
             self._goal, self._goal_since = goal, now
 
-    def take_carriages(self, stamp: float, carriages: Carriages) -> WallSample:
+    def measure(self, stamp: float, carriages: Carriages) -> WallSample:
         """
         Measure at the stamp [s] of actual carriage positions.
 

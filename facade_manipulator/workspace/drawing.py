@@ -15,10 +15,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from facade_manipulator.kinematics import Geometry, Joints, joints, Pose
+from facade_manipulator.kinematics import Geometry, JointPoints, joints, Pose
 
 COLOUR_MAP = 'viridis'  # even in lightness, safe for the colour-blind, and in grey
-# Okabe and Ito's colours, told apart by every eye.
+# Okabe and Ito's colours, distinct to every eye.
 BLUE, ORANGE, GREEN, PURPLE = '#0072B2', '#D55E00', '#009E73', '#CC79A7'
 BLACK, GREY, PALE = '#000000', '#777777', '#D9D9D9'
 MILLIMETRES = 1e3
@@ -96,7 +96,7 @@ def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     axes.plot(*(meeting * MILLIMETRES), 'o', color=GREEN, markersize=5.0, zorder=3)
 
 
-def _joints(geometry: Geometry, pose: Pose) -> Joints:
+def _joints(geometry: Geometry, pose: Pose) -> JointPoints:
     """Return the joints as arrays; the far edge from so near that no line moves by 1 µm."""
     inside = pose._replace(y=(1.0 - 1e-12) * pose.y)
-    return Joints(*map(np.array, joints(geometry, inside)))
+    return JointPoints(*map(np.array, joints(geometry, inside)))

@@ -1,5 +1,5 @@
 """
-What a design can be judged by, and what it must satisfy: both over arrays of (l, b).
+What a design can be evaluated by, and what it must satisfy: both over arrays of (l, b).
 
 Designs are arrays of equal shape. Areas are closed forms; volume and ratio are integrals, done
 design by design.

@@ -5,7 +5,7 @@ The drives are threads of the same process, because python-can's virtual bus end
 kernel counts the CPU of each thread, so they are not in the figures. The environment's BENCH_CAN
 names another bus, such as `socketcan:vcan0`, BENCH_CAN_RATE another rate.
 
-In user-mode Linux a call of the system costs some 60 us, reading a clock included, and a tick of
+In user-mode Linux a call of the system costs 6 to 10 us, reading a clock included, and a tick of
 10 ms counts the processor time: figures from there are about calls, and a rate in step with the
 tick measures nothing.
 """

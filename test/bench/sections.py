@@ -75,8 +75,8 @@ WHY = {  # of goals missed
     'virtual': 'waking and frames take half of what they take on canopen; limits, two checks of '
                'the mechanism, supervision, record and snapshots, which it has not, come on top, '
                'in caches that turn cold between two cycles',
-    'socketcan': 'where user-mode Linux carries the bus, a call of the system costs 60 us, and so '
-                 'does each look at a clock, of which supervision takes two a frame',
+    'socketcan': 'where user-mode Linux carries the bus, a call of the system costs 6 to 10 us, '
+                 'and so does each look at a clock, of which supervision takes two a frame',
 }
 CYCLE_NAMES = (
     'cycle: driver', 'cycle: bus and codecs', 'cycle: canopen', 'cycle: driver, fastest')

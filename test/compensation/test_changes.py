@@ -8,8 +8,8 @@ import math
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
-from facade_manipulator.compensation.correction import Mode
-from facade_manipulator.compensation.workspace_limit import BorderSettings
+from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.workspace_limit import WorkspaceLimitSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, Pose
 
@@ -22,7 +22,7 @@ class Course:
 
     def __init__(self, amplitude=0.1):
         self.compensator = Compensator(Geometry())
-        self.compensator.take_goal(GOAL)
+        self.compensator.set_goal(GOAL)
         self.amplitude = amplitude
         self.now = 100.0
         self.poses = []
@@ -34,7 +34,7 @@ class Course:
         for _ in range(round(duration / PERIOD)):
             self.now += PERIOD
             if round(self.now / PERIOD) % 2 == 0:
-                self.compensator.take_estimate(
+                self.compensator.add_estimate(
                     self.now, self.now - 0.05, self.sway(self.now - 0.05), (1e-6, 1e-6, 1e-6))
             self.poses.append(self.compensator.update(self.now).pose)
         return self
@@ -49,7 +49,7 @@ CHANGES = {
     'prediction': {'memory': 1.0, 'gusts': (0.001, 0.01)},
     'correction': {'fade_time': 1.0},
     'reference': {'speed': (0.1, 0.1, 0.1)},
-    'border': {'margin': 0.05},
+    'workspace_limit': {'margin': 0.05},
     'following': {'patience': 1.0},
     'lateral': {'range': 0.01},
     'impedance': {'stiffness': 50.0},
@@ -69,10 +69,10 @@ def test_a_change_of_any_part_moves_the_head_without_a_jump(part):
     assert course.quickest() < usual + 0.25  # m/s; a jump of 1 cm would be 1 m/s
 
 
-def test_a_wider_border_is_kept_after_a_while():
+def test_a_wider_workspace_limit_is_kept_after_a_while():
     course = Course(amplitude=0.6).run(12.0)
     before = max(abs(pose.x) for pose in course.poses)
-    course.compensator.change('border', BorderSettings(margin=0.05))
+    course.compensator.change('workspace_limit', WorkspaceLimitSettings(margin=0.05))
     course.run(3.0)
     course.poses.clear()
     course.run(10.0)
@@ -81,20 +81,20 @@ def test_a_wider_border_is_kept_after_a_while():
     assert course.quickest() < 1.0
 
 
-def test_a_border_that_leaves_nothing_is_rejected_and_the_old_one_stays():
+def test_a_workspace_limit_that_leaves_nothing_is_rejected_and_the_old_one_stays():
     compensator = Compensator(Geometry(carriage_gap=0.27))
-    compensator.take_goal(Pose(0.0, 0.345, 0.0))
+    compensator.set_goal(Pose(0.0, 0.345, 0.0))
     before = compensator.update(1.0).pose
     with pytest.raises(ParameterError, match='leaves no workspace'):
-        compensator.change('border', BorderSettings(margin=0.1))
+        compensator.change('workspace_limit', WorkspaceLimitSettings(margin=0.1))
     assert compensator.update(1.01).pose == pytest.approx(before)
 
 
 def test_another_prediction_learns_anew_and_is_trusted_again():
     course = Course().run(8.0)
     correction = course.compensator.correction
-    assert correction.mode is Mode.ACTIVE
+    assert correction.mode is CorrectionMode.ACTIVE
     course.compensator.change('prediction', replace(DEFAULTS.prediction, model='none'))
-    assert correction.mode is not Mode.ACTIVE
+    assert correction.mode is not CorrectionMode.ACTIVE
     course.run(2.0)
-    assert correction.mode is Mode.ACTIVE
+    assert correction.mode is CorrectionMode.ACTIVE

@@ -36,10 +36,10 @@ class Run:
         for k in range(round(duration / PERIOD)):
             self.now += PERIOD
             if k % 2:
-                self.compensator.take_estimate(
+                self.compensator.add_estimate(
                     self.now, self.now, self.motion(self.now), NO_VARIANCES)
             if head is not None:
-                self.compensator.take_head(self.now, head)
+                self.compensator.add_head(self.now, head)
             self.outputs.append(self.compensator.update(self.now))
         return self
 
@@ -54,10 +54,11 @@ class Run:
 def test_disturbance_and_corrected_pose_compose_to_the_reference(dx, dy, dtheta, x, y, theta):
     disturbance = Pose(dx, dy, dtheta)
     run = Run(lambda _: disturbance)
-    run.compensator.take_goal(Pose(x, y, theta))
+    run.compensator.set_goal(Pose(x, y, theta))
     run.go(1.0)
     for output in run.outputs[-20:]:
-        if not any(output.excess) and not any(abs(b) > 1e-12 for b in output.behind):
+        tracked = max(map(abs, output.tracking_error)) <= 1e-12
+        if tracked and not any(output.saturation_error):
             on_the_wall = compose(output.disturbance, output.pose)
             assert on_the_wall == pytest.approx(tuple(output.reference), abs=1e-12)
 
@@ -65,7 +66,7 @@ def test_disturbance_and_corrected_pose_compose_to_the_reference(dx, dy, dtheta,
 def test_a_standing_disturbance_is_corrected_to_the_goal():
     disturbance = Pose(0.08, 0.02, 0.03)
     run = Run(lambda _: disturbance)
-    run.compensator.take_goal(GOAL)
+    run.compensator.set_goal(GOAL)
     run.go(8.0)
     assert compose(disturbance, run.last.pose) == pytest.approx(tuple(GOAL), abs=2e-4)
 
@@ -77,7 +78,7 @@ def test_nothing_is_published_before_there_is_a_goal():
 
 def test_a_corrected_pose_is_meant_for_one_horizon_ahead():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
-    run.compensator.take_goal(GOAL)
+    run.compensator.set_goal(GOAL)
     run.go(0.1)
     assert run.last.time == pytest.approx(run.now + CompensationSettings().horizon)
 
@@ -86,32 +87,32 @@ def test_a_corrected_pose_is_meant_for_one_horizon_ahead():
     Pose(0.0, 0.40, 0.0), Pose(0.48, 0.25, 0.0), Pose(0.0, 0.06, 0.0), Pose(0.0, 0.25, 0.5)])
 def test_a_goal_out_of_the_workspace_is_rejected_and_the_one_before_stays(goal):
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
-    run.compensator.take_goal(GOAL)
+    run.compensator.set_goal(GOAL)
     with pytest.raises(LimitError, match='bound'):
-        run.compensator.take_goal(goal)
+        run.compensator.set_goal(goal)
     assert run.compensator.goal == GOAL
 
 
 @pytest.mark.parametrize('goal', [Pose(math.nan, 0.25, 0.0), Pose(0.0, math.inf, 0.0)])
 def test_a_goal_that_is_not_finite_is_rejected(goal):
     with pytest.raises(ParameterError, match='finite'):
-        Compensator(GEOMETRY).take_goal(goal)
+        Compensator(GEOMETRY).set_goal(goal)
 
 
-def test_beyond_the_workspace_each_axis_is_held_at_its_border_and_comes_back():
+def test_beyond_the_workspace_each_axis_is_held_at_its_workspace_limit_and_comes_back():
     def sway(time):
         return Pose(0.45 * math.sin(0.4 * (time - 1000.0)), 0.0, 0.0)
 
     run = Run(sway)
-    run.compensator.take_goal(Pose(0.0, 0.25, 0.0))
+    run.compensator.set_goal(Pose(0.0, 0.25, 0.0))
     run.go(32.0)
     poses = np.array([output.pose for output in run.outputs])
     for pose in run.outputs[::7]:
         certify(GEOMETRY, pose.pose)
-    held = [abs(output.excess.x) > 1e-3 for output in run.outputs]
+    held = [abs(output.saturation_error.x) > 1e-3 for output in run.outputs]
     assert any(held)
     assert not held[-1]
-    assert max(abs(output.excess.y) for output in run.outputs) == 0.0
+    assert max(abs(output.saturation_error.y) for output in run.outputs) == 0.0
     assert abs(np.diff(poses, 2, axis=0)).max() < 1e-3
     assert compose(sway(run.last.time), run.last.pose).x == pytest.approx(0.0, abs=5e-3)
 
@@ -119,15 +120,15 @@ def test_beyond_the_workspace_each_axis_is_held_at_its_border_and_comes_back():
 def test_the_course_begins_where_the_head_stands():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     head = Pose(-0.1, 0.24, 0.0)
-    run.compensator.take_head(1000.0, head)
-    run.compensator.take_goal(GOAL)
+    run.compensator.add_head(1000.0, head)
+    run.compensator.set_goal(GOAL)
     run.go(PERIOD)
     assert run.last.pose == pytest.approx(tuple(head), abs=1e-9)
 
 
 def test_without_a_head_the_course_begins_at_the_goal():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
-    run.compensator.take_goal(GOAL)
+    run.compensator.set_goal(GOAL)
     run.go(PERIOD)
     assert run.last.pose == pytest.approx(tuple(GOAL), abs=1e-9)
 
@@ -135,40 +136,40 @@ def test_without_a_head_the_course_begins_at_the_goal():
 def test_a_course_that_the_head_does_not_follow_begins_anew_at_the_head():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     head = Pose(-0.1, 0.25, 0.0)
-    run.compensator.take_head(1000.0, head)
-    run.compensator.take_goal(Pose(0.1, 0.25, 0.0))
+    run.compensator.add_head(1000.0, head)
+    run.compensator.set_goal(Pose(0.1, 0.25, 0.0))
     run.go(4.0, head)
     away = [abs(output.pose.x - head.x) for output in run.outputs]
-    assert run.compensator.anchors > 2
+    assert run.compensator.initialisations > 2
     assert max(away) < 0.2
     assert min(away[200:]) < 1e-6
 
 
 def test_a_head_that_follows_is_left_alone():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
-    run.compensator.take_head(1000.0, Pose(-0.1, 0.25, 0.0))
-    run.compensator.take_goal(Pose(0.1, 0.25, 0.0))
+    run.compensator.add_head(1000.0, Pose(-0.1, 0.25, 0.0))
+    run.compensator.set_goal(Pose(0.1, 0.25, 0.0))
     for _ in range(300):
         run.go(PERIOD, run.outputs[-6].pose if len(run.outputs) > 6 else None)
-    assert run.compensator.anchors == 1
+    assert run.compensator.initialisations == 1
     assert run.last.pose == pytest.approx((0.1, 0.25, 0.0), abs=1e-9)
 
 
 def test_a_head_out_of_order_is_rejected():
     compensator = Compensator(GEOMETRY)
-    compensator.take_head(1000.0, GOAL)
+    compensator.add_head(1000.0, GOAL)
     with pytest.raises(InputError, match='older'):
-        compensator.take_head(999.9, GOAL)
+        compensator.add_head(999.9, GOAL)
 
 
 def test_an_estimate_that_cannot_be_believed_is_rejected():
     with pytest.raises(InputError, match='old'):
-        Compensator(GEOMETRY).take_estimate(1000.0, 990.0, GOAL, NO_VARIANCES)
+        Compensator(GEOMETRY).add_estimate(1000.0, 990.0, GOAL, NO_VARIANCES)
 
 
 def test_disabled_the_rail_is_taken_for_the_wall():
     run = Run(lambda _: Pose(0.1, 0.0, 0.0), correction=CorrectionSettings(enabled=False))
-    run.compensator.take_goal(GOAL)
+    run.compensator.set_goal(GOAL)
     run.go(2.0)
     assert run.last.pose == pytest.approx(tuple(GOAL), abs=1e-9)
 

@@ -13,7 +13,7 @@ from facade_manipulator.kinematics import Pose, Wrench
 NOW = 1000.0
 PRESSED = Wrench(3.0, -30.0, 0.5)
 REFERENCE = Pose(0.1, 0.25, 0.3)
-NO_EXCESS = Pose(0.0, 0.0, 0.0)
+NO_ERROR = Pose(0.0, 0.0, 0.0)
 
 
 def contact():
@@ -23,18 +23,18 @@ def contact():
 
 def test_the_force_on_the_wall_is_what_presses_towards_it():
     felt = contact()
-    felt.shift(NOW, NOW, 0.0, REFERENCE, NO_EXCESS)
-    felt.take_wrench(NOW, NOW, PRESSED)
+    felt.shift(NOW, NOW, 0.0, REFERENCE, NO_ERROR)
+    felt.add_wrench(NOW, NOW, PRESSED)
     assert felt.press.force == pytest.approx(30.0 * math.cos(0.3) - 3.0 * math.sin(0.3))
     assert felt.turn.force == -0.5
 
 
 def test_without_contact_settings_the_reference_stays_as_it_is():
     felt = Contact(LateralSettings(), ImpedanceSettings(), YawImpedanceSettings())
-    felt.take_wrench(NOW, NOW, PRESSED)
-    felt.take_lateral_offset(NOW, NOW, 0.02)
+    felt.add_wrench(NOW, NOW, PRESSED)
+    felt.add_lateral_offset(NOW, NOW, 0.02)
     for k in range(1, 50):
-        shifted = felt.shift(NOW + 0.01 * k, NOW + 0.01 * k, 0.01, REFERENCE, NO_EXCESS)
+        shifted = felt.shift(NOW + 0.01 * k, NOW + 0.01 * k, 0.01, REFERENCE, NO_ERROR)
     assert shifted == REFERENCE
 
 
@@ -42,9 +42,9 @@ def test_every_axis_is_shifted_by_its_own_measurement():
     felt = contact()
     for k in range(1, 50):
         now = NOW + 0.01 * k
-        felt.take_wrench(now, now, Wrench(0.0, -60.0, 0.5))
-        felt.take_lateral_offset(now, now, 0.02)
-        shifted = felt.shift(now, now, 0.01, REFERENCE, NO_EXCESS)
+        felt.add_wrench(now, now, Wrench(0.0, -60.0, 0.5))
+        felt.add_lateral_offset(now, now, 0.02)
+        shifted = felt.shift(now, now, 0.01, REFERENCE, NO_ERROR)
     assert shifted.x > REFERENCE.x
     assert shifted.y < REFERENCE.y
     assert shifted.theta > REFERENCE.theta
@@ -59,7 +59,7 @@ def test_every_axis_is_shifted_by_its_own_measurement():
 ])
 def test_a_wrench_that_cannot_be_believed_is_rejected(stamp, wrench, reason):
     with pytest.raises(InputError) as caught:
-        contact().take_wrench(NOW, stamp, wrench)
+        contact().add_wrench(NOW, stamp, wrench)
     assert caught.value.reason == reason
 
 
@@ -67,15 +67,15 @@ def test_a_wrench_that_cannot_be_believed_is_rejected(stamp, wrench, reason):
     (NOW, math.nan, 'not_finite'), (NOW - 0.5, 0.0, 'stale'), (NOW + 0.1, 0.0, 'future')])
 def test_a_lateral_offset_that_cannot_be_believed_is_rejected(stamp, offset, reason):
     with pytest.raises(InputError) as caught:
-        contact().take_lateral_offset(NOW, stamp, offset)
+        contact().add_lateral_offset(NOW, stamp, offset)
     assert caught.value.reason == reason
 
 
 def test_measurements_out_of_order_are_rejected_each_by_its_own_order():
     felt = contact()
-    felt.take_wrench(NOW, NOW, PRESSED)
-    felt.take_lateral_offset(NOW, NOW - 0.1, 0.0)
+    felt.add_wrench(NOW, NOW, PRESSED)
+    felt.add_lateral_offset(NOW, NOW - 0.1, 0.0)
     with pytest.raises(InputError, match='older'):
-        felt.take_wrench(NOW, NOW - 0.01, PRESSED)
+        felt.add_wrench(NOW, NOW - 0.01, PRESSED)
     with pytest.raises(InputError, match='older'):
-        felt.take_lateral_offset(NOW, NOW - 0.1, 0.0)
+        felt.add_lateral_offset(NOW, NOW - 0.1, 0.0)

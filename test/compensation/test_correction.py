@@ -5,7 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.correction import Correction, CorrectionSettings, Mode
+from facade_manipulator.compensation.correction import (
+    Correction,
+    CorrectionMode,
+    CorrectionSettings,
+)
 from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
@@ -40,7 +44,7 @@ class Run:
                 stamp = self.now - 0.05
                 noise = self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
                 pose = Pose(*(np.array(self.motion(stamp)) + noise).tolist())
-                self.correction.take(Estimate(stamp, pose, VARIANCES))
+                self.correction.add_estimate(Estimate(stamp, pose, VARIANCES))
             self.courses.append(self.correction.at(self.now, self.now + HORIZON))
         return self
 
@@ -59,7 +63,7 @@ def assert_no_step(run):
 
 def test_the_correction_fades_in_without_a_step():
     run = Run().go(8.0)
-    assert run.correction.mode is Mode.ACTIVE
+    assert run.correction.mode is CorrectionMode.ACTIVE
     assert abs(run.error()) == pytest.approx(0.0, abs=3e-3)
     assert run.courses[0].position == (0.0, 0.0, 0.0)
     assert_no_step(run)
@@ -67,7 +71,7 @@ def test_the_correction_fades_in_without_a_step():
 
 def test_nothing_is_corrected_before_an_estimate_comes():
     run = Run().go(1.0, heard=False)
-    assert run.correction.mode is Mode.UNHEARD
+    assert run.correction.mode is CorrectionMode.NO_ESTIMATE
     assert run.courses[-1].position == (0.0, 0.0, 0.0)
     assert run.correction.age(run.now) == math.inf
 
@@ -76,7 +80,7 @@ def test_disabling_and_enabling_fade_without_a_step():
     run = Run().go(8.0)
     run.correction.enabled = False
     run.go(6.0)
-    assert run.correction.mode is Mode.DISABLED
+    assert run.correction.mode is CorrectionMode.DISABLED
     assert run.courses[-1].position == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
     run.correction.enabled = True
     run.go(6.0)
@@ -87,10 +91,10 @@ def test_disabling_and_enabling_fade_without_a_step():
 def test_a_silent_estimator_fades_the_correction_out_and_its_return_brings_it_back():
     run = Run().go(8.0)
     run.go(5.0, heard=False)
-    assert run.correction.mode is Mode.SILENT
+    assert run.correction.mode is CorrectionMode.SILENT
     assert run.courses[-1].position == pytest.approx((0.0, 0.0, 0.0), abs=5e-3)
     run.go(8.0)
-    assert run.correction.mode is Mode.ACTIVE
+    assert run.correction.mode is CorrectionMode.ACTIVE
     assert abs(run.error()) == pytest.approx(0.0, abs=4e-3)
     assert_no_step(run)
 
@@ -98,7 +102,7 @@ def test_a_silent_estimator_fades_the_correction_out_and_its_return_brings_it_ba
 def test_a_short_silence_is_bridged_by_the_prediction():
     run = Run().go(10.0)
     run.go(0.4, heard=False)
-    assert run.correction.mode is Mode.ACTIVE
+    assert run.correction.mode is CorrectionMode.ACTIVE
     assert abs(run.error()) == pytest.approx(0.0, abs=6e-3)
     run.go(1.0)
     assert_no_step(run)
@@ -130,5 +134,5 @@ def test_a_lasting_offset_and_a_tare_leave_nothing_to_correct():
 
 
 def test_a_blend_needs_three_accelerations():
-    with pytest.raises(ParameterError, match='blend_acceleration'):
-        CorrectionSettings(blend_acceleration=(0.5,))
+    with pytest.raises(ParameterError, match='fade_time'):
+        CorrectionSettings(fade_time=0.0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.following import Following, FollowingSettings
+from facade_manipulator.compensation.following import Following, FollowingSettings, GREATEST_LAG
 from facade_manipulator.errors import InputError, ParameterError
 from facade_manipulator.kinematics import Pose
 
@@ -22,7 +22,7 @@ def run(duration, head):
     following.begin(1000.0)
     for now in np.arange(1000.0, 1000.0 + duration, PERIOD):
         following.publish(now + 0.06, course(now + 0.06))
-        following.take(now, head(now))
+        following.add_head(now, head(now))
     return following, now
 
 
@@ -30,19 +30,19 @@ def run(duration, head):
 def test_the_lag_of_the_head_is_measured(lag):
     following, now = run(20.0, lambda time: course(time - lag))
     assert following.lag == pytest.approx(lag, abs=5e-4)
-    assert not following.lost(now)
+    assert not following.is_off_path(now)
 
 
 def test_a_lag_beyond_belief_is_bounded():
     following, _ = run(20.0, lambda time: course(time - 0.1))
-    assert following.lag == FollowingSettings().greatest_lag
+    assert following.lag == GREATEST_LAG
 
 
 def test_a_head_that_stands_where_it_should_has_no_lag():
     following = Following(FollowingSettings())
     for k in range(300):
         following.publish(1000.06 + k * PERIOD, Pose(0.0, 0.25, 0.0))
-        following.take(1000.0 + k * PERIOD, Pose(1e-4, 0.25, 0.0))
+        following.add_head(1000.0 + k * PERIOD, Pose(1e-4, 0.25, 0.0))
     assert following.lag == 0.0
 
 
@@ -54,8 +54,8 @@ def test_what_is_published_again_for_the_same_times_is_what_the_head_follows():
     for time in np.arange(1000.5, 1001.2, PERIOD):
         following.publish(time, Pose(0.0, 0.25, 0.0))
     for stamp in np.arange(1000.505, 1000.9, PERIOD):
-        following.take(stamp, Pose(0.0, 0.25, 0.0))
-        assert not following.lost(stamp)
+        following.add_head(stamp, Pose(0.0, 0.25, 0.0))
+        assert not following.is_off_path(stamp)
 
 
 @pytest.mark.parametrize('offset', [Pose(0.05, 0.0, 0.0), Pose(0.0, 0.0, 0.1)])
@@ -64,24 +64,24 @@ def test_a_head_elsewhere_is_lost_after_a_while(offset):
         return Pose(*(a + b for a, b in zip(course(time), offset, strict=True)))
 
     following, now = run(0.4, elsewhere)
-    assert not following.lost(now)
+    assert not following.is_off_path(now)
     following, now = run(1.0, elsewhere)
-    assert following.lost(now)
+    assert following.is_off_path(now)
     following.begin(now)
-    assert not following.lost(now)
+    assert not following.is_off_path(now)
 
 
 def test_a_head_that_is_not_seen_is_not_lost():
     following, now = run(1.0, course)
     assert following.head(now + 0.1) == pytest.approx(tuple(course(now)))
     assert following.head(now + 1.0) is None
-    assert not following.lost(now + 1.0)
+    assert not following.is_off_path(now + 1.0)
 
 
 def test_a_head_out_of_order_is_rejected():
     following, now = run(0.1, course)
     with pytest.raises(InputError, match='older'):
-        following.take(now - 0.05, course(now))
+        following.add_head(now - 0.05, course(now))
 
 
 def test_settings_out_of_range_are_rejected():

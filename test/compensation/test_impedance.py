@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from facade_manipulator.compensation import impedance
 from facade_manipulator.compensation.impedance import (
     Impedance,
     ImpedanceSettings,
@@ -19,18 +20,18 @@ LATENCY = 8
 HORIZON = 0.06
 
 
-def press(settings, wall, duration, stiffness=600.0, heard=lambda time: True, excess=0.0):
+def press(settings, wall, duration, stiffness=600.0, until=math.inf, error=0.0):
     """Return offsets and forces of a head that reaches each offset when it should."""
     axis, offsets, forces = Impedance(settings), [], []
     for k in range(round(duration / PERIOD)):
         now = k * PERIOD
-        axis.step(now, now + HORIZON, PERIOD, excess)
+        axis.step(now, now + HORIZON, PERIOD, error)
         offsets.append(axis.offset)
         here = offsets[max(k - 6, 0)]
         forces.append(max(stiffness * (here - wall(now)), 0.0))
         late = k - LATENCY + 6
-        if late >= 0 and heard(now):
-            axis.take(late * PERIOD, forces[late])
+        if late >= 0 and now < until:
+            axis.add_measurement(late * PERIOD, forces[late])
     return np.array(offsets), np.array(forces)
 
 
@@ -73,7 +74,7 @@ def test_with_stiffness_the_goal_pulls_back():
 
 
 def test_without_measurements_the_offset_returns_to_nothing():
-    offsets, _ = press(SETTINGS, lambda _: 0.0, 10.0, heard=lambda time: time < 5.0)
+    offsets, _ = press(SETTINGS, lambda _: 0.0, 10.0, until=5.0)
     assert offsets[490] > 0.03
     assert offsets[-1] == pytest.approx(0.0, abs=1e-6)
     assert abs(np.diff(offsets)).max() <= SETTINGS.speed * PERIOD
@@ -84,8 +85,8 @@ def test_disabled_nothing_gives_way():
     assert not offsets.any()
 
 
-def test_at_the_border_the_offset_goes_no_further():
-    offsets, _ = press(SETTINGS, lambda _: 1.0, 2.0, excess=0.001)
+def test_at_the_workspace_limit_the_offset_goes_no_further():
+    offsets, _ = press(SETTINGS, lambda _: 1.0, 2.0, error=0.001)
     assert not offsets.any()
 
 
@@ -94,14 +95,14 @@ def test_the_yaw_turns_until_the_wall_makes_no_moment():
     axis, offset = Impedance(settings), 0.0
     for k in range(400):
         now = k * PERIOD
-        axis.take(now, 13.5 * (offset - 0.05))
+        axis.add_measurement(now, 13.5 * (offset - 0.05))
         axis.step(now, now + HORIZON, PERIOD, 0.0)
         offset = axis.offset
     assert axis.offset == pytest.approx(0.05, abs=1e-4)
 
 
 @pytest.mark.parametrize('values', [
-    {'mass': 0.0}, {'contact_stiffness': 0.0}, {'damping': -1.0}, {'force': math.nan}])
+    {'range': 0.0}, {'contact_stiffness': 0.0}, {'damping': -1.0}, {'force': math.nan}])
 def test_settings_that_make_no_sense_are_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         ImpedanceSettings(**values)
@@ -113,7 +114,7 @@ def test_an_axis_that_is_switched_off_comes_back_to_the_goal_and_idles(settings)
     assert not axis.idle
     for k in range(100):
         axis.step(0.01 * k, 0.01 * k, PERIOD, 0.0)
-        axis.take(0.01 * k, 0.0)
+        axis.add_measurement(0.01 * k, 0.0)
     assert axis.offset > 0.0
     axis.settings = replace(settings, enabled=False)
     assert not axis.idle
@@ -122,15 +123,16 @@ def test_an_axis_that_is_switched_off_comes_back_to_the_goal_and_idles(settings)
     assert axis.idle and axis.offset == 0.0
 
 
-def test_what_the_wall_did_before_the_axis_idled_is_forgotten():
+def test_what_the_wall_did_before_the_axis_idled_is_forgotten(monkeypatch):
     """Nobody steps an axis that idles, so a measurement after a pause begins again."""
-    settings = replace(SETTINGS, enabled=False, observer_time=2.0)
+    monkeypatch.setattr(impedance, 'OBSERVER_TIME', 2.0)
+    settings = replace(SETTINGS, enabled=False)
     idle, stepped = Impedance(settings), Impedance(settings)
     for axis in (idle, stepped):
-        axis.take(0.0, 70.0)
+        axis.add_measurement(0.0, 70.0)
     stepped.step(0.6, 0.6, 0.6, 0.0)
     for axis in (idle, stepped):
         axis.settings = replace(settings, enabled=True)
-        axis.take(0.7, 0.0)
+        axis.add_measurement(0.7, 0.0)
         axis.step(0.71, 0.71, PERIOD, 0.0)
     assert idle.offset == stepped.offset

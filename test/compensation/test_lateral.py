@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.lateral import LateralRegulator, LateralSettings
+from facade_manipulator.compensation.lateral import LateralRegulator, LateralSettings, SPEED
 from facade_manipulator.errors import ParameterError
 
 SETTINGS = LateralSettings(enabled=True)
@@ -13,16 +13,16 @@ PERIOD = 0.01
 LATENCY = 12
 
 
-def regulate(slip, duration, settings=SETTINGS, heard=lambda time: True, excess=0.0):
+def regulate(slip, duration, settings=SETTINGS, heard=lambda time: True, saturation_error=0.0):
     """Return shifts and remaining slips of a head that comes late and is seen late."""
     regulator, shifts, errors = LateralRegulator(settings), [], []
     for k in range(round(duration / PERIOD)):
         now = k * PERIOD
-        regulator.step(now, PERIOD, excess)
+        regulator.step(now, PERIOD, saturation_error)
         shifts.append(regulator.shift)
         errors.append(slip(now) + shifts[max(k - LATENCY, 0)])
         if heard(now):
-            regulator.take(now, -errors[-1])
+            regulator.add_measurement(now, -errors[-1])
     return np.array(shifts), np.array(errors)
 
 
@@ -40,7 +40,7 @@ def test_a_drift_leaves_a_small_error():
 def test_the_shift_has_a_range_and_a_speed_and_does_not_wind_up():
     shifts, errors = regulate(lambda time: 0.3 if time < 10.0 else 0.0, 20.0)
     assert abs(shifts).max() <= SETTINGS.range
-    assert abs(np.diff(shifts)).max() <= SETTINGS.speed * PERIOD + 1e-12
+    assert abs(np.diff(shifts)).max() <= SPEED * PERIOD + 1e-12
     assert abs(errors[-1]) < 1e-3
 
 
@@ -49,8 +49,8 @@ def test_without_measurements_the_shift_is_held():
     assert shifts[-1] == pytest.approx(shifts[550], abs=1e-4)
 
 
-def test_at_the_border_the_shift_goes_no_further():
-    shifts, _ = regulate(lambda _: 0.01, 1.0, excess=-0.001)
+def test_at_the_workspace_limit_the_shift_goes_no_further():
+    shifts, _ = regulate(lambda _: 0.01, 1.0, saturation_error=-0.001)
     assert not shifts.any()
 
 

@@ -1,16 +1,20 @@
-"""The border of the workspace, led into without a corner."""
+"""The limit of the workspace, met without a corner."""
 
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.workspace_limit import Border, BorderSettings, soft_clamp
+from facade_manipulator.compensation.workspace_limit import (
+    soft_clamp,
+    WorkspaceLimit,
+    WorkspaceLimitSettings,
+)
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import certify, Geometry, Pose
 
 GEOMETRY = Geometry()
-SETTINGS = BorderSettings()
+SETTINGS = WorkspaceLimitSettings()
 anywhere = st.tuples(st.floats(-1.0, 1.0), st.floats(-0.5, 0.6), st.floats(-1.0, 1.0)).map(
     lambda values: Pose(*values))
 well_inside = st.tuples(
@@ -20,49 +24,51 @@ well_inside = st.tuples(
 
 @given(anywhere)
 def test_whatever_is_wanted_the_machine_may_stand_where_it_is_led(pose):
-    certify(GEOMETRY, Border(GEOMETRY, SETTINGS).lead_in(pose).pose)
+    certify(GEOMETRY, WorkspaceLimit(GEOMETRY, SETTINGS).saturate(pose).pose)
 
 
 @given(anywhere)
-def test_pose_and_excess_make_up_what_was_wanted(pose):
-    saturated = Border(GEOMETRY, SETTINGS).lead_in(pose)
-    assert np.add(saturated.pose, saturated.excess) == pytest.approx(tuple(pose), abs=1e-12)
+def test_pose_and_saturation_error_make_up_what_was_wanted(pose):
+    saturated = WorkspaceLimit(GEOMETRY, SETTINGS).saturate(pose)
+    wanted = np.add(saturated.pose, saturated.saturation_error)
+    assert wanted == pytest.approx(tuple(pose), abs=1e-12)
 
 
 @given(well_inside)
 def test_a_pose_well_inside_is_left_alone(pose):
-    saturated = Border(GEOMETRY, SETTINGS).lead_in(pose)
+    saturated = WorkspaceLimit(GEOMETRY, SETTINGS).saturate(pose)
     assert saturated.pose == pose
-    assert saturated.excess == (0.0, 0.0, 0.0)
+    assert saturated.saturation_error == (0.0, 0.0, 0.0)
 
 
-def test_only_the_axis_beyond_the_border_is_held_back():
-    border = Border(GEOMETRY, SETTINGS)
-    excess = border.lead_in(Pose(0.6, 0.25, 0.02)).excess
-    assert excess.x > 0.1
-    assert excess.y == excess.theta == 0.0
+def test_only_the_axis_beyond_the_workspace_limit_is_held_back():
+    limit = WorkspaceLimit(GEOMETRY, SETTINGS)
+    saturation_error = limit.saturate(Pose(0.6, 0.25, 0.02)).saturation_error
+    assert saturation_error.x > 0.1
+    assert saturation_error.y == saturation_error.theta == 0.0
 
 
 @given(anywhere, st.floats(-0.3, 0.3))
 def test_at_the_end_of_x_the_distance_from_an_oblique_wall_is_kept(pose, slope):
-    border = Border(GEOMETRY, SETTINGS)
+    limit = WorkspaceLimit(GEOMETRY, SETTINGS)
     pose = pose._replace(y=0.25, theta=0.0)
-    inside = border.lead_in(pose, slope)
+    inside = limit.saturate(pose, slope)
     certify(GEOMETRY, inside.pose)
-    if not inside.excess.y:
+    if not inside.saturation_error.y:
         gained = inside.pose.y - pose.y
-        assert gained == pytest.approx(slope * inside.excess.x, abs=0.12 * abs(gained) + 1e-9)
+        assert gained == pytest.approx(
+            slope * inside.saturation_error.x, abs=0.12 * abs(gained) + 1e-9)
 
 
 @pytest.mark.parametrize('axis', range(3))
-def test_along_a_sweep_through_the_border_nothing_jumps_and_speed_changes_gently(axis):
-    border = Border(GEOMETRY, SETTINGS)
+def test_along_a_sweep_through_the_workspace_limit_nothing_jumps_and_speed_changes_gently(axis):
+    limit = WorkspaceLimit(GEOMETRY, SETTINGS)
     bounds = ((-0.7, 0.7), (0.0, 0.4), (-0.6, 0.6))[axis]
     places = []
     for value in np.linspace(*bounds, 4001):
         wanted = [0.0, 0.25, 0.0]
         wanted[axis] = value
-        places.append(border.lead_in(Pose(*wanted)).pose[axis])
+        places.append(limit.saturate(Pose(*wanted)).pose[axis])
     slopes = np.diff(places) / ((bounds[1] - bounds[0]) / 4000)
     assert slopes.min() >= -1e-9
     assert slopes.max() <= 1.0 + 1e-9
@@ -81,10 +87,10 @@ def test_a_soft_clamp_of_an_empty_interval_gives_its_middle():
 
 def test_a_margin_that_leaves_no_workspace_is_rejected():
     with pytest.raises(ParameterError, match='margin'):
-        Border(Geometry(link_length=0.1, platform_half_length=0.3, carriage_gap=0.0),
-               BorderSettings(margin=0.06))
+        WorkspaceLimit(Geometry(link_length=0.1, platform_half_length=0.3, carriage_gap=0.0),
+               WorkspaceLimitSettings(margin=0.06))
 
 
 def test_a_margin_of_nothing_is_rejected():
     with pytest.raises(ParameterError, match='margin'):
-        BorderSettings(margin=0.0)
+        WorkspaceLimitSettings(margin=0.0)

@@ -27,7 +27,6 @@ from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, Stre
 PATIENT = replace(SETTINGS, max_missed_cycles=5, hold_cycles=1, reopen_after=0.2)
 # for figures: the project's own bounds, but for the executor, for it is the test that runs in it
 EXACT = replace(PATIENT, max_missed_cycles=3, heartbeat_timeout=0.15)
-VCAN_RATE = 50  # Hz: a kernel in user mode takes its time for every frame
 SLOW_HOMING = tuple(
     replace(axis, homing_method=17, homing_speed=0.03) for axis in DEFAULT_AXES)
 AMPLITUDE, FREQUENCY, AHEAD = 0.03, 0.6, 0.06
@@ -193,7 +192,7 @@ class OneRig:
     def __init__(
         self, settings=PATIENT, interface: str = 'virtual', channel: str = 'faults',
     ) -> None:
-        self._settings = settings if interface == 'virtual' else replace(settings, rate=VCAN_RATE)
+        self._settings = settings
         self._bus = {'interface': interface, 'channel': channel}
         self._rig: StreamRig | None = None
 

@@ -13,6 +13,7 @@ import pytest
 DEADLINE = 20.0
 SO_RCVBUFFORCE = 33
 MUCH = 8 << 20  # bytes
+second_tries: list[str] = []  # of the test that is running, and why
 
 
 def wait_until(
@@ -41,6 +42,7 @@ def patiently(
             return action()
         except errors as error:
             warnings.warn(f'again: {error}', stacklevel=2)
+            second_tries.append(f'{error}')
             mend()
     return action()
 

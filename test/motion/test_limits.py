@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.motion.limits import Motion, MotionLimits, PathLimiter
+from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
 
 PERIOD = 0.01
 LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)
@@ -31,7 +31,7 @@ def follow(limiter, motion, target, velocity):
 
 @given(targets=st.lists(st.tuples(positions, speeds), min_size=1, max_size=30))
 def test_no_sequence_of_targets_leaves_the_speed_acceleration_and_jerk_limits(targets):
-    limiter, motion = PathLimiter(LIMITS, PERIOD), Motion((0.0, 0.0, 0.0))
+    limiter, motion = PathLimiter(LIMITS, PERIOD), CarriageMotion((0.0, 0.0, 0.0))
     for target, velocity in targets:
         after = follow(limiter, motion, target, velocity)
         assert within_limits(motion, after)
@@ -41,7 +41,7 @@ def test_no_sequence_of_targets_leaves_the_speed_acceleration_and_jerk_limits(ta
 @given(target=positions, velocity=speeds)
 def test_a_motion_brakes_to_rest_inside_the_limits_and_at_the_foretold_position(
         target, velocity):
-    limiter, motion = PathLimiter(LIMITS, PERIOD), Motion((0.0, 0.0, 0.0))
+    limiter, motion = PathLimiter(LIMITS, PERIOD), CarriageMotion((0.0, 0.0, 0.0))
     for _ in range(20):
         motion = follow(limiter, motion, target, velocity)
     bound = limiter.rest_position(motion)
@@ -56,18 +56,18 @@ def test_a_motion_brakes_to_rest_inside_the_limits_and_at_the_foretold_position(
 
 def test_a_target_inside_the_limits_is_reached_exactly():
     limiter = PathLimiter(LIMITS, PERIOD)
-    motion = Motion((0.1, 0.2, 0.3))
+    motion = CarriageMotion((0.1, 0.2, 0.3))
     after = limiter.reach(motion, (0.1 + 1e-5, 0.2, 0.3), (0.0,) * 3)
     assert after.position == (0.1 + 1e-5, 0.2, 0.3)
 
 
 def test_a_target_beyond_the_limits_is_not_reached_in_one_period():
     assert PathLimiter(LIMITS, PERIOD).reach(
-        Motion((0.0,) * 3), (0.01, 0.0, 0.0), (0.0,) * 3) is None
+        CarriageMotion((0.0,) * 3), (0.01, 0.0, 0.0), (0.0,) * 3) is None
 
 
 def test_a_chase_from_rest_keeps_the_straight_line_to_the_target():
-    limiter, motion = PathLimiter(LIMITS, PERIOD), Motion((0.0, 0.0, 0.0))
+    limiter, motion = PathLimiter(LIMITS, PERIOD), CarriageMotion((0.0, 0.0, 0.0))
     target = (0.2, -0.1, 0.05)
     for _ in range(200):
         motion = follow(limiter, motion, target, (0.0, 0.0, 0.0))
@@ -79,7 +79,7 @@ def test_a_chase_from_rest_keeps_the_straight_line_to_the_target():
 
 
 def test_a_chase_catches_a_moving_target_and_then_follows_it_exactly():
-    limiter, motion = PathLimiter(LIMITS, PERIOD), Motion((0.0, 0.0, 0.0))
+    limiter, motion = PathLimiter(LIMITS, PERIOD), CarriageMotion((0.0, 0.0, 0.0))
     exact = 0
     for k in range(1, 200):
         t = k * PERIOD
@@ -100,7 +100,7 @@ def test_an_acceleration_that_rounding_has_put_beyond_its_limit_does_not_end_the
     limiter = PathLimiter(LIMITS, PERIOD)
     acceleration = tuple(
         sign * LIMITS.acceleration * (1.0 + n * sys.float_info.epsilon) for n in beyond)
-    motion = Motion((-0.1, 0.1, 0.0), tuple(speed + a for a in apart), acceleration)
+    motion = CarriageMotion((-0.1, 0.1, 0.0), tuple(speed + a for a in apart), acceleration)
     limiter.rest_position(motion)
     assert within_limits(motion, limiter.brake(motion))
     limiter.chase(motion, (-0.05, 0.15, 0.05), (0.0, 0.0, 0.0))

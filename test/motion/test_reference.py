@@ -10,7 +10,7 @@ from ruckig import Ruckig, RuckigError, Synchronization
 
 from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.motion.reference import Motion, Reference, ReferenceSettings
+from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
 
 SETTINGS = ReferenceSettings()
 poses = st.tuples(st.floats(-0.3, 0.3), st.floats(0.1, 0.3), st.floats(-0.3, 0.3)).map(
@@ -18,8 +18,8 @@ poses = st.tuples(st.floats(-0.3, 0.3), st.floats(0.1, 0.3), st.floats(-0.3, 0.3
 
 
 def planned(start, goal):
-    reference = Reference(SETTINGS)
-    reference.anchor(100.0, Motion(start), goal)
+    reference = ReferencePath(SETTINGS)
+    reference.initialise(100.0, HeadMotion(start), goal)
     return reference
 
 

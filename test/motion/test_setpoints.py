@@ -171,7 +171,7 @@ def test_a_velocity_that_leads_out_of_the_mechanism_is_braked_before_the_border(
         q2 = min(0.45 + 0.3 * now, 0.499)
         made.add(Setpoint(now + 0.03, (-0.1, q2, 0.0), (0.0, 0.3, 0.0)), now)
         assert made.sample(now + 0.02)[1] <= 0.5
-    assert 'q = 0.5' in made.last_refusal
+    assert 'q = 0.5' in made.last_rejection
     assert made.brakes >= 1
 
 
@@ -208,9 +208,9 @@ def test_whatever_arrives_the_command_stays_finite_inside_and_within_the_speed(s
         before = after
 
 
-def test_contradicting_settings_are_rejected():
+def test_a_stream_that_would_be_rejected_before_it_is_silent_is_no_setting():
     with pytest.raises(ParameterError, match='stale_after = 0.5 s'):
-        StreamSettings(stale_after=0.5, oldest=0.2)
+        StreamSettings(stale_after=0.5)
 
 
 def test_a_lower_speed_limit_slows_the_carriages_down_within_their_acceleration():

@@ -13,7 +13,6 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 from support import wait_until
 
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.nodes.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.ros.conversions import planar_pose, pose_stamped, seconds, stamp
@@ -124,11 +123,6 @@ def test_the_gondola_feels_the_head_and_the_sensor_the_wall(ros):
     reaction = manipulator.simulator._gondola.reaction
     ros.until(lambda: reaction.pose.y < -1e-4 and reaction.energy > 0.0, 'the push-back')
     ros.until(lambda: any(message.wrench.force.y < -5.0 for message in felt), 'a wrench')
-
-
-def test_only_a_scenario_of_that_name_has_no_reaction(ros):
-    with pytest.raises(ParameterError, match='without_reaction'):
-        GondolaSimulatorNode(parameter_overrides=[Parameter('gondola.reaction', value=False)])
 
 
 def test_before_a_goal_only_the_head_is_shown(manipulator):

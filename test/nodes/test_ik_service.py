@@ -84,7 +84,7 @@ def test_a_stream_of_goals_becomes_setpoints_with_positions_and_velocities(bench
 
 def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
     start = Pose(-0.05, 0.25, 0.0)
-    assert bench.node._leading.is_canceled()  # nothing to lead, nothing to wake up for
+    assert bench.node._approaching.is_canceled()  # nothing to lead, nothing to wake up for
     bench.states.publish(JointState(
         name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, start)))
     bench.until(lambda: bench.heads, 'end_effector_pose')
@@ -97,7 +97,7 @@ def test_a_goal_that_comes_alone_is_approached_from_where_the_head_is(bench):
     steps = [abs(b.position[2] - a.position[2])
              for a, b in zip(bench.setpoints, bench.setpoints[1:], strict=False)]
     assert abs(bench.setpoints[0].position[2] - start.x) < 0.001 and max(steps) < 0.02
-    bench.until(bench.node._leading.is_canceled, 'the end of the approach')
+    bench.until(bench.node._approaching.is_canceled, 'the end of the approach')
     count = len(bench.setpoints)
     bench.goals.publish(rail(MIDDLE._replace(y=0.4)))
     bench.until(lambda: bench.statuses[-1].level == DiagnosticStatus.ERROR, 'the rejection')

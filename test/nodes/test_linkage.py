@@ -19,7 +19,7 @@ from facade_manipulator import config_path
 from facade_manipulator.kinematics import inverse_kinematics, Pose
 from facade_manipulator.kinematics.linkage import joints
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.shapes import Scene, shapes, STATE_COLOURS
+from facade_manipulator.nodes.shapes import MechanismView, shapes, STATE_COLOURS
 from facade_manipulator.ros.conversions import planar_pose, pose_message, pose_stamped
 from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
@@ -40,20 +40,20 @@ def by_name(scene):
 
 
 def test_in_still_air_the_goal_is_drawn_where_it_is_and_the_wall_at_its_distance():
-    picture = by_name(Scene(goal=MIDDLE, wall=0.3))
+    picture = by_name(MechanismView(goal=MIDDLE, wall=0.3))
     assert middle(picture['goal'].points) == pytest.approx((MIDDLE.x, MIDDLE.y))
     wall = picture['wall']
     assert wall.pose.y - 0.5 * wall.size[1] == pytest.approx(0.3)
 
 
 def test_when_the_gondola_sways_goal_and_wall_move_the_other_way_as_seen_from_the_rail():
-    picture = by_name(Scene(goal=MIDDLE, disturbance=Pose(0.1, -0.01, 0.0)))
+    picture = by_name(MechanismView(goal=MIDDLE, disturbance=Pose(0.1, -0.01, 0.0)))
     assert middle(picture['goal'].points) == pytest.approx((MIDDLE.x - 0.1, MIDDLE.y + 0.01))
-    assert picture['wall'].pose.y == by_name(Scene())['wall'].pose.y + 0.01
+    assert picture['wall'].pose.y == by_name(MechanismView())['wall'].pose.y + 0.01
 
 
 def test_carriages_are_as_wide_as_their_gap_and_touch_where_they_must_stop():
-    at_the_gap = by_name(Scene(head=Pose(0.0, _nearest(), 0.0)))
+    at_the_gap = by_name(MechanismView(head=Pose(0.0, _nearest(), 0.0)))
     left, middle_one = at_the_gap['carriage q1'], at_the_gap['carriage q3']
     assert left.size[0] == GEOMETRY.carriage_gap
     edges = left.pose.x + 0.5 * left.size[0], middle_one.pose.x - 0.5 * middle_one.size[0]
@@ -67,13 +67,13 @@ def _nearest():
 
 @pytest.mark.parametrize('level', STATE_COLOURS)
 def test_the_linkage_has_the_colour_of_its_state(level):
-    picture = by_name(Scene(head=MIDDLE, level=level))
+    picture = by_name(MechanismView(head=MIDDLE, level=level))
     assert picture['links'].colour == STATE_COLOURS[level]
 
 
 @pytest.mark.parametrize('head', [None, Pose(0.0, 0.5, 0.0), Pose(math.nan, 0.2, 0.0)])
 def test_a_head_that_is_not_known_or_cannot_be_is_not_drawn(head):
-    assert set(by_name(Scene(head=head))) == {'rail', 'wall', 'state'}
+    assert set(by_name(MechanismView(head=head))) == {'rail', 'wall', 'state'}
 
 
 def middle(points):

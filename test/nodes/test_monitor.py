@@ -70,7 +70,7 @@ def test_before_anything_was_heard_the_heads_stand_with_their_units(screen):
     text = '\n'.join(screen.lines())
     for head in ('x [mm]', 'y [mm]', 'position [mm]', 'speed [mm/s]', 'force [N]'):
         assert head in text
-    assert text.count('not heard yet') == 3
+    assert text.count('no diagnostics yet') == 3
 
 
 def test_poses_and_carriages_are_shown_in_millimetres_and_degrees(screen):
@@ -122,7 +122,7 @@ def test_the_whole_view_fits_a_small_terminal(screen):
     for topic in ('corrected_pose', 'gondola_simulator/uncompensated_error',
                   'gondola_simulator/wall_error'):
         screen.observer.poses[topic] = Pose(0.1, 0.2, 0.3)
-        screen.observer._heard[topic] = math.inf
+        screen.observer._received_at[topic] = math.inf
     for name in ('driver: operation', 'driver: bus', 'compensator: correction',
                  'ik_service: goal', 'gondola_simulator: wall'):
         screen.tell(f'gondola_1/{name}', 'ok', 'following the goals')

@@ -1,4 +1,4 @@
-"""What is believed of the estimator and what is rejected."""
+"""What is accepted of the estimator and what is rejected."""
 
 from dataclasses import replace
 import itertools
@@ -16,6 +16,7 @@ from facade_manipulator.prediction.estimate import (
     EstimateMean,
     EstimateSettings,
     LEARNING_PERIOD,
+    LEAST_NOISE,
 )
 
 SETTINGS = EstimateSettings()
@@ -46,7 +47,7 @@ def test_a_number_that_is_not_finite_is_rejected_by_its_name(axis, value):
 
 
 @pytest.mark.parametrize('pose', [Pose(2.1, 0.0, 0.0), Pose(0.0, -3.0, 0.0), Pose(0.0, 0.0, 0.7)])
-def test_a_gondola_that_far_away_is_not_believed(pose):
+def test_a_gondola_that_far_away_is_not_accepted(pose):
     error = rejection(EstimateGate(SETTINGS), NOW, NOW, pose)
     assert error.reason == 'range'
     assert 'm' in str(error) or 'rad' in str(error)
@@ -82,20 +83,20 @@ def test_a_jump_is_rejected_and_what_follows_on_the_old_course_passes(pose):
     gate.check(NOW + 0.04, NOW + 0.04, STILL)
 
 
-def test_a_jump_that_lasts_is_believed_once_the_gondola_could_be_there():
+def test_a_jump_that_lasts_is_accepted_once_the_gondola_could_be_there():
     gate = EstimateGate(SETTINGS)
     gate.check(NOW, NOW, STILL)
     there, outcomes = Pose(0.2, 0.0, 0.0), []
     for k in range(1, 20):
         try:
             gate.check(NOW + 0.02 * k, NOW + 0.02 * k, there)
-            outcomes.append('believed')
+            outcomes.append('accepted')
         except InputError as error:
             outcomes.append(error.reason)
-    believed = outcomes.index('believed')
-    assert set(outcomes[:believed]) == {'jump'}
-    assert set(outcomes[believed:]) == {'believed'}
-    assert believed * 0.02 == pytest.approx(0.17, abs=0.021)
+    accepted = outcomes.index('accepted')
+    assert set(outcomes[:accepted]) == {'jump'}
+    assert set(outcomes[accepted:]) == {'accepted'}
+    assert accepted * 0.02 == pytest.approx(0.17, abs=0.021)
 
 
 @pytest.mark.parametrize('variance', [0.0, -1.0, math.nan, math.inf])
@@ -107,23 +108,23 @@ def test_an_unknown_variance_becomes_the_configured_one(variance):
 
 def test_a_variance_too_good_to_be_true_is_raised():
     estimate = EstimateGate(SETTINGS).check(NOW, NOW, STILL, (1e-30,) * 3)
-    assert estimate.variances == pytest.approx((SETTINGS.least_noise ** 2,) * 3)
+    assert estimate.variances == pytest.approx((LEAST_NOISE ** 2,) * 3)
 
 
-def test_other_variances_or_bounds_are_believed_from_the_next_estimate_on():
+def test_other_variances_or_bounds_are_accepted_from_the_next_estimate_on():
     gate, pose = EstimateGate(SETTINGS), Pose(0.0, 0.0, 0.0)
-    told = [
+    given = [
         gate.check(1000.0 + 0.02 * k, 1000.0 + 0.02 * k, pose, variances).variances
         for k, variances in enumerate([(1e-6,) * 3, (1e-6,) * 3, (4e-6, 0.0, 1e-6)])]
-    assert told[0] == told[1] == pytest.approx((1e-6,) * 3)
-    assert told[2] == pytest.approx((4e-6, SETTINGS.position_noise ** 2, 1e-6))
-    gate.change_settings(replace(SETTINGS, least_noise=0.1))
+    assert given[0] == given[1] == pytest.approx((1e-6,) * 3)
+    assert given[2] == pytest.approx((4e-6, SETTINGS.position_noise ** 2, 1e-6))
+    gate.change_settings(replace(SETTINGS, position_noise=0.1))
     estimate = gate.check(1000.06, 1000.06, pose, (4e-6, 0.0, 1e-6))
-    assert estimate.variances.x == pytest.approx(0.01)
+    assert estimate.variances == pytest.approx((4e-6, 0.01, 1e-6))
 
 
 @pytest.mark.parametrize('change', [
-    {'longest_age': 0.0}, {'fastest': math.nan}, {'largest_yaw': 4.0}, {'yaw_jump': -1.0}])
+    {'longest_age': 0.0}, {'position_noise': math.nan}, {'largest_yaw': 4.0}, {'yaw_noise': -1.0}])
 def test_settings_out_of_range_are_rejected(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         replace(SETTINGS, **change)

@@ -30,7 +30,7 @@ def test_the_first_goal_reaches_all_who_listen(ros, client):
 
 def test_a_goal_that_nobody_takes_is_an_error(client, monkeypatch):
     monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
-    with pytest.raises(NoAnswerError, match='a compensator that takes goals: not within 0.1 s'):
+    with pytest.raises(NoAnswerError, match='subscribes to goal_pose: not within 0.1 s'):
         client.send_goal(GOAL)
     assert client.goal is None
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator
-from facade_manipulator.compensation.correction import Mode
+from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.kinematics.planar import compose, invert
@@ -25,7 +25,7 @@ class Course:
 
     def __init__(self):
         self.compensator = Compensator(Geometry())
-        self.compensator.take_goal(GOAL)
+        self.compensator.set_goal(GOAL)
         self.true, self.set_by = 1000.0, 0.0
         self.head = compose(invert(sway(self.true)), GOAL)
         self.poses, self.rejected = [], 0
@@ -34,9 +34,9 @@ class Course:
         for k in range(round(duration / PERIOD)):
             self.true += PERIOD
             now = self.true + self.set_by
-            self.hear(self.compensator.take_head, now - PERIOD, self.head)
+            self.hear(self.compensator.add_head, now - PERIOD, self.head)
             if k % 2:
-                self.hear(self.compensator.take_estimate, now, now - 0.05,
+                self.hear(self.compensator.add_estimate, now, now - 0.05,
                           sway(self.true - 0.05), (0.0, 0.0, 0.0))
             corrected = self.compensator.update(now)
             self.head = corrected.pose
@@ -55,7 +55,7 @@ def test_a_set_clock_neither_stops_the_correction_nor_makes_the_head_jump(step):
     course.go(8.0)
     course.set_by = step
     course.go(10.0)
-    assert course.compensator.correction.mode is Mode.ACTIVE
+    assert course.compensator.correction.mode is CorrectionMode.ACTIVE
     here = compose(sway(course.true + 0.06), course.head)
     assert here == pytest.approx(tuple(GOAL), abs=4e-3)
     moves = abs(np.diff([pose[:2] for pose in course.poses], axis=0))

@@ -9,7 +9,7 @@ import re
 import pytest
 
 import facade_manipulator
-from facade_manipulator.compensation.correction import Mode
+from facade_manipulator.compensation.correction import CorrectionMode
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import LimitError
 from facade_manipulator.nodes.compensator_report import HOLDS
@@ -75,4 +75,4 @@ def test_every_cause_of_a_stop_stands_in_the_readme_and_no_other():
 
 def test_everything_that_keeps_the_compensator_from_compensating_stands_in_the_readme():
     assert set(table('**Not compensating**')) == (
-        {mode.value for mode in Mode} - {'compensating'} | set(HOLDS.values()))
+        {mode.value for mode in CorrectionMode} - {'compensating'} | set(HOLDS.values()))

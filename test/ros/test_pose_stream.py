@@ -29,29 +29,29 @@ def stream(ros):
 
 def listen(ros, stream):
     """Return the list of messages that a new listener hears, once it is known, and its node."""
-    listeners = stream._listeners
+    listeners = stream._subscriptions
     node = ros.node('listener')
-    heard = ros.collect(node, PoseStamped, 'poses', LATEST)
-    ros.until(lambda: stream._listeners == listeners + 1, 'the listener')
-    return heard, node
+    received = ros.collect(node, PoseStamped, 'poses', LATEST)
+    ros.until(lambda: stream._subscriptions == listeners + 1, 'the listener')
+    return received, node
 
 
 def test_nobody_listens_and_nothing_is_published(stream):
-    stream.tell(1.0, PLACE)
+    stream.publish(1.0, PLACE)
     assert not stream.published
 
 
 def test_a_listener_hears_time_and_pose_until_it_goes(ros, stream):
-    heard, node = listen(ros, stream)
-    stream.tell(12.5, PLACE)
-    ros.until(lambda: heard, 'the pose')
-    assert seconds(heard[0].header.stamp) == 12.5
-    assert heard[0].header.frame_id == 'rail'
-    assert planar_pose(heard[0].pose, 'pose') == pytest.approx(PLACE)
+    received, node = listen(ros, stream)
+    stream.publish(12.5, PLACE)
+    ros.until(lambda: received, 'the pose')
+    assert seconds(received[0].header.stamp) == 12.5
+    assert received[0].header.frame_id == 'rail'
+    assert planar_pose(received[0].pose, 'pose') == pytest.approx(PLACE)
     for subscription in list(node.subscriptions):
         node.destroy_subscription(subscription)
-    ros.until(lambda: stream._listeners == 0, 'its end')
-    stream.tell(13.0, PLACE)
+    ros.until(lambda: stream._subscriptions == 0, 'its end')
+    stream.publish(13.0, PLACE)
     assert len(stream.published) == 1
 
 
@@ -59,12 +59,12 @@ def test_a_listener_hears_time_and_pose_until_it_goes(ros, stream):
 def test_a_neighbour_gets_every_pose_and_for_its_sake_nothing_is_published(
         ros, stream, subscribes):
     handed = []
-    stream.hand_to(lambda *told: handed.append(told), subscribes=subscribes)
+    stream.connect(lambda *received: handed.append(received), subscribes=subscribes)
     if subscribes:
         listen(ros, stream)
-    stream.tell(1.0, PLACE)
+    stream.publish(1.0, PLACE)
     assert handed == [(1.0, PLACE)] and not stream.published
-    heard, _ = listen(ros, stream)
-    stream.tell(2.0, PLACE)
-    ros.until(lambda: heard, 'the pose')
+    received, _ = listen(ros, stream)
+    stream.publish(2.0, PLACE)
+    ros.until(lambda: received, 'the pose')
     assert len(handed) == 2 and len(stream.published) == 1

@@ -9,7 +9,7 @@ from link import IFF_UP
 from listener import Listener
 import pytest
 import rclpy
-from stack import bring_up, DRIVER, hurry, PATIENCE
+from stack import as_driver, as_drives, bring_up, DRIVER, PATIENCE
 from support import wait_until
 from vcan import MISSING
 
@@ -39,19 +39,19 @@ def listener(vcan0):
 def drives(vcan0, start_process):
     """Start three simulated drives."""
     process = start_process(
-        'facade_manipulator.drives.simulated', '--channel', vcan0, preexec_fn=hurry)
+        'facade_manipulator.drives.simulated', '--channel', vcan0, preexec_fn=as_drives)
     wait_until(lambda: 'nodes 1, 2, 3' in process.log.read_text(), 'the drive simulator', 60.0)
     return process
 
 
 @pytest.fixture
 def driver(drives, start_process, request):
-    """Start the driver, patient with this machine unless the test says otherwise."""
+    """Start the driver, patient with a busy computer unless the test says otherwise."""
     marker = request.node.get_closest_marker('driver')
     parameters = marker.args if marker else PATIENCE
     return start_process(
         'facade_manipulator.nodes.driver', '--ros-args', *DRIVER,
-        *(word for parameter in parameters for word in ('-p', parameter)))
+        *(word for parameter in parameters for word in ('-p', parameter)), preexec_fn=as_driver)
 
 
 @pytest.fixture

@@ -1,31 +1,25 @@
-"""Fetch distribution packages without root: apt-get and dpkg unpack, nothing is installed."""
+"""Fetch Debian packages without root: apt-get and dpkg unpack, nothing is installed."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
+import re
 import shutil
 import subprocess
 
-PACKAGES = ('user-mode-linux', 'can-utils')
-SYSTEM_LISTS = Path('/var/lib/apt/lists')
-TIMEOUT = 600.0
+PACKAGES = ('user-mode-linux', 'libc6', 'can-utils')
+# Not the distribution's own kernel: that of Debian 12 and 13 dies at its first process on
+# processors with AMX, whose registers it does not restore whole, and Ubuntu has none. This one
+# wants a newer C library than they have, so it gets that of its suite.
+SUITE = 'forky'
+# Debian Archive Automatic Signing Key (13/trixie), one of the two that sign the suite:
+# 04B5 4C3C DCA7 9751 B16B C6B5 2256 29DF 75B1 88BD. Ubuntu 22.04 has no package with it.
+KEY = Path(__file__).resolve().with_name('debian_archive_key.asc')
 MIRROR = 'DEBIAN_MIRROR'  # environment variable: URL of a Debian mirror, for other distributions
-SUITE = 'bookworm main'
-# Debian Stable Release Key (12/bookworm), 4D64 FEC1 19C2 0290 67D6 E791 F8D2 585B 8783 D481;
-# Ubuntu 22.04 has no package with it.
-DEBIAN_KEY = """\
------BEGIN PGP PUBLIC KEY BLOCK-----
-
-mDMEY865UxYJKwYBBAHaRw8BAQdAd7Z0srwuhlB6JKFkcf4HU4SSS/xcRfwEQWzr
-crf6AEq0SURlYmlhbiBTdGFibGUgUmVsZWFzZSBLZXkgKDEyL2Jvb2t3b3JtKSA8
-ZGViaWFuLXJlbGVhc2VAbGlzdHMuZGViaWFuLm9yZz6IlgQTFggAPhYhBE1k/sEZ
-wgKQZ9bnkfjSWFuHg9SBBQJjzrlTAhsDBQkPCZwABQsJCAcCBhUKCQgLAgQWAgMB
-Ah4BAheAAAoJEPjSWFuHg9SBSgwBAP9qpeO5z1s5m4D4z3TcqDo1wez6DNya27QW
-WoG/4oBsAQCEN8Z00DXagPHbwrvsY2t9BCsT+PgnSn9biobwX7bDDg==
-=5NZE
------END PGP PUBLIC KEY BLOCK-----
-"""
+OS_RELEASE = Path('/etc/os-release')
+LOADER = 'ld-linux-x86-64.so.2'
+TIMEOUT = 600.0
 
 
 class FetchError(Exception):
@@ -39,77 +33,100 @@ def fetch(folder: Path) -> Path:
     Raises
     ------
     FetchError
-        Without apt, dpkg, a mirror, a network or room on the disk.
+        Without apt, dpkg, patchelf, a mirror, a network or room on the disk.
 
     """
-    root = folder / 'root'
-    if root.is_dir():
+    root, note = folder / 'root', folder / 'note'
+    made = f'{SUITE} for {root}\n'  # the programs in it name their C library by its path
+    if note.is_file() and note.read_text() == made:
         return root
-    for tool in ('apt-get', 'dpkg'):
+    for tool in ('apt-get', 'dpkg', 'patchelf'):
         if shutil.which(tool) is None:
             raise FetchError(f'{tool} is not on this system')
-    print(f'fetching {" and ".join(PACKAGES)} (42 MB) into {folder}', flush=True)
+    print(f'fetching {", ".join(PACKAGES)} of Debian {SUITE} (49 MB) into {folder}', flush=True)
     shutil.rmtree(folder, ignore_errors=True)
     partial = folder / 'partial'
-    (partial / 'tmp').mkdir(parents=True)
+    partial.mkdir(parents=True)
     _download(partial)
     for archive in partial.glob('*.deb'):
-        _run(['dpkg', '-x', str(archive), str(partial / 'root')], partial, dict(os.environ))
-    (partial / 'root').rename(root)
+        _run(['dpkg', '-x', str(archive), str(root)], partial)
+    _bind(root)
     shutil.rmtree(partial)
+    note.write_text(made)
     return root
 
 
+def _bind(root: Path) -> None:
+    """Let the programs run with the C library that lies beside them."""
+    loaders = list(root.glob(f'usr/lib/*/{LOADER}'))
+    if not loaders:
+        raise FetchError(f'there is no {LOADER} in the package libc6')
+    for program in (root / 'usr/bin').iterdir():
+        if program.is_file() and program.read_bytes().startswith(b'\x7fELF'):
+            _run(['patchelf', '--set-interpreter', str(loaders[0]),
+                  '--set-rpath', str(loaders[0].parent), str(program)], root)
+
+
 def _download(partial: Path) -> None:
-    """Download with the system's package lists, where they will do, or else with our own."""
-    debian = 'ID=debian\n' in Path('/etc/os-release').read_text()
-    if debian and any(SYSTEM_LISTS.glob('*_Packages*')) and _downloads_at_once(partial):
-        return
-    options = _private_state(partial) + ([] if debian else _debian_sources(partial))
-    _apt(partial, *options, 'update')
+    """Download from the first mirror that has the suite, signed with `KEY`."""
+    options = _private_state(partial)
+    mirrors = _mirrors(partial)
+    for mirror in mirrors:
+        (partial / 'debian.list').write_text(f'deb [arch=amd64] {mirror} {SUITE} main\n')
+        try:
+            _apt(partial, *options, 'update')
+            break
+        except FetchError:
+            if mirror == mirrors[-1]:
+                raise
     _apt(partial, *options, 'download', *PACKAGES)
 
 
-def _downloads_at_once(partial: Path) -> bool:
-    try:
-        _apt(partial, 'download', *PACKAGES)
-    except FetchError:  # lists that are out of date name files that are gone
-        return False
-    return True
-
-
-def _debian_sources(partial: Path) -> list[str]:
-    """Return apt options for Debian's packages: Ubuntu has no user-mode-linux of its own."""
-    mirror = os.environ.get(MIRROR)
-    if not mirror:
+def _mirrors(partial: Path) -> list[str]:
+    """Return the mirror that the environment names, or those from which this Debian comes."""
+    if mirror := os.environ.get(MIRROR):
+        return [mirror]
+    if not re.search(r'^ID=debian$', OS_RELEASE.read_text(), re.MULTILINE):
         raise FetchError(
             f'this distribution has no package user-mode-linux: load the kernel module vcan (sudo '
             f'modprobe vcan), or set {MIRROR} to the URL of a Debian mirror')
-    sources, keys = partial / 'debian.list', partial / 'keys'
-    sources.write_text(f'deb {mirror} {SUITE}\n')
-    keys.mkdir()
-    (keys / 'debian.asc').write_text(DEBIAN_KEY)
-    return ['-o', f'Dir::Etc::SourceList={sources}', '-o', 'Dir::Etc::SourceParts=/dev/null',
-            '-o', 'Dir::Etc::Trusted=/dev/null', '-o', f'Dir::Etc::TrustedParts={keys}/']
+    sources = _apt(partial, '-o', f'Dir::State::Lists={partial}/none', 'update', '--print-uris')
+    found = re.findall(r"^'(\S+?)/?/dists/\S+/InRelease'", sources, re.MULTILINE)
+    if not found:
+        raise FetchError(f'apt has no sources: set {MIRROR} to the URL of a Debian mirror')
+    return list(dict.fromkeys(found))
 
 
 def _private_state(partial: Path) -> list[str]:
-    """Return apt options that keep lists and caches in `partial` instead of /var."""
+    """Return apt options for nothing but the suite, with lists and caches in `partial`."""
     for folder in ('lists', 'cache/archives'):
-        (partial / folder / 'partial').mkdir(parents=True, exist_ok=True)
-    return ['-o', f'Dir::State::Lists={partial}/lists', '-o', f'Dir::Cache={partial}/cache',
-            '-o', 'APT::Sandbox::User=', '-o', 'Acquire::Languages=none']
+        (partial / folder / 'partial').mkdir(parents=True)
+    (partial / 'keys').mkdir()
+    shutil.copy(KEY, partial / 'keys')
+    (partial / 'installed').touch()
+    settings = {
+        'State::Lists': partial / 'lists', 'State::Status': partial / 'installed',
+        'Cache': partial / 'cache', 'Etc::SourceList': partial / 'debian.list',
+        'Etc::SourceParts': '/dev/null', 'Etc::Preferences': '/dev/null',
+        'Etc::PreferencesParts': '/dev/null', 'Etc::Trusted': '/dev/null',
+        'Etc::TrustedParts': f'{partial}/keys/'}
+    return ['-o', 'APT::Sandbox::User=', '-o', 'Acquire::Languages=none',
+            *(word for key, value in settings.items() for word in ('-o', f'Dir::{key}={value}'))]
 
 
-def _apt(partial: Path, *arguments: str) -> None:
-    environment = {**os.environ, 'LC_ALL': 'C', 'TMPDIR': str(partial / 'tmp')}
-    _run(['apt-get', '-q', '-o', 'APT::Update::Error-Mode=any', *arguments], partial, environment)
+def _apt(partial: Path, *arguments: str) -> str:
+    temporary = partial / 'tmp'
+    temporary.mkdir(exist_ok=True)
+    return _run(['apt-get', '-q', '-o', 'APT::Update::Error-Mode=any', *arguments], partial,
+                LC_ALL='C', TMPDIR=str(temporary))
 
 
-def _run(command: list[str], folder: Path, environment: dict[str, str]) -> None:
-    result = subprocess.run(command, cwd=folder, env=environment, timeout=TIMEOUT, text=True,
-                            stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+def _run(command: list[str], folder: Path, **environment: str) -> str:
+    result = subprocess.run(
+        command, cwd=folder, env={**os.environ, **environment}, timeout=TIMEOUT, text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     if result.returncode:
         errors = [line for line in result.stdout.splitlines() if line.startswith(('E:', 'dpkg'))]
         raise FetchError(f'{command[0]} {command[-1]} failed: '
                          f'{" ".join(errors) or result.stdout[-300:]}')
+    return result.stdout

@@ -16,6 +16,7 @@ import json
 import math
 import os
 from pathlib import Path
+import re
 import shlex
 import shutil
 import signal
@@ -31,21 +32,19 @@ HERE = Path(__file__).resolve().parent
 CACHE = HERE.parents[1] / '.venv' / 'uml'
 MEMORY = 1 << 30
 TIMEOUT = 600.0
-SILENCE = 120.0  # longer than any test; once in a long while a guest stands still for good
+SILENCE = 120.0  # longer than any test
+START = 60.0  # for the first word of its first process
 POLL_PERIOD = 0.2
+# Faster than to trace the guest's processes. They could break out of it: they may, being ours.
+WAYS = (('seccomp=on',), ())
 # The kernel and the processes that carry the guest's own are one group; when our end of its
 # standard input closes, because we ended in whatever way, the group is killed.
 LAUNCH = 'exec 3<&0; (read -r _ <&3; kill -KILL 0) & exec "$@" </dev/null 3<&-'
-BOOTED = 'Linux version'
 CONSOLE_LINES = 40
 
 
 class GuestError(Exception):
     """The guest panicked, died or took too long; the message ends with its console."""
-
-
-class GuestSilentError(GuestError):
-    """The guest stood still."""
 
 
 class GuestUnavailableError(Exception):
@@ -62,9 +61,9 @@ class SerialLine:
 
 def run_in_guest(
     command: list[str], timeout: float = TIMEOUT, silence: float = SILENCE
-) -> int:
+) -> tuple[str, int]:
     """
-    Boot a guest, run a command in it and return its exit status.
+    Boot a guest and run a command in it; return the kernel's version and the exit status.
 
     Parameters
     ----------
@@ -75,38 +74,47 @@ def run_in_guest(
     Raises
     ------
     GuestUnavailableError
-        There is no kernel for the guest, or no place for its memory, or it does not start.
-    GuestSilentError
-        It stood still.
+        There is no kernel for the guest, or no place for its memory, or its first process never
+        said a word.
     GuestError
         It started and then did not run the command to its end.
 
     """
     root = _fetch_kernel()
+    for options in WAYS[:-1]:
+        with suppress(GuestUnavailableError):
+            return _boot(root, options, command, timeout, silence)
+    return _boot(root, WAYS[-1], command, timeout, silence)
+
+
+def _boot(
+    root: Path, options: tuple[str, ...], command: list[str], timeout: float, silence: float
+) -> tuple[str, int]:
+    """Do so with further options of the kernel's."""
     with _work_folder() as folder, _serial_line() as line:
         _write_order(folder, root, command)
-        started = _start(folder, root, line.descriptor)
+        started = _start(folder, root, options, line.descriptor)
         try:
-            error = _watch(started, line, timeout, silence)
+            why = _watch(started, folder, line, timeout, silence)
         finally:
             _kill(started)
-        if error is not None:
-            raise type(error)(f'{error}\n{_console(folder)}')
-        return _exit_status(folder, started.returncode)
+        return _outcome(folder, why or f'died (exit status {started.returncode})')
 
 
 def _watch(
-    process: subprocess.Popen, line: SerialLine, timeout: float, silence: float
-) -> GuestError | None:
+    process: subprocess.Popen, folder: Path, line: SerialLine, timeout: float, silence: float
+) -> str | None:
     """Wait for the guest's end; return why it must be stopped, None where it ended."""
-    end = time.monotonic() + timeout
-    while time.monotonic() < end:
+    begin = time.monotonic()
+    while (now := time.monotonic()) < begin + timeout:
         with suppress(subprocess.TimeoutExpired):
             process.wait(POLL_PERIOD)
             return None
-        if time.monotonic() - line.heard > silence:
-            return GuestSilentError(f'the guest has said nothing for {silence:g} s')
-    return GuestError(f'the guest was stopped after {timeout:g} s')
+        if now > line.heard + silence:
+            return f'has said nothing for {silence:g} s'
+        if now > begin + START and not _is_alive(folder):
+            return f'has not begun after {START:g} s'
+    return f'was stopped after {timeout:g} s'
 
 
 def _fetch_kernel() -> Path:
@@ -142,8 +150,8 @@ def _memory_place() -> str:
 
 def _write_order(folder: Path, root: Path, command: list[str]) -> None:
     """Leave for guest_init.py what to run, and for the kernel a program with no arguments."""
-    modules = next((root / 'usr/lib/uml/modules').iterdir()) / 'kernel'
-    order = {'command': command, 'directory': os.getcwd(), 'modules': str(modules),
+    modules = {path.stem: str(path) for path in root.glob('usr/lib/**/*.ko')}
+    order = {'command': command, 'directory': os.getcwd(), 'modules': modules,
              'environment': _environment(root)}
     (folder / 'command.json').write_text(json.dumps(order))
     python = (sys.executable, '-I', '-S', '-c',
@@ -162,16 +170,21 @@ def _environment(root: Path) -> dict[str, str]:
             'COLUMNS': str(size.columns), 'LINES': str(size.lines)}
 
 
-def _start(folder: Path, root: Path, line: int) -> subprocess.Popen:
+def _start(
+    folder: Path, root: Path, options: tuple[str, ...], line: int
+) -> subprocess.Popen:
     """Start the guest's kernel."""
+    kernel = next(root.glob('usr/bin/linux*'), None)
+    if kernel is None:
+        raise GuestUnavailableError('there is no kernel in the package user-mode-linux')
     console = os.open(folder / 'console', os.O_WRONLY | os.O_CREAT)
-    options = ('rootfstype=hostfs', 'rootflags=/', 'rw', 'devtmpfs.mount=0',
+    options += ('rootfstype=hostfs', 'rootflags=/', 'rw', 'devtmpfs.mount=0',
                f'init="{folder}/init"', 'panic=-1',
                f'mem={MEMORY >> 20}M', f'umid={folder.name}', 'con=null',
                f'con0=null,fd:{console}', 'ssl=null', f'ssl0=null,fd:{line}')
     process = subprocess.Popen(
         ['taskset', '--cpu-list', str(max(os.sched_getaffinity(0))),
-         'sh', '-c', LAUNCH, 'sh', root / 'usr/bin/linux.uml', *options],
+         'sh', '-c', LAUNCH, 'sh', kernel, *options],
         env={'TMPDIR': _memory_place(), 'HOME': str(folder), 'PATH': os.defpath},
         stdin=subprocess.PIPE, stdout=console, stderr=console, pass_fds=(console, line),
         start_new_session=True)
@@ -208,15 +221,23 @@ def _kill(process: subprocess.Popen) -> None:
     process.stdin.close()
 
 
-def _exit_status(folder: Path, returncode: int) -> int:
-    status, error = folder / 'status', folder / 'error'
+def _is_alive(folder: Path) -> bool:
+    """Tell whether the guest's first process has said a word."""
+    return (folder / 'alive').exists()
+
+
+def _outcome(folder: Path, why: str) -> tuple[str, int]:
+    """Return the kernel's version and the exit status of the command."""
+    console, status, error = ((folder / name) for name in ('console', 'status', 'error'))
     if status.exists():
-        return int(status.read_text())
+        version = re.search(r'Linux version (\S+)', console.read_text(errors='replace'))
+        return version[1] if version else 'of no known version', int(status.read_text())
     if error.exists():
         raise GuestError(f'the guest did not run the command: {error.read_text()}')
-    if BOOTED in (folder / 'console').read_text(errors='replace'):
-        raise GuestError(f'the guest died (exit status {returncode})\n{_console(folder)}')
-    raise GuestUnavailableError(f'user-mode Linux does not start here\n{_console(folder)}')
+    if _is_alive(folder):
+        raise GuestError(f'the guest {why}\n{_console(folder)}')
+    raise GuestUnavailableError(
+        f'user-mode Linux does not start here: the guest {why}\n{_console(folder)}')
 
 
 def _console(folder: Path) -> str:
@@ -231,7 +252,7 @@ def main() -> int:
     parser.add_argument('command', nargs='+', help='what to run, after --')
     arguments = parser.parse_args()
     try:
-        return run_in_guest(arguments.command, arguments.timeout, math.inf)
+        return run_in_guest(arguments.command, arguments.timeout, math.inf)[1]
     except (GuestError, GuestUnavailableError) as error:
         sys.exit(f'guest: {error}')
 

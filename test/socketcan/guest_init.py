@@ -2,13 +2,12 @@
 The first process of the guest: mounts, modules, network, the command, power off.
 
 Started by the kernel as ``guest_init.py FOLDER``; FOLDER, on the host's disk, holds
-``command.json`` and receives ``status`` (the command's exit status) or ``error`` (why it was not
-run).
+``command.json`` and receives ``alive`` at once and then ``status`` (the command's exit status) or
+``error`` (why it was not run).
 """
 
 from __future__ import annotations
 
-import contextlib
 import ctypes
 import json
 import os
@@ -24,9 +23,7 @@ DEVICES = {'null': (1, 3), 'zero': (1, 5), 'full': (1, 7), 'random': (1, 8), 'ur
            'tty': (5, 0), 'console': (5, 1), 'ptmx': (5, 2), 'ttyS0': (4, 64)}
 MOUNTS = (('proc', '/proc'), ('sysfs', '/sys'), ('tmpfs', '/dev'), ('devpts', '/dev/pts'),
           ('tmpfs', '/dev/shm'), ('tmpfs', '/dev/tmp'))
-MODULES = ('net/can/can', 'net/can/can-raw', 'net/can/can-bcm', 'drivers/net/can/dev/can-dev',
-           'drivers/net/can/vcan')
-OPTIONAL_MODULES = ('net/sched/sch_plug',)
+MODULES = ('can', 'can-raw', 'can-bcm', 'can-dev', 'vcan', 'sch_plug')
 FINIT_MODULE = 313  # system call number on x86-64
 POWER_OFF = 0x4321FEDC
 
@@ -37,6 +34,7 @@ def main() -> None:
     """Run the command, leave its exit status behind and switch the guest off; never return."""
     folder = Path(sys.argv[1])
     try:
+        (folder / 'alive').touch()
         status = prepare_and_run(json.loads((folder / 'command.json').read_text()))
         (folder / 'status').write_text(str(status))
     except BaseException:  # the kernel panics where its first process ends
@@ -50,10 +48,8 @@ def prepare_and_run(order: dict) -> int:
     mount_all()
     open_terminal()
     for module in MODULES:
-        load_module(Path(order['modules'], f'{module}.ko'))
-    for module in OPTIONAL_MODULES:
-        with contextlib.suppress(OSError):
-            load_module(Path(order['modules'], f'{module}.ko'))
+        if module in order['modules']:  # or else the kernel has it built in
+            load_module(order['modules'][module])
     link.bring_up()
     status = run(order['command'], order['environment'], order['directory'])
     termios.tcdrain(1)
@@ -84,10 +80,10 @@ def open_terminal() -> None:
     termios.tcsetattr(1, termios.TCSANOW, attributes)
 
 
-def load_module(path: Path) -> None:
+def load_module(path: str) -> None:
     """Load a kernel module from its file."""
     descriptor = os.open(path, os.O_RDONLY)
-    check(libc.syscall(FINIT_MODULE, descriptor, b'', 0), f'load {path.name}')
+    check(libc.syscall(FINIT_MODULE, descriptor, b'', 0), f'load {path}')
     os.close(descriptor)
 
 

@@ -17,12 +17,12 @@ from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import BusError
 
-PERIOD = 0.02
+PERIOD = SETTINGS.period
 
 
 @pytest.fixture
 def rig(vcan0):
-    settings = replace(SETTINGS, rate=50, reopen_after=0.3)
+    settings = replace(SETTINGS, reopen_after=0.3)
     made = Rig(vcan0, interface='socketcan', settings=settings)
     hear_much(made.listener.socket)
     yield made

@@ -11,26 +11,23 @@ import signal
 import struct
 import subprocess
 import time
-import warnings
 
 import can
 from command_watch import CommandWatch
 from listener import Listener
 import pytest
-from stack import assert_says, bring_up, come_down, DRIVER, go_on, hurry, PERIOD
+from stack import as_driver, assert_says, bring_up, come_down, DRIVER, go_on, PERIOD
 from support import DEADLINE, hear_much, patiently, wait_until
 from test_drive_simulator import switch
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, State
-from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.ros.client import ManipulatorClient, ManipulatorError
 
 NODES = (1, 2, 3)
 HEARTBEAT_TIMEOUT = 0.15
 QUICK_STOP_WITHIN = 0.16
-WATCHDOGS = (ControllerSettings().watchdog_timeout, 0.4)
 MOST_BUSY = 0.5  # of a guest's processor: far from a loop without a pause
 PULSE, PULSE_PERIOD = 0x7F1, 0.005  # no drive listens to it
 HERE = Path(__file__).resolve().parent
@@ -133,9 +130,9 @@ def is_enabled(watcher: Watcher) -> bool:
 
 
 def make_sure_of_power(client: ManipulatorClient, watcher: Watcher) -> None:
-    """Wait for three enabled drives; bring them up again if this machine was too slow for them."""
+    """Wait for three enabled drives; bring them up again if this computer was too busy."""
     patiently(lambda: wait_until_enabled(watcher, 2.0),
-              lambda: (come_down(client), bring_up(client)), tries=5)
+              lambda: (come_down(client), bring_up(client)), tries=2)
 
 
 def wait_until_enabled(watcher: Watcher, deadline: float = DEADLINE) -> None:
@@ -183,7 +180,11 @@ def test_a_frozen_driver_is_missed_in_time_and_enables_nothing_when_it_thaws(
 
 
 def test_an_executor_that_hangs_stops_the_drives_in_time(drives, start_process, client, watcher):
-    process, timeout = powered_driver_that_hangs(start_process, client, watcher)
+    process = start_process(
+        'hanging_driver', '--ros-args', *DRIVER, env={'PYTHONPATH': str(HERE)},
+        preexec_fn=as_driver)
+    bring_up(client)
+    make_sure_of_power(client, watcher)
     os.kill(process.pid, signal.SIGUSR1)
     hung = float(wait_until(
         lambda: re.search(r'hung at ([\d.]+)\n', process.log.read_text()), 'the hanging')[1])
@@ -197,27 +198,8 @@ def test_an_executor_that_hangs_stops_the_drives_in_time(drives, start_process, 
     print(f'commanded to stop {1e3 * (max(commanded) - hung):.1f} ms after the executor hung, '
           f'taken by SYNC after {1e3 * (taken - hung):.1f} ms, told by the drives after '
           f'{1e3 * (max(told) - hung):.1f} ms; the machine stood still for {1e3 * pause:.1f} ms')
-    assert taken - hung <= QUICK_STOP_WITHIN - WATCHDOGS[0] + timeout + pause
+    assert taken - hung <= QUICK_STOP_WITHIN + pause
     process.kill()  # it would hear nothing else
-
-
-def powered_driver_that_hangs(start_process, client, watcher):
-    """Start it with the default watchdog, or with the shortest that this machine bears."""
-    for timeout in WATCHDOGS:
-        process = start_process(
-            'hanging_driver', '--ros-args', *DRIVER, '-p', 'controller.heartbeat_timeout:=1.0',
-            '-p', f'controller.watchdog_timeout:={timeout}', env={'PYTHONPATH': str(HERE)},
-            preexec_fn=hurry)
-        try:
-            bring_up(client)
-            make_sure_of_power(client, watcher)
-        except (ManipulatorError, pytest.fail.Exception) as error:
-            warnings.warn(f'not with {timeout:g} s: {error}', stacklevel=2)
-            process.kill()
-            process.wait()
-        else:
-            return process, timeout
-    pytest.fail('this machine bears no watchdog')
 
 
 def busy_share(pid: int) -> float:
@@ -272,7 +254,8 @@ def test_an_interface_that_goes_and_comes_back_leaves_the_driver_inactive(
     finally:
         switch(vcan0, up=True)
     thawed = time.time()
-    wait_until(lambda: cleared(active), 'clear_faults to be possible', 30.0)
+    wait_until(lambda: cleared(active), 'clear_faults to be possible', 30.0,
+               step=lambda: active.spin(0.2))
     assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
     go_on(active)
     wait_until_enabled(watcher)
@@ -322,7 +305,7 @@ def test_extended_and_remote_frames_of_a_stranger_disturb_nothing(
 def test_whatever_a_stranger_says_the_driver_lives_and_recovers(
         active, driver, watcher, vcan0):
     make_sure_of_power(active, watcher)
-    with cangen(vcan0, '-g', '2', '-n', '3000') as everything:
+    with cangen(vcan0, '-g', '1', '-n', '3000') as everything:
         wait_until(lambda: everything.poll() == 0, 'the end of it', 40.0,
                    step=lambda: active.spin(0.1))
     assert driver.poll() is None

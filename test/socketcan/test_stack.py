@@ -7,7 +7,7 @@ import struct
 import time
 
 import pytest
-from stack import assert_rejected, DRIVER, PATIENCE, PERIOD
+from stack import assert_rejected, DRIVER, PERIOD
 from support import period_of, wait_until
 
 from facade_manipulator.drives.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
@@ -15,7 +15,6 @@ from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 
 NODES = (1, 2, 3)
-SLOW_PERIOD = 0.05
 
 
 def test_sync_comes_at_its_period_from_the_kernel_and_keeps_it_while_a_stranger_talks(
@@ -36,7 +35,6 @@ def sync_period(listener, meanwhile=None):
     return period_of([frame.time for frame in listener.of(SYNC_COB_ID)])
 
 
-@pytest.mark.driver(*PATIENCE, f'controller.rate:={1.0 / SLOW_PERIOD:.0f}')
 def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
         active, listener, start_process):
     start_process(
@@ -58,7 +56,7 @@ def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
     wait_until(arrived, '607A of the goal', 30.0)
     steps = commanded(1)
     largest = max(abs(b - a) for a, b in zip(steps, steps[1:], strict=False))
-    assert AxisScale().to_metres(largest) <= 0.5 * SLOW_PERIOD
+    assert AxisScale().to_metres(largest) <= 0.5 * PERIOD
     active.wait_until(  # the drives follow their targets a few cycles later
         lambda: max(abs(a - b) for a, b in zip(active.head_in_rail, goal, strict=True)) < 1e-3,
         'the head at the goal', 20.0)

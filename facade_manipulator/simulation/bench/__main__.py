@@ -183,7 +183,7 @@ def _cells(axis: str, result: dict) -> str:
 
 
 def _report(output: Path, name: str, scenario: Scenario) -> dict:
-    """Judge a scenario and draw it."""
+    """Evaluate a scenario and draw it."""
     result, run = evaluate(scenario)
     force = result['contact_force']
     title = f'{name}: {scenario.mission.description}'

@@ -92,12 +92,12 @@ def _draw_hold(
     figure: Figure, place: SubplotSpec, times: np.ndarray, steps: Sequence[LoopStep],
     pressed: float | None,
 ) -> None:
-    """Draw force on the wall and gondola; without a wall, by how much the border holds x back."""
+    """Draw force on the wall and gondola; without a wall, by how much its limit holds x back."""
     if pressed is None:
-        excess = [1e3 * step.corrected.excess.x for step in steps]
+        saturation_error = [1e3 * step.corrected.saturation_error.x for step in steps]
         panel = figure.add_subplot(place)
-        panel.plot(times, excess, color=WITH, lw=1.0)
-        label(panel, 'time [s]', 'x held back at the border [mm]')
+        panel.plot(times, saturation_error, color=WITH, lw=1.0)
+        label(panel, 'time [s]', 'x held back at the workspace limit [mm]')
         return
     forces = np.array([Facade.force_on_wall(step.sample.head, step.wrench) for step in steps])
     force, gondola = place.subgridspec(2, 1).subplots(sharex=True)

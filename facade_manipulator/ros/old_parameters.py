@@ -1,0 +1,53 @@
+"""
+What became of the parameters of the release before, so that its files start with a warning.
+
+One line a name, to be deleted one release later. `RENAMED` leads to the present name, `REMOVED`
+says what holds now. A name that ends in ``.*`` stands for all below it.
+"""
+
+RENAMED = {
+    'border.margin': 'workspace_limit.margin',
+}
+
+REMOVED = {
+    # compensator
+    'estimate.future_tolerance': 'is fixed at 0.01 s now',
+    'estimate.displacement_jump': 'is fixed at 0.03 m now',
+    'estimate.yaw_jump': 'is fixed at 0.03 rad now',
+    'estimate.fastest': 'is fixed at 1 m/s and 1 rad/s now',
+    'estimate.least_noise': 'is fixed at 1e-4 m and 1e-4 rad now',
+    'correction.settling_time': 'is fixed at 0.5 s now',
+    'correction.smoothing': 'is fixed at 0.03 s now',
+    'correction.blend_acceleration': 'is fixed at 0.5 m/s^2, 0.5 m/s^2, 1 rad/s^2 now',
+    'border.knee': 'is fixed at 0.03 m now',
+    'border.height_knee': 'is fixed at 0.01 m now',
+    'border.yaw_knee': 'is fixed at 0.02 rad now',
+    'following.yaw': 'is fixed at 0.035 rad now',
+    'following.lag_memory': 'is fixed at 10 s now',
+    'following.greatest_lag': 'is fixed at 0.05 s now',
+    'lateral.proportional': 'is fixed at 0.3 now',
+    'lateral.filter_time': 'is fixed at 0.1 s now',
+    'lateral.speed': 'is fixed at 0.05 m/s now',
+    'lateral.longest_age': 'is fixed at 0.3 s now',
+    'impedance.mass': 'is fixed at 2 kg now',
+    'impedance.observer_time': 'is fixed at 0.02 s now',
+    'impedance.speed': 'is fixed at 0.25 m/s now',
+    'impedance.longest_age': 'is fixed at 0.2 s now',
+    'yaw_impedance.mass': 'is fixed at 0.045 kg m^2 now',
+    'yaw_impedance.observer_time': 'is fixed at 0.02 s now',
+    'yaw_impedance.approach_speed': 'is fixed at 0.1 rad/s now',
+    'yaw_impedance.speed': 'is fixed at 0.5 rad/s now',
+    'yaw_impedance.longest_age': 'is fixed at 0.2 s now',
+    # ik_service
+    'path_spacing': 'is fixed at 0.005 m now, where a request names no tolerance',
+    'longest_path': 'is fixed at 10000 poses now',
+    'stream_gap': 'is fixed at 0.2 s now',
+    'lead': 'is fixed at 0.05 s now',
+    'friction.stiction_speed': 'is fixed at 0.002 m/s now',
+    # driver
+    'stream.oldest': 'is fixed at 0.2 s now',
+    'stream.earliest': 'is fixed at 1 s now',
+    # gondola_simulator
+    **{f'{section}.*': "is read from the scenario's file alone now" for section in (
+        'mission', 'sway', 'gondola', 'wind', 'estimator', 'facade', 'wall')},
+}

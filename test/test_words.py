@@ -1,0 +1,60 @@
+"""The source speaks the field's language: words that only this project once used stay out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+
+import pytest
+
+import facade_manipulator
+
+PACKAGE = Path(facade_manipulator.__file__).parent
+INSTEAD = {  # the word: what the trade says
+    'opinion': 'model', 'decisiveness': 'weight exponent',
+    'foretell': 'predict', 'foretold': 'predicted',
+    'astray': 'diverged', 'anew': 'again',
+    'judge': 'evaluate', 'judged': 'evaluated',
+    'nowhere': 'zero',
+    'border': 'limit', 'excess': 'saturation error', 'anchor': 'initialise',
+    'tell': 'publish', 'tells': 'publishes', 'told': 'published',
+    'hear': 'receive', 'hears': 'receives', 'heard': 'received', 'unheard': 'not received',
+    'sentence': 'message', 'refuse': 'reject', 'refused': 'rejected', 'refusal': 'rejection',
+    'disobedient': 'not responding', 'doubt': 'fault', 'stray': 'unexpected',
+    'survive': 'recover', 'survives': 'recovers',
+    'wire': 'codec', 'mend': 'correct', 'mended': 'corrected',
+}
+OTHERS = re.compile('bbox_to_anchor')  # matplotlib's
+OLD_NAMES = 'ros/old_parameters.py'
+NOT_YET = ('drives', 'prediction', 'nodes/driver.py', 'nodes/driver_diagnostics.py')
+
+
+def words(text: str) -> set[str]:
+    """Return the words of source text, those within identifiers too, without a plural's s."""
+    parts = re.findall(r'[A-Z]?[a-z]+|[A-Z]+(?![a-z])', text)
+    return {part.lower() for part in parts} | {part.lower().removesuffix('s') for part in parts}
+
+
+def sources() -> list[Path]:
+    return [path for path in sorted(PACKAGE.rglob('*.py'))
+            if not path.relative_to(PACKAGE).as_posix().startswith((*NOT_YET, OLD_NAMES))]
+
+
+@pytest.mark.parametrize('path', sources(), ids=lambda path: path.relative_to(PACKAGE).as_posix())
+def test_no_private_word_is_in_the_source(path):
+    found = [f'{path.name}:{number}: say {INSTEAD[word]}, not {word}: {line.strip()}'
+             for number, line in enumerate(path.read_text().splitlines(), 1)
+             for word in words(OTHERS.sub('', line)) & INSTEAD.keys()]
+    assert not found, '\n'.join(found)
+
+
+@pytest.mark.parametrize('text', [
+    'def take_anchor(self):', 'class HeardSync:', "'the drive is told'", 'LAST_REFUSALS',
+    '# judged by its opinions'])
+def test_a_private_word_is_found_wherever_it_stands(text):
+    assert words(text) & INSTEAD.keys()
+
+
+@pytest.mark.parametrize('text', ['intellect', 'Wireless', 'recommended', 'hearts', 'strayed'])
+def test_a_word_that_contains_one_is_another(text):
+    assert not words(text) & INSTEAD.keys()
