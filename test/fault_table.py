@@ -102,14 +102,14 @@ def _congest(rig: StreamRig) -> None:
 def _interface_down(rig: StreamRig) -> None:
     with _permission():
         link.clear_flags(rig.channel, link.IFF_UP)
-    rig.mends.append(lambda: link.set_flags(rig.channel, link.IFF_UP))
+    rig.repairs.append(lambda: link.set_flags(rig.channel, link.IFF_UP))
     rig.overhear()
 
 
 def _interface_congested(rig: StreamRig) -> None:
     with _permission():
         link.plug(rig.channel)
-    rig.mends.append(lambda: link.unplug(rig.channel))
+    rig.repairs.append(lambda: link.unplug(rig.channel))
     rig.overhear()
 
 
@@ -122,9 +122,9 @@ def _permission() -> Iterator[None]:
         pytest.skip(str(error))
 
 
-def mend(rig: StreamRig) -> None:
+def repair(rig: StreamRig) -> None:
     """Remove every cause that a row may have left."""
-    rig.mend()
+    rig.repair()
     rig.bus_is_missing = False
     with rig.simulator.access() as drives:
         for drive in drives:
@@ -185,7 +185,7 @@ class Row:
     One row of the fault table: what happens, what it does, how to go on.
 
     `cycles` is how many SYNCs may pass before all are commanded to stop; None for as many as a
-    drive may miss. `told` is what a request under way is told, where the stop comes before the
+    drive may miss. `reply` is the answer to a request under way, where the stop comes before the
     message is complete.
     """
 
@@ -197,7 +197,7 @@ class Row:
     cycles: float | None = 3
     stopped: Callable[[list[can.Message], int], float | None] = _commanded
     axis: str = 'q2 (node 2)'
-    told: str = ''
+    reply: str = ''
 
 
 def _lost(inject: Callable[[StreamRig], None], message: str) -> Row:
@@ -238,7 +238,7 @@ ROWS = {
     'heartbeat missing': _node(_stop_heart, 'sent no heartbeat', math.inf),
     'unexpected boot-up': _node(
         _reboot, 'has restarted by itself', next_step='configure again, home',
-        recover=_configure_and_home_again, told='q2 (node 2)'),
+        recover=_configure_and_home_again, reply='q2 (node 2)'),
     'bus-off': _bus(_bus_off, 'bus-off'),
     'link down': _bus(_link_down, ''),
     'ENOBUFS': _bus(_congest, 'send queue is full'),
@@ -265,7 +265,7 @@ def prove(rig: StreamRig, name: str, situation: str) -> float | None:
         return _prove_setpoint(rig, SETPOINTS[name], situation)
     row = (REAL if rig.interface == 'socketcan' and name in REAL else ROWS)[name]
     rig.frames()
-    rig.heard.clear()
+    rig.received.clear()
     begin = time.time()
     row.inject(rig)
     rig.until(ControllerState.STOPPED, ControllerState.BUS_LOST)
@@ -274,14 +274,14 @@ def prove(rig: StreamRig, name: str, situation: str) -> float | None:
         wait_until(lambda: set(rig.drive_states) <= POWERLESS, 'all three without power')
     seconds = wait_until(lambda: _measured(rig, row, begin), 'the reaction on the bus')
     most = rig.settings.max_missed_cycles if row.cycles is None else row.cycles
-    assert _syncs_to_the_last_enabling(rig.heard, begin) <= most
+    assert _syncs_to_the_last_enabling(rig.received, begin) <= most
     _check_cause(rig, row)
     if situation == 'homing':
-        assert (row.told or row.message) in str(rig.homing.exception(PATIENCE))
+        assert (row.reply or row.message) in str(rig.homing.exception(PATIENCE))
         assert rig.controller.snapshot().unhomed == AXIS_NAMES
     assert rig.rejection('activate')
     rig.fall_silent()
-    mend(rig)
+    repair(rig)
     row.recover(rig)
     wait_until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3, 'power off')
     assert rig.state is ControllerState.INACTIVE
@@ -291,7 +291,7 @@ def prove(rig: StreamRig, name: str, situation: str) -> float | None:
 
 def _measured(rig: StreamRig, row: Row, begin: float) -> float | None:
     rig.listen()
-    frames = [frame for frame in rig.heard if frame.timestamp >= begin]
+    frames = [frame for frame in rig.received if frame.timestamp >= begin]
     times = [row.stopped(frames, node) for node in NODES]
     return None if None in times else max(times) - begin
 

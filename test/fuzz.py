@@ -25,7 +25,7 @@ sys.path[:0] = [str(HERE.parent), str(HERE / 'helpers')]
 import can  # noqa: E402
 from command_watch import CommandWatch  # noqa: E402
 from fault_rig import AMPLITUDE, PATIENT, SITUATIONS, StreamRig  # noqa: E402
-from fault_table import mend  # noqa: E402
+from fault_table import repair  # noqa: E402
 
 from facade_manipulator.drives.controller.snapshot import ControllerState  # noqa: E402
 from facade_manipulator.errors import ManipulatorError  # noqa: E402
@@ -56,7 +56,7 @@ class Verdict(NamedTuple):
     rate : float
         Frames per second.
     enabling : int
-        Commands with power that were judged.
+        Commands with power that were checked.
     complaints : tuple of str
         Commands out of limits, and errors that nobody foresaw.
     missed : dict
@@ -192,7 +192,7 @@ class Fuzzer:
             if tries == 0:
                 raise
             self._rig.fall_silent()
-            self._start_anew()
+            self._start_again()
             self._bring_up(tries - 1)
 
     def _until_stopped(self, frames: int) -> int:
@@ -221,7 +221,7 @@ class Fuzzer:
         rig.fall_silent()
         self._watch.take(rig.frames())
         if self._is_stopped():
-            self._start_anew()
+            self._start_again()
         elif self._situation != 'inactive':
             rig.do('deactivate')
 
@@ -231,7 +231,7 @@ class Fuzzer:
         for name in self._missed:
             self._missed[name] += getattr(cycle, name) - getattr(before, name)
 
-    def _start_anew(self) -> None:
+    def _start_again(self) -> None:
         """
         Park the carriages, for forged commands may have moved them, and configure again.
 
@@ -241,7 +241,7 @@ class Fuzzer:
         rig = self._rig
         rig.until(ControllerState.STOPPED, ControllerState.INACTIVE)
         rig.do('cleanup')
-        mend(rig)
+        repair(rig)
         with rig.simulator.access() as drives:
             for drive, axis in zip(drives, rig.axes, strict=True):
                 drive.motor.place(axis.home_position)

@@ -53,7 +53,7 @@ def soak(rig: StreamRig, seconds: float) -> Iterator[str]:
     growth, snapshot = memory() - memory_before, rig.controller.snapshot()
     print(f'{seconds:.0f} s after {warm_up:.0f} s of warm-up: memory grew by {growth:.2f} MB to '
           f'{memory():.0f} MB, bound {MOST_GROWTH:g} MB\n{_cycles(snapshot.cycle, before)}\n'
-          f'{watch.enabling} commands with power judged', flush=True)
+          f'{watch.enabling} commands with power checked', flush=True)
     if snapshot.state is not ControllerState.ACTIVE:
         yield f'the drives are {snapshot.state.value}: {rig.all_causes}'
     if growth > MOST_GROWTH:
@@ -66,13 +66,13 @@ def soak(rig: StreamRig, seconds: float) -> Iterator[str]:
 def _run(rig: StreamRig, watch: CommandWatch, seconds: float) -> float:
     """Return how long the drives have run."""
     begin = time.monotonic()
-    told = begin
+    reported = begin
     while time.monotonic() < begin + seconds and rig.state is ControllerState.ACTIVE:
         time.sleep(LOOK_EVERY)
         watch.take(rig.frames())
-        if time.monotonic() > told + REPORT_EVERY:
-            told += REPORT_EVERY
-            print(f'{told - begin:.0f} s: {memory():.1f} MB', flush=True)
+        if time.monotonic() > reported + REPORT_EVERY:
+            reported += REPORT_EVERY
+            print(f'{reported - begin:.0f} s: {memory():.1f} MB', flush=True)
     return time.monotonic() - begin
 
 

@@ -6,7 +6,7 @@ import math
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist, ZERO_STATE
 
-QUICKEST = 1e-3
+QUICKEST = 1e-3  # s, least time constant: no division by 0 where nothing remains
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 
 

@@ -34,7 +34,6 @@ from facade_manipulator.kinematics import (
     Pose,
     relative,
     subtract,
-    Wrench,
     ZERO_POSE,
     ZERO_TWIST,
 )
@@ -117,19 +116,14 @@ class Compensator:
     """
     Turn goals, estimates of the disturbance and what the head meets into corrected poses.
 
-    Parameters
-    ----------
-    geometry : Geometry
-    settings : CompensatorSettings
-
     Attributes
     ----------
     correction : Correction
         What is corrected at present, and whether.
     contact : Contact
-        What the wall shifts the goal by.
+        What the wall shifts the goal by; measurements at the wall go there.
     following : Following
-        How the head follows.
+        How the head follows; the head's poses go there.
     goal : Pose or None
         Where on the wall the head is to end.
     initialisations : int
@@ -224,42 +218,6 @@ class Compensator:
 
         """
         self.correction.add_estimate(self._gate.check(now, stamp, pose, variances))
-
-    def add_head(self, stamp: float, pose: Pose) -> None:
-        """
-        Compare the head's pose in frame rail at a stamp [s] with its path.
-
-        Raises
-        ------
-        InputError
-            If it is older than the one before.
-
-        """
-        self.following.add_head(stamp, pose)
-
-    def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
-        """
-        Learn from a wrench of the wall on the head, in the head's frame, at a stamp [s].
-
-        Raises
-        ------
-        InputError
-            If it is not finite, stale, from the future or out of order.
-
-        """
-        self.contact.add_wrench(now, stamp, wrench)
-
-    def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
-        """
-        Note where the head should be, from it along the wall [m], at a stamp [s].
-
-        Raises
-        ------
-        InputError
-            If it is not finite, stale, from the future or out of order.
-
-        """
-        self.contact.add_lateral_offset(now, stamp, offset)
 
     def update(self, now: float) -> CorrectedPose | None:
         """

@@ -65,11 +65,6 @@ class Correction:
     """
     Decide which disturbance to correct at each instant.
 
-    Parameters
-    ----------
-    settings : CorrectionSettings
-    prediction : PredictionSettings
-
     Attributes
     ----------
     mode : CorrectionMode

@@ -30,14 +30,7 @@ class FollowingSettings:
 
 
 class Following:
-    """
-    Compare where the head is with what was published for that instant.
-
-    Parameters
-    ----------
-    settings : FollowingSettings
-
-    """
+    """Compare where the head is with what was published for that instant."""
 
     def __init__(self, settings: FollowingSettings) -> None:
         self.settings = settings

@@ -40,6 +40,7 @@ class ImpedanceSettings:
 
     mass: ClassVar[float] = 2.0  # kg, that the head feels like: damping alone decides how it moves
     speed: ClassVar[float] = 0.25  # m/s, highest of the offset in contact
+    approach_speed: ClassVar[float] = 0.04  # m/s, without contact: with it the head meets the wall
 
     enabled: bool = parameter(False, 'Whether the axis gives way to the wall')
     force: float = parameter(
@@ -54,9 +55,6 @@ class ImpedanceSettings:
     contact_stiffness: float = parameter(
         700.0, 'Stiffness of the contact, rather too high than too low', unit='N/m or N m/rad',
         minimum=0.1, maximum=1e6)
-    approach_speed: float = parameter(
-        0.04, 'Highest speed of the offset without contact', unit='m/s or rad/s', minimum=1e-3,
-        maximum=1.0)
     range: float = parameter(
         0.06, 'Furthest offset from the goal', unit='m or rad', minimum=1e-4, maximum=0.5)
 
@@ -67,6 +65,7 @@ class YawImpedanceSettings(ImpedanceSettings):
 
     mass: ClassVar[float] = 0.045  # kg m²
     speed: ClassVar[float] = 0.5  # rad/s
+    approach_speed: ClassVar[float] = 0.1  # rad/s
 
     force: float = parameter(
         0.0, 'Desired moment on the wall', unit='N m', minimum=-100.0, maximum=100.0)
@@ -75,9 +74,6 @@ class YawImpedanceSettings(ImpedanceSettings):
     contact_stiffness: float = parameter(
         16.0, 'Stiffness of the contact, rather too high than too low', unit='N m/rad',
         minimum=0.01, maximum=1e5)
-    approach_speed: float = parameter(
-        0.1, 'Highest speed of the offset without contact', unit='rad/s', minimum=1e-3,
-        maximum=1.0)
     range: float = parameter(
         0.12, 'Furthest offset from the goal', unit='rad', minimum=1e-4, maximum=0.5)
 
@@ -85,10 +81,6 @@ class YawImpedanceSettings(ImpedanceSettings):
 class Impedance:
     """
     The offset of one axis.
-
-    Parameters
-    ----------
-    settings : ImpedanceSettings
 
     Attributes
     ----------

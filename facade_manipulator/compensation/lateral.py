@@ -35,10 +35,6 @@ class LateralRegulator:
     """
     PI on the measured lateral offset, without wind-up.
 
-    Parameters
-    ----------
-    settings : LateralSettings
-
     Attributes
     ----------
     shift : float

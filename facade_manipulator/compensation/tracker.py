@@ -7,7 +7,7 @@ import math
 
 from facade_manipulator.kinematics import Pose, subtract, Twist, ZERO_POSE, ZERO_TWIST
 
-BRAKING_SHARE = 0.5
+BRAKING_SHARE = 0.5  # of the acceleration: what remains is for the target's own
 
 
 class Tracker:

@@ -9,7 +9,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.parameters import parameter, settings
 
-REFINEMENTS = 3
+REFINEMENTS = 3  # of y for the x that was held back, whose limit depends on y a little
 # Depth over which an axis is bent into the limit, so that the head meets it without a jerk.
 KNEE, HEIGHT_KNEE, YAW_KNEE = 0.03, 0.01, 0.02  # m, m, rad: x, y, theta
 
@@ -36,11 +36,6 @@ class WorkspaceLimit:
 
     At fixed (y, θ) reach and order of the carriages do not depend on x, and x has one interval;
     at fixed y the yaw has one, symmetric about 0.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    settings : WorkspaceLimitSettings
 
     Raises
     ------

@@ -6,10 +6,14 @@ For ik_service: `Approach` and `ReferencePath` (jerk-limited paths of the head),
 speed, acceleration and jerk) and the guards that check the mechanism before a target is sent.
 """
 
-from facade_manipulator.motion.approach import Approach
 from facade_manipulator.motion.guard import HomingGuard, MechanismGuard
 from facade_manipulator.motion.limits import MotionLimits, Triple
-from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
+from facade_manipulator.motion.reference import (
+    Approach,
+    HeadMotion,
+    ReferencePath,
+    ReferenceSettings,
+)
 from facade_manipulator.motion.setpoint_stream import (
     certified_path,
     GoalSettings,

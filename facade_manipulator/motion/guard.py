@@ -14,8 +14,8 @@ from facade_manipulator.kinematics import (
     links,
 )
 
-ROUNDING = 1e-6
-NEIGHBOURS = ((0, 2), (2, 1), (0, 1))
+ROUNDING = 1e-6  # m
+NEIGHBOURS = ((0, 2), (2, 1), (0, 1))  # on the rail stand A1, A3, A2; A3 may not be homed
 
 
 class MechanismGuard:
@@ -24,11 +24,6 @@ class MechanismGuard:
 
     Stroke, carriage gap, closure of both links on the machine's branch and N > 0; the bounds give
     way by a micrometre of rounding. How well the pose is conditioned is ik_service's matter.
-
-    Parameters
-    ----------
-    geometry : Geometry
-
     """
 
     def __init__(self, geometry: Geometry) -> None:
@@ -65,11 +60,6 @@ class HomingGuard:
 
     A carriage that is not homed yet has no position to be checked; neighbours are checked as soon
     as both are homed, the whole mechanism when all three are.
-
-    Parameters
-    ----------
-    geometry : Geometry
-
     """
 
     def __init__(self, geometry: Geometry) -> None:

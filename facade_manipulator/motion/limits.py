@@ -25,9 +25,9 @@ from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.parameters import parameter, settings
 
 Triple = tuple[float, float, float]
-STANDSTILL_SPEED = 1e-5
-FEED_FORWARD_SHARE = 0.8
-PLAN_TOLERANCE = 1e-9
+STANDSTILL_SPEED = 1e-5  # m/s
+FEED_FORWARD_SHARE = 0.8  # of the speed limit: what remains is for catching up
+PLAN_TOLERANCE = 1e-9  # m, and per s and s²: such a motion is the one that was planned
 ROUNDING = 1e-9  # relative
 
 
@@ -106,7 +106,7 @@ class PathLimiter:
         self, motion: CarriageMotion, target: Triple, target_velocity: Triple
     ) -> CarriageMotion:
         """
-        Return the motion one period later on the fastest allowed way to a moving target.
+        Return the motion one period later on the fastest allowed path to a moving target.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class PathLimiter:
             step.acceleration)
 
     def brake(self, motion: CarriageMotion) -> CarriageMotion:
-        """Return the motion one period later on the way to rest, all axes braking together."""
+        """Return the motion one period later on the path to rest, all axes braking together."""
         self._is_catching_up = True
         return self._step(_begin(self._brake, motion, self.limits.acceleration))
 
@@ -211,7 +211,6 @@ def _begin(plan: InputParameter, motion: CarriageMotion, most: float) -> InputPa
 
     Of an acceleration that rounding has put beyond the limit ruckig makes no plan at all; of one
     that is far beyond it, because the limit has been lowered, it does.
-
     """
     plan.current_position, plan.current_velocity = map(list, motion[:2])
     plan.current_acceleration = [

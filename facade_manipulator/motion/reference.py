@@ -45,10 +45,6 @@ class ReferencePath:
 
     A new goal is planned for from the motion of the moment; from rest the path is straight.
 
-    Parameters
-    ----------
-    settings : ReferenceSettings
-
     Attributes
     ----------
     settings : ReferenceSettings
@@ -130,6 +126,37 @@ class ReferencePath:
     def arrival(self) -> float:
         """Return when the path ends [s], −inf before the first."""
         return -math.inf if self._start is None else self._start + self._trajectory.duration
+
+
+class Approach:
+    """Lead the head to a goal that comes alone, as a supervisor without a compensator sends it."""
+
+    def __init__(self, settings: ReferenceSettings) -> None:
+        self._reference = ReferencePath(settings)
+        self._is_under_way = False
+
+    def change_settings(self, settings: ReferenceSettings) -> None:
+        """Lead within other limits from the next goal on."""
+        self._reference.settings = settings
+
+    def begin(self, time: float, head: Pose, goal: Pose) -> None:
+        """Lead from where the head rests, or from where it is being led, to the goal."""
+        if self._is_under_way:
+            self._reference.retarget(time, goal)
+        else:
+            self._reference.initialise(time, HeadMotion(head), goal)
+        self._is_under_way = True
+
+    def end(self) -> None:
+        """Lead no longer."""
+        self._is_under_way = False
+
+    def pose(self, time: float) -> Pose | None:
+        """Return where the head should be at a time [s]; None when it is not being led."""
+        if not self._is_under_way:
+            return None
+        self._is_under_way = time < self._reference.arrival()
+        return self._reference.at(time).position
 
 
 def _motion(trajectory: Trajectory, elapsed: float) -> HeadMotion:

@@ -34,15 +34,7 @@ class GoalSettings:
 
 
 class SetpointStream:
-    """
-    Turn a stream of poses into setpoints.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    settings : GoalSettings
-
-    """
+    """Turn a stream of poses into setpoints."""
 
     def __init__(self, geometry: Geometry, settings: GoalSettings) -> None:
         self.geometry = geometry

@@ -55,9 +55,17 @@ class RateSettings:
 
 
 class CompensatorNode(Node):
-    """Keep the head where it should be on the wall while the gondola moves."""
+    """
+    Keep the head where it should be on the wall while the gondola moves.
 
-    def __init__(self, **kwargs) -> None:
+    Parameters
+    ----------
+    heads : PoseStream, optional
+        The head's poses, of a node of this process: they are received by call, not on the topic.
+
+    """
+
+    def __init__(self, heads: PoseStream | None = None, **kwargs) -> None:
         super().__init__('compensator', **kwargs)
         accept_old_names(self)
         geometry = declare(self, Geometry, 'geometry')
@@ -72,16 +80,11 @@ class CompensatorNode(Node):
         self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
         self._disturbance_codec = estimate_codec('disturbance', FACADE)
         self._head_codec = pose_codec('end_effector_pose', RAIL)
-        self._subscribe()
+        self._subscribe(heads)
         self.create_service(SetBool, 'compensator/enable', self._enable)
         self.create_service(Trigger, 'compensator/tare', self._tare)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(1.0 / rate, self._update)
-
-    def subscribe_heads_of(self, heads: PoseStream) -> None:
-        """Receive the head's pose from a node of this process in place of the topic."""
-        self.destroy_subscription(self._heads)
-        heads.connect(self._add_head, subscribes=False)
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type):
         """Declare the settings of a part of the compensator, which may change while it runs."""
@@ -93,13 +96,16 @@ class CompensatorNode(Node):
             self, settings_class, '' if part == 'compensation' else part,
             lambda settings: self._compensator.change(part, settings), check)
 
-    def _subscribe(self) -> None:
+    def _subscribe(self, heads: PoseStream | None) -> None:
         self.create_subscription(PoseStamped, 'goal_pose', self._receive_goal, LATEST)
         self.create_subscription(
             PoseWithCovarianceStamped, 'disturbance', self._receive_disturbance,
             qos_profile_sensor_data, raw=True)
-        self._heads = self.create_subscription(
-            PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE, raw=True)
+        if heads is not None:
+            heads.connect(self._add_head, subscribes=False)
+        else:
+            self.create_subscription(
+                PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE, raw=True)
         self.create_subscription(
             WrenchStamped, 'contact_wrench', self._receive_wrench, qos_profile_sensor_data)
         self.create_subscription(
@@ -123,22 +129,22 @@ class CompensatorNode(Node):
     def _receive_head(self, data: bytes) -> None:
         with self._rejections:
             time, pose = self._head_codec.read(data)
-            self._compensator.add_head(time, planar(pose, 'end_effector_pose'))
+            self._compensator.following.add_head(time, planar(pose, 'end_effector_pose'))
 
     def _add_head(self, time: float, pose: Pose) -> None:
         with self._rejections:
-            self._compensator.add_head(time, pose)
+            self._compensator.following.add_head(time, pose)
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
         with self._rejections:
             require_frame(message.header.frame_id, END_EFFECTOR, 'contact_wrench')
-            self._compensator.add_wrench(
+            self._compensator.contact.add_wrench(
                 node_time(self), seconds(message.header.stamp), planar_wrench(message))
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
         with self._rejections:
             require_frame(message.header.frame_id, END_EFFECTOR, 'lateral_offset')
-            self._compensator.add_lateral_offset(
+            self._compensator.contact.add_lateral_offset(
                 node_time(self), seconds(message.header.stamp), message.point.x)
 
     def _update(self) -> None:

@@ -25,14 +25,7 @@ HOLDS = {'saturation_error': 'at the workspace limit', 'tracking_error': 'by the
 
 
 class CompensatorReport:
-    """
-    Keep what an operator should know.
-
-    Parameters
-    ----------
-    compensator : Compensator
-
-    """
+    """Keep what an operator should know."""
 
     def __init__(self, compensator: Compensator) -> None:
         self._compensator = compensator

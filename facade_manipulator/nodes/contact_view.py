@@ -25,15 +25,7 @@ class ContactSettings:
 
 
 class ContactView:
-    """
-    Publish the wrench of the wall on the head, from the forces of the carriages.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    geometry : Geometry
-
-    """
+    """Publish the wrench of the wall on the head, from the forces of the carriages."""
 
     def __init__(self, node: Node, geometry: Geometry) -> None:
         self._geometry = geometry

@@ -22,11 +22,14 @@ from std_srvs.srv import Trigger
 from facade_manipulator.drives.canopen import BusSettings, open_bus
 from facade_manipulator.drives.cia402 import AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.controller import (
+    BusAccess,
     ControllerSettings,
+    ControllerSnapshot,
     ControllerState,
     DriveController,
     FaultRecorder,
     Finding,
+    Mechanism,
     RecorderSettings,
 )
 from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
@@ -83,7 +86,7 @@ class DriverSettings:
         100.0, 'How often joint_states is published', unit='Hz', minimum=1.0, maximum=500.0,
         read_only=True)
     software_stop_timeout: float = parameter(
-        0.5, 'Silence of software_stop, once heard, that stops the drives', unit='s',
+        0.5, 'Silence of software_stop, once received, that stops the drives', unit='s',
         minimum=0.05, maximum=10.0)
 
 
@@ -111,7 +114,7 @@ class DriverNode(ManagedNode):
         self._drive_faults = 0
         self._was_stopped = False
         self._last_failure = ''
-        self._told: tuple = ()
+        self._published_outcome: tuple = ()
         self._setpoint_codec, self._states_codec = setpoint_codec(), states_codec()
         self._offer()
 
@@ -156,9 +159,9 @@ class DriverNode(ManagedNode):
             self._simulator = DriveSimulator(open_bus(bus), simulated_drives(self._axes))
             self._simulator.start()
         return DriveController(
-            self._controller_settings, self._axes, lambda: open_bus(bus), self._follower,
-            bitrate=bus.bitrate, check_targets=self._guard,
-            check_homing=HomingGuard(self._geometry), recorder=self._make_recorder())
+            self._controller_settings, self._axes, BusAccess(lambda: open_bus(bus), bus.bitrate),
+            Mechanism(self._follower, self._guard, HomingGuard(self._geometry)),
+            self._make_recorder())
 
     def _make_recorder(self) -> FaultRecorder:
         settings = declare(self, RecorderSettings, 'recorder')
@@ -170,7 +173,7 @@ class DriverNode(ManagedNode):
     def _offer(self) -> None:
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
         self.create_subscription(
-            JointState, 'joint_setpoints', self._take_setpoint, LATEST, raw=True)
+            JointState, 'joint_setpoints', self._receive_setpoint, LATEST, raw=True)
         self._software_stop = SoftwareStop(self, self._stop_by_software)
         for name, start in (
             ('home', self._controller.home),
@@ -231,7 +234,7 @@ class DriverNode(ManagedNode):
 
     def _clear_faults(self) -> Future:
         """Reset the drives' faults; where there is only a halt, end it."""
-        if self._controller.state is ControllerState.HALTED:
+        if self._controller.snapshot().state is ControllerState.HALTED:
             return self._controller.activate()
         return self._controller.clear_faults()
 
@@ -242,7 +245,7 @@ class DriverNode(ManagedNode):
 
         return self._closer.submit(close)
 
-    def _take_setpoint(self, data: bytes) -> None:
+    def _receive_setpoint(self, data: bytes) -> None:
         try:
             self._require_active()
             time, (q1, q2, q3, *velocity) = self._setpoint_codec.read(data)
@@ -251,38 +254,36 @@ class DriverNode(ManagedNode):
             self._rejections.add(error)
 
     def _require_active(self) -> None:
-        state = self._controller.state
+        state = self._controller.snapshot().state
         if state is not ControllerState.ACTIVE:
             raise InputError(
                 state.value, f'setpoint rejected: the drives are {state.value}, not active')
 
     def _stop_by_software(self, cause: str) -> None:
-        if self._controller.state in POWERED_STATES:
+        if self._controller.snapshot().state in POWERED_STATES:
             self._controller.stop(cause)
 
     def _supervise(self) -> None:
-        controller = self._controller
-        controller.feed_watchdog()
+        self._controller.feed_watchdog()
         self._software_stop.watch(self._settings.software_stop_timeout)
-        state = controller.state
-        self._note_stop(state)
-        if state not in ACTIVE_STATES:
+        snapshot = self._controller.snapshot()
+        self._log_stop(snapshot)
+        if snapshot.state not in ACTIVE_STATES:
             self.fall_back()
-        told = controller.outcome(), self._last_failure
-        if told != self._told:
-            self._told = told
+        outcome = snapshot.outcome(), self._last_failure
+        if outcome != self._published_outcome:
+            self._published_outcome = outcome
             self._diagnostics.publish_change()
 
-    def _note_stop(self, state: ControllerState) -> None:
-        is_stopped = state is ControllerState.STOPPED
+    def _log_stop(self, snapshot: ControllerSnapshot) -> None:
+        is_stopped = snapshot.state is ControllerState.STOPPED
         if is_stopped and not self._was_stopped:
             self._drive_faults += 1
-            snapshot = self._controller.snapshot()
             self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
         self._was_stopped = is_stopped
 
     def _publish_joint_states(self) -> None:
-        joints = self._controller.joints()
+        joints = self._controller.snapshot().joints()
         if joints is None or joints.stamp == self._published_stamp:
             return
         self._published_stamp = joints.stamp
@@ -306,7 +307,7 @@ class DriverNode(ManagedNode):
 
 def main(args: list[str] | None = None) -> int:
     """Run the driver node."""
-    return run(lambda: [DriverNode()], args)
+    return run(lambda: [DriverNode()], args, experimental=False)
 
 
 if __name__ == '__main__':

@@ -73,7 +73,7 @@ def bus_status(snapshot: ControllerSnapshot) -> DiagnosticStatus:
 def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
     """Say how one drive does; its serial number is the hardware id (REP 107)."""
     values = {
-        'node id': axis.node_id,
+        'node id': axis.axis.node_id,
         'statusword': _hex(axis.statusword),
         'homed': axis.homed,
         'position [m]': axis.position,
@@ -88,10 +88,10 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
     }
     serial = '' if axis.serial_number is None else str(axis.serial_number)
     if axis.state in FAULTS:
-        message = axis.error or 'in fault, no code told'
+        message = axis.error or 'in fault, the drive sent no error code'
         return diagnostic_status(axis.name, 'error', message, values, serial)
     if axis.state is None:
-        return diagnostic_status(axis.name, 'stale', 'not heard yet', values, serial)
+        return diagnostic_status(axis.name, 'stale', 'nothing received yet', values, serial)
     message = axis.state.name.lower().replace('_', ' ') + ('' if axis.homed else ', not homed')
     return diagnostic_status(axis.name, 'ok', message, values, serial)
 

@@ -55,12 +55,6 @@ class LinkageView:
     Publish the picture at 10 Hz while someone subscribes.
 
     While nobody does there is no timer and no subscription.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    geometry : Geometry
-
     """
 
     def __init__(self, node: Node, geometry: Geometry) -> None:

@@ -11,9 +11,9 @@ from facade_manipulator.ros import run
 
 def make_nodes(**kwargs) -> list[Node]:
     """Make both nodes, their poses going straight from one to the other."""
-    compensator, ik_service = CompensatorNode(**kwargs), IkServiceNode(**kwargs)
+    ik_service = IkServiceNode(**kwargs)
+    compensator = CompensatorNode(ik_service.heads, **kwargs)
     compensator.corrected.connect(ik_service.follow, subscribes=True)
-    compensator.subscribe_heads_of(ik_service.heads)
     return [compensator, ik_service]
 
 

@@ -56,14 +56,7 @@ class Estimate(NamedTuple):
 
 
 class EstimateGate:
-    """
-    Let the estimates through that can be true.
-
-    Parameters
-    ----------
-    settings : EstimateSettings
-
-    """
+    """Let the estimates through that can be true."""
 
     def __init__(self, settings: EstimateSettings) -> None:
         self._last: Estimate | None = None

@@ -39,7 +39,7 @@ ANSWER_TIMEOUT = 5.0
 CONFIGURE_TIMEOUT = 30.0
 HOMING_TIMEOUT = 120.0
 REASON_TIMEOUT = 1.5
-SPIN_STEP = 0.02
+SPIN_STEP = 0.02  # s, after which a waiting call looks at its condition again
 
 Value = TypeVar('Value')
 

@@ -16,9 +16,9 @@ from rclpy.node import Node
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Carriages, Pose, wrap_angle, Wrench
 
-PLANE_TOLERANCE = 1e-6
-TILT_TOLERANCE = 1e-3
-NORM_TOLERANCE = 1e-3
+PLANE_TOLERANCE = 1e-6  # m
+TILT_TOLERANCE = 1e-3  # rad
+NORM_TOLERANCE = 1e-3  # quaternions are often sent rounded
 CARRIAGES = Carriages._fields
 POSE_NUMBERS = (
     'x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')

@@ -37,14 +37,7 @@ class Deferred:
 
 
 class DeferredReplies:
-    """
-    Let services of one node answer later.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-
-    """
+    """Let services of one node answer later."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

@@ -67,11 +67,6 @@ class Rejections:
     Count rejected messages by reason and log why, at most once a second, the same once a minute.
 
     ``with rejections:`` adds the `ManipulatorError` that the block raises and goes on after it.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-
     """
 
     def __init__(self, node: Node) -> None:

@@ -24,14 +24,7 @@ FAILURE = TransitionCallbackReturn.FAILURE
 
 
 class ManagedNode(LifecycleNode):
-    """
-    Lifecycle node with one job per transition; see `transition_jobs`.
-
-    Parameters
-    ----------
-    name : str
-
-    """
+    """Lifecycle node with one job per transition; see `transition_jobs`."""
 
     def __init__(self, name: str, **kwargs) -> None:
         super().__init__(name, **kwargs)

@@ -32,6 +32,7 @@ REMOVED = {
     'impedance.mass': 'is fixed at 2 kg now',
     'impedance.observer_time': 'is fixed at 0.02 s now',
     'impedance.speed': 'is fixed at 0.25 m/s now',
+    'impedance.approach_speed': 'is fixed at 0.04 m/s now',
     'impedance.longest_age': 'is fixed at 0.2 s now',
     'yaw_impedance.mass': 'is fixed at 0.045 kg m^2 now',
     'yaw_impedance.observer_time': 'is fixed at 0.02 s now',

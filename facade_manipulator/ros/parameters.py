@@ -62,11 +62,14 @@ def declare(
         A value is of the wrong type, out of its range or contradicts another one.
 
     """
-    names = {_join(prefix, name): name for name in _parameter_infos(settings_class)}
+    items = {f'{prefix}.{item.name}' if prefix else item.name: item
+             for item in fields(settings_class) if METADATA_KEY in item.metadata}
     values = {
-        field_name: _declare_one(node, settings_class, ros_name, field_name, on_change, defaults)
-        for ros_name, field_name in names.items()
-    }
+        item.name: _declare_one(
+            node, name, item.metadata[METADATA_KEY], defaults.get(item.name, item.default),
+            on_change is None)
+        for name, item in items.items()}
+    names = {name: item.name for name, item in items.items()}
     current = [settings_class(**values)]
     check(current[0])
     if on_change is not None:
@@ -145,34 +148,19 @@ def _renamed(name: str, new: str) -> str:
             'use the new one')
 
 
-def _parameter_infos(settings_class: type) -> dict[str, ParameterInfo]:
-    return {
-        item.name: item.metadata[METADATA_KEY]
-        for item in fields(settings_class) if METADATA_KEY in item.metadata
-    }
-
-
-def _join(prefix: str, name: str) -> str:
-    return f'{prefix}.{name}' if prefix else name
-
-
 def _declare_one(
-    node: Node, settings_class: type, ros_name: str, field_name: str,
-    on_change: Callable | None, defaults: dict,
+    node: Node, name: str, info: ParameterInfo, default: Any, read_only: bool
 ) -> Any:
-    item = next(item for item in fields(settings_class) if item.name == field_name)
-    info = item.metadata[METADATA_KEY]
-    default = defaults.get(field_name, item.default)
-    descriptor = _descriptor(info, default, read_only=info.read_only or on_change is None)
+    descriptor = _descriptor(info, default, info.read_only or read_only)
     initial = list(default) if isinstance(default, tuple) else default
     try:
-        value = node.declare_parameter(ros_name, initial, descriptor).value
+        value = node.declare_parameter(name, initial, descriptor).value
     except (
         InvalidParameterTypeException,
         InvalidParameterValueException,
         ParameterUninitializedException,
     ) as error:
-        raise ParameterError(f'{ros_name}: {error}') from error
+        raise ParameterError(f'{name}: {error}') from error
     return _to_field(value)
 
 

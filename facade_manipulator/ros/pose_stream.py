@@ -15,16 +15,7 @@ from facade_manipulator.ros.conversions import planar_numbers
 
 
 class PoseStream:
-    """
-    Publish poses: to a node of the same process by a call, on the topic if anybody subscribes.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    topic, frame_id : str
-    qos : rclpy.qos.QoSProfile
-
-    """
+    """Publish poses: to a node of the process by a call, on the topic if anybody subscribes."""
 
     def __init__(self, node: Node, topic: str, frame_id: str, qos: QoSProfile) -> None:
         self._codec = pose_codec(topic, frame_id)

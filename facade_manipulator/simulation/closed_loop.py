@@ -157,17 +157,17 @@ class ClosedLoop:
 
     def _deliver(self, until: float) -> None:
         """Hand over what the sensors have seen up to a time [s]."""
+        contact = self.compensator.contact
         while self._under_way and self._under_way[0].sample.time <= until:
             step = self._under_way.popleft()
             sample = step.sample
-            self._attempt(self.compensator.add_head, sample.time,
-                       forward_kinematics(self._geometry, step.actual))
             if self.settings.facade.present and step.measured is not None:
-                self._attempt(
-                    self.compensator.add_wrench, self.now, sample.time, step.measured)
+                self._attempt(contact.add_wrench, self.now, sample.time, step.measured)
+            self._attempt(self.compensator.following.add_head, sample.time,
+                          forward_kinematics(self._geometry, step.actual))
             if self.settings.wall.slip_sensor and sample.settled:
-                self._attempt(self.compensator.add_lateral_offset, self.now, sample.time,
-                           sample.lateral_offset)
+                self._attempt(contact.add_lateral_offset, self.now, sample.time,
+                              sample.lateral_offset)
 
     def _add(self, now: float, corrected: CorrectedPose) -> None:
         self.follower.add(self._stream.setpoint(corrected.time, corrected.pose), now)

@@ -236,7 +236,7 @@ def driver_fastest():
 
     def measure(speed: str) -> float:
         rate, best = RATE, 0.0
-        while rate < FASTEST and driver.controller.state.value == 'active':
+        while rate < FASTEST and driver.controller.snapshot().state.value == 'active':
             best = max(best, driver.complete_at(rate, STAIRS[speed]))
             rate *= STAIR
         return 1.0 / best
@@ -251,9 +251,11 @@ class Driver:
         from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
         from facade_manipulator.drives.controller.controller import DriveController
         from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
+        from facade_manipulator.drives.controller.session import BusAccess
         from facade_manipulator.drives.controller.settings import ControllerSettings
-        from facade_manipulator.drives.simulated.bus import DriveSimulator
-        from facade_manipulator.drives.simulated.group import simulated_drives
+        from facade_manipulator.drives.controller.targets import Mechanism
+        from facade_manipulator.drives.simulated.drive import simulated_drives
+        from facade_manipulator.drives.simulated.simulator import DriveSimulator
         from facade_manipulator.kinematics import Geometry
         from facade_manipulator.motion.guard import MechanismGuard
         from facade_manipulator.motion.limits import MotionLimits
@@ -270,8 +272,8 @@ class Driver:
         simulator = DriveSimulator(bus(), simulated_drives(DEFAULT_AXES))
         simulator.start()
         self.controller = DriveController(
-            settings, DEFAULT_AXES, bus, self.follower, check_targets=guard,
-            recorder=FaultRecorder(RecorderSettings(), DEFAULT_AXES))
+            settings, DEFAULT_AXES, BusAccess(bus), Mechanism(self.follower, guard),
+            FaultRecorder(RecorderSettings(), DEFAULT_AXES))
         self.reader = Reader(self.controller)
         for request in (
                 self.controller.configure, self.controller.home, self.controller.activate):
@@ -286,7 +288,7 @@ class Driver:
     def complete_at(self, rate: float, duration: float) -> float:
         """Return how many complete cycles there are per second when some are asked for."""
         connection = self.controller._session.connection  # nobody changes the rate from outside
-        connection.stream.clock.period = 1.0 / rate
+        connection.exchange.clock.period = 1.0 / rate
         if KERNEL_SYNC:
             connection.bus.stop_sync()
             connection.bus.start_sync(1.0 / rate)

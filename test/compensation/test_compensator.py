@@ -39,7 +39,7 @@ class Run:
                 self.compensator.add_estimate(
                     self.now, self.now, self.motion(self.now), NO_VARIANCES)
             if head is not None:
-                self.compensator.add_head(self.now, head)
+                self.compensator.following.add_head(self.now, head)
             self.outputs.append(self.compensator.update(self.now))
         return self
 
@@ -120,7 +120,7 @@ def test_beyond_the_workspace_each_axis_is_held_at_its_workspace_limit_and_comes
 def test_the_course_begins_where_the_head_stands():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     head = Pose(-0.1, 0.24, 0.0)
-    run.compensator.add_head(1000.0, head)
+    run.compensator.following.add_head(1000.0, head)
     run.compensator.set_goal(GOAL)
     run.go(PERIOD)
     assert run.last.pose == pytest.approx(tuple(head), abs=1e-9)
@@ -136,7 +136,7 @@ def test_without_a_head_the_course_begins_at_the_goal():
 def test_a_course_that_the_head_does_not_follow_begins_anew_at_the_head():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
     head = Pose(-0.1, 0.25, 0.0)
-    run.compensator.add_head(1000.0, head)
+    run.compensator.following.add_head(1000.0, head)
     run.compensator.set_goal(Pose(0.1, 0.25, 0.0))
     run.go(4.0, head)
     away = [abs(output.pose.x - head.x) for output in run.outputs]
@@ -147,7 +147,7 @@ def test_a_course_that_the_head_does_not_follow_begins_anew_at_the_head():
 
 def test_a_head_that_follows_is_left_alone():
     run = Run(lambda _: Pose(0.0, 0.0, 0.0))
-    run.compensator.add_head(1000.0, Pose(-0.1, 0.25, 0.0))
+    run.compensator.following.add_head(1000.0, Pose(-0.1, 0.25, 0.0))
     run.compensator.set_goal(Pose(0.1, 0.25, 0.0))
     for _ in range(300):
         run.go(PERIOD, run.outputs[-6].pose if len(run.outputs) > 6 else None)
@@ -157,9 +157,9 @@ def test_a_head_that_follows_is_left_alone():
 
 def test_a_head_out_of_order_is_rejected():
     compensator = Compensator(GEOMETRY)
-    compensator.add_head(1000.0, GOAL)
+    compensator.following.add_head(1000.0, GOAL)
     with pytest.raises(InputError, match='older'):
-        compensator.add_head(999.9, GOAL)
+        compensator.following.add_head(999.9, GOAL)
 
 
 def test_an_estimate_that_cannot_be_believed_is_rejected():

@@ -1,4 +1,4 @@
-"""What the master commands, judged from outside: it shares nothing with it but the bus."""
+"""What the master commands, checked from outside: it shares nothing with it but the bus."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_COMPLAINTS = 20
 
 class CommandWatch:
     """
-    Judge every command that enables a drive: inside its stroke, and no farther than it can go.
+    Check every command that enables a drive: inside its stroke, and no farther than it can go.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class CommandWatch:
     Attributes
     ----------
     enabling : int
-        Commands with power that were judged.
+        Commands with power that were checked.
     complaints : list of str
         What was wrong; the first of it.
     least, greatest : list of float
@@ -46,12 +46,12 @@ class CommandWatch:
         self._steps = [margin * axis.max_speed * period + 1e-5 for axis in axes]
 
     def take(self, frames: list[can.Message]) -> None:
-        """Judge the frames that an independent listener has heard."""
+        """Check the frames that an independent listener has received."""
         for frame in frames:
             if frame.arbitration_id in self._axes and _is_plain(frame):
-                self._judge(frame.arbitration_id, bytes(frame.data))
+                self._check(frame.arbitration_id, bytes(frame.data))
 
-    def _judge(self, cob_id: int, data: bytes) -> None:
+    def _check(self, cob_id: int, data: bytes) -> None:
         number, axis = self._axes[cob_id]
         controlword, mode, counts = COMMANDS.unpack(data)
         if controlword & 0x0F != ENABLED or mode != CYCLIC_POSITION:

@@ -49,7 +49,7 @@ class Bench:
         self.controlword = 0
         self.mode = Mode.CYCLIC_SYNCHRONOUS_POSITION
         self.target = 0
-        self.beats = False
+        self.sends_heartbeat = False
         self.status = None
         self.motion = None
 
@@ -137,7 +137,7 @@ class Bench:
     def cycle(self, count=1):
         """Send RPDO1, wait for the next SYNC, note the answer."""
         for _ in range(count):
-            if self.beats:
+            if self.sends_heartbeat:
                 self.send(0x77F, [5])
             self.send(0x200 + self.node,
                       pdo.encode_rpdo1(self.controlword, self.mode, self.target))

@@ -12,10 +12,12 @@ from support import wait_until
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.controller import DriveController
+from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.simulated.bus import DriveSimulator
-from facade_manipulator.drives.simulated.group import simulated_drives
+from facade_manipulator.drives.controller.targets import Mechanism
+from facade_manipulator.drives.simulated.drive import simulated_drives
+from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.errors import ManipulatorError
 
 PATIENCE = 20.0
@@ -63,14 +65,14 @@ class Rig:
 
     def __init__(
         self, channel: str, interface='virtual', settings=SETTINGS, axes=DEFAULT_AXES,
-        drives=None, source=None, **details,
+        drives=None, source=None, recorder=None, **checks,
     ) -> None:
         self.channel = channel
         self.interface = interface
         self.axes = axes
         self.source = source or Source(settings.period)
-        self.beats = threading.Event()
-        self.beats.set()
+        self.feeds = threading.Event()
+        self.feeds.set()
         self.buses = []
         self.bus_is_missing = False
         self._bus = self._new_bus()
@@ -79,10 +81,10 @@ class Rig:
         self.listener = self._new_bus()
         self.simulator.start()
         self.controller = DriveController(
-            settings, axes, self.open_bus, self.source, **details)
+            settings, axes, BusAccess(self.open_bus), Mechanism(self.source, **checks), recorder)
         self._ended = threading.Event()
-        self._beater = threading.Thread(target=self._beat)
-        self._beater.start()
+        self._feeder = threading.Thread(target=self._feed)
+        self._feeder.start()
 
     def _new_bus(self) -> can.BusABC:
         return can.Bus(interface=self.interface, channel=self.channel)
@@ -93,15 +95,15 @@ class Rig:
         self.buses.append(self._new_bus())
         return self.buses[-1]
 
-    def _beat(self) -> None:
+    def _feed(self) -> None:
         while not self._ended.wait(0.02):
-            if self.beats.is_set():
+            if self.feeds.is_set():
                 self.controller.feed_watchdog()
 
     def close(self) -> None:
         self.controller.close()
         self._ended.set()
-        self._beater.join()
+        self._feeder.join()
         self.simulator.stop()
         for bus in (self._bus, self.listener):
             bus.shutdown()
@@ -151,12 +153,12 @@ class Rig:
         wait_until(lambda: State.OPERATION_ENABLED not in self.drive_states, 'the drives to stop')
 
     def frames(self) -> list[can.Message]:
-        """Return what the listener has heard since it was last asked."""
-        heard = []
+        """Return what the listener has received since it was last asked."""
+        received = []
         with suppress(can.CanOperationError):  # a socket tells once that the interface went down
             while (message := self.listener.recv(0.0)) is not None:
-                heard.append(message)
-        return heard
+                received.append(message)
+        return received
 
     def forge(self, cob_id: int, data: bytes) -> None:
         self.listener.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
@@ -173,9 +175,9 @@ def at_rest(rig: Rig) -> None:
 def moving(rig: Rig) -> None:
     rig.source.speed = MOVING
     at_rest(rig)
-    start = rig.controller.joints().positions
+    start = rig.controller.snapshot().joints().positions
     wait_until(
-        lambda: abs(rig.controller.joints().positions[0] - start[0]) > 0.003, 'motion')
+        lambda: abs(rig.controller.snapshot().joints().positions[0] - start[0]) > 0.003, 'motion')
 
 
 SITUATIONS = {'inactive': inactive, 'at rest': at_rest, 'moving': moving}

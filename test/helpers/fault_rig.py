@@ -48,18 +48,18 @@ class StreamRig(Rig):
         super().__init__(channel, settings=settings, source=self.follower,
                          check_targets=guard, **details)
         self.settings = settings
-        self.heard: list[can.Message] = []
-        self.mends: list[Callable[[], object]] = []
+        self.received: list[can.Message] = []
+        self.repairs: list[Callable[[], object]] = []
         self.spoil: Spoil = _perfect
         if self.interface == 'socketcan':
-            self._hear_what_matters()
+            self._receive_what_matters()
         self._streaming = threading.Event()
         self._closed = threading.Event()
         self._streamer = threading.Thread(target=self._stream, daemon=True)
         self._streamer.start()
 
     def close(self) -> None:
-        self.mend()
+        self.repair()
         self._closed.set()
         self._streamer.join()
         super().close()
@@ -94,7 +94,7 @@ class StreamRig(Rig):
 
     # --- the bus
 
-    def _hear_what_matters(self) -> None:
+    def _receive_what_matters(self) -> None:
         """Let the kernel keep what is asked for until it is read."""
         wanted = [pdo.SYNC_COB_ID]
         for axis in self.axes:
@@ -104,9 +104,9 @@ class StreamRig(Rig):
         hear_much(self.listener.socket)
 
     def listen(self) -> list[can.Message]:
-        """Return what the listener has heard since it was last asked, and keep all."""
+        """Return what the listener has received since it was last asked, and keep all."""
         frames = self.frames()
-        self.heard += frames
+        self.received += frames
         return frames
 
     def overhear(self) -> None:
@@ -115,16 +115,17 @@ class StreamRig(Rig):
 
         def say(frames) -> None:
             now = time.time()
-            self.heard += [can.Message(now, cob_id, False, data=data) for cob_id, data in frames]
+            self.received += [
+                can.Message(now, cob_id, False, data=data) for cob_id, data in frames]
             send(frames)
 
         self.simulator._send = say
-        self.mends.append(lambda: self.simulator.__dict__.pop('_send'))
+        self.repairs.append(lambda: self.simulator.__dict__.pop('_send'))
 
-    def mend(self) -> None:
-        """Undo what was done to the interface, and to how it is heard."""
-        while self.mends:
-            self.mends.pop()()
+    def repair(self) -> None:
+        """Undo what was done to the interface, and to what is received from it."""
+        while self.repairs:
+            self.repairs.pop()()
 
     # --- situations
 

@@ -80,6 +80,16 @@ def test_mean_velocities_make_no_jerks_once_later_setpoints_are_known(ahead, is_
     assert (made.limited_cycles == 0) is is_smooth
 
 
+def test_the_velocity_of_a_setpoint_stays_near_that_of_its_sender():
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD / 5, inside)
+    made.reset(HOME)
+    jump = LIMITS.acceleration * 0.01  # m/s, far beyond what a mean velocity is late by
+    for k, step in enumerate((0.0, 0.0, jump)):
+        position = tuple(q + step for q in HOME)
+        made.add(Setpoint(0.05 + 0.01 * k, position, (0.0,) * 3), 0.0)
+    assert made._stream.newest(2)[0][1].velocity == pytest.approx([0.5 * jump] * 3)
+
+
 def test_a_silent_stream_brakes_to_rest_and_holds():
     made = follower()
     run(made, 0.0, 1.0)

@@ -34,7 +34,7 @@ class Course:
         for k in range(round(duration / PERIOD)):
             self.true += PERIOD
             now = self.true + self.set_by
-            self.hear(self.compensator.add_head, now - PERIOD, self.head)
+            self.hear(self.compensator.following.add_head, now - PERIOD, self.head)
             if k % 2:
                 self.hear(self.compensator.add_estimate, now, now - 0.05,
                           sway(self.true - 0.05), (0.0, 0.0, 0.0))

@@ -56,6 +56,13 @@ def test_a_signal_ends_a_node_where_nothing_happens(ros_domain, handlers, number
     timers[1].cancel()
 
 
+def test_a_node_that_moves_drives_is_not_run_in_an_experimental_executor(
+        ros_domain, handlers, monkeypatch):
+    monkeypatch.setattr(runtime, 'choose_executor', pytest.fail)
+    end = ending(lambda: os.kill(os.getpid(), signal.SIGINT))
+    assert runtime.run(end, experimental=False) == 0
+
+
 def test_an_error_in_a_callback_ends_the_node_and_is_not_hidden(ros_domain, handlers):
     def fail():
         raise ZeroDivisionError('nobody foresaw this')

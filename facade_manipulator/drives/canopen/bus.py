@@ -94,7 +94,7 @@ _FULL = (errno.ENOBUFS, errno.EAGAIN)  # the interface's queue, the socket's
 
 
 def condition_of(cob_id: int, data: bytes) -> Condition | None:
-    """Return the controller's condition that an error frame tells, None if it tells none."""
+    """Return the controller's condition that an error frame reports, None if it reports none."""
     for error_class, condition in _ERROR_CLASSES:
         if cob_id & error_class:
             return condition

@@ -1,8 +1,8 @@
 """
-The two ways through an interface that python-can has opened: its messages, or its socket.
+The two paths through an interface that python-can has opened: its messages, or its socket.
 
 On SocketCAN the frames go past python-can's messages: one system call sends, two receive, and
-Python has half the work. Filters and the kernel's SYNC are python-can's on either way.
+Python has half the work. Filters and the kernel's SYNC are python-can's on either path.
 
 References
 ----------
@@ -42,7 +42,7 @@ Received = tuple[Kind, int, bytes, float]
 
 
 class Port(Protocol):
-    """A way through an interface; errors are those of python-can and of the system."""
+    """A path through an interface; errors are those of python-can and of the system."""
 
     def receive(self, timeout: float) -> Received | None:
         """Wait for a frame, None after the time-out [s]."""
@@ -52,12 +52,12 @@ class Port(Protocol):
 
 
 def port_of(bus: can.BusABC) -> Port:
-    """Return the best way through an open interface."""
+    """Return the best path through an open interface."""
     return SocketPort(bus.socket) if isinstance(bus, SocketcanBus) else MessagePort(bus)
 
 
 class MessagePort:
-    """The way through any interface of python-can."""
+    """The path through any interface of python-can."""
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
@@ -83,12 +83,12 @@ class MessagePort:
 
 class SocketPort:
     """
-    The way through a raw CAN socket.
+    The path through a raw CAN socket.
 
     Parameters
     ----------
     can_socket : socket.socket
-        Set to tell the kernel's time stamp with every frame, as python-can does.
+        Set to deliver the kernel's time stamp with every frame, as python-can does.
 
     """
 

@@ -23,7 +23,7 @@ _LONGEST_QUEUE = 16
 
 
 class SdoAbortError(DriveObjectError):
-    """A drive rejected to read or write an object; `code` is its SDO abort code."""
+    """A drive rejected the reading or writing of an object; `code` is its SDO abort code."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
@@ -78,7 +78,7 @@ class SdoChannel:
             sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
         self._client.network = network
         self._client.RESPONSE_TIMEOUT = RESPONSE_TIMEOUT
-        network.subscribers[self._client.tx_cobid] = [self._take]
+        network.subscribers[self._client.tx_cobid] = [self._receive]
 
     def read(self, index: int, subindex: int) -> bytes:
         """
@@ -129,7 +129,7 @@ class SdoChannel:
             f'{index:04X}h:{subindex:02X} within {ATTEMPTS} × {RESPONSE_TIMEOUT:g} s: '
             'check its power, its node id and the bit rate')
 
-    def _take(self, cob_id: int, data: bytes, stamp: float) -> None:
+    def _receive(self, cob_id: int, data: bytes, stamp: float) -> None:
         """Keep an answer; nobody empties the queue between transfers, so it is bounded."""
         if self._client.responses.qsize() < _LONGEST_QUEUE:
             self._client.on_response(cob_id, data, stamp)

@@ -1,7 +1,7 @@
 """
 Drives after CiA 402: state tables, units, profiles, homing, and three axes as one group.
 
-In: what a drive has said (statusword, mode, position, age). Out: controlwords, modes and targets
+In: what a drive has sent (statusword, mode, position, age). Out: controlwords, modes and targets
 of the next cycle, and causes of stops. Knows no bus and no clock: time and feedback are
 arguments.
 """
@@ -15,7 +15,7 @@ from facade_manipulator.drives.cia402.cause import (
     CONFIGURE_REMEDY,
     TARGET_REMEDY,
 )
-from facade_manipulator.drives.cia402.group import Group
+from facade_manipulator.drives.cia402.group import Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence, HomingState
 from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
 from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile, Quirks
@@ -62,6 +62,7 @@ __all__ = [
     'Feedback',
     'FOLLOWING_PHASES',
     'Group',
+    'GroupSettings',
     'HomingSequence',
     'HomingState',
     'INT32_MAX',

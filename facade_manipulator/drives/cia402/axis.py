@@ -1,7 +1,7 @@
 """
-One drive's way through the CiA 402 state machine, a step at a time.
+One drive's path through the CiA 402 state machine, a step at a time.
 
-A step is a controlword, the states it leads to and the states passed on the way. The stepper
+A step is a controlword, the states it leads to and the states passed before. The stepper
 only watches: it says when the step is done and raises when the drive goes elsewhere or takes too
 long. It never chooses a controlword by itself.
 """
@@ -20,7 +20,7 @@ _ANY_STATE = frozenset(State)
 
 class Feedback(NamedTuple):
     """
-    What one drive last told.
+    What one drive last sent.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ def power_on(mode: int) -> tuple[Step, ...]:
     )
 
 
-# a drive may leave out rungs on its way down, not on its way up
+# a drive may skip states while it powers down, not while it powers on
 POWER_DOWN = (
     Step('disable operation', Controlword.DISABLE_OPERATION, _ON | _READY | _OFF, _ENABLED),
     Step('shut down', Controlword.SHUTDOWN, _READY | _OFF, _ON),
@@ -164,13 +164,13 @@ class AxisStepper:
 
         """
         state = self._state(feedback.statusword)
-        self._require_on_the_way(state, feedback)
+        self._require_on_path(state, feedback)
         done = state in self._step.goal and self._is_settled(feedback)
         self._reached = self._reached or done
         if not done and now > self._deadline:
             raise DriveTimeoutError(
                 f'{self.name} did not {self._step.purpose} in time: it is in the state '
-                f'{_told(state, feedback)}{self._lacking(feedback)}')
+                f'{_describe(state, feedback)}{self._lacking(feedback)}')
         return done
 
     def _state(self, statusword: int) -> State:
@@ -179,17 +179,18 @@ class AxisStepper:
         except DriveStateError as error:
             raise DriveStateError(f'{self.name}: {error}') from None
 
-    def _require_on_the_way(self, state: State, feedback: Feedback) -> None:
+    def _require_on_path(self, state: State, feedback: Feedback) -> None:
         allowed = self._step.goal if self._reached else self._step.goal | self._step.via
         if state in allowed:
             return
         if state in FAULT_STATES:
-            reason = describe(feedback.error_code) if feedback.error_code else 'cause not told'
+            reason = (describe(feedback.error_code) if feedback.error_code else
+                      'the drive sent no error code')
             raise DriveFaultError(
-                f'{self.name} is in the state {_told(state, feedback)}: {reason}')
+                f'{self.name} is in the state {_describe(state, feedback)}: {reason}')
         raise DriveStateError(
-            f'{self.name} left its way to {self._step.purpose}: it is in the state '
-            f'{_told(state, feedback)}')
+            f'{self.name} should {self._step.purpose}, but went to the state '
+            f'{_describe(state, feedback)}')
 
     def _is_settled(self, feedback: Feedback) -> bool:
         return ((self._step.mode is None or feedback.mode == self._step.mode)
@@ -201,5 +202,5 @@ class AxisStepper:
         return '' if feedback.at_rest else ', still moving'
 
 
-def _told(state: State, feedback: Feedback) -> str:
+def _describe(state: State, feedback: Feedback) -> str:
     return f'{state.value} (statusword {feedback.statusword:04X}h)'

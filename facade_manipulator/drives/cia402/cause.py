@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 CLEAR_REMEDY = 'remove the cause, clear the faults, then activate'
-BUS_REMEDY = 'see to the CAN bus, wait until it is back, clear the faults, then activate'
-TARGET_REMEDY = 'see to the source of the setpoints, clear the faults, then activate'
+BUS_REMEDY = 'check the CAN bus, wait until it is back, clear the faults, then activate'
+TARGET_REMEDY = 'check the source of the setpoints, clear the faults, then activate'
 COMPUTER_REMEDY = 'take load off this computer, clear the faults, then activate'
 CONFIGURE_REMEDY = 'check its power and cable, then clean up and configure again'
-DISOBEYED_REMEDY = 'switch the power of the drives off, find out why, configure again'
+NOT_RESPONDING_REMEDY = 'switch the power of the drives off, find out why, configure again'
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Cause:
     is_vague : bool
         Whether a further cause of the same axis says more.
     is_silence : bool
-        Whether the drive was not heard, of which a restart would be the reason.
+        Whether nothing was received from the drive, which a restart would explain.
     is_restart : bool
-        Whether the drive has begun again.
+        Whether the drive has restarted.
 
     """
 
@@ -51,9 +51,9 @@ class Cause:
         return f'{self.message}; next: {self.remedy}'
 
     def is_completed_by(self, later: Cause) -> bool:
-        """Tell whether a later cause is the rest of this story: a drive fell silent to restart."""
+        """Tell whether a later cause completes this one: a drive was silent and then restarted."""
         return self.is_silence and later.is_restart and later.axis == self.axis
 
     def completed_by(self, later: Cause) -> Cause:
-        """Return one cause that tells both, with the next step of the later one."""
+        """Return one cause with both messages, with the next step of the later one."""
         return replace(later, message=f'{self.message}; {later.message}')

@@ -1,5 +1,5 @@
 """
-The three axes as one: they power on together, and any doubt about one of them stops all.
+The three axes as one: they power on together, and a fault of one stops all.
 
 The group walks through lists of steps (`plans`); all three drives must have done a step before
 any takes the next. It enables operation only inside `Group.enable` and
@@ -10,11 +10,12 @@ No clock and no bus in here: time and feedback are arguments, controlwords are t
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from facade_manipulator.drives.cia402 import plans
 from facade_manipulator.drives.cia402.axis import AxisStepper, Feedback
-from facade_manipulator.drives.cia402.cause import Cause, DISOBEYED_REMEDY
+from facade_manipulator.drives.cia402.cause import Cause, NOT_RESPONDING_REMEDY
 from facade_manipulator.drives.cia402.homing import HomingSequence
 from facade_manipulator.drives.cia402.plans import (
     FOLLOWING_PHASES,
@@ -27,7 +28,7 @@ from facade_manipulator.drives.cia402.states import Mode, Status
 from facade_manipulator.errors import DriveError, DriveFaultError, DriveStateError
 
 RESET_WINDOW = 60.0
-MOST_FURTHER_CAUSES = 8
+MAX_FURTHER_CAUSES = 8
 
 
 class Command(NamedTuple):
@@ -37,17 +38,13 @@ class Command(NamedTuple):
     mode: int
 
 
-class Group:
+@dataclass(frozen=True)
+class GroupSettings:
     """
-    State machine of the three axes.
+    Time-outs and counts of the group.
 
-    `cause` is why it stopped, `is_settled` whether all drives have done the present step,
-    `disobedient` which axes did not obey a quick stop.
-
-    Parameters
+    Attributes
     ----------
-    names : tuple of str
-        What the operator calls the axes.
     step_timeout : float
         Longest time for one step [s].
     ramp_timeout : float
@@ -56,28 +53,49 @@ class Group:
         Cycles to hold after power-on before targets are followed.
     max_resets : int
         Fault resets allowed within a minute.
+
+    """
+
+    step_timeout: float = 1.0
+    ramp_timeout: float = 5.0
+    hold_cycles: int = 20
+    max_resets: int = 3
+
+
+class Group:
+    """
+    State machine of the three axes.
+
+    `cause` is why it stopped, `is_settled` whether all drives have done the present step,
+    `not_responding` which axes did not respond to a quick stop.
+
+    Parameters
+    ----------
+    names : tuple of str
+        What the operator calls the axes.
+    settings : GroupSettings
     now : float
         Present time [s].
 
     """
 
     def __init__(
-        self, names: tuple[str, ...], step_timeout: float = 1.0, ramp_timeout: float = 5.0,
-        hold_cycles: int = 20, max_resets: int = 3, now: float = 0.0,
+        self, names: tuple[str, ...], settings: GroupSettings | None = None, now: float = 0.0,
     ) -> None:
+        settings = settings or GroupSettings()
         self.cause: Cause | None = None
-        self.further_causes: deque[Cause] = deque(maxlen=MOST_FURTHER_CAUSES)
-        self.disobedient: set[str] = set()
+        self.further_causes: deque[Cause] = deque(maxlen=MAX_FURTHER_CAUSES)
+        self.not_responding: set[str] = set()
         self.is_settled = False
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
-        self._timeouts = {Phase.RAMPING: ramp_timeout}
-        self._step_timeout = step_timeout
-        self._max_resets = max_resets
-        self._resets: deque[float] = deque(maxlen=max_resets)
+        self._timeouts = {Phase.RAMPING: settings.ramp_timeout}
+        self._step_timeout = settings.step_timeout
+        self._max_resets = settings.max_resets
+        self._resets: deque[float] = deque(maxlen=settings.max_resets)
         self._homing: HomingSequence | None = None
-        self._seen: tuple[Feedback, ...] = ()
+        self._last_feedback: tuple[Feedback, ...] = ()
         self._steppers = tuple(AxisStepper(name) for name in names)
-        self._enable = plans.enable_plan(hold_cycles)
+        self._enable = plans.enable_plan(settings.hold_cycles)
         self._begin(plans.OFF, now)
 
     @property
@@ -185,7 +203,7 @@ class Group:
 
     @property
     def severest_cause(self) -> Cause | None:
-        """The cause whose remedy mends all: the first that asks to configure, or the first."""
+        """The cause whose remedy fixes all: the first that asks to configure, or the first."""
         return next((cause for cause in self._causes() if cause.configure_again), self.cause)
 
     @property
@@ -210,8 +228,8 @@ class Group:
         """Take the power off for good, before the drives are left alone; ends in stopped."""
         self._begin(plans.CUT_POWER, now)
 
-    def give_time(self, now: float) -> None:
-        """Begin the present step again: nothing could be commanded or heard for a while."""
+    def restart_step(self, now: float) -> None:
+        """Begin the present step again: nothing could be sent or received for a while."""
         self._begin(self._plan, now)
 
     def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[Command, ...]:
@@ -224,7 +242,7 @@ class Group:
         """
         if self._is_unchanged(feedback):
             return self.commands
-        self._seen = feedback
+        self._last_feedback = feedback
         self._cycles += 1
         phase, step = self._plan[0]
         bits, failures = [], []
@@ -244,8 +262,8 @@ class Group:
         return self._commands(bits)
 
     def _is_unchanged(self, feedback: tuple[Feedback, ...]) -> bool:
-        """Tell whether all is done, nothing comes next, and no drive says anything else."""
-        return self.is_settled and len(self._plan) == 1 and feedback == self._seen
+        """Tell whether all is done, nothing comes next, and no drive has sent anything else."""
+        return self.is_settled and len(self._plan) == 1 and feedback == self._last_feedback
 
     def _may_proceed(self, phase: Phase) -> bool:
         return len(self._plan) > 1 and (phase is not Phase.HOMING or self._homing.done)
@@ -255,7 +273,7 @@ class Group:
         if self.phase is Phase.OFF:
             self.cause = None
             self.further_causes.clear()
-            self.disobedient.clear()
+            self.not_responding.clear()
 
     @property
     def commands(self) -> tuple[Command, ...]:
@@ -287,10 +305,10 @@ class Group:
         name = self._steppers[number].name
         if self.phase not in STOPPED_PHASES:
             self.stop(Cause(str(error), axis=name, is_vague=True), now)
-        elif name not in self.disobedient and (
+        elif name not in self.not_responding and (
                 self.phase is Phase.STOPPED or now > self._deadline):
-            self.disobedient.add(name)
-            self.stop(Cause(str(error), DISOBEYED_REMEDY, name, configure_again=True), now)
+            self.not_responding.add(name)
+            self.stop(Cause(str(error), NOT_RESPONDING_REMEDY, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
 
     def _explains(self, cause: Cause) -> bool:

@@ -3,8 +3,8 @@ Homing of the three axes in mode 6: when bit 4 rises, what counts as success, wh
 
 A drive that was homed before still shows "homing attained". Success therefore counts only if
 the bit was seen clear first, and a homing error only once the drive has had time to take it back.
-Methods 35 and 37 take the present place as home within one cycle, so that nobody may see the bit
-clear: with them it counts as well that the position has become that of the home position.
+Methods 35 and 37 take the present position as home within one cycle, so that the bit may never be
+seen clear: with them it counts as well that the position has become that of the home position.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from facade_manipulator.errors import DriveFaultError, DriveTimeoutError
 _SUCCESS = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 _OUTCOME = _SUCCESS | Status.HOMING_ERROR
 SETTLING_CYCLES = 5
-METHODS_AT_PRESENT_PLACE = frozenset({35, 37})
+METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
 
 
 class HomingState(Enum):
@@ -49,7 +49,7 @@ class AxisHoming:
     def __init__(self, name: str, timeout: float, rank: int = 1, method: int = 17) -> None:
         self.name = name
         self.rank = rank
-        self._needs_no_motion = method in METHODS_AT_PRESENT_PLACE
+        self._needs_no_motion = method in METHODS_AT_PRESENT_POSITION
         self.state = HomingState.WAITING
         self._timeout = timeout
         self._started: float | None = None

@@ -60,7 +60,7 @@ class AxisSettings(AxisScale):
         0.0, 'Where the carriage is at its home position', unit='m', minimum=-10.0, maximum=10.0,
         read_only=True)
     homing_method: int = parameter(
-        37, 'Homing method of CiA 402; 37 takes the present place as home',
+        37, 'Homing method of CiA 402; 37 takes the present position as home',
         minimum=-128, maximum=127, read_only=True)
     homing_rank: int = parameter(
         1, 'Axes of one rank home together, lower ranks first', minimum=1, maximum=3,

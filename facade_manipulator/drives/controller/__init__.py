@@ -1,7 +1,7 @@
 """
 The drive controller: one control thread that owns the bus.
 
-In: an axis configuration, a function that opens the bus, a `TargetSource`, and an operator's
+In: an axis configuration, access to the bus, the mechanism that is moved, and an operator's
 requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for whoever asks.
 """
 
@@ -9,15 +9,18 @@ from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.cycle import LATENESS_BOUNDS
 from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
+from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import (
     AxisSnapshot,
     ControllerSnapshot,
     ControllerState,
 )
+from facade_manipulator.drives.controller.targets import Mechanism
 
 __all__ = [
     'AxisSnapshot',
+    'BusAccess',
     'ControllerSettings',
     'ControllerSnapshot',
     'ControllerState',
@@ -25,5 +28,6 @@ __all__ = [
     'FaultRecorder',
     'Finding',
     'LATENESS_BOUNDS',
+    'Mechanism',
     'RecorderSettings',
 ]

@@ -2,7 +2,7 @@
 Bring the drives from power-up to NMT Operational, and check them again after a fault.
 
 Runs in a worker thread: it waits for SDO answers, boot-up messages and heartbeats, which the
-control thread receives meanwhile (`Hearing`). A drive's own heartbeat is the proof of its NMT
+control thread receives meanwhile (`Reception`). A drive's own heartbeat is the proof of its NMT
 state, never the command that was sent.
 
 References
@@ -46,23 +46,23 @@ def send_nmt(bus: CanBus, command: NmtCommand, node_id: int) -> None:
     bus.send(NMT_COB_ID, bytes([command, node_id]))
 
 
-class Hearing:
-    """Lets a worker wait for what the control thread hears."""
+class Reception:
+    """Lets a worker thread wait for what the control thread receives."""
 
     def __init__(self) -> None:
-        self._heard = threading.Condition()
+        self._changed = threading.Condition()
         self._cancelled = False
 
     def notify(self) -> None:
-        """Say that something was heard."""
-        with self._heard:
-            self._heard.notify_all()
+        """Say that something was received."""
+        with self._changed:
+            self._changed.notify_all()
 
     def cancel(self) -> None:
         """Make whoever waits, now or later, give up."""
-        with self._heard:
+        with self._changed:
             self._cancelled = True
-            self._heard.notify_all()
+            self._changed.notify_all()
 
     def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
         """
@@ -74,8 +74,8 @@ class Hearing:
             The waiting was cancelled.
 
         """
-        with self._heard:
-            held = self._heard.wait_for(lambda: self._cancelled or condition(), timeout)
+        with self._changed:
+            held = self._changed.wait_for(lambda: self._cancelled or condition(), timeout)
             if self._cancelled:
                 raise DriveStateError('given up: the bus is being closed')
             return held
@@ -91,7 +91,7 @@ class Finding(NamedTuple):
 
 @dataclass(frozen=True)
 class Drive:
-    """One drive: what was heard of it, its objects, its type."""
+    """One drive: what was received from it, its objects, its type."""
 
     monitor: AxisMonitor
     objects: Objects
@@ -107,18 +107,18 @@ class Commissioning:
     bus : CanBus
     drives : tuple of Drive
     settings : ControllerSettings
-    hearing : Hearing
+    reception : Reception
 
     """
 
     def __init__(
         self, bus: CanBus, drives: tuple[Drive, ...], settings: ControllerSettings,
-        hearing: Hearing,
+        reception: Reception,
     ) -> None:
         self._bus = bus
         self._drives = drives
         self._settings = settings
-        self._hearing = hearing
+        self._reception = reception
 
     def configure(self) -> list[str]:
         """
@@ -243,8 +243,8 @@ class Commissioning:
         notes = write_objects(drive.objects, self._writes(drive))
         if not drive.monitor.axis.serial_number:
             notes.append(
-                f'{drive.monitor.title} is not told from another drive: set its serial_number, '
-                f'now {drive.monitor.serial_number}')
+                f'{drive.monitor.title} accepts any drive: set its serial_number, now '
+                f'{drive.monitor.serial_number}, so that swapped axes are found')
         return notes
 
     def _writes(self, drive: Drive) -> list:
@@ -269,6 +269,6 @@ class Commissioning:
     ) -> None:
         """Wait until a condition holds for all drives; name those for which it does not."""
         monitors = [drive.monitor for drive in self._drives]
-        if not self._hearing.wait_for(lambda: all(map(condition, monitors)), timeout):
+        if not self._reception.wait_for(lambda: all(map(condition, monitors)), timeout):
             missing = ' and '.join(m.title for m in monitors if not condition(m))
             raise DriveTimeoutError(f'{missing} {failure} (waited {timeout:g} s)')

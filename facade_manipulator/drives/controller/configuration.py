@@ -2,7 +2,7 @@
 What is written to a drive at configure, and how it is proved: identity, objects, PDO map.
 
 Every object is read back. A mismatch rejects the drive and names the object; an object that the
-drive's profile calls optional and the drive does not know is skipped and told.
+drive's profile calls optional and the drive does not know is skipped and reported.
 
 References
 ----------
@@ -192,7 +192,7 @@ def check_identity(
     found : Identity
     axis : AxisSettings
     serials : dict
-        Axis by configured serial number, to tell swapped axes from a replaced drive.
+        Axis by configured serial number, which distinguishes swapped axes from a replaced drive.
 
     Raises
     ------

@@ -9,7 +9,6 @@ group and commands once per SYNC. What needs SDO runs in a worker thread.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import suppress
@@ -17,20 +16,17 @@ import logging
 import threading
 import time
 
-import can
-
-from facade_manipulator.drives.cia402 import AxisSettings, Cause, CLEAR_REMEDY, Phase, Triple
+from facade_manipulator.drives.cia402 import AxisSettings, Cause, CLEAR_REMEDY, Phase
 from facade_manipulator.drives.controller import motion_operations, service_operations
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.operation import Operation
 from facade_manipulator.drives.controller.realtime import request_realtime
 from facade_manipulator.drives.controller.recorder import FaultRecorder
-from facade_manipulator.drives.controller.report import Joints, Record
 from facade_manipulator.drives.controller.service_operations import CLOSING_TIMEOUT
-from facade_manipulator.drives.controller.session import HomingCheck, Session
+from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.drives.controller.targets import TargetSource
+from facade_manipulator.drives.controller.targets import Mechanism
 from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0
@@ -47,11 +43,8 @@ _STATES = {
     Phase.STOPPED: ControllerState.STOPPED,
     Phase.RESETTING: ControllerState.CLEARING,
 }
+_NO_TARGETS = (None, None, None)
 _log = logging.getLogger(__name__)
-
-
-def allow_anything(*_: object) -> None:
-    """Check nothing: the default where the caller knows no mechanism."""
 
 
 class DriveController:
@@ -66,19 +59,8 @@ class DriveController:
     settings : ControllerSettings
     axes : tuple of AxisSettings
         q1, q2, q3.
-    open_bus : callable
-        Returns an open python-can bus or raises; see `drives.canopen.link.open_bus`.
-    source : TargetSource
-        Asked for targets once a cycle while active, in the control thread.
-    bitrate : int
-        Bit rate of the bus, for the check of its load [bit/s].
-    check_targets : callable
-        Takes three positions [m], raises a ManipulatorError where the mechanism must not be.
-    check_homing : callable
-        Takes three positions [m] and which axes are homed, called in each cycle of homing;
-        raises a ManipulatorError when carriages or links come too close.
-    on_cycle : callable
-        Called in the control thread after each cycle; must not wait.
+    bus : BusAccess
+    mechanism : Mechanism
     recorder : FaultRecorder, optional
         Gets every frame, and writes the last minute down when the drives stop.
 
@@ -90,18 +72,10 @@ class DriveController:
     """
 
     def __init__(
-        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...],
-        open_bus: Callable[[], can.BusABC], source: TargetSource, *,
-        bitrate: int = 1_000_000,
-        check_targets: Callable[[Triple], None] = allow_anything,
-        check_homing: HomingCheck = allow_anything,
-        on_cycle: Callable[[], None] = allow_anything,
-        recorder: FaultRecorder | None = None,
+        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...], bus: BusAccess,
+        mechanism: Mechanism, recorder: FaultRecorder | None = None,
     ) -> None:
-        self._session = Session(
-            settings, axes, open_bus, source, check_targets, check_homing, self._finish_cycle,
-            bitrate, recorder)
-        self._notify = on_cycle
+        self._session = Session(settings, axes, bus, mechanism, recorder)
         self._operation: Operation | None = None
         self._future: Future[str] | None = None
         self._requests: deque[tuple[Operation, Future[str]]] = deque()
@@ -109,7 +83,6 @@ class DriveController:
         self._rejected: tuple[str, ...] = ()
         self._closed = False
         self._publish(time.monotonic())
-        self._shown = self._record, self._record.snapshot()
         self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
         self._thread.start()
 
@@ -152,35 +125,18 @@ class DriveController:
         connection, group = self._session.connection, self._session.group
         if group is None:
             return  # no drive has power before the drives are configured
-        self._session.stops.append(Cause(cause, remedy))
+        self._session.supervision.stops.append(Cause(cause, remedy))
         if connection is not None:
             with suppress(BusError):  # the control thread meets the same error and handles it
-                connection.stream.send_stop()
+                connection.exchange.send_stop()
 
     def feed_watchdog(self) -> None:
         """Show that the caller's executor is alive; powered drives stop without."""
-        self._session.fed = time.monotonic()
-
-    @property
-    def state(self) -> ControllerState:
-        """What the controller is doing, for less than the whole snapshot."""
-        return self._record.state
-
-    def joints(self) -> Joints | None:
-        """Return the carriages at the newest SYNC, None until all are homed."""
-        return self._record.joints()
-
-    def outcome(self) -> tuple:
-        """Return what the controller's levels and messages depend on: while it stays, they do."""
-        return self._record.outcome()
+        self._session.supervision.fed = time.monotonic()
 
     def snapshot(self) -> ControllerSnapshot:
-        """Return the newest state of controller and axes, the same one until the next cycle."""
-        record, (shown, snapshot) = self._record, self._shown
-        if record is not shown:
-            snapshot = record.snapshot()
-            self._shown = record, snapshot
-        return snapshot
+        """Return the state of controller and axes at the newest cycle."""
+        return self._snapshot
 
     def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> None:
         """Power the drives off in order, or stop them, then fall silent; waits for it."""
@@ -209,25 +165,28 @@ class DriveController:
             except BusError as error:
                 self._lose_bus(error)
             except Exception as error:  # this thread must live: the drives depend on it
-                self._survive(error)
+                self._recover(error)
         self._reject_rest()
 
     def _turn(self) -> None:
         if self._requests:
-            self._take_requests()
+            self._begin_requests()
         if self._closed:
             return
         session = self._session
         if session.connection is None:
             now = self._idle()
         else:
-            now = session.connection.stream.pump()
+            now = session.connection.exchange.pump()
         if session.lost is not None:
             session.watch_recovery(now)
         if self._operation is not None:
             self._poll(now)
         if session.group is None or session.lost is not None:
             self._publish(now)
+        elif session.connection.exchange.has_stepped:
+            self._publish(now)
+            session.collector.use_slack()
 
     def _idle(self) -> float:
         lost = self._session.lost
@@ -240,7 +199,7 @@ class DriveController:
             self._session.try_to_reopen(now)
         return now
 
-    def _take_requests(self) -> None:
+    def _begin_requests(self) -> None:
         while self._requests and not self._closed:
             operation, future = self._requests.popleft()
             try:
@@ -252,7 +211,7 @@ class DriveController:
             except Exception as error:
                 future.set_exception(error)
                 raise
-            self._fail(DriveStateError(f'given up for {operation.name}'))
+            self._fail(DriveStateError(f'cancelled by {operation.name}'))
             self._operation, self._future = operation, future
             if message is not None:
                 self._succeed(message)
@@ -302,8 +261,8 @@ class DriveController:
             self._fail(error)
         self._publish(now)
 
-    def _survive(self, error: Exception) -> None:
-        """Stop the drives for an error that nobody foresaw; the loop goes on."""
+    def _recover(self, error: Exception) -> None:
+        """Stop the drives for an unexpected error; the loop goes on."""
         _log.exception('the control loop failed')
         message = f'the control loop failed: {type(error).__name__}: {error}'
         session = self._session
@@ -313,36 +272,28 @@ class DriveController:
                 time.monotonic())
         if session.connection is not None:
             with suppress(BusError):
-                session.connection.stream.send_stop()
+                session.connection.exchange.send_stop()
         self._wake.clear()
         self._wake.wait(session.settings.period)  # an error that stays must not eat the CPU
 
     # --- the snapshot
 
-    def _finish_cycle(self, now: float) -> None:
-        self._publish(now)
-        self._notify()
-
     def _publish(self, now: float) -> None:
-        """Note what a snapshot is made of once somebody asks for it; record a fault."""
+        """Replace the snapshot; let the recorder see why the drives are stopped."""
         session, causes = self._session, self._session.causes
         if session.recorder is not None:
             session.recorder.watch(causes, now)
-        clock = bus = None
-        if session.connection is not None:
-            clock, bus = session.connection.stream.clock, session.connection.bus
-        self._record = Record(
+        targets = session.targets.positions or _NO_TARGETS
+        self._snapshot = ControllerSnapshot(
             state=self._present_state(),
-            now=now,
-            stamp=clock.sync_stamp if clock is not None else 0.0,
-            monitors=session.monitors,
-            told=tuple([monitor.told for monitor in session.monitors]),
-            targets=session.targets.positions,
+            stamp=session.sync_stamp,
+            axes=tuple([monitor.snapshot(target, now) for monitor, target in zip(
+                session.monitors, targets, strict=True)]),
             causes=causes,
             next_step=session.group.severest_cause.remedy if causes else '',
             notes=self._notes(),
-            clock=clock,
-            bus=bus,
+            cycle=session.cycle_statistics,
+            bus=session.bus_statistics,
             bus_error=session.lost.message if session.lost is not None else '',
             bus_load=session.bus_load,
         )

@@ -14,13 +14,13 @@ from typing import NamedTuple
 
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
 COMMANDS_DUE = 0.8  # later commands might meet the kernel's next SYNC on the wire
-LEAST_GAP = 0.2  # between our commands and our next SYNC
-COMPANY = 0.3  # of the period: how long after a late first answer the others may come
-PATIENCE = 3.0  # for any answer to our SYNC: rather is this computer late than all drives dead
+MIN_GAP = 0.2  # between our commands and our next SYNC
+OTHERS_DUE = 0.3  # of the period: how long after a late first answer the others may come
+FIRST_ANSWER_DUE = 3.0  # for any answer to our SYNC: this computer is late, not all drives dead
 SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
 SYNC_TOO_EARLY = 0.5
-JITTER = 0.25  # of the period: a SYNC that is farther from its place has another place
-JITTER_SHARE = 0.05  # of it that is believed
+JITTER = 0.25  # of the period: a SYNC that is farther from its expected time sets a new one
+JITTER_SHARE = 0.05  # of it that moves the smoothed stamp
 LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 
 
@@ -39,7 +39,7 @@ class CycleStatistics(NamedTuple):
         not sent, and the drives held one point.
     skipped : int
         Periods that passed without a SYNC.
-    stray : int
+    unexpected : int
         SYNCs that came too early to be the kernel's: somebody else sends them.
     lateness : tuple of int
         Histogram of the time from SYNC to the step: one bin below each of LATENESS_BOUNDS [s],
@@ -53,7 +53,7 @@ class CycleStatistics(NamedTuple):
     incomplete: int = 0
     late: int = 0
     skipped: int = 0
-    stray: int = 0
+    unexpected: int = 0
     lateness: tuple[int, ...] = (0,) * (len(LATENESS_BOUNDS) + 1)
     worst: float = 0.0
 
@@ -62,8 +62,8 @@ class CycleClock:
     """
     What both kinds of clock share: one step per SYNC, and the counters.
 
-    `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `even_stamp` is the
-    stamp without jitter: targets for instants that jitter would ask the carriages for jumps of
+    `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_stamp` is
+    the stamp without jitter: targets for instants that jitter would ask the carriages for jumps of
     speed. `is_open` says whether the step of the SYNC is still to come.
 
     Parameters
@@ -73,17 +73,17 @@ class CycleClock:
 
     """
 
-    _patience = ANSWERS_DUE
+    _answer_share = ANSWERS_DUE
 
     def __init__(self, period: float) -> None:
         self.period = period
         self.sync_time = 0.0
-        self.sync_stamp = self.even_stamp = 0.0
+        self.sync_stamp = self.smooth_stamp = 0.0
         self.late_in_a_row = 0
         self.overdue_in_a_row = 0
         self.is_open = False
         self._next_sync = self._answers_due = 0.0
-        self._cycles = self._incomplete = self._late = self._skipped = self._stray = 0
+        self._cycles = self._incomplete = self._late = self._skipped = self._unexpected = 0
         self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
         self._worst = 0.0
 
@@ -91,7 +91,7 @@ class CycleClock:
     def statistics(self) -> CycleStatistics:
         """Counters since the start."""
         return CycleStatistics(
-            self._cycles, self._incomplete, self._late, self._skipped, self._stray,
+            self._cycles, self._incomplete, self._late, self._skipped, self._unexpected,
             tuple(self._bins), self._worst)
 
     @property
@@ -101,17 +101,17 @@ class CycleClock:
 
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp
-        self.even_stamp = self._evened(stamp)
-        self._answers_due = time + self._patience * self.period
+        self.smooth_stamp = self._smoothed(stamp)
+        self._answers_due = time + self._answer_share * self.period
         self.is_open = True
 
-    def _evened(self, stamp: float) -> float:
+    def _smoothed(self, stamp: float) -> float:
         """Return a stamp moved to a whole number of periods after the last, jitter apart."""
-        periods = round((stamp - self.even_stamp) / self.period)
-        error = stamp - self.even_stamp - periods * self.period
-        if not self.even_stamp or abs(error) > JITTER * self.period:
+        periods = round((stamp - self.smooth_stamp) / self.period)
+        error = stamp - self.smooth_stamp - periods * self.period
+        if not self.smooth_stamp or abs(error) > JITTER * self.period:
             return stamp
-        return self.even_stamp + periods * self.period + JITTER_SHARE * error
+        return self.smooth_stamp + periods * self.period + JITTER_SHARE * error
 
     def _close(self, now: float, complete: bool) -> bool:
         """Count the cycle at its step; return whether the step is early enough."""
@@ -129,7 +129,7 @@ class CycleClock:
 class SyncProducer(CycleClock):
     """The clock of a loop that sends SYNC itself: late commands delay the next SYNC."""
 
-    _patience = PATIENCE
+    _answer_share = FIRST_ANSWER_DUE
     _answered = False
 
     def start(self, now: float) -> None:
@@ -166,31 +166,31 @@ class SyncProducer(CycleClock):
         if answers and not self._answered:
             self._answered = True
             self._answers_due = max(
-                self.sync_time + ANSWERS_DUE * self.period, now + COMPANY * self.period)
+                self.sync_time + ANSWERS_DUE * self.period, now + OTHERS_DUE * self.period)
         return answers >= expected or now >= self._answers_due
 
     def finish(self, now: float, complete: bool) -> bool:
         """Close the cycle at its step; commands are always in time for a SYNC that waits."""
         self._close(now, complete)
-        self._next_sync = max(self._next_sync, now + LEAST_GAP * self.period)
+        self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
         return True
 
 
 class SyncConsumer(CycleClock):
-    """The clock of a loop that hears the kernel's SYNC, and replaces it when it does not come."""
+    """The clock of a loop that receives the kernel's SYNC, and sends its own if none comes."""
 
     def start(self, now: float) -> None:
         """Expect the first SYNC from now on."""
         self.sync_time = now
         self._next_sync = now + SYNC_OVERDUE * self.period
 
-    def is_stray(self, time: float) -> bool:
+    def is_unexpected(self, time: float) -> bool:
         """Tell whether a SYNC of a time is too early; the pace of the targets hangs on it."""
-        stray = time < self.sync_time + SYNC_TOO_EARLY * self.period
-        self._stray += stray
-        return stray
+        unexpected = time < self.sync_time + SYNC_TOO_EARLY * self.period
+        self._unexpected += unexpected
+        return unexpected
 
-    def hear(self, time: float, stamp: float) -> None:
+    def receive(self, time: float, stamp: float) -> None:
         """Begin a cycle with the kernel's SYNC."""
         self.overdue_in_a_row = 0
         self._next_sync = time + SYNC_OVERDUE * self.period
@@ -202,7 +202,7 @@ class SyncConsumer(CycleClock):
         return now >= self._next_sync + patience
 
     def begin(self, time: float, stamp: float) -> None:
-        """Begin a cycle with a SYNC of our own in place of the kernel's."""
+        """Begin a cycle with a SYNC of our own instead of the kernel's."""
         self.overdue_in_a_row += 1
         self._skipped += 1
         self._next_sync = time + SYNC_OVERDUE * self.period
@@ -221,6 +221,6 @@ class SyncConsumer(CycleClock):
         return in_time
 
 
-def cycle_clock(period: float, hears_sync: bool) -> SyncProducer | SyncConsumer:
+def cycle_clock(period: float, receives_sync: bool) -> SyncProducer | SyncConsumer:
     """Return the clock for a bus on which the kernel sends SYNC, or does not."""
-    return SyncConsumer(period) if hears_sync else SyncProducer(period)
+    return SyncConsumer(period) if receives_sync else SyncProducer(period)

@@ -1,13 +1,11 @@
 """
-What one drive has told, how old it is, and what is wrong with it.
+What was received from one drive, how old it is, and what is wrong with it.
 
-The receiver hands in decoded frames; once a cycle the monitor says whether the drive is still
-there. Times are on the monotonic clock [s]. What was never heard is None.
+The receiver hands in frames; once a cycle the monitor says whether the drive is still
+there. Times are on the monotonic clock [s]. What was never received is None.
 """
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 from facade_manipulator.drives.canopen import (
     ConditionFrame,
@@ -31,26 +29,13 @@ from facade_manipulator.drives.cia402 import (
     Status,
 )
 from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.snapshot import AxisSnapshot
 
 SYNC_TOLERANCE = 0.001
 HOME_TOLERANCE = 2  # counts
 JUMP_MARGIN = 2.0
 JUMP_NOISE = 0.001  # m
-_NOTHING_TOLD = StatusFrame(0, 0, 0)
-
-
-class Told(NamedTuple):
-    """What one drive has told by now, in its own units; see `AxisMonitor`."""
-
-    status: StatusFrame | None
-    motion: MotionFrame | None
-    condition: ConditionFrame | None
-    homed: bool
-    error_code: int
-    nmt_state: int | None
-    heartbeat_time: float | None
-    missed: int
-    serial_number: int | None
+_NOTHING_RECEIVED = StatusFrame(0, 0, 0)
 
 
 class AxisMonitor:
@@ -101,24 +86,24 @@ class AxisMonitor:
         """Actual position [m]."""
         return self.axis.to_metres(self.status.position_counts) if self.status else None
 
-    @property
-    def told(self) -> Told:
-        """All of it, to be looked at later."""
-        return Told(
-            self.status, self.motion, self.condition, self.homed, self.error_code,
-            self.nmt_state, self.heartbeat_time, self.missed, self.serial_number)
+    def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
+        """Return all that was received, with the target [m] that is commanded meanwhile."""
+        age = now - self.heartbeat_time if self.heartbeat_time else None
+        return AxisSnapshot(
+            self.name, self.axis, self.status, self.motion, self.condition, self.homed,
+            self.error_code, self.nmt_state, age, self.missed, self.serial_number, target)
 
     @property
     def feedback(self) -> Feedback:
-        """What the group's state machine needs; a drive that told nothing is in no state."""
-        status = self.status or _NOTHING_TOLD
+        """What the group's state machine needs; a drive that has sent nothing is in no state."""
+        status = self.status or _NOTHING_RECEIVED
         at_rest = self.motion is not None and abs(self.motion.velocity) < self._rest_speed
         return Feedback(
             status.statusword, status.mode, at_rest, self.error_code,
             abs(status.position_counts - self._home_counts) <= HOME_TOLERANCE)
 
     def forget(self) -> None:
-        """Forget what was heard, because the bus was gone; the home position is kept."""
+        """Forget what was received, because the bus was gone; the home position is kept."""
         self.status = self.motion = self.condition = None
         self.nmt_state = self.heartbeat_time = None
         self.is_fresh = False
@@ -132,7 +117,7 @@ class AxisMonitor:
         """From now on silence, a boot-up and a fault mean nothing."""
         self._supervised_since = None
 
-    def take_tpdo1(self, data: bytes, time: float, sync_time: float) -> Cause | None:
+    def receive_tpdo1(self, data: bytes, time: float, sync_time: float) -> Cause | None:
         """
         Take state, mode and position; fresh if they answer the newest SYNC.
 
@@ -157,18 +142,18 @@ class AxisMonitor:
             'no longer be trusted', remedy='clear the faults, home, then activate',
             cut_power=True)
 
-    def take_tpdo2(self, data: bytes) -> None:
-        """Take velocity and following error."""
+    def receive_tpdo2(self, data: bytes) -> None:
+        """Receive velocity and following error."""
         self.motion = decode_tpdo2(data)
 
-    def take_tpdo3(self, data: bytes) -> None:
-        """Take error code, torque and inputs."""
+    def receive_tpdo3(self, data: bytes) -> None:
+        """Receive error code, torque and inputs."""
         self.condition = decode_tpdo3(data)
         if self.status is not None and self.status.statusword & Status.FAULT:
             self.error_code = self.error_code or self.condition.error_code
 
-    def take_emergency(self, data: bytes) -> Cause | None:
-        """Take an emergency message; return why all must stop, None if an error is gone."""
+    def receive_emergency(self, data: bytes) -> Cause | None:
+        """Receive an emergency message; return why all must stop, None if an error is gone."""
         code = decode_emergency(data).code
         if is_error_reset(code):
             self.error_code = 0
@@ -180,8 +165,8 @@ class AxisMonitor:
             f'{self.title}: {describe(code)}', remedy=meaning.remedy,
             cut_power=meaning.reaction is Reaction.DISABLE_ALL)
 
-    def take_heartbeat(self, data: bytes, time: float) -> Cause | None:
-        """Take a heartbeat or boot-up message; return why all must stop, if they must."""
+    def receive_heartbeat(self, data: bytes, time: float) -> Cause | None:
+        """Receive a heartbeat or boot-up message; return why all must stop, if they must."""
         state = data[0] & 0x7F
         self.nmt_state = state
         self.heartbeat_time = time
@@ -199,7 +184,7 @@ class AxisMonitor:
         self.missed_in_a_row += 1
 
     def end_cycle(self) -> None:
-        """Judge the cycle that ends and forget that its answer was fresh."""
+        """Count an answer that is missing at the end of the cycle; the next one must be fresh."""
         if self.is_fresh:
             self.missed_in_a_row = 0
         else:
@@ -207,7 +192,7 @@ class AxisMonitor:
         self.is_fresh = False
 
     def silence(self, now: float) -> Cause | None:
-        """Return why all must stop because of what was not heard, None if all was."""
+        """Return why all must stop because of what was not received, None if all was."""
         if self._supervised_since is None:
             return None
         bound = self._settings.max_missed_cycles

@@ -44,7 +44,7 @@ class Activate(Operation):
     def _require_allowed(self) -> None:
         positions = self.session.positions()
         try:
-            require_inside(AXIS_NAMES, self.session.axes, positions)
+            require_inside(self.session.axes, positions)
             self.session.check_targets(positions)
         except ManipulatorError as error:
             raise DriveStateError(
@@ -104,7 +104,7 @@ class Home(Operation):
             AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
             for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
         group.home(sequence, now)
-        session.homing = sequence
+        session.supervision.homing = sequence
         for monitor in session.monitors:
             monitor.homed = False
         return None
@@ -117,7 +117,8 @@ class Home(Operation):
 
     def _conclude(self) -> str:
         """Note which axes are homed, not before their positions have settled, and report."""
-        for axis, monitor in zip(self.session.homing.axes, self.session.monitors, strict=True):
+        homing = self.session.supervision.homing
+        for axis, monitor in zip(homing.axes, self.session.monitors, strict=True):
             monitor.homed = axis.state is HomingState.HOMED
         return 'Homing: ' + ', '.join(
             f'{monitor.name} is homed, at {monitor.position:.4f} m' if monitor.homed else

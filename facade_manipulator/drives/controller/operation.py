@@ -80,7 +80,7 @@ class Operation:
 
 
 def result_of(job: Future) -> Any:
-    """Return what the worker brought, or raise what it met, told to an operator."""
+    """Return the worker's result, or raise its error with a message for an operator."""
     error = job.exception()
     if error is None or isinstance(error, ManipulatorError):
         return job.result()

@@ -1,7 +1,7 @@
 """
 Keep the control loop on time: scheduling, memory, CPU, garbage collection.
 
-What the system rejects is told in a message with the command that grants it; the loop runs on
+What the system rejects is reported in a message with the command that grants it; the loop runs on
 without.
 """
 
@@ -20,17 +20,17 @@ YOUNG_COLLECTION, FULL_COLLECTION = 1, 2
 
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
-    """Ask for what the settings want for the calling thread; return what was rejected."""
-    wishes = (
+    """Ask for what the settings say for the calling thread; return what was rejected."""
+    requests = (
         (settings.realtime_priority > 0, _schedule, settings.realtime_priority),
         (settings.cpu >= 0, _bind, settings.cpu),
         (settings.lock_memory, _lock_memory, None),
     )
-    return [message for wanted, wish, value in wishes if wanted for message in wish(value)]
+    return [message for wanted, ask, value in requests if wanted for message in ask(value)]
 
 
 def _schedule(priority: int) -> list[str]:
-    """Ask for SCHED_FIFO, not for the threads that this one starts: they work at leisure."""
+    """Ask for SCHED_FIFO, not for the threads that this one starts: they have no deadline."""
     try:
         os.sched_setscheduler(
             0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))

@@ -76,7 +76,7 @@ class FrameRing:
         self._next = count()
 
     def add(self, stamp: float, cob_id: int, data: bytes) -> None:
-        """Add a frame in place of the oldest."""
+        """Add a frame over the oldest."""
         slot = next(self._next) % self._capacity
         _RECORD.pack_into(self._buffer, _RECORD.size * slot, stamp, cob_id, len(data), data)
 
@@ -120,7 +120,7 @@ _COLUMNS: dict[str, tuple[tuple[str, Callable[[AxisSettings, int], object]], ...
 
 
 def axis_table(frames: Iterable[Recorded], axes: tuple[AxisSettings, ...]) -> str:
-    """Return a CSV table with a row per SYNC: what each axis had last been told and had told."""
+    """Return a CSV table with a row per SYNC: what each axis was last commanded and last sent."""
     names = [f'{axis} {name}' for axis in AXIS_NAMES
              for columns in _COLUMNS.values() for name, _ in columns]
     sources = {

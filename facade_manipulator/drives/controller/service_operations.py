@@ -18,7 +18,7 @@ from facade_manipulator.errors import (
 )
 
 CLOSING_TIMEOUT = 3.0
-MOST_BAD_CYCLES = 0.001  # of all
+MAX_BAD_CYCLES = 0.001  # of all
 
 
 class Configure(Operation):
@@ -162,7 +162,7 @@ class SelfTest(Operation):
         cycle = self.session.cycle_statistics
         bad = cycle.incomplete + cycle.late + cycle.skipped
         return Finding(
-            'cycle', bad <= MOST_BAD_CYCLES * cycle.cycles,
+            'cycle', bad <= MAX_BAD_CYCLES * cycle.cycles,
             f'{cycle.cycles} cycles, {cycle.incomplete} incomplete, {cycle.late} late, '
             f'{cycle.skipped} skipped; commands at most {1e3 * cycle.worst:.1f} ms after SYNC')
 

@@ -7,7 +7,6 @@ kept, and the bus is looked for again.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -15,7 +14,13 @@ import time
 
 import can
 
-from facade_manipulator.drives.canopen import BusStatistics, Condition
+from facade_manipulator.drives.canopen import (
+    BusStatistics,
+    CanBus,
+    Condition,
+    NmtCommand,
+    SdoChannel,
+)
 from facade_manipulator.drives.cia402 import (
     AXIS_NAMES,
     AxisSettings,
@@ -23,26 +28,48 @@ from facade_manipulator.drives.cia402 import (
     Cause,
     check_axes,
     Group,
-    HomingSequence,
-    HomingState,
     load_profile,
     Phase,
     STOPPED_PHASES,
     Triple,
 )
 from facade_manipulator.drives.controller.bus_load import check_bus_load
+from facade_manipulator.drives.controller.commissioning import Commissioning, Drive, send_nmt
 from facade_manipulator.drives.controller.configuration import object_writes
-from facade_manipulator.drives.controller.connection import connect, Connection, open_frames
 from facade_manipulator.drives.controller.cycle import CycleStatistics
+from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.realtime import Collector
 from facade_manipulator.drives.controller.recorder import FaultRecorder
 from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.targets import Targets, TargetSource
-from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
+from facade_manipulator.drives.controller.supervision import Supervision
+from facade_manipulator.drives.controller.targets import Mechanism, Targets
+from facade_manipulator.errors import BusError, DriveStateError
 
-HomingCheck = Callable[[Triple, tuple[bool, bool, bool]], None]
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
+
+
+@dataclass(frozen=True)
+class BusAccess:
+    """How to open the bus: `open` returns a python-can bus or raises; bit rate in bit/s."""
+
+    open: Callable[[], can.BusABC]
+    bitrate: int = 1_000_000
+
+
+@dataclass(frozen=True)
+class Connection:
+    """An opened bus and what works on it."""
+
+    bus: CanBus
+    exchange: CyclicExchange
+    commissioning: Commissioning
+
+    def close(self) -> None:
+        """Let go of the bus; whoever waits for an answer gives up."""
+        self.exchange.reception.cancel()
+        self.exchange.stop()
+        self.bus.close()
 
 
 @dataclass
@@ -64,15 +91,8 @@ class Session:
     settings : ControllerSettings
     axes : tuple of AxisSettings
         q1, q2, q3.
-    open_bus : callable
-        Returns an open python-can bus or raises.
-    source : TargetSource
-    check_targets, check_homing : callable
-        See `facade_manipulator.drives.controller.controller.DriveController`.
-    on_cycle : callable
-        Called with the time after each cycle.
-    bitrate : int
-        Of the bus [bit/s].
+    bus : BusAccess
+    mechanism : Mechanism
     recorder : FaultRecorder, optional
 
     Attributes
@@ -83,48 +103,44 @@ class Session:
         The state machine, once the drives are configured.
     lost : LostBus or None
         Set while a bus that was configured is gone.
-    homing : HomingSequence or None
-        The last homing.
     notes : tuple of str
         What was skipped at configure.
+
+    Raises
+    ------
+    ParameterError
+        Settings contradict each other, a drive profile is missing, or the bus load is too high.
 
     """
 
     def __init__(
-        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...],
-        open_bus: Callable[[], can.BusABC], source: TargetSource,
-        check_targets: Callable[[Triple], None], check_homing: HomingCheck,
-        on_cycle: Callable[[float], None], bitrate: int = 1_000_000,
-        recorder: FaultRecorder | None = None,
+        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...], bus: BusAccess,
+        mechanism: Mechanism, recorder: FaultRecorder | None = None,
     ) -> None:
         check_axes(axes)
         self.settings = settings
-        self.bus_load = check_bus_load(settings, bitrate)
+        self.bus_load = check_bus_load(settings, bus.bitrate)
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
         self.axes = tuple(
             replace(axis, velocity_unit=profile.velocity_unit)
             for axis, profile in zip(axes, self._profiles, strict=True))
         for profile, axis in zip(self._profiles, self.axes, strict=True):
             object_writes(profile, axis, settings)
-        self.targets = Targets(AXIS_NAMES, self.axes, settings, source, check_targets)
-        self.check_targets = check_targets
+        self.targets = Targets(self.axes, settings, mechanism)
+        self.check_targets = mechanism.check_targets
+        self.supervision = Supervision(settings, mechanism.check_homing)
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
-        self.stops: deque[Cause] = deque(maxlen=16)
-        self.fed = 0.0
         self.recorder = recorder
-        self._check_homing = check_homing
-        self._open_bus = open_bus
-        self._on_cycle = on_cycle
-        self._collector = Collector(settings.rate)
+        self.collector = Collector(settings.rate)
+        self._bus = bus
         self._forget()
 
     def _forget(self) -> None:
         self.connection: Connection | None = None
         self.group: Group | None = None
         self.lost: LostBus | None = None
-        self.homing: HomingSequence | None = None
         self.notes: tuple[str, ...] = ()
-        self.stops.clear()
+        self.supervision.stops.clear()
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings)
             for name, axis in zip(AXIS_NAMES, self.axes, strict=True))
@@ -158,9 +174,14 @@ class Session:
         return [monitor.name for monitor in self.monitors if not monitor.homed]
 
     @property
+    def sync_stamp(self) -> float | None:
+        """Time of the last SYNC on the system clock [s], None before the first."""
+        return (self.connection.exchange.clock.sync_stamp or None) if self.connection else None
+
+    @property
     def cycle_statistics(self) -> CycleStatistics:
         """Counters of the cycle."""
-        return self.connection.stream.clock.statistics if self.connection else CycleStatistics()
+        return self.connection.exchange.clock.statistics if self.connection else CycleStatistics()
 
     @property
     def bus_statistics(self) -> BusStatistics:
@@ -178,12 +199,12 @@ class Session:
         Raises
         ------
         DriveStateError
-            A drive has not told it yet.
+            A drive has not sent its position yet.
 
         """
         positions = tuple(monitor.position for monitor in self.monitors)
         if None in positions:
-            raise DriveStateError('not every drive has told its position yet: try again')
+            raise DriveStateError('not every drive has sent its position yet: try again')
         return positions
 
     # --- the bus: opened, lost, back, closed
@@ -198,31 +219,48 @@ class Session:
             Why it cannot be opened.
 
         """
-        tap = self.recorder.add if self.recorder is not None else None
-        frames = open_frames(self._open_bus, tap)
+        bus = self._open_bus()
         if self.settings.own_garbage_collection:
-            self._collector.start()  # its first, full collection takes longer than a heartbeat
-        self.connection = connect(
-            frames, self.monitors, self._profiles, self.settings, self.targets, self._causes,
-            self._finish_cycle)
+            self.collector.start()  # its first, full collection takes longer than a heartbeat
+        exchange = CyclicExchange(
+            bus, self.monitors, self.settings, self.targets, self.supervision)
+        drives = tuple(
+            Drive(monitor, SdoChannel(
+                exchange.network, monitor.axis.node_id, monitor.name, profile.eds), profile)
+            for monitor, profile in zip(self.monitors, self._profiles, strict=True))
+        self.connection = Connection(
+            bus, exchange, Commissioning(bus, drives, self.settings, exchange.reception))
+
+    def _open_bus(self) -> CanBus:
+        tap = self.recorder.add if self.recorder is not None else None
+        try:
+            return CanBus(self._bus.open(), tap)
+        except (can.CanError, OSError, ValueError) as error:
+            raise BusError(f'the CAN bus cannot be opened: {error}') from error
 
     def start_cycle(self, now: float) -> None:
         """Let the cycle run, with all drives switched off."""
-        settings = self.settings
-        self.group = Group(
-            AXIS_NAMES, settings.step_timeout, settings.ramp_timeout, settings.hold_cycles,
-            settings.max_resets_per_minute, now)
-        self.connection.stream.start(self.group, time.monotonic())
+        self.group = Group(AXIS_NAMES, self.settings.group, now)
+        self.connection.exchange.start(self.group, time.monotonic())
 
     def close(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, forget everything."""
         if self.connection is not None:
-            self.connection.leave()
-        self._collector.stop()
+            self.connection.exchange.stop()
+            self._leave_operational()
+            self.connection.close()
+        self.collector.stop()
         self._forget()
 
+    def _leave_operational(self) -> None:
+        try:
+            for axis in self.axes:
+                send_nmt(self.connection.bus, NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
+        except BusError:
+            pass  # the drives notice the missing heartbeat by themselves
+
     def lose(self, error: BusError, now: float) -> None:
-        """Fall silent, so that the drives stop by themselves, and look for the bus again."""
+        """Send nothing more, so that the drives stop by themselves, and look for the bus again."""
         if self.connection is not None:
             self.connection.close()
             self.connection = None
@@ -242,11 +280,11 @@ class Session:
 
         """
         self.open()
-        self.connection.stream.speaks = False
+        self.connection.exchange.transmits = False
         self.lost.healthy_since = now
 
     def watch_recovery(self, now: float) -> None:
-        """Speak again on a bus that has been healthy for a while; the drives stay stopped."""
+        """Transmit again on a bus that has been healthy for a while; the drives stay stopped."""
         if self.lost is None or self.connection is None:
             return
         if self.connection.bus.statistics.condition >= Condition.PASSIVE:
@@ -255,33 +293,6 @@ class Session:
             self.lost = None
             for monitor in self.monitors:
                 monitor.forget()
-            self.group.give_time(now)
-            self.connection.stream.speaks = True
-            self.connection.stream.start(self.group, now)
-
-    # --- once per cycle
-
-    def _causes(self, now: float) -> list[Cause]:
-        """Return why to stop, as far as it does not come from the drives."""
-        causes = [self.stops.popleft() for _ in range(len(self.stops))]
-        silence, bound = now - self.fed, self.settings.watchdog_timeout
-        if self.is_powered and silence > bound:
-            causes.append(Cause(
-                f'the executor has not run for {1e3 * silence:.0f} ms, '
-                f'bound {1e3 * bound:.0f} ms'))
-        if self.group.phase is Phase.HOMING:
-            causes += self._homing_causes()
-        return causes
-
-    def _homing_causes(self) -> list[Cause]:
-        homed = tuple(axis.state is HomingState.HOMED for axis in self.homing.axes)
-        try:
-            self._check_homing(self.positions(), homed)
-        except ManipulatorError as error:
-            return [Cause(f'homing stopped: {error}', 'move the carriages apart by hand, clear '
-                          'the faults, then home')]
-        return []
-
-    def _finish_cycle(self, now: float) -> None:
-        self._on_cycle(now)
-        self._collector.use_slack()
+            self.group.restart_step(now)
+            self.connection.exchange.transmits = True
+            self.connection.exchange.start(self.group, now)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from facade_manipulator.drives.cia402 import GroupSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
 
@@ -83,3 +84,9 @@ class ControllerSettings:
     def period(self) -> float:
         """Time between two cycles [s]."""
         return 1.0 / self.rate
+
+    @property
+    def group(self) -> GroupSettings:
+        """What of it the state machine of the group needs."""
+        return GroupSettings(
+            self.step_timeout, self.ramp_timeout, self.hold_cycles, self.max_resets_per_minute)

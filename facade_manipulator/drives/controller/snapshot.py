@@ -1,13 +1,20 @@
-"""What the controller shows of itself: immutable, of one cycle."""
+"""The controller and its drives at one cycle: immutable, made once, read by everybody."""
 
 from __future__ import annotations
 
 from enum import Enum
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen import BusStatistics
-from facade_manipulator.drives.cia402 import State
+from facade_manipulator.drives.canopen import (
+    BusStatistics,
+    ConditionFrame,
+    describe,
+    MotionFrame,
+    StatusFrame,
+)
+from facade_manipulator.drives.cia402 import AxisSettings, Cause, decode_state, State, Triple
 from facade_manipulator.drives.controller.cycle import CycleStatistics
+from facade_manipulator.errors import DriveStateError
 
 
 class ControllerState(Enum):
@@ -30,64 +37,106 @@ class ControllerState(Enum):
     CLOSED = 'closed'
 
 
+class JointStates(NamedTuple):
+    """
+    The three carriages at one SYNC.
+
+    Parameters
+    ----------
+    stamp : float
+        Time of the SYNC on the system clock [s].
+    positions, velocities, forces : tuple of float, shape (3,)
+        [m, m/s, N]; a velocity or force that was never received is 0.
+
+    """
+
+    stamp: float
+    positions: Triple
+    velocities: Triple
+    forces: Triple
+
+
 class AxisSnapshot(NamedTuple):
     """
-    One axis; what was never heard is None.
+    One axis: the newest frames as received, and their content in SI units; None before the first.
 
     Attributes
     ----------
     name : str
-    node_id : int
-    serial_number : int or None
-        As the drive told at configure.
-    position : float or None
-        Actual position [m].
-    velocity : float or None
-        Actual velocity [m/s].
-    force : float or None
-        Force of the carriage along the rail [N], from the motor's torque.
-    following_error : float or None
-        [m].
-    target : float or None
-        Commanded position [m] while the drives follow.
-    statusword : int or None
-    state : State or None
-        CiA 402 state, None if the statusword names none.
-    mode : int or None
-        Mode of operation display.
-    digital_inputs : int or None
-        60FD.
+    axis : AxisSettings
+        Its node id and units.
+    status, motion, condition : frames or None
+        TPDO1 to TPDO3.
     homed : bool
     error_code : int
         Last error code, 0 for none.
-    error : str
-        The same as a message, ``''`` for none.
     nmt_state : int or None
     heartbeat_age : float or None
         [s]
     missed : int
         SYNCs that the drive did not answer.
+    serial_number : int or None
+        As read at configure.
+    target : float or None
+        Commanded position [m] while the drives follow.
 
     """
 
     name: str
-    node_id: int
-    serial_number: int | None = None
-    position: float | None = None
-    velocity: float | None = None
-    force: float | None = None
-    following_error: float | None = None
-    target: float | None = None
-    statusword: int | None = None
-    state: State | None = None
-    mode: int | None = None
-    digital_inputs: int | None = None
+    axis: AxisSettings
+    status: StatusFrame | None = None
+    motion: MotionFrame | None = None
+    condition: ConditionFrame | None = None
     homed: bool = False
     error_code: int = 0
-    error: str = ''
     nmt_state: int | None = None
     heartbeat_age: float | None = None
     missed: int = 0
+    serial_number: int | None = None
+    target: float | None = None
+
+    @property
+    def position(self) -> float | None:
+        """Actual position [m]."""
+        return self.axis.to_metres(self.status.position_counts) if self.status else None
+
+    @property
+    def velocity(self) -> float | None:
+        """Actual velocity [m/s]."""
+        return self.axis.speed_to_metres(self.motion.velocity) if self.motion else None
+
+    @property
+    def force(self) -> float | None:
+        """Force of the carriage along the rail [N], from the motor's torque."""
+        return self.axis.to_force(self.condition.torque) if self.condition else None
+
+    @property
+    def following_error(self) -> float | None:
+        """Demand minus actual position [m]."""
+        return self.axis.to_metres(self.motion.following_error_counts) if self.motion else None
+
+    @property
+    def statusword(self) -> int | None:
+        """Statusword 6041h."""
+        return self.status.statusword if self.status else None
+
+    @property
+    def state(self) -> State | None:
+        """CiA 402 state, None if the statusword names none."""
+        try:
+            return decode_state(self.status.statusword) if self.status else None
+        except DriveStateError:
+            return None
+
+    @property
+    def digital_inputs(self) -> int | None:
+        """Digital inputs 60FDh."""
+        return self.condition.digital_inputs if self.condition else None
+
+    @property
+    def error(self) -> str:
+        """The last error as a message, ``''`` for none."""
+        return describe(self.error_code) if self.error_code else ''
 
 
 class ControllerSnapshot(NamedTuple):
@@ -101,12 +150,10 @@ class ControllerSnapshot(NamedTuple):
         When the drives sampled the positions (SYNC), on the system clock [s].
     axes : tuple of AxisSnapshot
         In the order q1, q2, q3.
-    cause : str
-        Why the drives are stopped, ``''`` if they are not.
+    causes : tuple of Cause
+        Why the drives are stopped, the first cause first.
     next_step : str
         What the operator does about it.
-    further_causes : tuple of str
-        What happened after that.
     notes : tuple of str
         What was skipped or rejected without stopping anything.
     cycle : CycleStatistics
@@ -121,9 +168,8 @@ class ControllerSnapshot(NamedTuple):
     state: ControllerState
     stamp: float | None
     axes: tuple[AxisSnapshot, ...]
-    cause: str = ''
+    causes: tuple[Cause, ...] = ()
     next_step: str = ''
-    further_causes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     cycle: CycleStatistics = CycleStatistics()
     bus: BusStatistics = BusStatistics()
@@ -131,7 +177,34 @@ class ControllerSnapshot(NamedTuple):
     bus_load: float = 0.0
 
     @property
+    def cause(self) -> str:
+        """Why the drives are stopped, ``''`` if they are not."""
+        return self.causes[0].message if self.causes else ''
+
+    @property
+    def further_causes(self) -> tuple[str, ...]:
+        """What happened after that."""
+        return tuple(cause.message for cause in self.causes[1:])
+
+    @property
     def unhomed(self) -> tuple[str, ...]:
         """Names of the axes that must be homed."""
         return tuple(axis.name for axis in self.axes if not axis.homed)
 
+    def joints(self) -> JointStates | None:
+        """
+        Return where the carriages are, None until all are homed.
+
+        An encoder that was not homed counts from anywhere: that is no carriage position.
+        """
+        if not self.stamp or not all([axis.homed and axis.status for axis in self.axes]):
+            return None
+        return JointStates(
+            self.stamp, tuple([axis.position for axis in self.axes]),
+            tuple([axis.velocity or 0.0 for axis in self.axes]),
+            tuple([axis.force or 0.0 for axis in self.axes]))
+
+    def outcome(self) -> tuple:
+        """Return what the levels and messages in /diagnostics depend on."""
+        return (self.state, self.causes[:1], self.next_step, self.bus_error, tuple([
+            (axis.state, axis.homed, axis.error_code) for axis in self.axes]))

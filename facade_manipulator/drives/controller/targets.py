@@ -1,5 +1,5 @@
 """
-The targets that go to the drives: the place where power finds the carriages, then the stream.
+The targets that go to the drives: where the carriages are at power-on, then the stream.
 
 The last check before the bus. It trusts nobody: a target that is not finite, leaves the stroke or
 jumps is rejected with a message, never clamped.
@@ -8,10 +8,12 @@ jumps is rejected with a message, never clamped.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 import math
 from typing import Protocol
 
 from facade_manipulator.drives.cia402 import (
+    AXIS_NAMES,
     AxisSettings,
     Command,
     Controlword,
@@ -25,7 +27,7 @@ from facade_manipulator.errors import InputError, LimitError, SetpointLimitError
 
 _AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
 ROUNDING = 1e-9
-MOST_SLIP = 0.005  # m, from where the carriage was when power came
+MAX_SLIP = 0.005  # m, from where the carriage was when power came
 
 
 class TargetSource(Protocol):
@@ -45,30 +47,54 @@ class TargetSource(Protocol):
         """Return the positions [m] to be reached at a time of the system clock [s]."""
 
 
+TargetCheck = Callable[[Triple], None]
+HomingCheck = Callable[[Triple, tuple[bool, bool, bool]], None]
+
+
+def allow_anything(*_: object) -> None:
+    """Check nothing: the default where the caller knows no mechanism."""
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """
+    What the three drives move.
+
+    Attributes
+    ----------
+    source : TargetSource
+        Asked for targets once a cycle while active, in the control thread.
+    check_targets : callable
+        Takes three positions [m], raises a ManipulatorError where the mechanism must not be.
+    check_homing : callable
+        Takes three positions [m] and which axes are homed, called in each cycle of homing;
+        raises a ManipulatorError when carriages or links come too close.
+
+    """
+
+    source: TargetSource
+    check_targets: TargetCheck = allow_anything
+    check_homing: HomingCheck = allow_anything
+
+
 class Targets:
     """
     Choose what to command in each cycle.
 
     Parameters
     ----------
-    names : tuple of str
-        What the operator calls the axes.
     axes : tuple of AxisSettings
     settings : ControllerSettings
-    source : TargetSource
-    check : callable
-        Takes three positions [m] and raises a ManipulatorError where the mechanism must not be.
+    mechanism : Mechanism
 
     """
 
     def __init__(
-        self, names: tuple[str, ...], axes: tuple[AxisSettings, ...],
-        settings: ControllerSettings, source: TargetSource, check: Callable[[Triple], None],
+        self, axes: tuple[AxisSettings, ...], settings: ControllerSettings, mechanism: Mechanism,
     ) -> None:
-        self.source = source
-        self._names = names
+        self.source = mechanism.source
         self._axes = axes
-        self._check = check
+        self._check = mechanism.check_targets
         self._largest_steps = tuple(
             settings.step_margin * axis.max_speed * settings.period for axis in axes)
         self._phase = Phase.OFF
@@ -120,39 +146,39 @@ class Targets:
             self.track(command, actual)
             return
         if before not in FOLLOWING_PHASES or (before, phase) == (Phase.HALTED, Phase.RUNNING):
-            self._anchor(actual)
+            self._initialise(actual)
         if phase is Phase.HOLDING:
             return
         if phase in _AT_REST:
             self.source.hold()
-        self._take(self.source.sample(latch_time))
+        self._set(self.source.sample(latch_time))
 
-    def _anchor(self, actual: tuple[int, ...]) -> None:
-        """Begin where the drives hold; a carriage that is elsewhere by now is a doubt."""
+    def _initialise(self, actual: tuple[int, ...]) -> None:
+        """Begin where the drives hold; reject a carriage that is elsewhere by now."""
         self._positions = tuple(
             axis.to_metres(counts) for axis, counts in zip(self._axes, self._counts, strict=True))
         for name, axis, held, counts in zip(
-                self._names, self._axes, self._positions, actual, strict=True):
+                AXIS_NAMES, self._axes, self._positions, actual, strict=True):
             slip = abs(axis.to_metres(counts) - held)
-            if slip > MOST_SLIP:
+            if slip > MAX_SLIP:
                 raise SetpointLimitError(
-                    f'distance of {name} from its target', slip, MOST_SLIP, 'm', 'above')
+                    f'distance of {name} from its target', slip, MAX_SLIP, 'm', 'above')
         self.source.reset(self._positions)
 
-    def _take(self, targets: Triple) -> None:
+    def _set(self, targets: Triple) -> None:
         for number, target in enumerate(targets):
-            self._require_sane(number, target)
+            self._require_valid(number, target)
         self._check(targets)
         self._counts = tuple([
             axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True)])
         self._positions = tuple(targets)
 
-    def _require_sane(self, number: int, target: float) -> None:
+    def _require_valid(self, number: int, target: float) -> None:
         axis, step = self._axes[number], abs(target - self._positions[number])
         if (axis.lower_limit - ROUNDING <= target <= axis.upper_limit + ROUNDING
                 and step <= self._largest_steps[number] + ROUNDING):
             return
-        name = f'target of {self._names[number]}'
+        name = f'target of {AXIS_NAMES[number]}'
         if not math.isfinite(target):
             raise InputError.not_finite(name, target, 'm')
         if target < axis.lower_limit - ROUNDING:
@@ -163,7 +189,7 @@ class Targets:
             f'step of the {name} in one cycle', step, self._largest_steps[number], 'm', 'above')
 
 
-def require_inside(names: tuple[str, ...], axes: tuple[AxisSettings, ...], actual: Triple) -> None:
+def require_inside(axes: tuple[AxisSettings, ...], actual: Triple) -> None:
     """
     Check that the carriages are where they may be powered.
 
@@ -173,7 +199,7 @@ def require_inside(names: tuple[str, ...], axes: tuple[AxisSettings, ...], actua
         A carriage is beyond its stroke and the margin.
 
     """
-    for name, axis, position in zip(names, axes, actual, strict=True):
+    for name, axis, position in zip(AXIS_NAMES, axes, actual, strict=True):
         low, high = axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin
         if not low <= position <= high:
             bound, relation = (low, 'below') if position < low else (high, 'above')

@@ -17,10 +17,9 @@ from typing import Any
 
 from facade_manipulator.drives.canopen import BusSettings, open_bus
 from facade_manipulator.drives.cia402 import AxisScale, AxisSettings, DEFAULT_AXES
-from facade_manipulator.drives.simulated.bus import DriveSimulator
-from facade_manipulator.drives.simulated.drive import SimulatedDrive
-from facade_manipulator.drives.simulated.group import simulated_drives
+from facade_manipulator.drives.simulated.drive import simulated_drives, SimulatedDrive
 from facade_manipulator.drives.simulated.motor import SimulationSettings
+from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.errors import BusError, ManipulatorError
 from facade_manipulator.parameters import METADATA_KEY
 

@@ -131,11 +131,11 @@ class SimulatedAxis:
         if self.torque_off:
             self._report(SAFE_TORQUE_OFF)
 
-    # --- what the drive tells
+    # --- what the drive reports
 
     @property
     def statusword(self) -> int:
-        """The statusword 6041, without the bit that tells NMT Operational."""
+        """The statusword 6041, without the bit that says NMT Operational."""
         if self.state is State.NOT_READY_TO_SWITCH_ON:
             return 0
         word = STATUSWORDS[self.state][1]

@@ -88,7 +88,7 @@ class PositionRamp:
     target : float
         Where it goes.
     halted : bool
-        Whether it comes to rest on the way.
+        Whether it comes to rest before the target.
 
     """
 

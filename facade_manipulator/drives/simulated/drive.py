@@ -12,18 +12,26 @@ CiA 301 and IEC 61800-7-201 (CiA 402-2).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import fields, replace
 from typing import NamedTuple
 
 from facade_manipulator.drives.canopen import NmtState
-from facade_manipulator.drives.cia402 import AxisScale, DriveProfile, State, Status
+from facade_manipulator.drives.cia402 import (
+    AxisScale,
+    AxisSettings,
+    DriveProfile,
+    load_profile,
+    State,
+    Status,
+)
 from facade_manipulator.drives.simulated.axis import SAFE_TORQUE_OFF, SimulatedAxis
 from facade_manipulator.drives.simulated.motor import SimulatedMotor, SimulationSettings
-from facade_manipulator.drives.simulated.network import ErrorHistory
 from facade_manipulator.drives.simulated.node import SimulatedNode
 from facade_manipulator.drives.simulated.objects import ObjectStore
 
 POSITION_LOST = 0x7380
+_REVISION = 1
 
 # what an error does, by mask and code: most cut the power, these do not
 _CONNECTION_ERRORS = ((0xFF00, 0x8100), (0xFF00, 0x8200))
@@ -79,11 +87,10 @@ class SimulatedDrive(SimulatedNode):
         objects = ObjectStore(profile.eds, node_id, settings.missing_objects)
         axis = SimulatedAxis(objects, self.motor, profile, self._scale, self._report_once)
         self._control = objects.writers[0x6040, 0]
-        objects.writers[0x6040, 0] = self._take_controlword
+        objects.writers[0x6040, 0] = self._write_controlword
         objects.readers[0x6041, 0] = self._statusword
         objects.defaults[0x6076, 0] = round(self._scale.rated_torque * 1e6)
-        super().__init__(node_id, objects, ErrorHistory(objects), axis, self._report_once,
-                         settings.boot_time, profile.quirks)
+        super().__init__(objects, axis, self._report_once, settings.boot_time, profile.quirks)
         self.set_identity(identity or Identity())
 
     @property
@@ -97,7 +104,7 @@ class SimulatedDrive(SimulatedNode):
         remote = Status.REMOTE * (self.nmt_state is NmtState.OPERATIONAL)
         return self.axis.statusword | remote if self.axis.statusword else 0
 
-    def _take_controlword(self, controlword: int) -> None:
+    def _write_controlword(self, controlword: int) -> None:
         resets = self.axis.is_reset_edge(controlword)
         self._control(controlword)
         if resets:
@@ -139,7 +146,7 @@ class SimulatedDrive(SimulatedNode):
     def remove_cause(self) -> None:
         """Let persistent errors be ones that a fault reset clears; close safe torque off."""
         self.axis.torque_off = False
-        self.errors.mend()
+        self.errors.remove_causes()
 
     def open_safe_torque_off(self) -> None:
         """Cut the power by the safety chain until `remove_cause`."""
@@ -161,3 +168,32 @@ class SimulatedDrive(SimulatedNode):
 
 def _is_among(code: int, entries: tuple[tuple[int, int], ...]) -> bool:
     return any(code & mask == value for mask, value in entries)
+
+
+def simulated_drives(
+    axes: Sequence[AxisSettings], settings: SimulationSettings | None = None
+) -> list[SimulatedDrive]:
+    """
+    Make one drive for each axis, with its carriage at the axis's home position.
+
+    An identity that the axis leaves open is made up: the serial number is then the node id.
+
+    Parameters
+    ----------
+    axes : sequence of AxisSettings
+    settings : SimulationSettings, optional
+        Of all drives, but for the start position.
+
+    """
+    settings = settings or SimulationSettings()
+    return [
+        SimulatedDrive(
+            axis.node_id, load_profile(axis.profile), _scale(axis),
+            Identity(axis.vendor_id, axis.product_code, _REVISION,
+                     axis.serial_number or axis.node_id),
+            replace(settings, start_position=axis.home_position))
+        for axis in axes]
+
+
+def _scale(axis: AxisSettings) -> AxisScale:
+    return AxisScale(**{item.name: getattr(axis, item.name) for item in fields(AxisScale)})

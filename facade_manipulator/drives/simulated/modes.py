@@ -1,7 +1,7 @@
 """
 Modes of operation of a simulated drive: cyclic synchronous position, profile position, homing.
 
-A mode gets the controlword's bits, makes the position demand, and tells the statusword's bits.
+A mode gets the controlword's bits, makes the position demand, and returns the statusword's bits.
 
 References
 ----------

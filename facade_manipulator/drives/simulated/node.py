@@ -23,9 +23,11 @@ from facade_manipulator.drives.canopen import (
 )
 from facade_manipulator.drives.cia402 import Quirks
 from facade_manipulator.drives.simulated.axis import SimulatedAxis
-from facade_manipulator.drives.simulated.faults import Frame, FrameFilter, FrameLoss
 from facade_manipulator.drives.simulated.network import (
     ErrorHistory,
+    Frame,
+    FrameFilter,
+    FrameLoss,
     HeartbeatConsumer,
     HeartbeatProducer,
 )
@@ -51,14 +53,10 @@ class SimulatedNode:
 
     Parameters
     ----------
-    node_id : int
-        Its number, 1 to 127.
     objects : ObjectStore
         The object dictionary.
-    errors : ErrorHistory
-        The errors that are present and past.
     axis : SimulatedAxis
-        The drive behind the node; the node tells it SYNC, time, boot-up and lost connections.
+        The drive behind the node: gets SYNC, time, boot-up and lost connections from it.
     report : callable
         Takes the code of an error that the node finds in its communication.
     boot_time : float
@@ -73,23 +71,28 @@ class SimulatedNode:
 
     Attributes
     ----------
-    node_id, objects, errors, axis
+    node_id : int
+        Its number, 1 to 127.
+    objects, axis
         The parameters.
+    errors : ErrorHistory
+        The errors that are present and past.
     nmt_state : NmtState
         Its state.
     is_silent, is_deaf : bool
-        Fault injection: it sends nothing; it hears nothing.
+        Fault injection: it sends nothing; it receives nothing.
 
     """
 
     def __init__(
-        self, node_id: int, objects: ObjectStore, errors: ErrorHistory, axis: SimulatedAxis,
-        report: Callable[[int], None], boot_time: float, quirks: Quirks,
+        self, objects: ObjectStore, axis: SimulatedAxis, report: Callable[[int], None],
+        boot_time: float, quirks: Quirks,
     ) -> None:
+        self.node_id = node_id = objects.node_id
         if not 1 <= node_id <= pdo.MASTER_NODE_ID:
             raise ParameterError(f'node id = {node_id} is not from 1 to {pdo.MASTER_NODE_ID}')
-        self.node_id = node_id
-        self.objects, self.errors, self.axis, self._report = objects, errors, axis, report
+        self.objects, self.axis, self._report = objects, axis, report
+        self.errors = ErrorHistory(objects)
         self._boot_time = boot_time
         self._boots_operational = quirks.boots_operational
         self._outbox: list[Frame] = []
@@ -216,7 +219,7 @@ class SimulatedNode:
         self._forget_routes()  # it may have written a COB-ID
 
     def _on_heartbeat(self, cob_id: int, data: bytes) -> None:
-        if len(data) == 1 and self._consumer.hear(self._now):
+        if len(data) == 1 and self._consumer.receive(self._now):
             self.errors.discard(HEARTBEAT_LOST)
             self._announce()
 
@@ -226,7 +229,7 @@ class SimulatedNode:
         """
         Switch the power off and on, as the NMT command reset node does.
 
-        Objects, errors and the drive forget what they were told; it boots.
+        Objects, errors and axis lose what was written to them; it boots.
 
         """
         self.objects.reset()

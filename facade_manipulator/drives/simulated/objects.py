@@ -78,6 +78,7 @@ class ObjectStore:
     """
 
     def __init__(self, eds: Path, node_id: int, missing: tuple[int, ...] = ()) -> None:
+        self.node_id = node_id
         self.object_dictionary = _dictionary(eds, node_id)
         self.variables = {
             (item.index, item.subindex): item
@@ -168,7 +169,7 @@ class ObjectServer(SdoServer):
     def __init__(self, node_id: int, store: ObjectStore, network: Any) -> None:
         super().__init__(pdo.sdo_request_cob_id(node_id), pdo.sdo_response_cob_id(node_id), store)
         self.network = network
-        # the library's server answers a stray segment with what it finds in these
+        # the library's server answers an unexpected segment with what it finds in these
         self._index = self._subindex = 0
         self._buffer = bytearray()
 

@@ -76,19 +76,19 @@ def test_a_drive_in_another_mode_is_named_with_both_modes():
 def test_a_drive_that_falls_back_is_not_waited_for_again():
     watched = stepper(axis.power_on(CSP)[1])
     assert watched.advance(feedback_in(State.READY_TO_SWITCH_ON), now=0.1)
-    with pytest.raises(DriveStateError, match='q2 left its way to get ready'):
+    with pytest.raises(DriveStateError, match='q2 should get ready to switch on, but went to'):
         watched.advance(feedback_in(State.SWITCH_ON_DISABLED), now=0.2)
 
 
 @pytest.mark.parametrize('state', sorted(axis.FAULT_STATES, key=str))
-def test_a_fault_is_told_with_its_error_code(state):
+def test_a_fault_comes_with_its_error_code(state):
     watched = stepper(axis.FOLLOW)
     with pytest.raises(DriveFaultError, match=r'q2 .*following error.*8611h'):
         watched.advance(feedback_in(state, error_code=0x8611), now=0.0)
 
 
-def test_a_fault_without_error_code_is_told_as_such():
-    with pytest.raises(DriveFaultError, match='cause not told'):
+def test_a_fault_without_error_code_says_so():
+    with pytest.raises(DriveFaultError, match='the drive sent no error code'):
         stepper(axis.FOLLOW).advance(feedback_in(State.FAULT), now=0.0)
 
 

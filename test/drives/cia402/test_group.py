@@ -7,7 +7,7 @@ import pytest
 
 from facade_manipulator.drives.cia402.axis import Feedback
 from facade_manipulator.drives.cia402.cause import Cause
-from facade_manipulator.drives.cia402.group import Group
+from facade_manipulator.drives.cia402.group import Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence
 from facade_manipulator.drives.cia402.plans import Phase, POWERED_PHASES
 from facade_manipulator.drives.cia402.states import Command as DriveCommand
@@ -75,7 +75,7 @@ def is_enabling(command) -> bool:
 
 
 def switched_off(**details) -> Drives:
-    drives = Drives(Group(NAMES, **details))
+    drives = Drives(Group(NAMES, GroupSettings(**details)))
     drives.cycle(3)
     return drives
 
@@ -349,7 +349,7 @@ def test_a_drive_that_does_not_obey_the_quick_stop_loses_its_power():
     drives.deaf = {1}
     drives.group.stop(Cause('enough'), drives.now)
     drives.cycle(150)
-    assert drives.group.disobedient == {'q2'}
+    assert drives.group.not_responding == {'q2'}
     assert drives.commands[0].controlword == Controlword.DISABLE_VOLTAGE
     assert drives.group.needs_configuration
 
@@ -369,7 +369,7 @@ RESTART = Cause('q2 has restarted', 'configure again, home', 'q2', configure_aga
                 is_restart=True)
 
 
-def test_a_drive_that_fell_silent_because_it_restarted_is_told_in_one_message():
+def test_a_drive_that_fell_silent_because_it_restarted_is_reported_in_one_message():
     drives = running()
     for cause in (SILENCE, RESTART):
         drives.group.stop(cause, drives.now)
@@ -487,7 +487,7 @@ def ask(group: Group, request: str, now: float) -> bool:
     st.sampled_from([None] * 8 + list(REQUESTS)), st.tuples(feedbacks, feedbacks, feedbacks)),
     max_size=60))
 def test_no_sequence_of_statuswords_enables_what_was_not_asked_for(cycles):
-    group = Group(NAMES, step_timeout=0.1, hold_cycles=2)
+    group = Group(NAMES, GroupSettings(step_timeout=0.1, hold_cycles=2))
     allowed = False
     for number, (request, feedback) in enumerate(cycles):
         now = PERIOD * number

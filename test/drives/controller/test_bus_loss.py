@@ -14,7 +14,7 @@ from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, State
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.simulated.faults import FrameLoss
+from facade_manipulator.drives.simulated.network import FrameLoss
 from facade_manipulator.errors import ManipulatorError
 
 # --- the bus goes away

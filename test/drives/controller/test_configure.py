@@ -10,8 +10,7 @@ import pytest
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.simulated.drive import Identity, SimulatedDrive
-from facade_manipulator.drives.simulated.group import simulated_drives
+from facade_manipulator.drives.simulated.drive import Identity, simulated_drives, SimulatedDrive
 from facade_manipulator.drives.simulated.motor import SimulationSettings
 from facade_manipulator.errors import (
     BusError,

@@ -12,7 +12,9 @@ from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import State, Status
 from facade_manipulator.drives.controller.controller import DriveController
+from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.controller.targets import Mechanism
 from facade_manipulator.errors import DriveStateError, ManipulatorError, ParameterError
 
 
@@ -30,7 +32,7 @@ def test_an_ordinary_day_from_configure_to_cleanup(rig):
     assert 'power is off' in rig.do('deactivate')
     assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
     snapshot = rig.controller.snapshot()
-    assert rig.controller.joints().positions == pytest.approx(rig.carriages, abs=1e-4)
+    assert rig.controller.snapshot().joints().positions == pytest.approx(rig.carriages, abs=1e-4)
     assert snapshot.cause == ''
     rig.do('cleanup')
     assert rig.state is ControllerState.UNCONFIGURED
@@ -138,13 +140,14 @@ def test_faster_cycles_work_as_well(make_rig, rate):
 def test_settings_that_contradict_the_drive_type_are_rejected_at_once():
     axes = (replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])
     with pytest.raises(ParameterError, match='homing_method = -5'):
-        DriveController(SETTINGS, axes, None, Source())
+        DriveController(SETTINGS, axes, BusAccess(None), Mechanism(Source()))
     with pytest.raises(ParameterError, match='bus load'):
-        DriveController(SETTINGS, DEFAULT_AXES, None, Source(), bitrate=125_000)
+        DriveController(
+            SETTINGS, DEFAULT_AXES, BusAccess(None, 125_000), Mechanism(Source()))
     with pytest.raises(ParameterError, match='no drive profile nonsense'):
         DriveController(
-            SETTINGS, (replace(DEFAULT_AXES[0], profile='nonsense'), *DEFAULT_AXES[1:]), None,
-            Source())
+            SETTINGS, (replace(DEFAULT_AXES[0], profile='nonsense'), *DEFAULT_AXES[1:]),
+            BusAccess(None), Mechanism(Source()))
 
 
 def test_statusword_bits_of_the_drives_are_told(rig):

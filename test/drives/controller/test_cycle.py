@@ -5,11 +5,11 @@ import pytest
 from facade_manipulator.drives.controller.cycle import (
     ANSWERS_DUE,
     COMMANDS_DUE,
-    COMPANY,
     cycle_clock,
+    FIRST_ANSWER_DUE,
     LATENESS_BOUNDS,
-    LEAST_GAP,
-    PATIENCE,
+    MIN_GAP,
+    OTHERS_DUE,
     SYNC_MISSING,
     SYNC_OVERDUE,
     SyncConsumer,
@@ -20,27 +20,27 @@ T = 0.01
 ALL = 3
 
 
-def sent() -> SyncProducer:
+def producer() -> SyncProducer:
     clock = SyncProducer(T)
     clock.start(0.0)
     return clock
 
 
-def heard() -> SyncConsumer:
+def consumer() -> SyncConsumer:
     clock = SyncConsumer(T)
     clock.start(0.0)
     return clock
 
 
 def test_who_sends_sync_decides_on_the_clock():
-    assert isinstance(cycle_clock(T, hears_sync=True), SyncConsumer)
-    assert isinstance(cycle_clock(T, hears_sync=False), SyncProducer)
+    assert isinstance(cycle_clock(T, receives_sync=True), SyncConsumer)
+    assert isinstance(cycle_clock(T, receives_sync=False), SyncProducer)
 
 
 # --- SYNC sent by the loop
 
 def test_the_loop_sends_sync_once_a_period():
-    clock = sent()
+    clock = producer()
     for number in range(5):
         assert clock.sync_due(T * number, all_read=True)
         clock.begin(T * number, 0.0)
@@ -51,7 +51,7 @@ def test_the_loop_sends_sync_once_a_period():
 
 
 def test_the_step_comes_with_the_last_answer_or_when_there_is_no_more_time():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     assert not clock.step_due(0.1 * T, 2, ALL, all_read=True)
     assert clock.next_event == ANSWERS_DUE * T
@@ -61,46 +61,46 @@ def test_the_step_comes_with_the_last_answer_or_when_there_is_no_more_time():
 
 
 def test_when_nobody_answers_this_computer_is_taken_to_be_late():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     assert not clock.step_due(2.9 * T, 0, ALL, all_read=True)
     assert not clock.sync_due(2.9 * T, all_read=True)
-    assert clock.next_event == PATIENCE * T
-    assert clock.step_due(PATIENCE * T, 0, ALL, all_read=True)
+    assert clock.next_event == FIRST_ANSWER_DUE * T
+    assert clock.step_due(FIRST_ANSWER_DUE * T, 0, ALL, all_read=True)
 
 
 def test_after_a_late_first_answer_the_others_are_given_time_to_follow():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     assert not clock.step_due(2.0 * T, 1, ALL, all_read=True)
-    assert clock.next_event == pytest.approx((2.0 + COMPANY) * T)
-    assert clock.step_due((2.01 + COMPANY) * T, 2, ALL, all_read=True)
+    assert clock.next_event == pytest.approx((2.0 + OTHERS_DUE) * T)
+    assert clock.step_due((2.01 + OTHERS_DUE) * T, 2, ALL, all_read=True)
 
 
 def test_no_step_is_due_before_the_first_sync():
-    for clock in (sent(), heard()):
+    for clock in (producer(), consumer()):
         assert not clock.step_due(5 * T, ALL, ALL, all_read=True)
 
 
 def test_no_step_is_due_twice():
-    for clock in (sent(), heard()):
+    for clock in (producer(), consumer()):
         clock.begin(0.0, 0.0)
         clock.finish(0.1 * T, complete=True)
         assert not clock.step_due(5 * T, ALL, ALL, all_read=True)
 
 
 def test_late_commands_go_out_and_delay_the_next_sync():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     assert clock.finish(1.5 * T, complete=True)
     assert clock.statistics.late == 1
-    assert not clock.sync_due((1.49 + LEAST_GAP) * T, all_read=True)
-    assert clock.sync_due((1.51 + LEAST_GAP) * T, all_read=True)
+    assert not clock.sync_due((1.49 + MIN_GAP) * T, all_read=True)
+    assert clock.sync_due((1.51 + MIN_GAP) * T, all_read=True)
 
 
 @given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=50))
 def test_late_syncs_are_never_squeezed_together_to_catch_up(delays):
-    clock = sent()
+    clock = producer()
     now, last = 0.0, -1.0
     for delay in delays:
         now = max(now, clock.next_event) + delay
@@ -112,7 +112,7 @@ def test_late_syncs_are_never_squeezed_together_to_catch_up(delays):
 
 
 def test_periods_without_sync_are_counted():
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 0.0)
     clock.finish(0.0, complete=True)
     clock.begin(4.5 * T, 0.0)
@@ -123,59 +123,59 @@ def test_periods_without_sync_are_counted():
 
 @pytest.mark.parametrize(('share', 'in_time'), [(0.1, True), (0.79, True), (0.81, False)])
 def test_commands_later_than_four_fifths_of_the_period_are_late(share, in_time):
-    clock = heard()
-    clock.hear(T, 0.0)
+    clock = consumer()
+    clock.receive(T, 0.0)
     assert clock.finish((1 + share) * T, complete=True) is in_time
     assert clock.statistics.late == (not in_time)
     assert clock.late_in_a_row == (not in_time)
 
 
 def test_being_in_time_once_ends_the_row_of_late_cycles():
-    clock = heard()
+    clock = consumer()
     for number, share in enumerate((0.9, 0.9, 0.1), start=1):
-        clock.hear(T * number, 0.0)
+        clock.receive(T * number, 0.0)
         clock.finish(T * (number + share), complete=True)
     assert clock.late_in_a_row == 0
     assert clock.statistics.late == 2
 
 
 def test_answers_are_waited_for_a_little_longer_while_frames_wait_to_be_read():
-    clock = heard()
-    clock.hear(0.0, 0.0)
+    clock = consumer()
+    clock.receive(0.0, 0.0)
     assert clock.step_due(ANSWERS_DUE * T, 2, ALL, all_read=True)
     assert not clock.step_due(ANSWERS_DUE * T, 2, ALL, all_read=False)
     assert clock.step_due(COMMANDS_DUE * T, 0, ALL, all_read=False)
 
 
 def test_the_kernels_sync_is_replaced_when_it_is_overdue():
-    clock = heard()
+    clock = consumer()
     assert not clock.sync_due(T, all_read=True)
     assert clock.sync_due(SYNC_OVERDUE * T, all_read=True)
     clock.begin(SYNC_OVERDUE * T, 0.0)
     assert clock.overdue_in_a_row == clock.statistics.skipped == 1
-    clock.hear(2 * T, 0.0)
+    clock.receive(2 * T, 0.0)
     assert clock.overdue_in_a_row == 0
 
 
 def test_the_kernels_sync_is_not_overdue_while_frames_wait_to_be_read():
-    clock = heard()
+    clock = consumer()
     assert not clock.sync_due(2 * T, all_read=False)
     assert clock.sync_due(SYNC_MISSING * T, all_read=False)
 
 
 def test_a_sync_that_comes_too_early_is_somebody_elses():
-    clock = heard()
-    clock.hear(T, 0.0)
-    assert clock.is_stray(1.4 * T)
-    assert not clock.is_stray(1.9 * T)
-    assert clock.statistics.stray == 1
+    clock = consumer()
+    clock.receive(T, 0.0)
+    assert clock.is_unexpected(1.4 * T)
+    assert not clock.is_unexpected(1.9 * T)
+    assert clock.statistics.unexpected == 1
 
 
 @given(st.lists(st.floats(0.0, 0.5), max_size=50))
 def test_the_histogram_holds_every_step(ages):
-    clock = heard()
+    clock = consumer()
     for number, age in enumerate(ages):
-        clock.hear(float(number), 0.0)
+        clock.receive(float(number), 0.0)
         clock.finish(number + age, complete=False)
     statistics = clock.statistics
     assert sum(statistics.lateness) == statistics.cycles == statistics.incomplete == len(ages)
@@ -185,29 +185,29 @@ def test_the_histogram_holds_every_step(ages):
 # --- stamps without jitter
 
 @given(st.lists(st.floats(-0.1, 0.1), min_size=2, max_size=50), st.floats(1e9, 2e9))
-def test_jitter_of_sync_hardly_reaches_the_even_stamps(jitter, start):
-    clock = sent()
+def test_jitter_of_sync_hardly_reaches_the_smooth_stamps(jitter, start):
+    clock = producer()
     stamps = []
     for number, share in enumerate([0.0, *jitter]):
         clock.begin(T * number, start + T * (number + share))
         clock.finish(T * (number + 0.1), complete=True)
-        stamps.append(clock.even_stamp)
+        stamps.append(clock.smooth_stamp)
     for before, after in zip(stamps, stamps[1:], strict=False):
         assert after - before == pytest.approx(T, abs=0.02 * T)
 
 
 @pytest.mark.parametrize('moved', [0.4, 7.4, -3.6, 1e5 + 0.3])
 def test_a_sync_at_another_place_and_a_clock_that_was_set_are_believed_at_once(moved):
-    clock = sent()
+    clock = producer()
     clock.begin(0.0, 100.0)
     clock.finish(0.1 * T, complete=True)
     clock.begin(T, 100.0 + moved * T)
-    assert clock.even_stamp == pytest.approx(100.0 + moved * T, abs=1e-9)
+    assert clock.smooth_stamp == pytest.approx(100.0 + moved * T, abs=1e-9)
 
 
-def test_periods_without_sync_leave_the_even_stamps_in_step():
-    clock = heard()
+def test_periods_without_sync_leave_the_smooth_stamps_in_step():
+    clock = consumer()
     for number in (0, 1, 4, 5):
-        clock.hear(T * number, 100.0 + T * number)
+        clock.receive(T * number, 100.0 + T * number)
         clock.finish(T * (number + 0.1), complete=True)
-        assert clock.even_stamp == pytest.approx(100.0 + T * number, abs=1e-9)
+        assert clock.smooth_stamp == pytest.approx(100.0 + T * number, abs=1e-9)

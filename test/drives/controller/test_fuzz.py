@@ -56,7 +56,7 @@ def test_random_frames_raise_nothing_and_command_nothing_out_of_limits(
 def test_bad_setpoints_at_a_kilohertz_are_rejected_and_none_reaches_a_drive(rig):
     rig.get_ready()
     SITUATIONS['at rest'](rig)
-    start = rig.controller.joints().positions
+    start = rig.controller.snapshot().joints().positions
     bad, watch = fuzz_setpoints(rig, 3.0)
     assert rig.state is ControllerState.ACTIVE
     assert bad > 500

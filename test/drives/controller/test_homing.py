@@ -68,7 +68,7 @@ def test_a_halt_gives_homing_up(make_rig):
     homing = rig.controller.home()
     wait_until(lambda: State.OPERATION_ENABLED in rig.drive_states, 'power')
     wait_until(lambda: rig.rejection('halt') is None, 'the halt')
-    with pytest.raises(DriveStateError, match='given up for halt'):
+    with pytest.raises(DriveStateError, match='cancelled by halt'):
         homing.result(PATIENCE)
     assert rig.state is ControllerState.INACTIVE
     assert rig.controller.snapshot().unhomed == AXIS_NAMES

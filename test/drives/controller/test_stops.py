@@ -14,6 +14,7 @@ from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveStateError, LimitError
 
@@ -193,7 +194,7 @@ def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
 def test_an_executor_that_hangs_stops_the_drives(make_rig):
     rig = make_rig(settings=replace(SETTINGS, watchdog_timeout=0.3))
     moving(rig)
-    rig.beats.clear()
+    rig.feeds.clear()
     rig.until_stopped()
     assert 'the executor has not run for' in rig.controller.snapshot().cause
     assert 'bound 300 ms' in rig.controller.snapshot().cause
@@ -201,19 +202,26 @@ def test_an_executor_that_hangs_stops_the_drives(make_rig):
 
 def test_an_executor_that_hangs_while_nothing_has_power_stops_nothing(rig):
     inactive(rig)
-    rig.beats.clear()
+    rig.feeds.clear()
     rig.cycles(20)
     assert rig.state is ControllerState.INACTIVE
+
+
+def recorder(watch):
+    """Return a recorder that is called at the end of each cycle, as every one is."""
+    made = FaultRecorder(RecorderSettings(), DEFAULT_AXES)
+    made.watch = watch
+    return made
 
 
 def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_rig):
     trouble = []
 
-    def on_cycle():
+    def watch(causes, now):
         if trouble:
             raise KeyError(trouble.pop())
 
-    rig = make_rig(on_cycle=on_cycle)
+    rig = make_rig(recorder=recorder(watch))
     at_rest(rig)
     trouble.append('surprise')
     rig.until_stopped()
@@ -224,12 +232,12 @@ def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_r
 def test_a_loop_that_stood_still_blames_this_computer_and_no_drive(make_rig):
     pauses = []
 
-    def on_cycle():
+    def watch(causes, now):
         if pauses:
             time.sleep(pauses.pop())
 
     settings = replace(SETTINGS, heartbeat_timeout=0.3)
-    rig = make_rig(settings=settings, on_cycle=on_cycle)
+    rig = make_rig(settings=settings, recorder=recorder(watch))
     at_rest(rig)
     pauses.append(1.2 * settings.heartbeat_timeout)
     rig.until_stopped()

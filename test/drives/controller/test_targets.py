@@ -7,10 +7,15 @@ import pytest
 
 from facade_manipulator.drives.cia402.group import Command
 from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Mode
 from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.targets import MOST_SLIP, require_inside, Targets
+from facade_manipulator.drives.controller.targets import (
+    MAX_SLIP,
+    Mechanism,
+    require_inside,
+    Targets,
+)
 from facade_manipulator.errors import (
     InputError,
     LimitError,
@@ -27,7 +32,7 @@ LARGEST_STEP = SETTINGS.step_margin * 0.6 * SETTINGS.period
 
 
 def targets(source=None, check=lambda positions: None) -> Targets:
-    return Targets(AXIS_NAMES, DEFAULT_AXES, SETTINGS, source or Source(), check)
+    return Targets(DEFAULT_AXES, SETTINGS, Mechanism(source or Source(), check))
 
 
 def following(source=None, **details) -> Targets:
@@ -74,7 +79,7 @@ def test_a_carriage_that_is_elsewhere_when_power_has_come_is_a_doubt():
     one = targets()
     one.choose(Phase.ENABLING, Command(0x07, CSP), HERE, 0.0)
     with pytest.raises(SetpointLimitError, match='distance of q1 from its target'):
-        one.choose(Phase.HOLDING, ON, elsewhere(round(1.1 * MOST_SLIP * 430_000)), 0.0)
+        one.choose(Phase.HOLDING, ON, elsewhere(round(1.1 * MAX_SLIP * 430_000)), 0.0)
 
 
 @pytest.mark.parametrize('phase', [Phase.RAMPING, Phase.HALTED])
@@ -151,6 +156,6 @@ def test_whatever_the_source_says_no_step_to_the_drives_is_too_large(cycles):
 
 
 def test_carriages_beyond_the_stroke_and_its_margin_are_named():
-    require_inside(AXIS_NAMES, DEFAULT_AXES, (-0.504, 0.504, 0.0))
+    require_inside(DEFAULT_AXES, (-0.504, 0.504, 0.0))
     with pytest.raises(LimitError, match='position of q2 = 0.51 m is above the bound 0.505 m'):
-        require_inside(AXIS_NAMES, DEFAULT_AXES, (0.0, 0.51, 0.0))
+        require_inside(DEFAULT_AXES, (0.0, 0.51, 0.0))

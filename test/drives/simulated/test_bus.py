@@ -16,8 +16,8 @@ from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.simulated import __main__ as drive_simulator
-from facade_manipulator.drives.simulated.bus import DriveSimulator
 from facade_manipulator.drives.simulated.drive import SimulatedDrive
+from facade_manipulator.drives.simulated.simulator import DriveSimulator
 
 SOURCE = Path(__file__).resolve().parents[3]
 CHANNELS = itertools.count()

@@ -115,9 +115,9 @@ def test_without_a_first_heartbeat_nobody_is_missed():
 
 def test_a_dead_master_makes_a_quick_stop_within_150_ms():
     bench = Bench().configure()
-    bench.beats = True
+    bench.sends_heartbeat = True
     bench.enable().move_at(0.2)
-    bench.beats, last = False, bench.now
+    bench.sends_heartbeat, last = False, bench.now
     bench.send(0x77F, [5])
     bench.wait(0.1499)
     assert bench.drive.state is State.OPERATION_ENABLED
@@ -131,7 +131,7 @@ def test_a_dead_master_makes_a_quick_stop_within_150_ms():
 
 def test_a_master_that_beats_again_ends_the_error_but_not_the_stop():
     bench = Bench().configure()
-    bench.beats = True
+    bench.sends_heartbeat = True
     bench.enable()
     bench.wait(0.2)
     bench.cycle(5)  # the controlword goes on saying: enable operation
@@ -146,7 +146,7 @@ def test_a_master_that_beats_again_ends_the_error_but_not_the_stop():
     (3, State.QUICK_STOP_ACTIVE)])
 def test_the_abort_connection_option_code_is_obeyed(option, state):
     bench = Bench().configure(_6007=option)
-    bench.beats = True
+    bench.sends_heartbeat = True
     bench.enable()
     bench.wait(0.3)
     assert bench.drive.state is state

@@ -9,7 +9,7 @@ import pytest
 
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
 from facade_manipulator.drives.simulated.drive import Identity
-from facade_manipulator.drives.simulated.faults import FrameFilter, FrameLoss
+from facade_manipulator.drives.simulated.network import FrameFilter, FrameLoss
 from facade_manipulator.errors import ParameterError
 
 REGISTER = {0x2310: 0x03, 0x3220: 0x05, 0x4210: 0x09, 0x8611: 0x21, 0x8110: 0x11, 0x7380: 0x21,

@@ -10,7 +10,7 @@ import time
 import can
 
 from facade_manipulator.drives.simulated.drive import SimulatedDrive
-from facade_manipulator.drives.simulated.faults import Frame
+from facade_manipulator.drives.simulated.network import Frame
 from facade_manipulator.errors import BusError
 
 _LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet
@@ -141,7 +141,7 @@ class DriveSimulator:
 
     def _send(self, frames: list[Frame]) -> None:
         if time.monotonic() < self._retry:
-            return  # there is nobody to hear it
+            return  # nobody would receive it
         for cob_id, data in frames:
             try:
                 self.bus.send(

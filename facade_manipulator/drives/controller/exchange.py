@@ -1,7 +1,7 @@
 """
 The control thread's work on an open bus: receive, supervise, step, command, once per SYNC.
 
-Frames go by COB-ID and length to whoever decodes them; anything else on the bus is not for us.
+Frames go by COB-ID and length to whoever decodes them; any other frame is ignored.
 Nothing in here waits but for the next frame or the next deadline.
 """
 
@@ -21,7 +21,6 @@ from facade_manipulator.drives.canopen import (
     SDO_FRAME_LENGTH,
 )
 from facade_manipulator.drives.cia402 import (
-    BUS_REMEDY,
     Cause,
     Command,
     COMPUTER_REMEDY,
@@ -32,19 +31,20 @@ from facade_manipulator.drives.cia402 import (
     STOPPED_PHASES,
     TARGET_REMEDY,
 )
-from facade_manipulator.drives.controller.commissioning import Hearing, send_nmt
+from facade_manipulator.drives.controller.commissioning import Reception, send_nmt
 from facade_manipulator.drives.controller.cycle import cycle_clock
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.supervision import Supervision
 from facade_manipulator.drives.controller.targets import Targets
 from facade_manipulator.errors import ManipulatorError
 
 LONGEST_WAIT = 0.02
-MOST_UNSENT = 8  # frames in a row: two cycles
+MAX_UNSENT = 8  # frames in a row: two cycles
 _EMERGENCY_LENGTH = 8
 
 
-class Stream:
+class CyclicExchange:
     """
     The cyclic exchange with three drives.
 
@@ -53,38 +53,45 @@ class Stream:
     Parameters
     ----------
     bus : CanBus
-    network : PumpedNetwork
-        Gets the answers to SDO requests.
     monitors : tuple of AxisMonitor
     settings : ControllerSettings
     targets : Targets
-    supervise : callable
-        Called in each cycle with the time; yields causes to stop for.
-    on_cycle : callable
-        Called at the end of each cycle with the time.
+    supervision : Supervision
+
+    Attributes
+    ----------
+    network : PumpedNetwork
+        Where a worker thread sends SDO requests; the answers are handed to it here.
+    reception : Reception
+        Wakes a worker thread that waits for a heartbeat or boot-up message.
+    transmits : bool
+        Whether heartbeats are sent; a bus that was just found again is only listened to.
+    has_stepped : bool
+        Whether the last call of `pump` has ended a cycle.
 
     """
 
     def __init__(
-        self, bus: CanBus, network: PumpedNetwork, monitors: tuple[AxisMonitor, ...],
-        settings: ControllerSettings, targets: Targets,
-        supervise: Callable[[float], list[Cause]], on_cycle: Callable[[float], None],
+        self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
+        targets: Targets, supervision: Supervision,
     ) -> None:
         self.group: Group | None = None
-        self.hearing = Hearing()
+        self.network = PumpedNetwork(bus)
+        self.reception = Reception()
         self.clock = cycle_clock(settings.period, bus.has_kernel_sync)
-        self.speaks = True
+        self.transmits = True
+        self.has_stepped = False
         self._bus = bus
-        self._network = network
         self._monitors = monitors
         self._settings = settings
         self._targets = targets
-        self._supervise = supervise
-        self._on_cycle = on_cycle
+        self._supervision = supervision
+        # a target that is sent now is latched at the next SYNC and reached one period later
+        self._lead = 2.0 * settings.period + settings.drive_lag
         self._next_heartbeat = 0.0
         self._unsent = 0
         self._pumped = self._read_until = time.monotonic()
-        self._forced: set[str] = set()
+        self._taken_out: set[str] = set()
         self._command_ids = tuple(pdo.RPDO1.cob_id(m.axis.node_id) for m in monitors)
         self._routes = self._make_routes()
         bus.listen_to(tuple(self._routes))
@@ -101,34 +108,34 @@ class Stream:
         node = monitor.axis.node_id
         return {
             pdo.TPDO1.cob_id(node): (pdo.TPDO1.codec.size, lambda frame: self._stop_for(
-                monitor.take_tpdo1(frame.data, frame.time, self.clock.sync_time))),
+                monitor.receive_tpdo1(frame.data, frame.time, self.clock.sync_time))),
             pdo.TPDO2.cob_id(node): (
-                pdo.TPDO2.codec.size, lambda frame: monitor.take_tpdo2(frame.data)),
+                pdo.TPDO2.codec.size, lambda frame: monitor.receive_tpdo2(frame.data)),
             pdo.TPDO3.cob_id(node): (
-                pdo.TPDO3.codec.size, lambda frame: monitor.take_tpdo3(frame.data)),
+                pdo.TPDO3.codec.size, lambda frame: monitor.receive_tpdo3(frame.data)),
             pdo.emergency_cob_id(node): (
                 _EMERGENCY_LENGTH, lambda frame: self._stop_for(
-                    monitor.take_emergency(frame.data))),
+                    monitor.receive_emergency(frame.data))),
             pdo.heartbeat_cob_id(node): (
                 1, lambda frame: self._on_heartbeat(monitor, frame)),
-            pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self._network.feed),
+            pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed),
         }
 
     def _dispatch(self, frame: Frame) -> None:
-        length, take = self._routes.get(frame.cob_id, (None, None))
+        length, receive = self._routes.get(frame.cob_id, (None, None))
         if length == len(frame.data):
-            take(frame)
+            receive(frame)
 
     def _on_sync(self, frame: Frame) -> None:
-        if self.group is None or self.clock.is_stray(frame.time):
+        if self.group is None or self.clock.is_unexpected(frame.time):
             return
         if self.clock.is_open:
             self._step(time.monotonic())
-        self.clock.hear(frame.time, frame.stamp)
+        self.clock.receive(frame.time, frame.stamp)
 
     def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> None:
-        cause = monitor.take_heartbeat(frame.data, frame.time)
-        self.hearing.notify()
+        cause = monitor.receive_heartbeat(frame.data, frame.time)
+        self.reception.notify()
         self._stop_for(cause)
 
     def _stop_for(self, cause: Cause | None) -> None:
@@ -144,7 +151,7 @@ class Stream:
 
     def start(self, group: Group, now: float) -> None:
         """
-        Let SYNC run and command what the group says from now on.
+        Start SYNC and command what the group says from now on.
 
         Raises
         ------
@@ -161,7 +168,7 @@ class Stream:
             self._bus.start_sync(self._settings.period)
 
     def stop(self) -> None:
-        """End SYNC and commands; heartbeats go on."""
+        """Stop SYNC and commands; heartbeats go on."""
         self._bus.stop_sync()
         self.group = None
         for monitor in self._monitors:
@@ -177,6 +184,7 @@ class Stream:
             The bus is gone.
 
         """
+        self.has_stepped = False
         frame = self._bus.receive(self._time_to_next_event(time.monotonic()))
         now = time.monotonic()
         self._watch_pauses(now)
@@ -185,7 +193,7 @@ class Stream:
         else:
             self._read_until = frame.time
             self._dispatch(frame)
-        if self.speaks and now >= self._next_heartbeat:
+        if self.transmits and now >= self._next_heartbeat:
             self._send_heartbeat(now)
         if self.group is not None:
             self._turn(now, all_read=frame is None)
@@ -202,7 +210,7 @@ class Stream:
 
     def _time_to_next_event(self, now: float) -> float:
         event = now + LONGEST_WAIT
-        if self.speaks and self._next_heartbeat < event:
+        if self.transmits and self._next_heartbeat < event:
             event = self._next_heartbeat
         if self.group is not None and self.clock.next_event < event:
             event = self.clock.next_event
@@ -224,14 +232,17 @@ class Stream:
         for monitor in self._monitors:
             monitor.end_cycle()
         group = self.group
-        for cause in self._causes(now):
+        for cause in self._supervision.causes(group, self._monitors, now):
+            group.stop(cause, now)
+        for cause in self._supervision.timing_causes(
+                group, self._monitors, self.clock, self._read_until):
             group.stop(cause, now)
         commands = group.step(self._feedback(), now)
         if in_time or group.phase not in FOLLOWING_PHASES:
             commands = self._choose_targets(commands, now)
             self._send_commands(commands)
-        self._force_disobedient()
-        self._on_cycle(now)
+        self._take_out_of_operation()
+        self.has_stepped = True
 
     def _feedback(self) -> tuple:
         feedback = tuple([monitor.feedback for monitor in self._monitors])
@@ -239,41 +250,12 @@ class Stream:
             return tuple(one._replace(at_rest=False) for one in feedback)
         return feedback
 
-    def _causes(self, now: float) -> list[Cause]:
-        causes = self._supervise(now)
-        if self.group.phase in STOPPED_PHASES:
-            return causes
-        return [*causes, *self._silences(), *self._own_failures()]
-
-    def _silences(self) -> list[Cause]:
-        """Blame the bus rather than each drive when all have fallen silent together."""
-        heard_until = self._read_until  # what still waits to be read may tell of them
-        causes = [
-            cause for monitor in self._monitors
-            if (cause := monitor.silence(heard_until)) is not None]
-        if len(causes) == len(self._monitors):
-            return [Cause(f'no drive answers any more: {causes[0].message}', BUS_REMEDY)]
-        return causes
-
-    def _own_failures(self) -> list[Cause]:
-        bound = self._settings.max_missed_cycles
-        causes = []
-        if self.clock.late_in_a_row >= bound and self.group.is_powered:
-            causes.append(Cause(
-                f'the control loop was late {self.clock.late_in_a_row} cycles in a row, bound '
-                f'{bound}', COMPUTER_REMEDY))
-        if self.clock.overdue_in_a_row >= bound:
-            causes.append(Cause(
-                f'the kernel sent no SYNC for {self.clock.overdue_in_a_row} periods, bound '
-                f'{bound}', 'clean up and configure again', configure_again=True))
-        return causes
-
     def _choose_targets(
         self, commands: tuple[Command, ...], now: float
     ) -> tuple[Command, ...]:
         """Choose the targets; a source that fails stops the group instead."""
         actual = tuple([m.status.position_counts if m.status else 0 for m in self._monitors])
-        latch_time = self.clock.even_stamp + 2.0 * self._settings.period + self._settings.drive_lag
+        latch_time = self.clock.smooth_stamp + self._lead
         try:
             self._targets.choose(self.group.phase, commands[0], actual, latch_time)
         except ManipulatorError as error:
@@ -316,16 +298,15 @@ class Stream:
             self._bus.send(cob_id, data)
         except BusCongestedError:
             self._unsent += 1
-            if self._unsent >= MOST_UNSENT:
+            if self._unsent >= MAX_UNSENT:
                 raise
         else:
             self._unsent = 0
 
-    def _force_disobedient(self) -> None:
-        """Take drives that go on in spite of a quick stop out of operation by NMT, once each."""
-        if self.group.disobedient == self._forced:
-            return
+    def _take_out_of_operation(self) -> None:
+        """Command NMT stop, once each, to drives that go on in spite of a quick stop."""
+        due = self.group.not_responding - self._taken_out
         for monitor in self._monitors:
-            if monitor.name in self.group.disobedient - self._forced:
+            if monitor.name in due:
                 send_nmt(self._bus, NmtCommand.STOP, monitor.axis.node_id)
-        self._forced = set(self.group.disobedient)
+        self._taken_out = set(self.group.not_responding)

@@ -1,0 +1,75 @@
+"""The state of one cycle: carriages, and what the levels and messages depend on."""
+
+import pytest
+
+from facade_manipulator.drives.canopen.pdo import ConditionFrame, MotionFrame, StatusFrame
+from facade_manipulator.drives.cia402.cause import Cause
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.controller.snapshot import (
+    AxisSnapshot,
+    ControllerSnapshot,
+    ControllerState,
+)
+
+ENABLED, WITH_TARGET_REACHED, FAULT = 0x0027, 0x0427, 0x0008
+CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'second'))
+
+
+def snapshot(*changes, **others):
+    """Return a snapshot in which the first axes differ as each of the changes says."""
+    axes = [AxisSnapshot(
+        name, axis, StatusFrame(ENABLED, 8, 12345), MotionFrame(-321, 7),
+        ConditionFrame(0, 55, 0), homed=True, nmt_state=5, heartbeat_age=1.0, serial_number=4711)
+        for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True)]
+    for number, change in enumerate(changes):
+        axes[number] = axes[number]._replace(**change)
+    return ControllerSnapshot(
+        ControllerState.ACTIVE, 1000.0, tuple(axes), bus_load=0.1)._replace(**others)
+
+
+def status(statusword=ENABLED, counts=12345):
+    return {'status': StatusFrame(statusword, 8, counts)}
+
+
+def test_the_joints_are_those_of_the_axes():
+    one = snapshot({}, status(counts=-99))
+    joints = one.joints()
+    assert joints.stamp == 1000.0
+    assert joints.positions == tuple(axis.position for axis in one.axes)
+    assert joints.velocities == tuple(axis.velocity for axis in one.axes)
+    assert joints.forces == tuple(axis.force for axis in one.axes)
+    assert joints.positions[0] != joints.positions[1]
+
+
+def test_a_velocity_or_force_never_received_is_0():
+    joints = snapshot({'motion': None}, {'condition': None}).joints()
+    assert joints.velocities[0] == joints.forces[1] == 0.0
+    assert joints.velocities[1] != 0.0
+    assert joints.forces[0] != 0.0
+
+
+@pytest.mark.parametrize('one', [
+    snapshot({'homed': False}), snapshot({}, {}, {'status': None}), snapshot(stamp=None)],
+    ids=['not homed', 'no position', 'no SYNC'])
+def test_where_a_carriage_is_not_known_there_are_no_joints(one):
+    assert one.joints() is None
+
+
+@pytest.mark.parametrize('same', [
+    snapshot(status(WITH_TARGET_REACHED)), snapshot({'missed': 7, 'heartbeat_age': 3.0}),
+    snapshot(stamp=1001.0, bus_load=0.2)], ids=['target', 'counters', 'time'])
+def test_what_is_nothing_new_leaves_the_outcome(same):
+    assert same.outcome() == snapshot().outcome()
+
+
+@pytest.mark.parametrize('other', [
+    snapshot(state=ControllerState.HALTED), snapshot(status(FAULT)), snapshot({'homed': False}),
+    snapshot({'error_code': 0x2310}), snapshot({'status': None}), snapshot(causes=CAUSES),
+    snapshot(next_step='activate'), snapshot(bus_error='no such device')])
+def test_what_is_new_changes_the_outcome(other):
+    assert other.outcome() != snapshot().outcome()
+
+
+def test_the_first_cause_decides():
+    assert snapshot(causes=CAUSES).outcome() == snapshot(causes=CAUSES[:1]).outcome()
+    assert snapshot(causes=CAUSES).outcome() != snapshot(causes=CAUSES[::-1]).outcome()

@@ -1,0 +1,27 @@
+"""Rejected messages: counted, logged, and the callback ends there."""
+
+import pytest
+
+from facade_manipulator.errors import InputError
+from facade_manipulator.ros.diagnostics import Rejections
+
+
+def test_what_is_rejected_in_a_block_is_counted_and_goes_no_further(ros):
+    rejections, reached = Rejections(ros.node('node')), []
+    for _ in range(2):
+        with rejections:
+            raise InputError.stale('setpoint', 0.3, 0.2)
+        reached.append(True)
+    with rejections:
+        reached.append(True)
+    assert len(reached) == 3
+    assert rejections.values() == {
+        'rejected': 2, 'rejected: stale': 2,
+        'last rejection': 'setpoint is 0.300 s old, bound 0.2 s'}
+
+
+def test_an_error_of_another_kind_is_not_hidden(ros):
+    rejections = Rejections(ros.node('node'))
+    with pytest.raises(ZeroDivisionError), rejections:
+        raise ZeroDivisionError
+    assert rejections.total == 0
