@@ -152,10 +152,11 @@ class Compensator:
             'estimate': self._gate.change_settings,
             'prediction': self.correction.change_prediction,
             'workspace_limit': self._change_workspace_limit,
+            'impedance': partial(setattr, self.contact.pressing, 'press'),
+            'yaw_impedance': partial(setattr, self.contact.pressing, 'turn'),
             **{name: partial(setattr, part, 'settings') for name, part in (
                 ('correction', self.correction), ('reference', self._reference),
-                ('following', self.following), ('lateral', self.contact.lateral),
-                ('impedance', self.contact.press), ('yaw_impedance', self.contact.turn))},
+                ('following', self.following), ('lateral', self.contact.lateral))},
         }
 
     def change(self, part: str, settings: Any) -> None:
@@ -253,7 +254,8 @@ class Compensator:
         if self._last is not None:
             interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
             saturation_error = self._last.saturation_error
-        shifted = self.contact.shift(now, time, interval, reference, saturation_error)
+        shifted = self.contact.shift(
+            now, time, interval, reference, saturation_error, disturbance)
         wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
         inside = self._workspace_limit.saturate(tracked, math.tan(disturbance.theta))

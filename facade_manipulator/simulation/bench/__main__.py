@@ -33,7 +33,8 @@ from facade_manipulator.simulation.sway import Sway, SwaySettings
 from facade_manipulator.simulation.wall import AXES, SCALES, UNITS
 
 HEAD_START = 1.0
-CONTACT_BEGINS = 8.0
+CONTACT_BEGINS = 20.0  # s: approach and ramp are over
+CLEARANCE = 0.05  # m, from the wall at the start
 SWEEP = (0.05, 0.08, 0.12, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 SWEEP_AMPLITUDE = Pose(0.01, 0.01, math.radians(1.0))
 SWEEP_DURATION = 30.0
@@ -57,12 +58,20 @@ def run_scenario(scenario: Scenario, motion: Motion | None = None) -> Run:
     settings = LoopSettings(
         scenario.compensator, scenario.estimator, scenario.wall, scenario.facade,
         scenario.gondola, scenario.force_sensor)
-    loop = ClosedLoop(Geometry(), settings, motion or scenario.motion(), mission.goal(0.0))
+    loop = ClosedLoop(Geometry(), settings, motion or scenario.motion(), _begin(scenario))
     steps = loop.run(HEAD_START)
     for number in range(math.ceil(mission.duration / mission.goal_period)):
         loop.send_goal(mission.goal(number * mission.goal_period))
         steps += loop.run(mission.goal_period)
     return Run(loop, steps)
+
+
+def _begin(scenario: Scenario) -> Pose:
+    """Return where the head begins: at the first goal, but off the wall if there is one."""
+    goal, wall = scenario.mission.goal(0.0), scenario.facade
+    if not wall.present:
+        return goal
+    return goal._replace(y=min(goal.y, wall.distance - CLEARANCE))
 
 
 def with_model(scenario: Scenario, model: str) -> Scenario:
