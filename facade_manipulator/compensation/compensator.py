@@ -20,6 +20,7 @@ from facade_manipulator.compensation.correction import (
     FADE_ACCELERATION,
     LONGEST_PAUSE,
 )
+from facade_manipulator.compensation.feasibility import obstacle, SuspensionSettings
 from facade_manipulator.compensation.following import Following, FollowingSettings
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.lateral import LateralSettings
@@ -107,6 +108,7 @@ class CompensatorSettings(NamedTuple):
     lateral: LateralSettings = LateralSettings()
     impedance: ImpedanceSettings = ImpedanceSettings()
     yaw_impedance: YawImpedanceSettings = YawImpedanceSettings()
+    suspension: SuspensionSettings = SuspensionSettings()
 
 
 DEFAULTS = CompensatorSettings()
@@ -140,6 +142,7 @@ class Compensator:
         self.following = Following(settings.following)
         self.goal: Pose | None = None
         self.initialisations = 0
+        self._suspension = settings.suspension
         self._gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
         self._workspace_limit = WorkspaceLimit(geometry, settings.workspace_limit)
@@ -152,6 +155,7 @@ class Compensator:
             'estimate': self._gate.change_settings,
             'prediction': self.correction.change_prediction,
             'workspace_limit': self._change_workspace_limit,
+            'suspension': partial(setattr, self, '_suspension'),
             'impedance': partial(setattr, self.contact.pressing, 'press'),
             'yaw_impedance': partial(setattr, self.contact.pressing, 'turn'),
             **{name: partial(setattr, part, 'settings') for name, part in (
@@ -219,6 +223,14 @@ class Compensator:
 
         """
         self.correction.add_estimate(self._gate.check(now, stamp, pose, variances))
+
+    @property
+    def obstacle(self) -> str:
+        """Why the desired force cannot be had at the goal, by statics; empty if it can."""
+        if self.goal is None:
+            return ''
+        return obstacle(
+            self._suspension, self.contact.pressing.press, self.geometry, self.goal)
 
     def update(self, now: float) -> CorrectedPose | None:
         """

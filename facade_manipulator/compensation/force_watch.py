@@ -65,8 +65,8 @@ class ForceWatch:
         stiffness : float
             Of the contact [N/m].
         is_repeated : bool
-            Whether the wrench is to the last digit the one before, which no sound sensor tells
-            for long.
+            Whether the wrench is to the last digit the one before, which none of a sound
+            sensor is for long.
 
         """
         interval = min(max(stamp - self.stamp, 0.0), OLDEST_WRENCH)

@@ -78,6 +78,8 @@ class CompensatorReport:
         pressing = self._compensator.contact.pressing
         if pressing.mode is PressMode.RETRACTED and pressing.reason:
             return 'error', f'{pressing.mode.value}: {pressing.reason}'
+        if self._compensator.obstacle:
+            return 'warn', f'{pressing.mode.value}; {self._compensator.obstacle}'
         if pressing.mode is PressMode.OFF:
             return 'ok', 'giving way to the wall'
         return 'ok', pressing.mode.value

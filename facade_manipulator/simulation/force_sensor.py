@@ -14,7 +14,7 @@ FAULTS = ('none', 'silent', 'stuck', 'jump', 'reversed', 'late')
 
 @settings
 class ForceSensorSettings:
-    """How well the sensor tells the wrench on the head, and how it breaks."""
+    """How well the sensor measures the wrench on the head, and how it breaks."""
 
     force_noise: float = parameter(
         0.5, 'Standard deviation of the forces', unit='N', minimum=0.0, maximum=100.0)
@@ -50,7 +50,7 @@ class ForceSensor:
         self._stuck: Wrench | None = None
 
     def measure(self, time: float, wrench: Wrench) -> Wrench | None:
-        """Return what the sensor tells of a wrench at a time [s]; None if it is silent."""
+        """Return what the sensor shows of a wrench at a time [s]; None if it is silent."""
         noise = self._deviation * self._random.standard_normal(len(self._deviation))
         measured = Wrench(*(np.array(wrench) + noise).tolist())
         self._begin = time if self._begin is None else self._begin
