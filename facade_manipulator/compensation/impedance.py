@@ -33,7 +33,7 @@ class ImpedanceSettings:
         0.05, 'How far before the goal the head waits and returns to', unit='m', minimum=0.0,
         maximum=0.5)
     range: float = parameter(
-        0.06, 'Furthest offset behind the goal', unit='m', minimum=1e-4, maximum=0.5)
+        0.08, 'Furthest offset from the goal', unit='m', minimum=1e-4, maximum=0.5)
     most_yaw: float = parameter(
         0.087, 'Yaw of the gondola beyond which the force is reduced', unit='rad',
         minimum=0.01, maximum=1.0)

@@ -122,7 +122,7 @@ class Pressing:
         self._note_gondola(interval, rail)
         fresh = now - self.watch.stamp <= OLDEST_WRENCH
         self._change_mode(fresh, interval)
-        self._move_y(time, interval, saturation_error.y)
+        self._move_y(time, interval, saturation_error.y, fresh)
         self._move_theta(time, interval, saturation_error.theta, fresh)
 
     def _note_gondola(self, interval: float, rail: Pose) -> None:
@@ -168,7 +168,7 @@ class Pressing:
 
     def _why_wait(self, fresh: bool) -> str:
         """Return what the head has to wait for off the wall, empty for nothing."""
-        if not fresh:
+        if not fresh and self.mode is not PressMode.SEARCHING:  # there it stands still
             return f'no contact_wrench for {OLDEST_WRENCH:g} s'
         bound = self.press.most_yaw * (1.0 if self.mode is PressMode.RETRACTED else 2.0)
         if self.yaw_envelope > bound:
@@ -224,12 +224,12 @@ class Pressing:
         wanted = self.press.force * (FIRST_SHARE + (1.0 - FIRST_SHARE) * smooth) * guard
         return wanted - self.press.stiffness * self.y.offset
 
-    def _velocity(self, time: float) -> float:
+    def _velocity(self, time: float, fresh: bool) -> float:
         press = self.press
         if self.mode is PressMode.RETRACTED:
             return -press.speed
         if self.mode is PressMode.SEARCHING:
-            return press.approach_speed
+            return press.approach_speed if fresh else 0.0
         if self.watch.chatters(self.desired):
             self.stiffness.stiffen()
         self.desired = self._wanted_force()
@@ -239,12 +239,14 @@ class Pressing:
             velocity = min(velocity, allowed)
         return min(max(velocity, -press.speed), press.speed)
 
-    def _move_y(self, time: float, interval: float, saturation_error: float) -> None:
+    def _move_y(
+        self, time: float, interval: float, saturation_error: float, fresh: bool
+    ) -> None:
         press, before = self.press, self.y.offset
         if self.mode is PressMode.OFF:
             moved = _towards(before, 0.0, press.speed * interval)
         else:
-            moved = before + interval * self._velocity(time)
+            moved = before + interval * self._velocity(time, fresh)
             moved = min(max(moved, -self._furthest_back), press.range)
             if self.mode is PressMode.RETRACTED:
                 moved = min(max(moved, -press.retreat), before)

@@ -151,6 +151,12 @@ def test_a_broken_sensor_makes_the_head_retract_no_faster_than_it_came_and_say_w
     assert abs(np.diff(run.offsets)).max() <= SETTINGS.speed * PERIOD + 1e-12
 
 
+def test_in_search_of_the_wall_it_stands_still_without_measurements():
+    run = press(600.0, duration=4.0, sensor=lambda time, force: force if time < 1.0 else None)
+    assert np.ptp(run.offsets[130:]) == 0.0
+    assert -SETTINGS.retreat < run.offsets[-1] < WALL
+
+
 def test_when_measurements_come_again_the_wall_is_looked_for_again():
     run = press(600.0, duration=50.0, sensor=lambda time, force: (
         None if 20.0 < time < 21.0 else force))

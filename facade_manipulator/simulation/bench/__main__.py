@@ -34,7 +34,7 @@ from facade_manipulator.simulation.wall import AXES, SCALES, UNITS
 
 HEAD_START = 1.0
 CONTACT_BEGINS = 20.0  # s: approach and ramp are over
-CLEARANCE = 0.05  # m, from the wall at the start
+CLEARANCE = 0.02  # m, from the wall at the start
 SWEEP = (0.05, 0.08, 0.12, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 SWEEP_AMPLITUDE = Pose(0.01, 0.01, math.radians(1.0))
 SWEEP_DURATION = 30.0
@@ -162,22 +162,22 @@ def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
 
 def table(results: dict) -> Iterator[str]:
     """Yield the lines that a person reads."""
-    yield (f'{"scenario":16}{"axis":7}{"disturbance":>13}{"residual":>10}{"ratio":>8}'
+    yield (f'{"scenario":26}{"axis":7}{"disturbance":>13}{"residual":>10}{"ratio":>8}'
            f'{"acceleration":>14}{"none":>8}   (RMS, ratios by model of the prediction)')
     for name, result in results['scenarios'].items():
         for axis in AXES:
             if result[axis] is not None:
-                yield f'{name:16}{axis:7}' + _cells(axis, result[axis])
+                yield f'{name:26}{axis:7}' + _cells(axis, result[axis])
         if result['contact_force']:
             force = result['contact_force']
-            yield (f'{name:16}force  {force["desired"]:9.1f} N {force["rms_error"]:8.2f} N'
+            yield (f'{name:26}force  {force["desired"]:9.1f} N {force["rms_error"]:8.2f} N'
                    f'{100 * force["rms_error_ratio"]:7.2f}%  {force["least"]:.1f} to '
                    f'{force["most"]:.1f} N, off the wall '
                    f'{100 * force["share_off_the_wall"]:.2g} %')
-            yield (f'{name:16}gondola  pushed back {force["push_back_mm"]:.1f} mm, yaw '
+            yield (f'{name:26}gondola  pushed back {force["push_back_mm"]:.1f} mm, yaw '
                    f'{force["most_yaw_deg"]:.2f}° at most')
         step = result['max_step']
-        yield (f'{name:16}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
+        yield (f'{name:26}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
                f'{step["theta_deg"]:.3f}° in one cycle at most')
     yield 'sweep: ' + '  '.join(
         f'{item["frequency_hz"]:g} Hz {100 * item["ratio"]:.0f}%' for item in results['sweep'])
