@@ -15,6 +15,7 @@ from facade_manipulator.compensation.compensator import (
 )
 from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
 from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.feasibility import SuspensionSettings
 from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.compensation.workspace_limit import WorkspaceLimit
 
@@ -28,4 +29,5 @@ __all__ = [
     'DEFAULTS',
     'FrictionSettings',
     'PressMode',
+    'SuspensionSettings',
 ]

@@ -10,7 +10,7 @@ HOLD_TIME = 4.0  # s, over which a force that is not held shows
 CHATTER_TIME, CHATTER_MEMORY = 0.1, 0.4  # s: what is faster than the loop, and for how long
 LEAST_CHATTER, CHATTER_SHARE = 3.0, 0.2  # N; of the desired force
 CHATTER_PAUSE, CHATTER_FORGOTTEN, MOST_CHATTERS = 0.4, 10.0, 6
-MOST_FORCE = 2.0  # of the desired one
+MOST_FORCE, LEAST_OVER = 2.0, 15.0  # of the desired force; N beyond it
 LEAST_PULL, PULL_TIME = 3.0, 0.05  # N, s: a wall cannot pull
 STUCK_TIME = 0.5  # s
 LEAST_JUMP, JUMP_SHARE, JUMP_WAY = 10.0, 0.4, 1.5e-3  # N; of the desired force; m
@@ -102,8 +102,9 @@ class ForceWatch:
         if self._fault:
             return self._fault
         force = self._force
-        if force > MOST_FORCE * final:
-            return f'{force:.1f} N on the wall, bound {MOST_FORCE * final:.1f} N'
+        most = max(MOST_FORCE * final, final + LEAST_OVER)
+        if force > most:
+            return f'{force:.1f} N on the wall, bound {most:.1f} N'
         if self.stamp - self._sound_at > PULL_TIME:
             return (f'the wall pulls with {-force:.1f} N, which no wall can: is the sign of '
                     'contact_wrench wrong, or its zero?')

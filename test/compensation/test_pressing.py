@@ -232,3 +232,14 @@ def test_the_yaw_turns_until_the_wall_makes_no_moment(alone):
 def test_settings_that_make_no_sense_are_rejected(values):
     with pytest.raises(ParameterError, match=next(iter(values))):
         ImpedanceSettings(**values)
+
+
+@pytest.mark.parametrize(
+    ('frequency', 'most'), [(0.1, 0.25), (0.33, 0.6), (0.89, 1.1), (3.0, 1.3)])
+def test_the_wall_s_motion_is_suppressed_below_a_third_of_a_hertz_and_hardly_amplified_above(
+        frequency, most):
+    stiffness, amplitude = 2e3, 1.5e-3
+    run = press(stiffness, duration=34.0, wall=lambda time: (
+        WALL + amplitude * math.sin(math.tau * frequency * max(time - 18.0, 0.0))))
+    rigid = stiffness * amplitude / math.sqrt(2.0)
+    assert run.forces[2200:].std() < most * rigid

@@ -2,7 +2,8 @@
 Bench of the compensation: every scenario in a closed loop, beside simpler predictions.
 
 Run it by ``python -m facade_manipulator.simulation.bench``. It prints a table and writes
-compensation.json, a picture of each scenario and one of the sweep.
+compensation.json, a picture of each scenario, one of the sweep and one of the force that a
+gondola can press with.
 """
 
 from __future__ import annotations
@@ -20,7 +21,11 @@ import numpy as np
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.simulation.bench.pictures import draw_scenario, draw_sweep
+from facade_manipulator.simulation.bench.pictures import (
+    draw_forces,
+    draw_scenario,
+    draw_sweep,
+)
 from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, LoopStep
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.scenario import (
@@ -218,6 +223,7 @@ def main(args: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     draw_sweep(output / 'sweep.png', results['sweep'])
+    draw_forces(output / 'forces.png')
     (output / 'compensation.json').write_text(json.dumps(results, indent=2) + '\n')
     print(*table(results), sep='\n')
     return 0
