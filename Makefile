@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo test soak soak-prediction study lint clean
+.PHONY: help setup bench bench-vcan bench-compensation demo check test soak soak-prediction study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
@@ -16,13 +16,17 @@ demo: setup  ## Run the whole stack with simulated drives and a swaying gondola 
 	@$(IN_VENV) exec python -m facade_manipulator.demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
 
-test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS=…)
+check: lint  ## Check the style and run what needs no clock, bus or ROS: an answer in a minute
+	@$(IN_VENV) exec python .ci/test.py --pure $(PYTEST_ARGS)
+
+test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
+	@.ci/setup-colcon
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
 
 soak: setup  ## Run the drives for ten minutes, then fuzz them with a million frames (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/soak.py $(SOAK_ARGS)
 
-soak-prediction: setup  ## Foretell hours of gusts (SOAK_ARGS=…)
+soak-prediction: setup  ## Predict an hour of every motion that nobody tuned for (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/prediction_soak.py $(SOAK_ARGS)
 
 study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)

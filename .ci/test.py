@@ -1,20 +1,27 @@
 """
-Run all tests, those of test/socketcan where there is a vcan0; end with the totals.
+Run all tests and end with the totals; --pure runs those alone that need no clock, bus or ROS.
 
-Arguments go to pytest.
+The pure ones run on every processor, beside what colcon makes of the package, and give way to the
+others: those for which the clock counts, two at a time because they mostly wait, then those of
+test/socketcan where there is a vcan0. Other arguments go to pytest.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+import os
 from pathlib import Path
+import subprocess
 import sys
 import tempfile
 import time
+from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
 TOP = Path(__file__).resolve().parents[1]
 INTERRUPTED, NOTHING_SELECTED = 2, 5  # exit statuses of pytest
+LEAST_URGENT = 19  # SCHED_IDLE would wait for strangers as well
+ON_EVERY_PROCESSOR = ('--numprocesses=auto', '--dist=worksteal')
 sys.path.insert(0, str(TOP / 'test' / 'socketcan'))
 
 import guest  # noqa: E402
@@ -35,10 +42,81 @@ def on_a_vcan(command: list[str]) -> tuple[str, int]:
         return f'user-mode Linux, which failed: {str(error).splitlines()[0]}', 1
 
 
-PARTS: tuple[tuple[str, Callable, list[str]], ...] = (
-    ('tests', on_the_host, ['test', '--ignore=test/socketcan']),
-    ('tests of SocketCAN', on_a_vcan, ['test/socketcan']),
+class Part(NamedTuple):
+    """Tests that run in one place."""
+
+    name: str
+    where: Callable[[list[str]], tuple[str, int]]
+    selection: tuple[str, ...]
+    program: tuple[str, ...] = (sys.executable, '-m', 'pytest')
+
+    def command(self, report: Path, arguments: list[str]) -> list[str]:
+        """Return what runs them; of two -m pytest takes the last."""
+        return [*self.program, f'--junitxml={report}', *arguments, *self.selection]
+
+
+class Result(NamedTuple):
+    """What became of a part."""
+
+    status: int
+    line: str
+    tried: list[str]
+
+
+PURE = Part('pure tests', on_the_host, (
+    'test', '-m', 'not realtime', *ON_EVERY_PROCESSOR))
+BESIDE = (PURE, Part('tests in a colcon workspace', on_the_host, (), ('.ci/colcon',)))
+IN_TURN = (
+    Part('real-time tests', on_the_host, (
+        'test', '--ignore=test/socketcan', '-m', 'realtime', *ON_EVERY_PROCESSOR,
+        '--maxprocesses=2')),
+    Part('tests of SocketCAN', on_a_vcan, ('test/socketcan',)),
 )
+
+
+def run(part: Part, folder: Path, arguments: list[str]) -> Result:
+    """Run a part and wait for it."""
+    report, start = folder / f'{part.name}.xml', time.monotonic()
+    place, status = part.where(part.command(report, arguments))
+    return result(part, status, report, f'in {time.monotonic() - start:.0f} s ({place})')
+
+
+def result(part: Part, status: int, report: Path, circumstances: str) -> Result:
+    """Sum up a part."""
+    line = f'{part.name}: {totals(report)} {circumstances}'
+    return Result(status, line, second_tries(report))
+
+
+def run_all(folder: Path, arguments: list[str]) -> list[Result]:
+    """Run every part whatever the others say."""
+    print(*(part.name for part in BESIDE), sep=', ', end=' run beside the others\n', flush=True)
+    started = [Background(part, folder, arguments) for part in BESIDE]
+    results = []
+    for part in IN_TURN:
+        results.append(run(part, folder, arguments))
+        if results[-1].status == INTERRUPTED:
+            break
+    return [part.finish(is_needed=results[-1].status != INTERRUPTED) for part in started] + results
+
+
+class Background:
+    """A part that leaves the processors to the others, and says at its end what it has to say."""
+
+    def __init__(self, part: Part, folder: Path, arguments: list[str]) -> None:
+        self._part = part
+        self._report, self._log = (folder / f'{part.name}.{ending}' for ending in ('xml', 'log'))
+        with open(self._log, 'w') as log:
+            self._process = subprocess.Popen(
+                part.command(self._report, arguments), stdout=log, stderr=subprocess.STDOUT,
+                preexec_fn=lambda: os.nice(LEAST_URGENT))
+
+    def finish(self, is_needed: bool) -> Result:
+        """Wait for its end, or end it, and show what it said."""
+        if not is_needed:
+            self._process.terminate()
+        status = self._process.wait()
+        print(f'\n--- {self._part.name}', self._log.read_text(), sep='\n')
+        return result(self._part, status, self._report, 'beside the others (this machine)')
 
 
 def totals(report: Path) -> str:
@@ -67,21 +145,15 @@ def count(tried: list[str]) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Run every part whatever the others say; return 0 where all of them passed."""
+    """Return 0 where all parts passed."""
+    only_pure, arguments = '--pure' in arguments, [a for a in arguments if a != '--pure']
     good = (0, NOTHING_SELECTED) if arguments else (0,)  # arguments may select tests
-    lines, statuses, tried = [], [], []
-    with tempfile.TemporaryDirectory(dir=sys.prefix) as folder:
-        for number, (name, where, selection) in enumerate(PARTS):
-            report, start = Path(folder, f'{number}.xml'), time.monotonic()
-            place, status = where([sys.executable, '-m', 'pytest', f'--junitxml={report}',
-                                   *selection, *arguments])
-            statuses.append(status)
-            lines.append(f'{name}: {totals(report)} in {time.monotonic() - start:.0f} s ({place})')
-            tried += second_tries(report)
-            if status == INTERRUPTED:
-                break
-    print('', *lines, count(tried), sep='\n')
-    return 0 if all(status in good for status in statuses) else 1
+    with tempfile.TemporaryDirectory(dir=sys.prefix) as name:
+        folder = Path(name)
+        results = [run(PURE, folder, arguments)] if only_pure else run_all(folder, arguments)
+    tried = [test for part in results for test in part.tried]
+    print('', *(part.line for part in results), count(tried), sep='\n')
+    return 0 if all(part.status in good for part in results) else 1
 
 
 if __name__ == '__main__':

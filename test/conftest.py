@@ -18,6 +18,8 @@ from support import DEADLINE, second_tries, wait_until
 
 SOURCE = Path(__file__).resolve().parents[1]
 DOMAINS = range(1, 100)
+WAITING_FIXTURES = {'ros_domain', 'make_rig', 'one_rig', 'guest'}
+WAITING_NAMES = {'wait_until', 'threading', 'time'}
 STOP_DEADLINE = 10.0
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -109,10 +111,11 @@ class RosSession:
 
 
 @pytest.fixture
-def ros(ros_domain):
-    """Run nodes in this process, in a ROS domain of their own."""
+def ros(ros_domain, monkeypatch):
+    """Run nodes in this process, in a ROS domain of their own; they say soon how they are."""
     import rclpy
 
+    monkeypatch.setattr('facade_manipulator.ros.diagnostics.PERIOD', 0.1)
     rclpy.init(domain_id=ros_domain)
     session = RosSession(rclpy.get_default_context())
     yield session
@@ -177,3 +180,10 @@ def end_process(process: subprocess.Popen) -> int:
         except subprocess.TimeoutExpired:
             continue
     return process.wait()
+
+
+def pytest_collection_modifyitems(items):
+    """Mark the tests for which the clock counts, by what they use or their file imports."""
+    for item in items:
+        if WAITING_FIXTURES & {*item.fixturenames} or WAITING_NAMES & {*vars(item.module)}:
+            item.add_marker('realtime')

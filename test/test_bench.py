@@ -16,6 +16,7 @@ def table(monkeypatch):
     return table
 
 
+@pytest.mark.realtime
 def test_a_quick_bench_writes_rows_with_every_field_and_a_picture(tmp_path):
     subprocess.run(
         [sys.executable, str(BENCH), '--quick', '--sections', 'kinematics',

@@ -19,8 +19,8 @@ from facade_manipulator import config_path, resources
 TOP = Path(__file__).resolve().parents[1]
 AGREED = {
     'package.xml', 'setup.py', 'setup.cfg', 'README.md', 'CHANGELOG.rst', 'LICENSE', 'Makefile',
-    'pyproject.toml', '.gitignore', '.ci', 'facade_manipulator', 'config', 'launch', 'test',
-    'resource',
+    'pyproject.toml', '.gitignore', '.ci', 'docs', 'facade_manipulator', 'config', 'launch',
+    'test', 'resource',
 }
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',

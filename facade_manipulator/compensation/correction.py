@@ -34,6 +34,7 @@ DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its en
 LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
 SETTLING_TIME = 0.5  # s, for which estimates must have come before the correction fades in
 SMOOTHING = 0.03  # s, time constant of what a new estimate changes: an estimator at 30 Hz
+SMOOTHING_ACCELERATION = 16.0  # of what a new estimate changed, by that of fading
 FADE_ACCELERATION = (0.5, 0.5, 1.0)  # m/s², m/s², rad/s²: highest of fading, far below the drives'
 
 
@@ -68,7 +69,7 @@ class Correction:
     Attributes
     ----------
     mode : CorrectionMode
-    predictor : DisturbancePredictor or HeldPrediction
+    predictor : Predictor
 
     """
 
@@ -82,7 +83,7 @@ class Correction:
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; what comes later continues it
         self._fade = Blend(FADE_ACCELERATION)
-        self._smooth = Blend(FADE_ACCELERATION)
+        self._smooth = Blend(tuple(SMOOTHING_ACCELERATION * limit for limit in FADE_ACCELERATION))
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate, from several at once where they come fast."""
@@ -140,6 +141,14 @@ class Correction:
         self._time = time
         self._state = self._aim()
         return self._state
+
+    def deviations(self) -> tuple[float, ...] | None:
+        """Return the prediction's standard deviations at the evaluation horizon, if known."""
+        predictor = self.predictor
+        if predictor.stamp is None:
+            return None
+        return predictor.deviations(
+            predictor.stamp + predictor.settings.evaluation_horizon)
 
     def age(self, now: float) -> float:
         """Return the age of the newest estimate [s], infinity before the first."""

@@ -77,7 +77,12 @@ class Drawing:
         self._text = self._figure.text(0.09, 0.955, '', va='top', family='monospace', fontsize=9)
         self._set_limits()
         _draw_wall(self._panel, wall)
-        self._panel.legend(loc='lower right', fontsize=8, ncols=3, framealpha=0.9)
+        legend = self._panel.legend(loc='lower right', fontsize=8, ncols=3, framealpha=0.9)
+        self._moving = (self._gondola, *self._lines.values(), legend, self._text)
+        for artist in self._moving:
+            artist.set_animated(True)
+        self._canvas.draw()
+        self._background = self._canvas.copy_from_bbox(self._figure.bbox)  # drawn once
 
     def show(self, time: float) -> None:
         """Move everything to where it was at a time [s]."""
@@ -100,7 +105,9 @@ class Drawing:
 
     def image(self) -> Image.Image:
         """Return what is shown."""
-        self._canvas.draw()
+        self._canvas.restore_region(self._background)
+        for artist in self._moving:
+            self._figure.draw_artist(artist)
         return Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert('RGB')
 
     def _set_limits(self) -> None:

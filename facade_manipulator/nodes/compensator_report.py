@@ -118,10 +118,11 @@ class CompensatorReport:
             values['corrected disturbance'] = millimetres(self._last.disturbance)
             values['saturation error'] = millimetres(self._last.saturation_error)
             values['tracking error'] = millimetres(self._last.tracking_error)
-        if correction.predictor.stamp is not None:
-            values['frequencies [Hz]'] = '  '.join(
-                f'{name} {first:.3g} {second:.3g}' for name, (first, second) in zip(
-                    Pose._fields, correction.predictor.frequencies, strict=False))
+        deviations = correction.deviations()
+        if deviations is not None:
+            x, y, theta = deviations
+            values['standard deviation of the prediction'] = (
+                f'x {1e3 * x:.2f} mm, y {1e3 * y:.2f} mm, theta {math.degrees(theta):.3f} deg')
         return values
 
     def _contact_values(self) -> dict:

@@ -1,4 +1,4 @@
-"""Predictions that know nothing of oscillations: what the oscillations' gain is measured by."""
+"""Predictions that learn nothing: what the gain of learning is measured by."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ import math
 
 import numpy as np
 
-from facade_manipulator.kinematics import MotionState, Pose, ZERO_POSE
-from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
+from facade_manipulator.kinematics import MotionState, Pose, Twist, ZERO_POSE, ZERO_TWIST
+from facade_manipulator.prediction.settings import PredictionSettings
 
-VELOCITY_TIME = 0.1
-FIRST_VELOCITY = 0.3
-FIRST_ACCELERATION = 0.3
+LONGEST_GAP = 3.0  # s without estimates, after which everything begins again
+VELOCITY_TIME = 0.1  # s
+FIRST_VELOCITY = 0.3  # m/s or rad/s, standard deviation
+FIRST_ACCELERATION = 0.3  # m/s² or rad/s²
+JERK_DENSITY = 0.01  # m²/s⁵ or rad²/s⁵
 
 
 class HeldPrediction:
@@ -24,30 +26,31 @@ class HeldPrediction:
 
     """
 
-    frequencies = np.zeros((0, 2))
-
     def __init__(self, settings: PredictionSettings) -> None:
         self.settings = settings
         self.stamp: float | None = None
         self.since: float | None = None
-        self._place = self._velocity = ZERO_POSE
+        self._position, self._velocity = ZERO_POSE, ZERO_TWIST
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
         """Take an estimate of a stamp [s]."""
-        if self.stamp is None or not 0.0 < stamp - self.stamp <= self.settings.longest_gap:
-            self.since, self._velocity = stamp, ZERO_POSE
+        if self.stamp is None or not 0.0 < stamp - self.stamp <= LONGEST_GAP:
+            self.since, self._velocity = stamp, ZERO_TWIST
         else:
             interval = stamp - self.stamp
             share = 1.0 - math.exp(-interval / VELOCITY_TIME)
-            self._velocity = Pose(*(
+            self._velocity = Twist(*(
                 v + share * ((new - old) / interval - v)
-                for v, new, old in zip(self._velocity, values, self._place, strict=True)))
-        self.stamp, self._place = stamp, values
+                for v, new, old in zip(self._velocity, values, self._position, strict=True)))
+        self.stamp, self._position = stamp, values
+
+    def deviations(self, time: float) -> None:
+        """Return None: how far off it may be is not known."""
 
     def predict(self, time: float) -> MotionState:
         """Return where the disturbance was one horizon before a time [s], as far as seen."""
-        late = time - self.settings.judged_horizon - self.stamp
-        place = (p + late * v for p, v in zip(self._place, self._velocity, strict=True))
+        late = time - self.settings.evaluation_horizon - self.stamp
+        place = (p + late * v for p, v in zip(self._position, self._velocity, strict=True))
         return MotionState(Pose(*place), self._velocity)
 
 
@@ -73,30 +76,16 @@ class AccelerationPrediction(HeldPrediction):
         step = _transition(stamp - last)
         states = self._states @ step.T
         covariances = step @ self._covariances @ step.T
-        covariances += self.settings.jerk_noise ** 2 * _jerk_covariance(stamp - last)
+        covariances += JERK_DENSITY * _jerk_covariance(stamp - last)
         gains = covariances[:, :, 0] / (covariances[:, 0, 0] + variances)[:, None]
         self._states = states + gains * (np.array(values) - states[:, 0])[:, None]
         self._covariances = covariances - gains[:, :, None] * covariances[:, None, 0, :]
 
     def predict(self, time: float) -> MotionState:
         """Extrapolate to a time [s], at most to the longest gap."""
-        ahead = min(time - self.stamp, self.settings.longest_gap)
+        ahead = min(time - self.stamp, LONGEST_GAP)
         states = self._states @ _transition(ahead).T
-        return MotionState(Pose(*states[:, 0].tolist()), Pose(*states[:, 1].tolist()))
-
-
-PREDICTORS = {
-    'oscillations': DisturbancePredictor,
-    'acceleration': AccelerationPrediction,
-    'none': HeldPrediction,
-}
-
-
-def make_predictor(
-    settings: PredictionSettings,
-) -> DisturbancePredictor | HeldPrediction:
-    """Return the predictor of the settings' model."""
-    return PREDICTORS[settings.model](settings)
+        return MotionState(Pose(*states[:, 0].tolist()), Twist(*states[:, 1].tolist()))
 
 
 def _transition(interval: float) -> np.ndarray:

@@ -1,121 +1,69 @@
 """
-Predict the disturbance: a Kalman filter per axis, an offset and two oscillations that adapt.
+Predict the disturbance: fixed filters, and a continuation of the motion that is learnt.
 
-How hard the gusts push is not known and changes, so several opinions on it run side by side. Each
-is judged by what matters: how well it foretold, one horizon ahead, the measurements that came.
-The prediction is the mean of the opinions, weighted by that record; one more opinion, that the
-axis just stands at its offset, wins where nothing can be foretold; there the correction fades. An
-opinion that has lost the oscillations is started anew from the spectrum of what was measured. One
-whose oscillations have met at the same frequency is started anew, too: only their sum is seen, and
-they would grow in opposition without end.
+Everything that grows is bounded by what came: filters are stable, whatever they learnt; moves are
+bounded by speed, what bends too sharply is drawn towards the mean, and so is what was not
+predicted better than by it. So bounded estimates give a bounded prediction. The variances of the
+predictions' errors are measured, too; they decide which estimates are outliers.
 """
 
 from __future__ import annotations
 
-from collections import deque
 import math
 
 import numpy as np
 
-from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import MotionState, Pose
-from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction import oscillators
-from facade_manipulator.prediction.filter_bank import FilterBank
-from facade_manipulator.prediction.polynomial import PolynomialMotion
-from facade_manipulator.prediction.spectrum import fit_oscillations
+from facade_manipulator.kinematics import MotionState, Pose, Twist
+from facade_manipulator.prediction.continuation import Continuation, Sample, UNKNOWN
+from facade_manipulator.prediction.filters import (
+    ACCELERATION,
+    BANDWIDTHS,
+    FEATURES,
+    features,
+    FilterBank,
+    LEVEL,
+)
+from facade_manipulator.prediction.prior import HORIZONS, noise_moments
+from facade_manipulator.prediction.settings import PredictionSettings
 
-GRAVITY = 9.81
-AXES = len(Pose._fields)
-HISTORY_LENGTH = 1024
-SEARCH_PERIOD = 1.0
-SEED_INTERVAL = 8.0
-SEED_EXPLAINED = 0.8
-LOST_SHARE = 0.04
-LOST_NOISE = 1.5
-NOISE_IN_SCORE = 0.8
-SCORE_FLOOR = 0.02
-ASTRAY = 4.0  # amplitude by the RMS of the motion that no oscillation of it has
-STRONGEST_MEMORY = 60.0  # s
-FIRST_SCORE = 1e-4
-JUDGE_PERIOD = 0.0245  # s: how well one foretells is not news at every estimate
-COURSE_REACH = 0.02  # s: asked from the last estimate to the next one, an expansion holds
-COURSE_DEGREE = 6
+LONGEST_GAP = 1.1  # s without estimates, after which everything is learnt again
+LEARNING_PERIOD = 0.14  # s
+SAME_TIME = 1e-6  # s, what is closer together is not told apart
+FIRST_INTERVAL = 0.02  # s, taken for the mean one until there are two estimates
+PEAK_TIME = 20.0  # s, time constant with which the strongest motion seen is forgotten
+PEAK_SHARE = 0.1  # variance of the acceleration expected, by its peak's square
+NOISE_PEAK = 9.0  # squares of an acceleration by its noise's variance that are no motion
+LEAST_ROOM = 0.3  # of the acceleration that fits, below which even less is compensated
+MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
+BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
+MOST_STEPS = 100  # over a gap
+OUTLIER = 8.0  # standard deviations
+HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
+NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones at once
+FAR_TURN = 4  # every fourth lesson is one of the far horizons
+ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
+    ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
+FULL, MEAN, FINAL = range(3)  # kinds of forecasts: learnt, mean alone, and as it is given
 
-
-@settings
-class PredictionSettings:
-    """Settings of the disturbance's prediction."""
-
-    model: str = parameter(
-        'oscillations', 'What the disturbance is taken for; none: as it was last seen',
-        choices=('oscillations', 'acceleration', 'none'))
-    jerk_noise: float = parameter(
-        0.1, 'Model acceleration: root of the jerk spectral density', unit='m/s^2.5',
-        minimum=1e-6, maximum=1000.0)
-    cable_length: float = parameter(
-        0.0, "Length of the gondola's cables, to start from their pendulum; 0 if not known",
-        unit='m', minimum=0.0, maximum=1000.0)
-    frequencies: tuple[float, ...] = parameter(
-        (0.12, 0.35), 'Frequencies of the two oscillations to start from', unit='Hz',
-        minimum=0.04, maximum=5.0, elements=('first', 'second'))
-    gusts: tuple[float, ...] = parameter(
-        (0.0005, 0.003, 0.02, 0.15),
-        'Opinions on the gusts: root of the acceleration spectral density',
-        unit='m/s^1.5', minimum=1e-6, maximum=100.0)
-    offset_drift: float = parameter(
-        5e-4, 'Random walk of the offset in 1 s', unit='m', minimum=0.0, maximum=1.0)
-    frequency_drift: float = parameter(
-        0.01, 'Random walk of each frequency in 1 s, relative to it', minimum=0.0, maximum=1.0)
-    judged_horizon: float = parameter(
-        0.12, 'Time ahead for which the opinions are judged', unit='s', minimum=0.02, maximum=1.0)
-    memory: float = parameter(
-        3.0, 'Time constant with which an old prediction error is forgotten', unit='s',
-        minimum=0.1, maximum=100.0)
-    mean_time: float = parameter(
-        5.0, 'Time constant of the mean that is corrected where nothing can be foretold',
-        unit='s', minimum=0.1, maximum=600.0)
-    decisiveness: float = parameter(
-        8.0, 'Power of the inverse error in the weights of the opinions', minimum=1.0,
-        maximum=30.0)
-    window: float = parameter(
-        20.0, 'Time over which the spectrum is searched for oscillations', unit='s', minimum=2.0,
-        maximum=120.0)
-    bandwidth: float = parameter(
-        3.0, 'Frequency above which a compensated oscillation fades, to none at twice it',
-        unit='Hz', minimum=0.1, maximum=5.0)
-    longest_gap: float = parameter(
-        3.0, 'Longest gap between measurements that the oscillations survive', unit='s',
-        minimum=0.1, maximum=60.0)
-    acceleration: tuple[float, ...] = parameter(
-        (1.0, 0.7, 1.4),
-        'Acceleration beyond which an oscillation is compensated in part: x, y, theta',
-        unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0, elements=Pose._fields)
-
-    def __post_init__(self) -> None:
-        if not self.gusts:
-            raise ParameterError('gusts has no element, expected at least 1')
-
-    def initial_frequencies(self) -> np.ndarray:
-        """Return the angular frequencies to start from [rad/s]."""
-        start = 2.0 * math.pi * np.array(self.frequencies)
-        if self.cable_length > 0.0:
-            start[0] = math.sqrt(GRAVITY / self.cable_length)
-        return start
-
-    def noise(self) -> oscillators.ProcessNoise:
-        """Return the process noise, one acceleration density per opinion."""
-        return oscillators.ProcessNoise(
-            np.square(self.gusts), self.offset_drift ** 2, self.frequency_drift ** 2)
+# A cubic spline through the moves: 1, t, t², t³ and a cubic from each inner horizon but the outer
+_KNOTS = HORIZONS[2:-2]
+_POWERS = np.arange(4.0)
+_SPLINE = np.linalg.inv(np.hstack([
+    HORIZONS[:, None] ** _POWERS, np.maximum(HORIZONS[:, None] - _KNOTS, 0.0) ** 3]))
 
 
 class DisturbancePredictor:
     """
-    Foretell the disturbance from its estimates.
+    Predict the disturbance from its estimates.
 
     Parameters
     ----------
     settings : PredictionSettings
+
+    Attributes
+    ----------
+    stamp, since : float or None
+        Of the last estimate and of the first that was learnt from [s].
 
     """
 
@@ -123,9 +71,8 @@ class DisturbancePredictor:
         self.settings = settings
         self.stamp: float | None = None
         self.since: float | None = None
-        self._searched_axis = 0
-        self._room = np.array(settings.acceleration)[:, None, None]
-        self._forget()
+        self._reach = np.array(settings.speed)[:, None] * HORIZONS
+        self._acceleration = np.array(settings.acceleration)
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
         """
@@ -135,159 +82,134 @@ class DisturbancePredictor:
         ----------
         stamp : float
             When the disturbance was there [s]; if it is earlier than that of the estimate
-            before, or much later, everything is learnt anew.
+            before, or much later, everything is learnt again.
         values : Pose
             Estimated disturbance.
         variances : Pose
             Variances of the estimate's noise, above 0.
 
         """
-        measured, noise = np.array((*values, *variances)).reshape(2, AXES)
-        if self.stamp is None or not 0.0 < stamp - self.stamp <= self.settings.longest_gap:
-            self._start(stamp, measured)
+        measured, noise = np.array(values), np.array(variances)
+        if self.stamp is None or not 0.0 < stamp - self.stamp <= LONGEST_GAP:
+            self._start(stamp, measured, noise)
         else:
             interval = stamp - self.stamp
-            self._bank.update(interval, measured, noise)
-            share = interval / min(self.settings.mean_time, stamp - self.since)
-            self._mean = self._mean + share * (measured - self._mean)
-        self.stamp = stamp
-        self._history.append((stamp, measured))
-        self._past.append((stamp, self._bank.states, self._mean))
-        if stamp - self._judged >= JUDGE_PERIOD:
-            self._judge(measured, noise)
-        if stamp >= self._next_search:
-            self._search(noise)
-        self._course = None
+            measured = self._plausible(interval, measured, noise)
+            self._bridge(interval, measured)
+            self._interval += min(interval / (stamp - self.since), 1.0) * (
+                interval - self._interval)
+            self._go_on(stamp, interval, measured, noise)
 
     def predict(self, time: float) -> MotionState:
-        """
-        Return the disturbance to compensate at a time, of the past or the future [s].
+        """Return the disturbance to compensate at a time, of the past or the future [s]."""
+        ahead = time - self.stamp
+        position, velocity = self._at(min(max(ahead, 0.0), HORIZONS[-1]))
+        if ahead > HORIZONS[-1]:
+            decay = math.exp((HORIZONS[-1] - ahead) / HOLD_TIME)
+            position = position + HOLD_TIME * (1.0 - decay) * velocity
+            velocity = decay * velocity
+        return MotionState(Pose(*position.tolist()), Twist(*velocity.tolist()))
 
-        Oscillations beyond the bandwidth or the acceleration are contained in part.
-        """
-        if self._course is None or not self._course.covers(time):
-            self._course = self._expand(time + COURSE_REACH)
-        return self._course.at(time)
+    def deviations(self, time: float) -> tuple[float, ...]:
+        """Return the standard deviations of the errors at a time [s]: x, y, theta [m, m, rad]."""
+        ahead = time - self.stamp
+        return tuple([
+            math.sqrt(np.interp(ahead, HORIZONS, variances)) for variances in self._variances])
 
-    def _expand(self, centre: float) -> PolynomialMotion:
-        """
-        Return the weighted prediction around a time, the reach behind and ahead of it.
+    def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
+        axes = len(measured)
+        self.since = self._next_lesson = stamp
+        self._interval = FIRST_INTERVAL
+        self._bank, self._mean = FilterBank(measured), measured
+        self._near, self._far = self._continuations = [
+            Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
+        self._lessons = 0
+        self._peak, self._taught, self._bend, self._suspected = np.zeros((4, axes))
+        self._weights = np.zeros((axes, FEATURES, len(HORIZONS)))
+        self._variances = np.full((axes, len(HORIZONS)), UNKNOWN)
+        self._share = np.ones((axes, len(HORIZONS)))
+        for continuation in self._continuations:
+            self._solve(continuation, noise * self._interval)
+        self._go_on(stamp, self._interval, measured, noise)
 
-        The next term of the series stays below 1e-7 of the acceleration's limit (in s²), even at
-        the highest frequency of a state.
-        """
-        weights, states = self._weights[:, :-1], self._bank.states
-        phasors, frequencies = oscillators.phasors(states), states[..., oscillators.FREQUENCIES]
-        compensated = weights[..., None] * self._compensated_shares(phasors, frequencies)
-        coefficients = oscillators.taylor_coefficients(
-            compensated * phasors, frequencies, centre - self.stamp, COURSE_DEGREE)
-        offsets = weights * states[..., oscillators.OFFSET]
-        coefficients[0] += np.add.reduce(offsets, axis=-1)
-        coefficients[0] += self._weights[:, -1] * self._mean
-        return PolynomialMotion(centre, COURSE_REACH, coefficients[::-1].tolist())
+    def _plausible(self, interval: float, measured: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """Return an estimate with the prediction in place of outliers; a second one is true."""
+        ahead = min(interval, HORIZONS[-1])
+        expected, _ = self._at(ahead)
+        index = int(np.searchsorted(HORIZONS, ahead))
+        bound = OUTLIER ** 2 * (self._variances[:, index] + noise)
+        suspected = (measured - expected) ** 2 > bound
+        suspected &= interval <= HORIZONS[-1]  # after longer gaps anything may be true
+        outliers = suspected & ~self._suspected.astype(bool)
+        self._suspected = suspected
+        return np.where(outliers, expected, measured)
 
-    @property
-    def frequencies(self) -> np.ndarray:
-        """Frequencies of the opinion that weighs most on each axis [Hz], shape (3, 2)."""
-        leading = self._weights[:, :-1].argmax(axis=-1)
-        states = self._bank.states[np.arange(AXES), leading]
-        return states[:, oscillators.FREQUENCIES] / (2.0 * math.pi)
+    def _bridge(self, interval: float, measured: np.ndarray) -> None:
+        """Lead the filters to an estimate; a gap along the prediction, corrected to end there."""
+        steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
+        error = measured - self._at(min(interval, HORIZONS[-1]))[0]
+        for share in np.arange(1, steps) / steps:
+            between = self._at(min(share * interval, HORIZONS[-1]))[0]
+            self._bank.update(interval / steps, between + share ** 2 * error)
+        self._bank.update(interval / steps, measured)
 
-    def _forget(self) -> None:
-        opinions = len(self.settings.gusts) + 1
-        self._history: deque[tuple[float, np.ndarray]] = deque(maxlen=HISTORY_LENGTH)
-        self._past: deque[tuple[float, np.ndarray, np.ndarray]] = deque()
-        self._scores = np.full((AXES, opinions), FIRST_SCORE)
-        self._strongest = np.zeros(AXES)
-        self._weights = np.full((AXES, opinions), 1.0 / opinions)
-        self._seeded = np.full((AXES, opinions - 1), -math.inf)
+    def _go_on(
+        self, stamp: float, interval: float, measured: np.ndarray, noise: np.ndarray
+    ) -> None:
+        """Predict from the filters as they are, and keep what to learn from."""
+        self.stamp = stamp
+        seen, level = features(self._bank.states())
+        floor = noise * (self._interval * ACCELERATION_NOISE)
+        self._peak = np.maximum(
+            math.exp(-interval / PEAK_TIME) * self._peak,
+            BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
+        if stamp > self._next_lesson - SAME_TIME:
+            self._next_lesson = stamp + LEARNING_PERIOD
+            self._learn(noise, floor)
+        self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (measured - self._mean)
+        forecasts = self._forecast(interval, seen, level)
+        self._coefficients = forecasts[FINAL] @ _SPLINE.T
+        sample = Sample(stamp, interval, measured, seen, level, forecasts)
+        for continuation in self._continuations:
+            continuation.add(sample)
 
-    def _start(self, stamp: float, values: np.ndarray) -> None:
-        self._forget()
-        self.since = self._next_search = self._judged = stamp
-        self._mean = values
-        self._bank = FilterBank(
-            values, self.settings.initial_frequencies(), self.settings.noise())
+    def _learn(self, noise: np.ndarray, floor: np.ndarray) -> None:
+        """Let the near and the far horizons learn in turn; what weaker motion taught fades."""
+        share = np.minimum((floor + self._taught) / (floor + self._peak), 1.0)
+        self._taught = self._peak
+        for continuation in self._continuations:
+            continuation.weaken(share)
+        self._lessons += 1
+        learner = self._near if self._lessons % FAR_TURN else self._far
+        learner.learn(noise)
+        self._solve(learner, noise * self._interval)
 
-    def _judge(self, values: np.ndarray, noise: np.ndarray) -> None:
-        """Compare what the opinions said one horizon ago with what is now."""
-        past, horizon = self._past, self.settings.judged_horizon
-        interval, self._judged = self.stamp - self._judged, self.stamp
-        if self.stamp - past[0][0] < horizon:
-            return
-        while self.stamp - past[1][0] >= horizon:
-            past.popleft()
-        stamp, states, mean = past[0]
-        foretold = oscillators.place_after(states, self.stamp - stamp)
-        errors = values[:, None] - np.concatenate((foretold, mean[:, None]), axis=-1)
-        memory = min(self.settings.memory, self.stamp - self.since - horizon + interval)
-        share = interval / max(memory, interval)
-        self._scores += share * (errors * errors - self._scores)
-        self._weigh(noise)
+    def _solve(self, learner: Continuation, density: np.ndarray) -> None:
+        """Take what one group of horizons has learnt, and how well it did."""
+        learner.solve(PEAK_SHARE * self._peak, density)
+        self._weights[..., learner.chosen] = learner.weights
+        full, mean, final = np.maximum(
+            learner.errors, learner.noise_gain() * density[:, None])
+        self._variances[:, learner.chosen] = final
+        self._share[:, learner.chosen] = np.minimum(mean / full, 1.0)
 
-    def _weigh(self, noise: np.ndarray) -> None:
-        """Weigh the opinions by their scores."""
-        noise = noise[:, None]
-        excess = np.maximum(self._scores - NOISE_IN_SCORE * noise, SCORE_FLOOR * noise)
-        least = np.minimum.reduce(excess, axis=-1, keepdims=True)
-        weights = (least / excess) ** (0.5 * self.settings.decisiveness)
-        self._weights = weights / np.add.reduce(weights, axis=-1, keepdims=True)
+    def _forecast(self, interval: float, seen: np.ndarray, level: np.ndarray) -> np.ndarray:
+        """Return the positions at the horizons: as learnt, the mean, and what is given."""
+        forecasts = np.empty((3, *self._share.shape))
+        moves = (seen[:, None] @ self._weights)[:, 0]
+        forecasts[FULL] = level[:, None] + np.minimum(np.maximum(moves, -self._reach), self._reach)
+        full, mean = forecasts[FULL], self._mean[:, None]
+        forecasts[MEAN] = mean
+        bend = np.abs(full[:, 0] - 2.0 * full[:, 1] + full[:, 2]) / HORIZONS[0] ** 2
+        self._bend = np.maximum(math.exp(-interval / BEND_TIME) * self._bend, bend)
+        room = np.minimum(self._acceleration / np.maximum(self._bend, 1e-9), 1.0)
+        room *= np.minimum(room / LEAST_ROOM, 1.0)
+        forecasts[FINAL] = mean + room[:, None] * self._share * (full - mean)
+        return forecasts
 
-    def _search(self, noise: np.ndarray) -> None:
-        """Look for opinions to start anew: those astray, and on one axis at a time those lost."""
-        self._next_search = self.stamp + SEARCH_PERIOD / AXES
-        self._restart_astray(noise)
-        self._searched_axis = (self._searched_axis + 1) % AXES
-        self._seed_lost(self._searched_axis, noise)
-
-    def _seed_lost(self, axis: int, noise: np.ndarray) -> None:
-        """Start opinions that have lost an axis's oscillations anew from its spectrum."""
-        least = LOST_NOISE * noise[axis]
-        if not self._lost_opinions(axis, least):
-            return  # whatever the window says
-        window = [item for item in self._history if item[0] >= self.stamp - self.settings.window]
-        times = np.array([time for time, _ in window])
-        values = np.array([value[axis] for _, value in window])
-        lost = self._lost_opinions(axis, max(least, noise[axis] + LOST_SHARE * values.var()))
-        fit = fit_oscillations(times, values) if lost else None
-        if fit is None or fit.explained < SEED_EXPLAINED:
-            return
-        for opinion in lost:
-            self._bank.seed(axis, opinion, fit, noise[axis])
-            self._seeded[axis, opinion] = self.stamp
-            self._scores[axis, opinion] = self._scores[axis].min()
-
-    def _restart_astray(self, noise: np.ndarray) -> None:
-        """Start opinions anew whose oscillations are far beyond the motion; they prove it anew."""
-        fade = math.exp(-SEARCH_PERIOD / AXES / STRONGEST_MEMORY)
-        self._strongest = np.maximum(fade * self._strongest, self._scores[:, -1])
-        power = np.square(np.abs(oscillators.phasors(self._bank.states)))
-        ripe = self.stamp - np.maximum(self._seeded, self.since) > self.settings.window
-        astray = ripe & (power.max(axis=-1) > ASTRAY ** 2 * self._strongest[:, None])
-        for axis, opinion in np.argwhere(astray).tolist():
-            self._bank.restart(axis, opinion, self._mean[axis])
-            self._seeded[axis, opinion] = self.stamp
-            self._scores[axis, opinion] = self._scores[axis].max()
-        if astray.any():
-            self._weigh(noise)
-
-    def _lost_opinions(self, axis: int, bound: float) -> list[int]:
-        """Return the opinions, but for the last, with errors far above the noise."""
-        ripe = self.stamp - self._seeded[axis] > SEED_INTERVAL
-        lost = ripe & (self._scores[axis, :-1] > bound)
-        return np.flatnonzero(lost[:-1]).tolist()
-
-    def _compensated_shares(self, phasors: np.ndarray, frequencies: np.ndarray) -> np.ndarray:
-        """Return which share of each oscillation to compensate, shape (3, opinions, 2)."""
-        demands = np.abs(phasors) * (frequencies * frequencies) + 1e-12
-        limits = _shares(demands, frequencies, self._room)
-        band = 2.0 - frequencies / (2.0 * math.pi * self.settings.bandwidth)
-        return np.maximum(np.minimum(np.minimum(limits, band), 1.0), 0.0)
-
-
-def _shares(demands: np.ndarray, frequencies: np.ndarray, room: np.ndarray) -> np.ndarray:
-    """Return which share of two demands fits in the room, the slower oscillation's first."""
-    slower = frequencies <= frequencies[..., ::-1]
-    slower[..., 1] = ~slower[..., 0]
-    taken = np.where(slower, np.minimum(demands, room), 0.0)
-    return (room - taken[..., ::-1]) / demands
+    def _at(self, ahead: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return position and velocity on the spline at a time after the last estimate [s]."""
+        after = np.maximum(ahead - _KNOTS, 0.0)
+        basis = np.concatenate((ahead ** _POWERS, after ** 3))
+        slopes = np.array((0.0, 1.0, 2.0 * ahead, 3.0 * ahead * ahead, *(3.0 * after ** 2)))
+        return self._coefficients @ basis, self._coefficients @ slopes

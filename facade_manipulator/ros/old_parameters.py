@@ -7,6 +7,7 @@ says what holds now. A name that ends in ``.*`` stands for all below it.
 
 RENAMED = {
     'border.margin': 'workspace_limit.margin',
+    'prediction.judged_horizon': 'prediction.evaluation_horizon',
 }
 
 REMOVED = {
@@ -36,6 +37,9 @@ REMOVED = {
            ('yaw_impedance', ('mass', 'damping', 'contact_stiffness', 'observer_time',
                               'approach_speed', 'speed', 'longest_age')))
        for name in names},
+    **{f'prediction.{name}': 'is no longer used: the prediction learns by itself' for name in (
+        'jerk_noise', 'cable_length', 'frequencies', 'gusts', 'offset_drift', 'frequency_drift',
+        'mean_time', 'decisiveness', 'window', 'bandwidth', 'longest_gap')},
     # ik_service
     'path_spacing': 'is fixed at 0.005 m now, where a request names no tolerance',
     'longest_path': 'is fixed at 10000 poses now',

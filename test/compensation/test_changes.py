@@ -46,7 +46,7 @@ class Course:
 
 CHANGES = {
     'estimate': {'largest_yaw': 0.3},
-    'prediction': {'memory': 1.0, 'gusts': (0.001, 0.01)},
+    'prediction': {'memory': 30.0, 'speed': (1.0, 1.0, 1.0)},
     'correction': {'fade_time': 1.0},
     'reference': {'speed': (0.1, 0.1, 0.1)},
     'workspace_limit': {'margin': 0.05},

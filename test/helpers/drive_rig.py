@@ -9,6 +9,7 @@ import can
 import pytest
 from support import wait_until
 
+from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.controller import DriveController
@@ -80,6 +81,8 @@ class Rig:
         self.simulator = DriveSimulator(self._bus, self.drives)
         self.listener = self._new_bus()
         self.simulator.start()
+        wait_until(lambda: NmtState.INITIALISING not in {d.nmt_state for d in self.drives},
+                   'drives that are on')  # a boot-up while they are reset means: once more
         self.controller = DriveController(
             settings, axes, BusAccess(self.open_bus), Mechanism(self.source, **checks), recorder)
         self._ended = threading.Event()

@@ -37,7 +37,7 @@ class Neighbours:
 
     def __init__(self, ros, **parameters):
         self.ros = ros
-        parameters = {'correction.fade_time': 1.0, **parameters}
+        parameters = {'correction.fade_time': 0.3, **parameters}
         ros.add(CompensatorNode(parameter_overrides=[
             Parameter(name, value=value) for name, value in parameters.items()]))
         self.node = ros.node()

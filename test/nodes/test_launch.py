@@ -72,6 +72,11 @@ def is_alive(pid: int) -> bool:
         return False
 
 
+def interrupt(process) -> None:
+    """Press Ctrl-C: launch leaves it to the terminal to tell the nodes as well."""
+    os.killpg(process.pid, signal.SIGINT)
+
+
 def until_logged(process, text: str) -> None:
     wait_until(lambda: text in process.log.read_text(), text, 2 * DEADLINE)
 
@@ -83,7 +88,7 @@ def test_launched_with_mock_hardware_the_driver_is_configured_and_ends_in_order(
     state = ros.call(operator, GetState, 'gondola_1/driver/get_state').current_state.id
     assert state == State.PRIMARY_STATE_INACTIVE  # nothing powers the drives on by itself
     ros.until(lambda: 'ik_service' in operator.get_node_names(), 'the ik_service')
-    process.send_signal(signal.SIGINT)
+    interrupt(process)
     assert process.wait(DEADLINE) == 0
     log = process.log.read_text()
     assert log.count('process has finished cleanly') == len(EXECUTABLES)
@@ -123,5 +128,5 @@ def test_without_the_can_interface_the_driver_says_so_and_stays_unconfigured(lau
     until_logged(process, 'can77')
     state = ros.call(ros.node('operator'), GetState, 'driver/get_state').current_state.id
     assert state == State.PRIMARY_STATE_UNCONFIGURED
-    process.send_signal(signal.SIGINT)
+    interrupt(process)
     process.wait(DEADLINE)

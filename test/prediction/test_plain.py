@@ -1,4 +1,4 @@
-"""Predictions without oscillations."""
+"""Predictions without continuation."""
 
 import math
 
@@ -7,8 +7,7 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction.plain import make_predictor
-from facade_manipulator.prediction.predictor import PredictionSettings
+from facade_manipulator.prediction import make_predictor, PredictionSettings
 
 VARIANCES = Pose(1e-6, 1e-6, 1e-6)
 STILL = Pose(0.0, 0.0, 0.0)
@@ -29,10 +28,10 @@ def errors(model, noise=0.0):
 
 
 def test_each_model_knows_more_than_the_one_before():
-    none, acceleration, oscillations = (
-        errors(model, 1e-3) for model in ('none', 'acceleration', 'oscillations'))
+    none, acceleration, continuation = (
+        errors(model, 1e-3) for model in ('none', 'acceleration', 'continuation'))
     assert (acceleration < 0.6 * none).all()
-    assert (oscillations < 0.7 * acceleration).all()
+    assert (continuation < 0.7 * acceleration).all()
 
 
 def test_without_a_prediction_the_disturbance_comes_one_horizon_late():
@@ -40,7 +39,7 @@ def test_without_a_prediction_the_disturbance_comes_one_horizon_late():
     assert errors('none')[0] == pytest.approx(np.std(late), rel=0.05)
 
 
-def test_a_steady_acceleration_is_foretold():
+def test_a_steady_acceleration_is_predicted():
     predictor = make_predictor(PredictionSettings(model='acceleration'))
     for stamp in np.arange(1000.0, 1010.0, 0.02):
         predictor.update(stamp, Pose(0.005 * (stamp - 1000.0) ** 2, 0.0, 0.0), VARIANCES)
@@ -50,7 +49,7 @@ def test_a_steady_acceleration_is_foretold():
 
 
 @pytest.mark.parametrize('model', ['none', 'acceleration'])
-def test_after_a_long_gap_they_learn_anew(model):
+def test_after_a_long_gap_they_learn_again(model):
     predictor = make_predictor(PredictionSettings(model=model))
     predictor.update(1000.0, Pose(0.1, 0.0, 0.0), VARIANCES)
     predictor.update(1100.0, STILL, VARIANCES)

@@ -1,233 +1,288 @@
-"""How well the disturbance is foretold, and what happens where it cannot be."""
+"""How well the disturbance is predicted, and what happens where it cannot be."""
 
-import copy
+from __future__ import annotations
+
 from dataclasses import replace
 import math
 
+from hypothesis import given
+from hypothesis import settings as tried
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction import oscillators
+from facade_manipulator.prediction import DisturbancePredictor, PredictionSettings
 from facade_manipulator.prediction.estimate import Estimate, EstimateMean
-from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
 from facade_manipulator.simulation.gondola import Gondola, GondolaSettings
 from facade_manipulator.simulation.wind import WindSettings
 
-HORIZON = 0.13
+HORIZON = 0.12
 NOISE = 1e-3
 VARIANCES = Pose(NOISE ** 2, NOISE ** 2, NOISE ** 2)
 SETTINGS = PredictionSettings()
+BREEZE = (((0.1, 0.11, 0.3), (0.02, 0.3, 1.0)), ((0.015, 0.2, 0.5),), ((0.035, 0.15, 0.0),))
+THREE_TONES = (
+    ((0.085, 0.127, 0.3), (0.018, 0.311, 1.0), (0.003, 0.83, 2.0)),
+    ((0.012, 0.173, 0.5), (0.005, 0.412, 2.1), (0.001, 0.91, 0.8)),
+    ((0.03, 0.15, 0.0), (0.008, 0.37, 1.3), (0.0015, 0.7, 2.6)))
 
 
-def sines(*parts):
-    return lambda time: sum(
-        amplitude * math.sin(math.tau * frequency * time + phase)
-        for amplitude, frequency, phase in parts)
+def sines(axes):
+    return lambda time: np.array([
+        sum(amplitude * math.sin(math.tau * frequency * time + phase)
+            for amplitude, frequency, phase in parts) for parts in axes])
+
+
+def gusts(seed, speed=4.0, cable=30.0):
+    gondola = Gondola(GondolaSettings(cable_length=cable),
+                      WindSettings(mean_speed=speed, seed=seed))
+    return lambda time: np.array(gondola.at(time))
 
 
 def still(_):
-    return 0.0
+    return np.zeros(3)
 
 
-BREEZE = (
-    sines((0.1, 0.11, 0.3), (0.02, 0.3, 1.0)), sines((0.015, 0.2, 0.5)),
-    sines((math.radians(2.0), 0.15, 0.0)))
+class Run:
+    """A predictor fed with a motion; errors and standard deviations one horizon ahead."""
+
+    def __init__(self, motion, duration, rate=50.0, noise=NOISE, seed=0, start=1000.0,
+                 told=None, spoil=lambda stamp, values, random: values, horizon=HORIZON):
+        random, self.predictor = np.random.default_rng(seed), DisturbancePredictor(SETTINGS)
+        variances = Pose(*(3 * [(told or max(noise, 1e-4)) ** 2]))
+        self.errors, self.deviations, self.rate = [], [], rate
+        for k in range(round(duration * rate)):
+            time = k / rate
+            values = motion(time) + noise * random.standard_normal(3)
+            values = spoil(time, values, random)
+            if values is not None:
+                self.predictor.update(start + time, Pose(*values.tolist()), variances)
+            aim = start + time + horizon
+            self.errors.append(
+                np.subtract(self.predictor.predict(aim).position, motion(time + horizon)))
+            self.deviations.append(self.predictor.deviations(aim))
+        self.errors, self.deviations = np.array(self.errors), np.array(self.deviations)
+
+    def rms(self, begin, end=None):
+        part = slice(int(begin * self.rate), end and int(end * self.rate))
+        return np.sqrt((self.errors[part] ** 2).mean(axis=0))
 
 
-def learn(motions, duration, settings=SETTINGS, noise=NOISE, variances=VARIANCES, seed=0):
-    """Return the predictor and, for each estimate, how far it errs one horizon ahead."""
-    random = np.random.default_rng(seed)
-    predictor, errors = DisturbancePredictor(settings), []
-    for stamp in np.arange(1000.0, 1000.0 + duration, 0.02):
-        measured = [motion(stamp) + noise * random.standard_normal() for motion in motions]
-        predictor.update(stamp, Pose(*measured), variances)
-        place = predictor.predict(stamp + HORIZON).position
-        errors.append([p - motion(stamp + HORIZON)
-                       for p, motion in zip(place, motions, strict=True)])
-    return predictor, np.array(errors)
+@pytest.mark.parametrize(('motion', 'early', 'late'), [
+    (sines(BREEZE), (2.0, 1.0, 1.0), (0.55, 0.3, 0.3)),
+    (sines(THREE_TONES), (2.5, 1.5, 1.5), (0.6, 0.45, 0.5)),
+    (gusts(1), (1.2, 0.8, 0.6), (0.75, 0.6, 0.6)),
+    (gusts(2, cable=100.0), (1.2, 0.8, 0.6), (0.75, 0.6, 0.6))])
+def test_sways_are_predicted_to_a_part_of_the_noise(motion, early, late):
+    run = Run(motion, 60.0)
+    assert (run.rms(3.0, 10.0) < NOISE * np.array(early)).all()
+    assert (run.rms(30.0) < NOISE * np.array(late)).all()
 
 
-def rms(errors, begin, end):
-    return np.sqrt((errors[int(begin * 50):int(end * 50)] ** 2).mean(axis=0))
+@pytest.mark.parametrize('frequency', [0.1, 0.4, 1.3])
+def test_a_sine_is_learnt_in_a_minute(frequency):
+    run = Run(sines((((0.01, frequency, 0.4),), (), ())), 70.0)
+    assert run.rms(60.0)[0] < 0.4 * NOISE
 
 
-def test_a_breeze_is_foretold_to_a_few_percent():
-    _, errors = learn(BREEZE, 30.0)
-    disturbance = np.array([0.072, 0.0106, 0.0247])
-    assert (rms(errors, 2.0, 10.0) < [0.02, 0.12, 0.08] * disturbance).all()
-    assert (rms(errors, 10.0, 30.0) < [0.01, 0.06, 0.04] * disturbance).all()
+@pytest.mark.parametrize('amplitude', [0.003, 0.01, 0.03])
+@pytest.mark.parametrize('frequency', [0.03, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0])
+def test_no_sine_is_amplified(frequency, amplitude):
+    run = Run(sines((((amplitude, frequency, 0.0),), (), ())), 25.0)
+    floor = 0.5 * NOISE
+    assert run.rms(10.0)[0] < math.hypot(amplitude / math.sqrt(2.0), floor)
 
 
-def test_prediction_beats_the_estimate_as_it_comes():
-    _, errors = learn(BREEZE, 20.0)
-    late = np.array([[m(t + HORIZON) - m(t) for m in BREEZE] for t in np.arange(0, 20, 0.02)])
-    assert (rms(errors, 5.0, 20.0) < 0.4 * rms(late, 5.0, 20.0)).all()
+def test_at_rest_less_than_half_of_the_noise_is_passed_on():
+    assert (Run(still, 40.0).rms(2.0) < 0.5 * NOISE).all()
+    assert (Run(still, 40.0).rms(20.0) < 0.2 * NOISE).all()
 
 
-def test_the_frequencies_follow_the_data():
-    predictor, _ = learn(BREEZE, 25.0)
-    x, y, theta = predictor.frequencies
-    assert sorted(x) == pytest.approx([0.11, 0.3], abs=0.01)
-    assert min(abs(y - 0.2)) < 0.01
-    assert min(abs(theta - 0.15)) < 0.01
+def test_what_cannot_be_predicted_is_not_amplified():
+    random = np.random.default_rng(5)
+    shakes = 0.01 * random.standard_normal((4000, 3))
+    run = Run(lambda time: shakes[round(time * 50.0)], 40.0)
+    assert (run.rms(10.0) < 1.05 * 0.01).all()
 
 
-@pytest.mark.parametrize('frequency', [0.05, 0.1, 0.5, 1.0, 2.0, 3.0, 5.0])
-def test_no_frequency_is_amplified(frequency):
-    motion = sines((0.01, frequency, 0.0))
-    _, errors = learn((motion, still, still), 15.0)
-    assert rms(errors, 7.0, 15.0)[0] < 0.01 / math.sqrt(2.0)
+def test_an_acceleration_beyond_the_limit_is_compensated_in_part_and_in_phase():
+    run = Run(sines((((0.02, 2.0, 0.0),), (), ())), 25.0)
+    share = SETTINGS.acceleration[0] / (0.02 * (math.tau * 2.0) ** 2)
+    assert run.rms(12.0)[0] == pytest.approx((1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15)
 
 
-def test_fast_oscillations_are_compensated_in_part_and_in_phase():
-    motion = sines((0.02, 2.0, 0.0))
-    predictor, errors = learn((motion, still, still), 15.0)
-    share = 1.0 / (0.02 * (math.tau * 2.0) ** 2)
-    assert rms(errors, 8.0, 15.0)[0] == pytest.approx(
-        (1.0 - share) * 0.02 / math.sqrt(2.0), rel=0.15)
+bounded = st.tuples(*3 * [st.floats(-0.5, 0.5)])
+intervals = st.one_of(st.floats(1e-3, 0.1), st.floats(0.1, 5.0), st.floats(-1.0, 0.0))
 
 
-def test_an_acceleration_beyond_the_limit_is_never_foretold():
-    motion = sines((0.1, 2.5, 0.0))
-    predictor, room = DisturbancePredictor(SETTINGS), SETTINGS.acceleration[0]
-    for stamp in np.arange(1000.0, 1002.0, 0.02):
-        predictor.update(stamp, Pose(motion(stamp), 0.0, 0.0), VARIANCES)
-        places = [predictor.predict(stamp + HORIZON + k * 1e-3).position.x for k in (-1, 0, 1)]
-        assert abs(places[0] - 2.0 * places[1] + places[2]) * 1e6 < 1.01 * room
+@tried(max_examples=200, deadline=None)
+@given(st.lists(st.tuples(intervals, bounded), min_size=1, max_size=60), st.floats(1e-4, 0.1))
+def test_bounded_estimates_give_a_bounded_prediction(estimates, deviation):
+    predictor, stamp = DisturbancePredictor(SETTINGS), 1000.0
+    for interval, values in estimates:
+        stamp += interval
+        predictor.update(stamp, Pose(*values), Pose(*(3 * [deviation ** 2])))
+        for ahead in (-0.5, 0.0, 0.05, 0.12, 0.37, 0.6, 1.0, 100.0):
+            course = predictor.predict(stamp + ahead)
+            assert np.abs(course.position).max() < 3.0
+            assert np.abs(course.velocity).max() < 30.0
+        assert np.isfinite(predictor.deviations(stamp + HORIZON)).all()
 
 
-@pytest.mark.parametrize(('noise', 'share'), [(0.0, 0.005), (5e-4, 0.01), (3e-3, 0.06)])
-def test_a_wrong_variance_does_no_great_harm(noise, share):
-    _, errors = learn(BREEZE, 20.0, noise=noise)
-    assert rms(errors, 10.0, 20.0)[0] < share * 0.072
+def test_whatever_was_learnt_a_prediction_is_bounded():
+    run = Run(sines(BREEZE), 10.03)
+    run.predictor._weights[:] = 1e9
+    run.predictor._share[:] = 1.0
+    stamp = run.predictor.stamp + 0.02
+    run.predictor.update(stamp, Pose(0.1, 0.0, 0.0), VARIANCES)
+    assert np.abs(run.predictor.predict(stamp + HORIZON).place).max() < 1.0
 
 
-def rms_of_means(rate):
-    """Return the errors of learning each estimate, and of learning means."""
+@pytest.mark.parametrize('seed', range(3))
+def test_after_minutes_of_anything_a_prediction_is_bounded(seed):
+    """Random walks between bounds, jumps and sines that start and stop: it never runs away."""
+    random, predictor = np.random.default_rng(seed), DisturbancePredictor(SETTINGS)
+    values, worst = np.zeros(3), 0.0
+    for k in range(6000):
+        values = np.clip(values + 0.02 * random.standard_normal(3), -0.3, 0.3)
+        if random.random() < 0.01:
+            values = random.uniform(-0.3, 0.3, 3)
+        predictor.update(0.02 * k, Pose(*values.tolist()), VARIANCES)
+        worst = max(worst, np.abs(predictor.predict(0.02 * k + HORIZON).position).max())
+    assert worst < 1.0
+
+
+def predictions(motion, start=1000.0, scale=1.0, offset=0.0):
+    random, predictor = np.random.default_rng(3), DisturbancePredictor(replace(
+        SETTINGS, speed=(50.0, 50.0, 50.0), acceleration=(50.0, 50.0, 50.0)))
+    found = []
+    for k in range(500):
+        values = scale * (motion(k / 50.0) + NOISE * random.standard_normal(3)) + offset
+        predictor.update(start + k / 50.0, Pose(*values.tolist()), Pose(*np.multiply(
+            scale ** 2, VARIANCES)))
+        found.append(predictor.predict(start + k / 50.0 + HORIZON).position)
+    return np.array(found)
+
+
+@pytest.mark.parametrize('change', [
+    {'start': 0.0}, {'scale': -1.0}, {'scale': 2.5}, {'scale': 0.1}, {'offset': 0.4}])
+def test_a_prediction_depends_on_no_time_sign_unit_or_origin(change):
+    scale, offset = change.get('scale', 1.0), change.get('offset', 0.0)
+    expected = scale * predictions(sines(BREEZE)) + offset
+    assert np.abs(predictions(sines(BREEZE), **change) - expected).max() < 1e-6 * abs(scale)
+
+
+def test_axes_do_not_see_one_another():
+    swapped = predictions(sines((BREEZE[1], BREEZE[0], BREEZE[2])))
+    alone = predictions(sines(((), BREEZE[0], ())))
+    assert np.abs(swapped - alone)[:, 1].max() < 1e-9
+
+
+@pytest.mark.parametrize('motion', [
+    sines(BREEZE), sines(THREE_TONES), gusts(1), gusts(3, 8.0), gusts(4, 2.0, 90.0), still])
+def test_the_standard_deviation_is_that_of_the_errors(motion):
+    run = Run(motion, 100.0)
+    inside = np.abs(run.errors[500:]) < 2.0 * run.deviations[500:]
+    assert 0.91 < inside.mean() < 0.99
+
+
+@pytest.mark.parametrize('rate', [15.0, 20.0, 100.0, 200.0])
+def test_estimates_may_come_at_any_rate(rate):
+    noise = NOISE * math.sqrt(rate / 50.0)
+    run = Run(gusts(1), 40.0, rate=rate, noise=noise)
+    assert (run.rms(20.0) < np.array((0.9, 0.8, 0.8)) * NOISE).all()
+
+
+def test_stamps_may_jitter():
+    random, predictor, errors = np.random.default_rng(1), DisturbancePredictor(SETTINGS), []
+    motion = gusts(1)
+    for k in range(2000):
+        stamp = k / 50.0 + random.uniform(0.0, 0.01)
+        values = motion(stamp) + NOISE * random.standard_normal(3)
+        predictor.update(stamp, Pose(*values.tolist()), VARIANCES)
+        errors.append(np.subtract(predictor.predict(stamp + HORIZON).position,
+                                  motion(stamp + HORIZON)))
+    assert (np.sqrt((np.array(errors[1000:]) ** 2).mean(axis=0)) < 0.75 * NOISE).all()
+
+
+def dropped(time, values, random):
+    return None if 0.0 < time % 3.0 < 0.3 and time > 1.0 else values
+
+
+def struck(time, values, random):
+    strikes = (random.random(3) < 0.01) * random.choice((-0.03, 0.03), 3)
+    return values + strikes * (time > 5.0)
+
+
+@pytest.mark.parametrize(('spoil', 'bound'), [(dropped, 1.1), (struck, 0.9)])
+def test_gaps_and_outliers_do_little_harm(spoil, bound):
+    run = Run(gusts(1), 60.0, spoil=spoil)
+    assert (run.rms(20.0) < bound * NOISE).all()
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_a_gap_leaves_what_was_learnt_as_it_was(seed):
+    run = Run(sines(BREEZE), 34.0, seed=seed, spoil=lambda time, values, _: (
+        None if 30.0 < time < 30.8 else values))
+    assert run.rms(30.85)[0] < 2.5 * NOISE
+    assert (run.rms(30.85)[1:] < 0.8 * NOISE).all()
+
+
+def test_a_step_is_believed_at_its_second_estimate():
+    run = Run(lambda time: np.full(3, 0.02 * (time >= 10.0)), 20.0)
+    assert (np.abs(run.errors[499:501]) > 0.018).all()
+    assert (np.abs(run.errors[505:]) < 0.018).all()
+    assert (run.rms(11.0) < 2.0 * NOISE).all()
+
+
+@pytest.mark.parametrize('told', [2e-4, 5e-3])
+def test_a_wrong_variance_does_no_great_harm(told):
+    assert (Run(gusts(1), 60.0, told=told).rms(20.0) < 1.1 * NOISE).all()
+
+
+def test_a_gap_is_bridged_and_a_long_one_forgotten():
+    motion, run = sines(BREEZE), Run(sines(BREEZE), 30.0)
+    predictor = run.predictor
+    for ahead, bound in ((0.3, 0.002), (0.6, 0.006)):
+        error = predictor.predict(predictor.stamp + ahead).position - motion(29.98 + ahead)
+        assert np.abs(error).max() < bound
+    later = predictor.stamp + 5.0
+    predictor.update(later, Pose(0.3, 0.0, 0.0), VARIANCES)
+    assert predictor.since == later
+    assert predictor.predict(later + 0.1).position == pytest.approx((0.3, 0.0, 0.0), abs=1e-9)
+
+
+def test_velocity_is_the_derivative_of_position():
+    predictor = Run(sines(BREEZE), 15.0).predictor
+    for ahead in (0.02, 0.12, 0.151, 0.4, 0.7):
+        before, after = (
+            predictor.predict(predictor.stamp + ahead + step).position for step in (-1e-5, 1e-5))
+        slope = np.subtract(after, before) / 2e-5
+        assert predictor.predict(predictor.stamp + ahead).velocity == pytest.approx(
+            tuple(slope), abs=1e-6)
+
+
+def test_means_of_fast_estimates_teach_what_each_of_them_would():
     random, mean = np.random.default_rng(0), EstimateMean()
     single, averaged = DisturbancePredictor(SETTINGS), DisturbancePredictor(SETTINGS)
-    errors = []
-    for stamp in np.arange(1000.0, 1012.0, 1.0 / rate):
-        noise = NOISE * random.standard_normal(3)
-        measured = Pose(*(m(stamp) + n for m, n in zip(BREEZE, noise, strict=True)))
+    motion, errors = gusts(1), []
+    for stamp in np.arange(0.0, 30.0, 0.005):
+        measured = Pose(*(motion(stamp) + NOISE * random.standard_normal(3)).tolist())
         single.update(stamp, measured, VARIANCES)
         estimate = mean.add(Estimate(stamp, measured, VARIANCES))
         if estimate is not None:
             averaged.update(*estimate)
-        truth = [motion(stamp + HORIZON) for motion in BREEZE]
-        errors.append([np.subtract(predictor.predict(stamp + HORIZON).position, truth)
-                       for predictor in (single, averaged)])
-    return np.sqrt((np.array(errors[len(errors) // 2:]) ** 2).mean(axis=0))
-
-
-@pytest.mark.parametrize('rate', [100.0, 200.0])
-def test_means_of_fast_estimates_teach_what_each_of_them_would(rate):
-    single, averaged = rms_of_means(rate)
-    assert (averaged < 1.15 * single).all()
-
-
-def test_at_50_hz_every_estimate_is_learnt_as_it_is():
-    single, averaged = rms_of_means(50.0)
-    assert (averaged == single).all()
-
-
-def test_a_standing_gondola_gives_its_place_and_little_noise():
-    motions = (lambda _: 0.05, still, still)
-    predictor, errors = learn(motions, 10.0)
-    assert rms(errors, 5.0, 10.0) == pytest.approx(0.0, abs=0.6 * NOISE)
-
-
-def gusts(seed):
-    gondola = Gondola(GondolaSettings(), WindSettings(mean_speed=4.0, seed=seed))
-    return [lambda time, axis=axis: getattr(gondola.at(time - 1000.0), axis)
-            for axis in Pose._fields]
-
-
-@pytest.mark.parametrize('motions', [(still,) * 3, gusts(1), gusts(2)])
-def test_nothing_grows_in_minutes(motions):
-    predictor, errors = learn(motions, 200.0)
-    assert np.abs(errors[500:]).max() < 5e-3
-    assert np.abs(oscillators.phasors(predictor._bank.states)).max() < 1.0
-
-
-def test_an_opinion_whose_oscillations_grow_in_opposition_is_started_anew():
-    """Two oscillations that meet at one frequency are seen as their sum alone."""
-    predictor, _ = learn(BREEZE, 30.0)
-    stamp, random, errors = 1030.0, np.random.default_rng(1), []
-    states = predictor._bank.states[0, 0]
-    states[oscillators.FREQUENCIES] = 0.69
-    states[oscillators.PLACES] += 10.0, -10.0
-    before = predictor._bank.states.copy()
-    for k in range(150):
-        now = stamp + 0.02 * k
-        measured = [motion(now) + NOISE * random.standard_normal() for motion in BREEZE]
-        predictor.update(now, Pose(*measured), VARIANCES)
-        amplitudes = np.abs(oscillators.phasors(predictor._bank.states)).max(axis=-1)
-        errors.append(predictor.predict(now + HORIZON).position.x - BREEZE[0](now + HORIZON))
-    assert np.abs(oscillators.phasors(before)).max() > 5.0
-    assert amplitudes.max() < 1.0
-    assert np.abs(errors[25:]).max() < 5e-3
-
-
-def test_the_velocity_is_the_derivative_of_the_place():
-    predictor, _ = learn(BREEZE, 10.0)
-    time = predictor.stamp + HORIZON
-    before, after = (predictor.predict(time + step).position for step in (-1e-4, 1e-4))
-    expected = [(b - a) / 2e-4 for a, b in zip(before, after, strict=True)]
-    assert predictor.predict(time).velocity == pytest.approx(expected, abs=2e-3)
-
-
-@pytest.mark.parametrize('frequency', [0.3, 2.0, 5.5])
-def test_a_prediction_does_not_depend_on_what_was_asked_before(frequency):
-    asked, _ = learn((sines((0.02, frequency, 0.0)), *BREEZE[1:]), 5.0)
-    for time in asked.stamp + np.arange(0.0, 0.3, 0.0013):
-        course, afresh = asked.predict(time), copy.deepcopy(asked)
-        afresh.predict(time + 1.0)
-        expected = afresh.predict(time)
-        assert course.position == pytest.approx(tuple(expected.position), abs=1e-7)
-        assert course.velocity == pytest.approx(tuple(expected.velocity), abs=2e-5)
-
-
-def test_the_first_estimate_is_believed_as_it_is():
-    predictor = DisturbancePredictor(SETTINGS)
-    predictor.update(1000.0, Pose(0.1, -0.05, 0.02), VARIANCES)
-    course = predictor.predict(1000.1)
-    assert course.position == pytest.approx((0.1, -0.05, 0.02), abs=1e-3)
-
-
-def test_a_prediction_without_estimates_stays_bounded():
-    predictor, _ = learn(BREEZE, 10.0)
-    places = [predictor.predict(predictor.stamp + ahead).position.x
-              for ahead in np.arange(0, 30, 1)]
-    assert max(map(abs, places)) < 0.3
-
-
-def test_after_a_long_gap_it_learns_anew():
-    predictor, _ = learn(BREEZE, 10.0)
-    later = predictor.stamp + SETTINGS.longest_gap + 0.1
-    predictor.update(later, Pose(0.3, 0.0, 0.0), VARIANCES)
-    assert predictor.since == later
-    assert predictor.predict(later).position.x == pytest.approx(0.3, abs=1e-6)
-
-
-def test_a_short_gap_is_bridged():
-    predictor, _ = learn(BREEZE, 10.0)
-    later = predictor.stamp + 1.0
-    predictor.update(later, Pose(*(motion(later) for motion in BREEZE)), VARIANCES)
-    ahead = predictor.predict(later + HORIZON).position
-    assert ahead.x == pytest.approx(BREEZE[0](later + HORIZON), abs=0.008)
-
-
-def test_the_cable_length_sets_the_first_frequency():
-    start = PredictionSettings(cable_length=30.0).initial_frequencies()
-    assert start[0] == pytest.approx(math.sqrt(9.81 / 30.0))
+        errors.append([np.subtract(predictor.predict(stamp + HORIZON).position,
+                                   motion(stamp + HORIZON)) for predictor in (single, averaged)])
+    each, together = np.sqrt((np.array(errors[2000:]) ** 2).mean(axis=0))
+    assert (together < 1.2 * each).all()
 
 
 @pytest.mark.parametrize('change', [
-    {'frequencies': (0.1,)}, {'acceleration': (1.0, 1.0)}, {'gusts': ()}, {'gusts': (math.nan,)},
-    {'bandwidth': 0.0}, {'cable_length': -1.0}])
+    {'acceleration': (1.0, 1.0)}, {'speed': (0.0, 1.0, 1.0)}, {'memory': math.nan},
+    {'model': 'crystal ball'}])
 def test_settings_that_make_no_sense_are_rejected(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         replace(SETTINGS, **change)

@@ -1,4 +1,4 @@
-"""What the nodes say and what the README says about it are the same."""
+"""What the nodes say and what docs/operation.md says about it are the same."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from facade_manipulator.errors import LimitError
 from facade_manipulator.nodes.compensator_report import HOLDS
 
 PACKAGE = Path(facade_manipulator.__file__).parent
-README = PACKAGE.parent / 'README.md'
+OPERATION = PACKAGE.parent / 'docs' / 'operation.md'
 OF_A_STOP = ('Cause', '_supervised', '_stop_drives')
 
-if not README.is_file():
-    pytest.skip('the README stands in the source tree alone', allow_module_level=True)
+if not OPERATION.is_file():
+    pytest.skip('the documents stand in the source tree alone', allow_module_level=True)
 
 
 def text(node: ast.expr) -> str:
@@ -44,8 +44,8 @@ def first_arguments(*names: str) -> set[str]:
 
 
 def table(after: str) -> list[str]:
-    """Return the code of the first column of the README's table after a phrase."""
-    rest = README.read_text().split(after, 1)[1]
+    """Return the code of the first column of the document's table after a phrase."""
+    rest = OPERATION.read_text().split(after, 1)[1]
     rows = re.search(r'\n\n\|.*\n\|[-|]+\n((?:\|.*\n)+)', rest).group(1).splitlines()
     return [code for row in rows for code in re.findall('`([^`]+)`', row.split('|')[1])]
 
@@ -54,18 +54,18 @@ def subclasses(kind: type) -> set[type]:
     return {kind}.union(*(subclasses(child) for child in kind.__subclasses__()))
 
 
-def test_every_reason_of_a_refusal_stands_in_the_readme_and_no_other():
+def test_every_reason_of_a_rejection_is_documented_and_no_other():
     reasons = first_arguments('InputError')
     reasons |= {kind.reason for kind in subclasses(LimitError) - {LimitError}}
     reasons |= {state.value for state in ControllerState} - {'active'}
-    documented = table('**Rejected messages**')
+    documented = table('## Rejected messages')
     assert len(documented) == len(set(documented))
     assert set(documented) == reasons | {'other'}
 
 
-def test_every_cause_of_a_stop_stands_in_the_readme_and_no_other():
+def test_every_cause_of_a_stop_is_documented_and_no_other():
     causes = first_arguments(*OF_A_STOP)
-    documented = [code for code in table('**Stopped drives**') if not re.match(r'\d{4}h', code)]
+    documented = [code for code in table('## Stopped drives') if not re.match(r'\d{4}h', code)]
     assert len(causes) > 8
     missing = {cause for cause in causes if not any(code in cause for code in documented)}
     assert not missing
@@ -73,6 +73,6 @@ def test_every_cause_of_a_stop_stands_in_the_readme_and_no_other():
     assert gone == {ControllerState.BUS_LOST.value}
 
 
-def test_everything_that_keeps_the_compensator_from_compensating_stands_in_the_readme():
-    assert set(table('**Not compensating**')) == (
+def test_everything_that_keeps_the_compensator_from_compensating_is_documented():
+    assert set(table('## Not compensating')) == (
         {mode.value for mode in CorrectionMode} - {'compensating'} | set(HOLDS.values()))

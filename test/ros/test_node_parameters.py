@@ -116,14 +116,14 @@ def test_the_drivers_limits_and_stream_may_be_changed_while_it_runs(ros):
 def test_what_the_compensator_does_may_be_changed_while_it_runs(ros):
     node = ros.add(CompensatorNode())
     changes = {
-        'prediction.memory': 1.0, 'correction.fade_time': 1.0, 'workspace_limit.margin': 0.01,
+        'prediction.memory': 30.0, 'correction.fade_time': 1.0, 'workspace_limit.margin': 0.01,
         'reference.speed': [0.1, 0.1, 0.2], 'impedance.stiffness': 20.0, 'speed': [0.3, 0.3, 1.0],
     }
     results = node.set_parameters(
         [Parameter(name, value=value) for name, value in changes.items()])
     assert [result.reason for result in results] == [''] * len(changes)
     compensator = node._compensator
-    assert compensator.correction.predictor.settings.memory == 1.0
+    assert compensator.correction.predictor.settings.memory == 30.0
     assert compensator.correction.settings.fade_time == 1.0
     assert compensator._reference.settings.speed == (0.1, 0.1, 0.2)
     assert compensator.contact.pressing.press.stiffness == 20.0

@@ -1,9 +1,9 @@
 """
-Bench of the compensation: every scenario in a closed loop, beside simpler predictions.
+Bench of the compensation: every scenario in a closed loop, beside plain and ideal predictions.
 
-Run it by ``python -m facade_manipulator.simulation.bench``. It prints a table and writes
-compensation.json, a picture of each scenario, one of the sweep and one of the force that a
-gondola can press with.
+Run it by ``python -m facade_manipulator.simulation.bench.__main__``. It prints a table and writes
+compensation.json, a picture of each scenario, one of the sweep and one of the force that
+a gondola can press with.
 """
 
 from __future__ import annotations
@@ -23,11 +23,13 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.simulation.bench.pictures import (
     draw_forces,
+    draw_models,
     draw_scenario,
     draw_sweep,
 )
 from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, LoopStep
 from facade_manipulator.simulation.facade import Facade
+from facade_manipulator.simulation.oracle import law, OraclePrediction
 from facade_manipulator.simulation.scenario import (
     load_scenario,
     Motion,
@@ -44,10 +46,11 @@ SWEEP = (0.05, 0.08, 0.12, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0
 SWEEP_AMPLITUDE = Pose(0.01, 0.01, math.radians(1.0))
 SWEEP_DURATION = 30.0
 MODELS = {
-    'ratio': 'oscillations',
+    'ratio': 'continuation',
     'ratio_constant_acceleration': 'acceleration',
     'ratio_without_prediction': 'none',
 }
+ORACLE = 'ratio_oracle'  # where the law of the disturbance is known
 
 
 class Run(NamedTuple):
@@ -57,13 +60,17 @@ class Run(NamedTuple):
     steps: list[LoopStep]
 
 
-def run_scenario(scenario: Scenario, motion: Motion | None = None) -> Run:
-    """Run a scenario in a closed loop, without a clock."""
+def run_scenario(
+    scenario: Scenario, motion: Motion | None = None, predictor: OraclePrediction | None = None
+) -> Run:
+    """Run a scenario in a closed loop, without a clock, by its own predictor or another."""
     mission = scenario.mission
     settings = LoopSettings(
         scenario.compensator, scenario.estimator, scenario.wall, scenario.facade,
         scenario.gondola, scenario.force_sensor)
     loop = ClosedLoop(Geometry(), settings, motion or scenario.motion(), _begin(scenario))
+    if predictor is not None:
+        loop.compensator.correction.predictor = predictor
     steps = loop.run(HEAD_START)
     for number in range(math.ceil(mission.duration / mission.goal_period)):
         loop.send_goal(mission.goal(number * mission.goal_period))
@@ -86,14 +93,34 @@ def with_model(scenario: Scenario, model: str) -> Scenario:
         compensator=scenario.compensator._replace(prediction=prediction))
 
 
-def evaluate(scenario: Scenario) -> tuple[dict, Run]:
-    """Return what the report says of a scenario, and the run it is about."""
-    motion = scenario.motion()
+def with_seed(scenario: Scenario, seed: int) -> Scenario:
+    """Return the scenario with another seed of gusts, estimates and forces."""
+    return scenario._replace(
+        wind=replace(scenario.wind, seed=seed), estimator=replace(scenario.estimator, seed=seed),
+        force_sensor=replace(scenario.force_sensor, seed=seed))
+
+
+def run_models(scenario: Scenario) -> dict[str, Run]:
+    """Run a scenario by every model of the prediction."""
+    motion, known = scenario.motion(), law(scenario)
     runs = {
         name: run_scenario(with_model(scenario, model), motion)
         for name, model in MODELS.items()}
-    best = runs['ratio']
-    reports = {name: run.loop.wall.report()['axes'] for name, run in runs.items()}
+    if known is not None:
+        estimator = scenario.estimator
+        runs[ORACLE] = run_scenario(scenario, motion, OraclePrediction(
+            known, 1.0 / estimator.rate, estimator.variances()))
+    return runs
+
+
+def evaluate(scenario: Scenario, seeds: int = 1) -> tuple[dict, Run]:
+    """Return what the report says of a scenario, over seeds, and the first run it is about."""
+    first = scenario.wind.seed
+    trials = [run_models(with_seed(scenario, first + number)) for number in range(seeds)]
+    best = trials[0]['ratio']
+    reports = {
+        name: _together([runs[name].loop.wall.report()['axes'] for runs in trials])
+        for name in trials[0]}
     pressing = dict(zip(AXES, (False, *(
         part.enabled for part in (
             scenario.compensator.impedance, scenario.compensator.yaw_impedance))), strict=True))
@@ -134,6 +161,13 @@ def _sweep_at(frequency: float) -> dict:
     return {'frequency_hz': frequency, 'ratio': max(ratios.values()), **ratios}
 
 
+def _together(reports: list[dict]) -> dict[str, dict]:
+    """Return the root mean squares of several reports."""
+    return {axis: {
+        name: math.sqrt(sum(report[axis][name] ** 2 for report in reports) / len(reports))
+        for name in ('residual_rms', 'disturbance_rms')} for axis in AXES}
+
+
 def _axis(axis: str, reports: dict[str, dict]) -> dict:
     report = reports['ratio'][axis]
     return {
@@ -168,7 +202,7 @@ def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
 def table(results: dict) -> Iterator[str]:
     """Yield the lines that a person reads."""
     yield (f'{"scenario":26}{"axis":7}{"disturbance":>13}{"residual":>10}{"ratio":>8}'
-           f'{"acceleration":>14}{"none":>8}   (RMS, ratios by model of the prediction)')
+           f'{"acceleration":>14}{"none":>8}{"oracle":>9}   (RMS, ratios by prediction)')
     for name, result in results['scenarios'].items():
         for axis in AXES:
             if result[axis] is not None:
@@ -192,13 +226,13 @@ def _cells(axis: str, result: dict) -> str:
     scale, unit = getattr(SCALES, axis), getattr(UNITS, axis)
     return (f'{scale * result["disturbance_rms"]:9.3f} {unit:3}'
             f'{scale * result["residual_rms"]:7.3f} {unit:3}' + ''.join(
-                f'{100 * result[name]:{width}.2f}%'
-                for name, width in zip(MODELS, (6, 13, 7), strict=True)))
+                f'{100 * result[name]:{width}.2f}%' if name in result else ''
+                for name, width in zip((*MODELS, ORACLE), (6, 13, 7, 8), strict=True)))
 
 
-def _report(output: Path, name: str, scenario: Scenario) -> dict:
+def _report(output: Path, name: str, scenario: Scenario, seeds: int) -> dict:
     """Evaluate a scenario and draw it."""
-    result, run = evaluate(scenario)
+    result, run = evaluate(scenario, seeds)
     force = result['contact_force']
     title = f'{name}: {scenario.mission.description}'
     draw_scenario(output / f'{name}.png', title, run.steps, force and force['desired'])
@@ -209,6 +243,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the bench; return the exit status."""
     parser = argparse.ArgumentParser(prog='bench', description=__doc__.splitlines()[1])
     parser.add_argument('--scenario', action='append', help='a name or a file; all without it')
+    parser.add_argument('--seeds', type=int, default=1, help='of gusts and noise, together')
     parser.add_argument('--output', default='bench_report', help='folder of the report')
     options = parser.parse_args(args)
     try:
@@ -217,13 +252,16 @@ def main(args: list[str] | None = None) -> int:
         output = Path(options.output)
         output.mkdir(parents=True, exist_ok=True)
         results = {'scenarios': {
-            name: _report(output, Path(name).stem, scenario)
+            name: _report(output, Path(name).stem, scenario, options.seeds)
             for name, scenario in scenarios.items()}, 'sweep': sweep()}
     except ManipulatorError as error:
         print(error, file=sys.stderr)
         return 2
     draw_sweep(output / 'sweep.png', results['sweep'])
     draw_forces(output / 'forces.png')
+    draw_models(output / 'models.png', results['scenarios'], {
+        'learnt continuation': 'ratio', 'constant acceleration': 'ratio_constant_acceleration',
+        'oracle': ORACLE})
     (output / 'compensation.json').write_text(json.dumps(results, indent=2) + '\n')
     print(*table(results), sep='\n')
     return 0

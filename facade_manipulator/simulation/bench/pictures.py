@@ -117,6 +117,23 @@ def _most_force(suspension: SuspensionSettings) -> float:
                math.radians(YAW) / suspension.yaw(1.0, BESIDE))
 
 
+def draw_models(path: Path, scenarios: dict[str, dict], models: dict[str, str]) -> None:
+    """Draw the residual of every scenario by the model of the prediction."""
+    figure = Figure(figsize=(13, 5), layout='constrained')
+    for panel, axis, title, scale in zip(
+            figure.subplots(1, 3), AXES, TITLES, SCALES, strict=True):
+        for text, key in models.items():
+            found = {name: result[axis] for name, result in scenarios.items()
+                     if result[axis] is not None and key in result[axis]}
+            panel.semilogx(
+                [scale * each['disturbance_rms'] * each[key] for each in found.values()],
+                list(found), 'o', label=text)
+        label(panel, title, '')
+    figure.axes[0].legend(fontsize=8)
+    figure.suptitle('Residual (RMS) by prediction')
+    save(figure, path)
+
+
 def _draw_hold(
     figure: Figure, place: SubplotSpec, times: np.ndarray, steps: Sequence[LoopStep],
     pressed: float | None,

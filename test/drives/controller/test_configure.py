@@ -32,6 +32,15 @@ def test_a_drive_that_does_not_answer_is_named_and_configure_can_be_tried_again(
     assert rig.state is ControllerState.INACTIVE
 
 
+def test_drives_that_are_switched_on_just_now_are_configured_all_the_same(rig):
+    with rig.simulator.access() as drives:
+        for drive in drives:
+            drive.reboot()
+    rig.do('configure')
+    assert rig.state is ControllerState.INACTIVE
+    assert rig.rejection('home') is None
+
+
 def test_a_drive_with_another_identity_is_rejected(make_rig):
     axes = tuple(replace(axis, serial_number=100 + axis.node_id) for axis in DEFAULT_AXES)
     rig = make_rig(axes=axes)

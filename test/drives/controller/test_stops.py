@@ -100,7 +100,8 @@ def test_a_position_that_jumps_is_not_believed_and_asks_for_home(rig):
         drives[2].axis.reference.offset += 40_000
     rig.until_stopped()
     assert 'q3 (node 3): the position has jumped by 0.09' in rig.controller.snapshot().cause
-    wait_until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3, 'power off')
+    off = {State.SWITCH_ON_DISABLED, State.FAULT}  # q3 may see its following error before that
+    wait_until(lambda: {*rig.drive_states} <= off, 'power off')
     assert rig.controller.snapshot().unhomed == ('q3',)
     rig.do('clear_faults', 'home')
 

@@ -1,0 +1,91 @@
+"""
+Fixed linear filters: what is known of the motion at present, seen through four bandwidths.
+
+Each is the steady state of the Kalman-Bucy filter for a position whose jerk is white noise. For
+any noise its poles are those of Butterworth's third order, ω and ω exp(±i π/3) to the left, and
+its estimates of position, velocity and acceleration are, with s in units of ω,
+
+    p = (2 s² + 2 s + 1) y / D,  v/ω = (2 s² + s) y / D,  a/ω² = s² y / D,
+
+where D = s³ + 2 s² + 2 s + 1.
+
+The filter is kept as its modes ż = λ (z − y); each estimate stands for the interval before it,
+whatever that is, so stamps may jitter. |z| is at most twice the largest |y|, whatever comes.
+
+References
+----------
+R. E. Kalman, R. S. Bucy, "New results in linear filtering and prediction theory", Journal of
+Basic Engineering 83 (1961) 95-108, https://doi.org/10.1115/1.3658902.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+BANDWIDTHS = np.array((0.8, 2.0, 4.0, 8.0))  # rad/s
+LEVEL = 2  # the filter whose position the features are relative to
+FEATURES = 3 * len(BANDWIDTHS) - 1
+ACCELERATION = 3 * LEVEL + 1  # index of the level filter's a/ω² in the features
+
+_POLES = np.array((-1.0, np.exp(2j * np.pi / 3.0)))  # the third is the conjugate of the second
+_NUMERATORS = np.array(((2.0, 2.0, 1.0), (2.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
+_DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))
+_RESIDUES = np.array([
+    [np.polyval(row, pole) / np.polyval(np.polyder(_DENOMINATOR), pole) for row in _NUMERATORS]
+    for pole in _POLES])
+_STATES = _RESIDUES * np.array((1.0, 2.0))[:, None] / -_POLES[:, None]  # by mode, real part
+_RATES = BANDWIDTHS[:, None] * _POLES
+_KEPT = np.delete(np.arange(FEATURES + 1), 3 * LEVEL)
+
+
+class FilterBank:
+    """
+    The filters of several axes.
+
+    Parameters
+    ----------
+    values : numpy.ndarray, shape (axes,)
+        First estimates; the filters begin at rest there.
+
+    """
+
+    def __init__(self, values: np.ndarray) -> None:
+        self._modes = np.tile(values[:, None, None] + 0j, (1, len(BANDWIDTHS), len(_POLES)))
+
+    def update(self, interval: float, values: np.ndarray) -> None:
+        """Go on over an interval [s] to new estimates."""
+        decay = np.exp(interval * _RATES)
+        self._modes *= decay
+        self._modes += (1.0 - decay) * values[:, None, None]
+
+    def states(self) -> np.ndarray:
+        """Return p, v/ω and a/ω² of every filter [m or rad], shape (axes, bandwidths, 3)."""
+        return (self._modes @ _STATES).real
+
+
+def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return what the continuation depends on: no constant added to the motion changes it.
+
+    Parameters
+    ----------
+    states : numpy.ndarray, shape (..., bandwidths, 3)
+
+    Returns
+    -------
+    features : numpy.ndarray, shape (..., FEATURES)
+    level : numpy.ndarray, shape (...)
+        The position that was taken from all others.
+
+    """
+    level = states[..., LEVEL, 0].copy()
+    relative = states.copy()
+    relative[..., 0] -= level[..., None]
+    return relative.reshape(*level.shape, -1)[..., _KEPT], level
+
+
+def response(frequencies: np.ndarray) -> np.ndarray:
+    """Return the states under exp(2πi f t) at t = 0, shape (frequencies, bandwidths, 3)."""
+    s = 2j * np.pi * frequencies[:, None] / BANDWIDTHS
+    numerators = np.stack([np.polyval(row, s) for row in _NUMERATORS], axis=-1)
+    return numerators / np.polyval(_DENOMINATOR, s)[..., None]

@@ -1,0 +1,69 @@
+"""
+What is known before anything is learnt: second moments of features and moves.
+
+For a stationary motion of spectral density S the moments of features φ and moves m are integrals
+of their frequency responses, E[φ φᵀ] = ∫ S Re(φ φᴴ) df and E[φ m] = ∫ S Re(φ* m) df. There are two
+motions: sways, and the estimator's noise, after which the gondola is where it was.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.prediction.filters import features, response
+
+HORIZONS = np.array((0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6))  # s, of the moves
+SWAY_BAND = (0.05, 0.8)  # Hz: from 100 m of cable to a stiff guide
+SWAY_SLOPE = -4.0  # of the position's spectral density
+NOISE_BAND = (0.0025, 25.0)  # Hz: all that the filters let pass
+POINTS = 1000
+
+
+class Moments(NamedTuple):
+    """
+    Second moments under one kind of motion.
+
+    Parameters
+    ----------
+    features : numpy.ndarray, shape (FEATURES, FEATURES)
+        E[φ φᵀ].
+    moves : numpy.ndarray, shape (FEATURES, HORIZONS)
+        E[φ m].
+    level : float
+        Variance of the level.
+
+    """
+
+    features: np.ndarray
+    moves: np.ndarray
+    level: float
+
+
+@lru_cache
+def sway_moments() -> Moments:
+    """Return the moments of sways whose acceleration has the variance 1 m²/s⁴."""
+    frequencies = np.geomspace(*SWAY_BAND, POINTS)
+    power = frequencies ** SWAY_SLOPE * np.gradient(frequencies)
+    power /= power @ (2.0 * np.pi * frequencies) ** 4
+    later = np.exp(2j * np.pi * np.outer(frequencies, HORIZONS))
+    return _moments(response(frequencies), power, later)
+
+
+@lru_cache
+def noise_moments() -> Moments:
+    """Return the moments of white noise of variance 1 m², by the interval of estimates [1/s]."""
+    frequencies = np.linspace(*NOISE_BAND, POINTS)
+    power = 2.0 * np.gradient(frequencies)
+    return _moments(response(frequencies), power, np.zeros((POINTS, len(HORIZONS))))
+
+
+def _moments(states: np.ndarray, power: np.ndarray, later: np.ndarray) -> Moments:
+    """Return the moments of tones of some power that become `later` at the horizons."""
+    tones, level = features(states)
+    weighted = power[:, None] * tones.conj()
+    return Moments(
+        (weighted.T @ tones).real, (weighted.T @ (later - level[:, None])).real,
+        float(power @ np.abs(level) ** 2))

@@ -1,0 +1,138 @@
+"""README and docs/ say what the code does: tables, examples, commands, files, links."""
+
+from __future__ import annotations
+
+import ast
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+import re
+
+import pytest
+from rclpy.parameter import Parameter
+
+import facade_manipulator
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.ik_service import IkServiceNode
+
+ROOT = Path(facade_manipulator.__file__).parents[1]
+INNER = ('parameter', '/rosout', 'get_type_description')
+LONGEST_README = 150  # lines
+
+if not (ROOT / 'docs').is_dir():
+    pytest.skip('the documents stand in the source tree alone', allow_module_level=True)
+TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text()
+         for path in (ROOT / 'README.md', *sorted((ROOT / 'docs').glob('*.md')))}
+INTERFACES = TEXTS['docs/supervisor.md']
+BLOCKS = [(name, kind, block) for name, text in TEXTS.items()
+          for kind, block in re.findall(r'^```(\w*)\n(.*?)^```', text, re.DOTALL | re.MULTILINE)]
+EXAMPLES = [pytest.param(block, id=f'{name}-{number}')
+            for number, (name, kind, block) in enumerate(BLOCKS) if kind == 'python']
+INLINE = [command for text in TEXTS.values()
+          for command in re.findall('`((?:make|ros2|python) [^`]+)`', text)]
+COMMANDS = [line for block in (*(block for _, kind, block in BLOCKS if not kind), *INLINE)
+            for line in block.replace('\\\n', ' ').splitlines()]
+SETUP = (ROOT / 'setup.py').read_text()
+NODES = set(re.findall(r"'(\w+)'", re.search(r'NODES = \(([^)]*)\)', SETUP).group(1)))
+EXECUTABLES = NODES | set(re.findall(r"f'(\w+) = \{NAME\}", SETUP))
+
+
+def rows(head: str, text: str = INTERFACES) -> list[list[str]]:
+    """Return the cells of the table whose head begins so."""
+    body = re.search(rf'\n\| {head} .*\n\|[-|]+\n((?:\|.*\n)+)', text).group(1)
+    return [[cell.strip() for cell in line.strip('|').split(' | ')]
+            for line in body.splitlines()]
+
+
+def names(cell: str) -> list[str]:
+    return re.findall('`([^`]+)`', cell)
+
+
+def named(pattern: str) -> set[str]:
+    """Return what a pattern's group finds in the commands of all documents."""
+    return {name for line in COMMANDS for name in re.findall(pattern, line)}
+
+
+@pytest.fixture
+def graph(ros):
+    """Return names and types of all topics and services of the nodes in the gondola."""
+    virtual = [Parameter('bus.interface', value='virtual')]
+    nodes = [ros.add(DriverNode(parameter_overrides=virtual)), ros.add(CompensatorNode()),
+             ros.add(IkServiceNode())]
+    nodes[-1]._linkage._open()
+
+    def seen(kind):
+        return {name: types[0].replace('/msg/', '/').replace('/srv/', '/')
+                for node in nodes for name, types in getattr(
+                    node, f'get_{kind}_names_and_types_by_node')(node.get_name(), '/')}
+
+    ros.until(lambda: '/ik_service/linkage' in seen('publisher'), 'the graph')
+    return {**seen('publisher'), **seen('subscriber')}, seen('service')
+
+
+def test_the_readme_is_an_introduction():
+    assert len(TEXTS['README.md'].splitlines()) <= LONGEST_README
+
+
+def test_every_topic_of_the_nodes_is_documented_with_its_type(graph):
+    topics, _ = graph
+    documented = {f'/{names(row[0])[0].lstrip("/")}': row[1] for row in rows('topic')}
+    own = {name: kind for name, kind in topics.items()
+           if not any(word in name for word in (*INNER, 'transition_event'))}
+    assert documented == own
+
+
+def test_every_service_of_the_nodes_is_documented_with_its_type(graph):
+    _, services = graph
+    own = {name: kind for name, kind in services.items()
+           if not any(word in name for word in INNER) and 'lifecycle' not in kind}
+    documented = {f'/{name}': row[1] for row in rows('service') for name in names(row[0])}
+    assert documented.pop('/driver/change_state') == 'lifecycle_msgs'
+    assert documented == own
+
+
+def test_commands_name_topics_and_services_with_their_types(graph):
+    known = graph[0] | graph[1]
+    told = named(r'ros2 (?:topic pub|service call) (?:--\w+ \d+ )*(/\S+ +[\w/]+)')
+    assert told
+    for command in told:
+        name, kind = command.split()
+        assert known[name] == re.sub('/(msg|srv)/', '/', kind), command
+
+
+def test_every_executable_is_documented_and_every_one_in_a_command_exists():
+    documented = {name for row in rows('executable') for name in names(row[0])}
+    assert documented >= EXECUTABLES - {'compensator', 'ik_service'}
+    assert documented | named(r'ros2 run facade_manipulator (\w+)') <= EXECUTABLES
+
+
+def test_every_target_and_program_in_a_command_exists():
+    targets = set(re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE))
+    assert named(r'\bmake ([a-z][a-z-]*)') - {'TARGET'} <= targets
+    for module in named(r'python -m (facade_manipulator[\w.]*)'):
+        assert find_spec(module), module
+    assert all((ROOT / file).exists() for file in named(r'python (test/[\w./]+\.py)'))
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_every_python_example_is_python_and_those_without_ros_run(example):
+    code = compile(example, 'example', 'exec')
+    if 'rclpy' not in example:
+        exec(code, {})
+
+
+@pytest.mark.parametrize('example', EXAMPLES)
+def test_what_an_example_imports_exists(example):
+    for node in ast.walk(ast.parse(example)):
+        if isinstance(node, ast.ImportFrom):
+            module = import_module(node.module)
+            assert all(hasattr(module, alias.name) for alias in node.names)
+
+
+@pytest.mark.parametrize('name', TEXTS)
+def test_every_file_that_a_document_names_exists(name):
+    text = TEXTS[name]
+    linked = [(ROOT / name).parent / link for link in re.findall(r'\]\(([^)#:]+)\)', text)]
+    told = [ROOT / file for file in re.findall(r'`((?:config|launch|test|docs)/[\w./]+)`', text)]
+    assert not [path for path in (*linked, *told) if not path.exists()]
