@@ -1,13 +1,14 @@
 """
 Kinematics of many poses at once, on numpy.
 
-The formulas are those of `inverse` and `forward`. Rows are worked in blocks that stay in the
-processor's cache, in place, with one trigonometric call per pose.
+The formulas are those of `inverse` and `forward`, in plain numpy with one trigonometric call per
+pose. Rows are worked in blocks whose temporary arrays stay in the processor's cache.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
+from functools import partial
 import math
 
 import numpy as np
@@ -21,7 +22,7 @@ from facade_manipulator.kinematics.forward import (
 )
 from facade_manipulator.kinematics.geometry import Carriages, Geometry
 
-BLOCK = 4096  # rows; ten or so buffers of 32 KiB stay in the second-level cache
+BLOCK = 4096  # rows; ten or so temporary arrays of 32 KiB stay in the second-level cache
 
 
 def inverse_kinematics_batch(
@@ -49,14 +50,7 @@ def inverse_kinematics_batch(
         If `poses` does not have three columns.
 
     """
-    poses = _rows(poses, 'poses')
-    carriages = np.empty(poses.shape)
-    valid = np.empty(len(poses), bool)
-    buffers = np.empty((5, min(BLOCK, len(poses))))
-    with np.errstate(all='ignore'):
-        for rows in _blocks(len(poses)):
-            _inverse_block(geometry, poses[rows], carriages[rows], valid[rows], buffers)
-    return carriages, valid
+    return _by_blocks(partial(_inverse_block, geometry), _rows(poses, 'poses'))
 
 
 def forward_kinematics_batch(
@@ -84,14 +78,7 @@ def forward_kinematics_batch(
         If `carriages` does not have three columns.
 
     """
-    carriages = _rows(carriages, 'carriages')
-    poses = np.empty(carriages.shape)
-    valid = np.empty(len(carriages), bool)
-    buffers = np.empty((13, min(BLOCK, len(carriages))))
-    with np.errstate(all='ignore'):
-        for rows in _blocks(len(carriages)):
-            _forward_block(geometry, carriages[rows], poses[rows], valid[rows], buffers)
-    return poses, valid
+    return _by_blocks(partial(_forward_block, geometry), _rows(carriages, 'carriages'))
 
 
 def _rows(values: np.ndarray, name: str) -> np.ndarray:
@@ -101,148 +88,86 @@ def _rows(values: np.ndarray, name: str) -> np.ndarray:
     return values
 
 
-def _blocks(count: int) -> Iterator[slice]:
-    for start in range(0, count, BLOCK):
-        yield slice(start, min(start + BLOCK, count))
+def _by_blocks(
+    solve: Callable[[np.ndarray, np.ndarray], np.ndarray], values: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the answers, NaN where not valid, and the validity of all rows, block by block."""
+    answers, valid = np.empty(values.shape), np.empty(len(values), bool)
+    with np.errstate(all='ignore'):
+        for start in range(0, len(values), BLOCK):
+            rows = slice(start, start + BLOCK)
+            valid[rows] = solve(values[rows], answers[rows])
+            if not valid[rows].all():
+                answers[rows][~valid[rows]] = np.nan
+    return answers, valid
 
 
-def _inverse_block(
-    geometry: Geometry, poses: np.ndarray, out: np.ndarray, valid: np.ndarray,
-    buffers: np.ndarray,
-) -> None:
+def _inverse_block(geometry: Geometry, poses: np.ndarray, out: np.ndarray) -> np.ndarray:
     half, square = geometry.platform_half_length, geometry.link_length ** 2
     x, y, theta = poses.T
-    rise, span, root1, root2, work = buffers[:, :len(poses)]
     # With t = tan(θ/2): b sin θ = t w and b cos θ = w − b, where w = 2 b/(1 + t²).
-    np.multiply(theta, 0.5, out=work)
-    np.tan(work, out=work)
-    np.multiply(work, work, out=span)
-    span += 1.0
-    np.divide(2.0 * half, span, out=span)
-    np.multiply(work, span, out=rise)
-    span -= half
-    np.subtract(y, rise, out=root1)
-    np.add(y, rise, out=root2)
-    for root in (root1, root2):
-        np.multiply(root, root, out=root)
-        np.subtract(square, root, out=root)
-    np.minimum(root1, root2, out=work)
-    np.greater(work, 0.0, out=valid)
-    np.sqrt(root1, out=root1)
-    np.sqrt(root2, out=root2)
-    root1 -= span
-    span -= root2
-    np.add(x, root1, out=out[:, 0])
-    np.add(x, span, out=out[:, 1])
+    t = np.tan(0.5 * theta)
+    width = 2.0 * half / (1.0 + t * t)
+    rise, span = t * width, width - half
+    root1, root2 = square - (y - rise) ** 2, square - (y + rise) ** 2
+    out[:, 0] = x - span + np.sqrt(root1)
+    out[:, 1] = x + span - np.sqrt(root2)
     out[:, 2] = x
-    valid &= np.isfinite(x)
-    if not valid.all():
-        out[~valid] = np.nan
+    return (np.minimum(root1, root2) > 0.0) & np.isfinite(x)
 
 
-def _forward_block(
-    geometry: Geometry, carriages: np.ndarray, out: np.ndarray, valid: np.ndarray,
-    buffers: np.ndarray,
-) -> None:
-    left, right, sine, cosine, y = buffers[:5, :len(carriages)]
-    work = buffers[5:, :len(carriages)]
-    np.subtract(carriages[:, 0], carriages[:, 2], out=left)
-    np.subtract(carriages[:, 1], carriages[:, 2], out=right)
-    _solve(geometry, left, right, (sine, cosine, y), work)
-    _polish(geometry, left, right, (sine, cosine, y), work, valid)
-    dy, dtheta, size = work[:3]
-    out[:, 0] = carriages[:, 2]
-    np.add(y, dy, out=out[:, 1])
-    np.arctan2(sine, cosine, out=y)
-    np.add(y, dtheta, out=out[:, 2])
-    np.abs(dy, out=dy)
-    np.abs(dtheta, out=size)
-    size += dy
+def _forward_block(geometry: Geometry, carriages: np.ndarray, out: np.ndarray) -> np.ndarray:
+    q1, q2, q3 = carriages.T
+    left, right = q1 - q3, q2 - q3
+    sine, cosine, y = _solve(geometry, left, right)
+    dy, dtheta, valid = _polish(geometry, left, right, (sine, cosine, y))
+    out[:, 0] = q3
+    out[:, 1] = y + dy
+    out[:, 2] = np.arctan2(sine, cosine) + dtheta
+    size = np.abs(dy) + np.abs(dtheta)
     valid &= size <= POLISHED
     if not valid.all():
-        out[~valid] = np.nan
-        hard = (size > POLISHED) | (carriages[:, 1] <= carriages[:, 0])
+        hard = ~valid & ((size > POLISHED) | (q2 <= q1))
         for row in np.flatnonzero(hard):
             out[row] = _answer(geometry, carriages[row])
-        np.isfinite(out[:, 1], out=valid)
+        valid |= hard & np.isfinite(out[:, 1])
+    return valid
 
 
 def _solve(
-    geometry: Geometry, left: np.ndarray, right: np.ndarray,
-    result: tuple[np.ndarray, np.ndarray, np.ndarray], work: np.ndarray,
-) -> None:
-    """Write (sin θ, cos θ, y) of the cubic's branch N > 0 into `result`."""
+    geometry: Geometry, left: np.ndarray, right: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return sin θ, cos θ and y of the cubic's branch N > 0, in u = 1 − cos θ."""
     half = geometry.platform_half_length
-    sine, cosine, y = result
-    f0, f1, f2, f3, u = work[:5]
-    distance, offset = y, sine
-    np.subtract(right, left, out=distance)
-    np.add(left, right, out=offset)
-    # f0 = e slack², f1 = 2 (f3 + K0) − e D/b, f2 = 3 f3 + K0, f3 = b D; e and slack pass through.
-    np.multiply(offset, offset, out=f0)
-    f0 *= 0.25
-    np.multiply(distance, half, out=f3)
-    np.multiply(distance, distance, out=f2)
-    f2 *= -0.25
-    f2 += (geometry.link_length - half) * (geometry.link_length + half)
-    np.add(f2, f3, out=cosine)
-    np.multiply(f0, distance, out=f1)
-    f1 *= -1.0 / half
-    f1 += cosine
-    f1 += cosine
-    cosine -= f0  # y² = K0 + f3 − e − f3 u
-    f2 += f3
-    f2 += f3
-    f2 += f3
-    np.multiply(distance, -0.5 / half, out=u)
-    u += 1.0
-    u *= u
-    f0 *= u
-    _versines((f0, f1, f2, f3), u, work[5:8])
-    np.multiply(f3, u, out=f0)
-    np.subtract(cosine, f0, out=f0)
-    np.subtract(1.0, u, out=cosine)
-    # sin θ = S (2 b c − D)/(4 b y)
-    np.multiply(cosine, 2.0 * half, out=u)
-    u -= distance
-    sine *= u
-    np.sqrt(f0, out=y)
-    np.multiply(y, 4.0 * half, out=u)
-    sine /= u
-    np.multiply(sine, sine, out=f0)
-    np.multiply(cosine, cosine, out=f1)
-    f0 += f1
-    np.sqrt(f0, out=f0)
-    sine /= f0
-    cosine /= f0
+    distance, offset = right - left, right + left
+    quarter = 0.25 * offset * offset
+    k0 = (geometry.link_length - half) * (geometry.link_length + half) - 0.25 * distance ** 2
+    f3 = half * distance
+    f2 = 3.0 * f3 + k0
+    f1 = 2.0 * (f3 + k0) - quarter * distance / half
+    f0 = quarter * (1.0 - distance * (0.5 / half)) ** 2
+    u = _versines(f0, f1, f2, f3)
+    y = np.sqrt(k0 + f3 - quarter - f3 * u)
+    cosine = 1.0 - u
+    sine = offset * (2.0 * half * cosine - distance) / (4.0 * half * y)
+    norm = np.sqrt(sine * sine + cosine * cosine)
+    return sine / norm, cosine / norm, y
 
 
 def _versines(
-    coefficients: tuple[np.ndarray, ...], u: np.ndarray, work: np.ndarray
-) -> None:
-    """Write u = 1 − cos θ of the greatest root into `u`; NaN where there is none."""
-    f0, f1, f2, f3 = coefficients
-    slope, step, cubic_part = work
-    np.multiply(f1, f1, out=slope)
-    np.multiply(f0, f2, out=u)
-    u *= 4.0
-    slope -= u
-    np.sqrt(slope, out=slope)  # NaN, as everything after it, where the parabola has no root
-    np.add(f1, slope, out=step)
-    np.divide(f0, step, out=u)
-    u += u
-    np.multiply(u, u, out=cubic_part)  # step = f3 u³/(slope + 3 f3 u²)
-    cubic_part *= f3
-    np.multiply(cubic_part, u, out=step)
-    cubic_part *= 3.0
-    slope += cubic_part
-    step /= slope
+    f0: np.ndarray, f1: np.ndarray, f2: np.ndarray, f3: np.ndarray
+) -> np.ndarray:
+    """Return u = 1 − cos θ of the greatest root; NaN where there is none."""
+    slope = np.sqrt(f1 * f1 - 4.0 * f0 * f2)  # NaN where the parabola has no root
+    u = 2.0 * f0 / (f1 + slope)
+    cubic = f3 * u * u
+    step = cubic * u / (slope + 3.0 * cubic)
     u -= step
-    easy = step < STEP_TOLERANCE
-    easy &= f1 > 0.0
+    easy = (step < STEP_TOLERANCE) & (f1 > 0.0)
     if not easy.all():
         hard = np.flatnonzero(~easy)
-        u[hard] = _descend(u[hard], *(coefficient[hard] for coefficient in coefficients))
+        u[hard] = _descend(u[hard], f0[hard], f1[hard], f2[hard], f3[hard])
+    return u
 
 
 def _descend(
@@ -262,54 +187,19 @@ def _descend(
 
 def _polish(
     geometry: Geometry, left: np.ndarray, right: np.ndarray,
-    result: tuple[np.ndarray, np.ndarray, np.ndarray], work: np.ndarray, valid: np.ndarray,
-) -> None:
-    """Leave one Newton step (Δy, Δθ) in ``work[:2]``; valid in the right order and mode."""
+    solution: tuple[np.ndarray, np.ndarray, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return one Newton step (Δy, Δθ), and where order and working mode are right."""
     half, square = geometry.platform_half_length, geometry.link_length ** 2
-    sine, cosine, y = result
-    residual1, residual2, u1, u2, e1, e2, scratch = work[:7]
-    uncrossed = right > left
-    np.multiply(cosine, half, out=scratch)
-    left += scratch
-    np.subtract(scratch, right, out=right)  # from here on left and right are s1 and s2
-    np.minimum(left, right, out=u1)
-    np.greater(u1, 0.0, out=valid)
-    valid &= uncrossed
-    np.multiply(sine, half, out=scratch)
-    np.subtract(y, scratch, out=u1)
-    np.add(y, scratch, out=u2)
-    _residual(left, u1, square, residual1, scratch)
-    _residual(right, u2, square, residual2, scratch)
-    np.multiply(u1, cosine, out=e1)
-    left *= sine
-    e1 += left
-    np.multiply(u2, cosine, out=e2)
-    right *= sine
-    e2 -= right
-    np.multiply(u1, e2, out=left)
-    np.multiply(u2, e1, out=right)
-    left += right
-    np.divide(-0.5, left, out=left)  # −1/(2 N)
-    u1 *= residual2
-    u2 *= residual1
-    e2 *= residual1
-    e1 *= residual2
-    e1 += e2
-    np.subtract(u1, u2, out=residual2)
-    np.multiply(e1, left, out=residual1)
-    residual2 *= left
-    residual2 *= 1.0 / half
-
-
-def _residual(
-    projection: np.ndarray, height: np.ndarray, square: float, out: np.ndarray,
-    scratch: np.ndarray,
-) -> None:
-    """Write |A B|² − l² of one link into `out`."""
-    np.multiply(projection, projection, out=out)
-    np.multiply(height, height, out=scratch)
-    out += scratch
-    out -= square
+    sine, cosine, y = solution
+    s1, s2 = left + half * cosine, half * cosine - right
+    u1, u2 = y - half * sine, y + half * sine
+    residual1, residual2 = s1 * s1 + u1 * u1 - square, s2 * s2 + u2 * u2 - square
+    e1, e2 = u1 * cosine + s1 * sine, u2 * cosine - s2 * sine
+    scale = -0.5 / (u1 * e2 + u2 * e1)  # −1/(2 N)
+    dy = (e2 * residual1 + e1 * residual2) * scale
+    dtheta = (u1 * residual2 - u2 * residual1) * scale / half
+    return dy, dtheta, (np.minimum(s1, s2) > 0.0) & (right > left)
 
 
 def _answer(geometry: Geometry, carriages: np.ndarray) -> tuple[float, float, float]:

@@ -28,7 +28,7 @@ from facade_manipulator.prediction.settings import PredictionSettings
 
 LONGEST_GAP = 1.1  # s without estimates, after which everything is learnt again
 LEARNING_PERIOD = 0.14  # s
-SAME_TIME = 1e-6  # s, what is closer together is not told apart
+SAME_TIME = 1e-6  # s, what is closer together counts as one
 FIRST_INTERVAL = 0.02  # s, taken for the mean one until there are two estimates
 PEAK_TIME = 20.0  # s, time constant with which the strongest motion seen is forgotten
 PEAK_SHARE = 0.1  # variance of the acceleration expected, by its peak's square
@@ -40,7 +40,7 @@ MOST_STEPS = 100  # over a gap
 OUTLIER = 8.0  # standard deviations
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
 NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones at once
-FAR_TURN = 4  # every fourth lesson is one of the far horizons
+FAR_TURN = 4  # every fourth learning is that of the far horizons
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
     ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
 FULL, MEAN, FINAL = range(3)  # kinds of forecasts: learnt, mean alone, and as it is given
@@ -118,13 +118,13 @@ class DisturbancePredictor:
 
     def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
         axes = len(measured)
-        self.since = self._next_lesson = stamp
+        self.since = self._next_learning = stamp
         self._interval = FIRST_INTERVAL
         self._bank, self._mean = FilterBank(measured), measured
         self._near, self._far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
-        self._lessons = 0
-        self._peak, self._taught, self._bend, self._suspected = np.zeros((4, axes))
+        self._learnings = 0
+        self._peak, self._learnt_peak, self._bend, self._suspected = np.zeros((4, axes))
         self._weights = np.zeros((axes, FEATURES, len(HORIZONS)))
         self._variances = np.full((axes, len(HORIZONS)), UNKNOWN)
         self._share = np.ones((axes, len(HORIZONS)))
@@ -163,8 +163,8 @@ class DisturbancePredictor:
         self._peak = np.maximum(
             math.exp(-interval / PEAK_TIME) * self._peak,
             BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
-        if stamp > self._next_lesson - SAME_TIME:
-            self._next_lesson = stamp + LEARNING_PERIOD
+        if stamp > self._next_learning - SAME_TIME:
+            self._next_learning = stamp + LEARNING_PERIOD
             self._learn(noise, floor)
         self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (measured - self._mean)
         forecasts = self._forecast(interval, seen, level)
@@ -174,13 +174,13 @@ class DisturbancePredictor:
             continuation.add(sample)
 
     def _learn(self, noise: np.ndarray, floor: np.ndarray) -> None:
-        """Let the near and the far horizons learn in turn; what weaker motion taught fades."""
-        share = np.minimum((floor + self._taught) / (floor + self._peak), 1.0)
-        self._taught = self._peak
+        """Let near and far horizons learn in turn; what weaker motion has shown fades."""
+        share = np.minimum((floor + self._learnt_peak) / (floor + self._peak), 1.0)
+        self._learnt_peak = self._peak
         for continuation in self._continuations:
             continuation.weaken(share)
-        self._lessons += 1
-        learner = self._near if self._lessons % FAR_TURN else self._far
+        self._learnings += 1
+        learner = self._near if self._learnings % FAR_TURN else self._far
         learner.learn(noise)
         self._solve(learner, noise * self._interval)
 

@@ -49,9 +49,9 @@ class Run:
     """A predictor fed with a motion; errors and standard deviations one horizon ahead."""
 
     def __init__(self, motion, duration, rate=50.0, noise=NOISE, seed=0, start=1000.0,
-                 told=None, spoil=lambda stamp, values, random: values, horizon=HORIZON):
+                 published=None, spoil=lambda stamp, values, random: values, horizon=HORIZON):
         random, self.predictor = np.random.default_rng(seed), DisturbancePredictor(SETTINGS)
-        variances = Pose(*(3 * [(told or max(noise, 1e-4)) ** 2]))
+        variances = Pose(*(3 * [(published or max(noise, 1e-4)) ** 2]))
         self.errors, self.deviations, self.rate = [], [], rate
         for k in range(round(duration * rate)):
             time = k / rate
@@ -137,7 +137,7 @@ def test_whatever_was_learnt_a_prediction_is_bounded():
     run.predictor._share[:] = 1.0
     stamp = run.predictor.stamp + 0.02
     run.predictor.update(stamp, Pose(0.1, 0.0, 0.0), VARIANCES)
-    assert np.abs(run.predictor.predict(stamp + HORIZON).place).max() < 1.0
+    assert np.abs(run.predictor.predict(stamp + HORIZON).position).max() < 1.0
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -237,9 +237,9 @@ def test_a_step_is_believed_at_its_second_estimate():
     assert (run.rms(11.0) < 2.0 * NOISE).all()
 
 
-@pytest.mark.parametrize('told', [2e-4, 5e-3])
-def test_a_wrong_variance_does_no_great_harm(told):
-    assert (Run(gusts(1), 60.0, told=told).rms(20.0) < 1.1 * NOISE).all()
+@pytest.mark.parametrize('published', [2e-4, 5e-3])
+def test_a_wrong_variance_does_no_great_harm(published):
+    assert (Run(gusts(1), 60.0, published=published).rms(20.0) < 1.1 * NOISE).all()
 
 
 def test_a_gap_is_bridged_and_a_long_one_forgotten():
