@@ -11,7 +11,7 @@ from facade_manipulator.parameters import parameter, settings
 class ImpedanceSettings:
     """Desired force on the wall and how the axis y gives way to it."""
 
-    approach_speed: ClassVar[float] = 0.006  # m/s, of the search: gentle even on a stiff wall
+    approach_speed: ClassVar[float] = 0.004  # m/s, of the search: gentle even on a stiff wall
     speed: ClassVar[float] = 0.04  # m/s, highest of the offset
 
     enabled: bool = parameter(False, 'Whether the axis gives way to the wall')

@@ -21,7 +21,7 @@ from facade_manipulator.kinematics import Pose
 FIRST_SHARE = 0.1  # of the desired force, with which the ramp begins
 TOUCH = 1.5  # N, three times a sensor's usual noise
 LOST_AFTER = 1.0  # s without touch, after which the wall is looked for again
-TOUCH_SHARE = 0.5  # of the desired force, by which a touch in search of the wall may miss it
+TOUCH_SHARE = 0.25  # of the desired force, by which a touch in search of the wall may miss it
 LATENCY = 0.07  # s, usual from a force to the head's answer
 ENVELOPE_TIME = 10.0  # s, in which the envelope of the gondola's yaw decays
 NEGLIGIBLE = 1e-9  # m or rad

@@ -61,7 +61,7 @@ def sways(time):
     return WALL + 5e-4 * math.sin(math.tau * 0.3 * time)
 
 
-@pytest.mark.parametrize('stiffness', [400.0, 600.0, 2e3, 1e4, 2e4])
+@pytest.mark.parametrize('stiffness', [400.0, 600.0, 2e3, 1e4, 1e5])
 def test_the_desired_force_is_reached_on_a_wall_of_unknown_stiffness(stiffness):
     run = press(stiffness)
     assert run.pressing.mode is PressMode.HOLDING
@@ -93,7 +93,7 @@ def test_the_force_rises_over_the_ramp():
 
 
 def test_a_wall_out_of_reach_is_looked_for_no_further_than_the_range():
-    run = press(600.0, wall=lambda _: 1.0)
+    run = press(600.0, duration=40.0, wall=lambda _: 1.0)
     assert run.pressing.mode is PressMode.SEARCHING
     assert run.offsets[-1] == pytest.approx(SETTINGS.range)
 
@@ -118,7 +118,7 @@ def test_a_wall_that_sways_slowly_hardly_changes_the_force():
 
 
 def test_a_wall_too_stiff_to_be_held_is_hardly_hit_and_left():
-    run = press(1e5)
+    run = press(2e5)
     assert run.pressing.mode is PressMode.RETRACTED
     assert run.pressing.reason
     assert run.forces.max() < 80.0
