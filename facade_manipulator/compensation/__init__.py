@@ -15,6 +15,8 @@ from facade_manipulator.compensation.compensator import (
 )
 from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
 from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.feasibility import SuspensionSettings
+from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.compensation.workspace_limit import WorkspaceLimit
 
 __all__ = [
@@ -26,4 +28,6 @@ __all__ = [
     'CorrectionMode',
     'DEFAULTS',
     'FrictionSettings',
+    'PressMode',
+    'SuspensionSettings',
 ]

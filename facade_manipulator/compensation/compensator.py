@@ -20,6 +20,7 @@ from facade_manipulator.compensation.correction import (
     FADE_ACCELERATION,
     LONGEST_PAUSE,
 )
+from facade_manipulator.compensation.feasibility import obstacle, SuspensionSettings
 from facade_manipulator.compensation.following import Following, FollowingSettings
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.lateral import LateralSettings
@@ -107,6 +108,7 @@ class CompensatorSettings(NamedTuple):
     lateral: LateralSettings = LateralSettings()
     impedance: ImpedanceSettings = ImpedanceSettings()
     yaw_impedance: YawImpedanceSettings = YawImpedanceSettings()
+    suspension: SuspensionSettings = SuspensionSettings()
 
 
 DEFAULTS = CompensatorSettings()
@@ -141,6 +143,7 @@ class Compensator:
         self.following = Following(settings.following)
         self.goal: Pose | None = None
         self.initialisations = 0
+        self._suspension = settings.suspension
         self._gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
         self._workspace_limit = WorkspaceLimit(geometry, settings.workspace_limit)
@@ -153,10 +156,12 @@ class Compensator:
             'estimate': self._change_estimate,
             'prediction': self.correction.change_prediction,
             'workspace_limit': self._change_workspace_limit,
+            'suspension': partial(setattr, self, '_suspension'),
+            'impedance': partial(setattr, self.contact.pressing, 'press'),
+            'yaw_impedance': partial(setattr, self.contact.pressing, 'turn'),
             **{name: partial(setattr, part, 'settings') for name, part in (
                 ('correction', self.correction), ('reference', self._reference),
-                ('following', self.following), ('lateral', self.contact.lateral),
-                ('impedance', self.contact.press), ('yaw_impedance', self.contact.turn))},
+                ('following', self.following), ('lateral', self.contact.lateral))},
         }
 
     def change(self, part: str, settings: Any) -> None:
@@ -225,6 +230,14 @@ class Compensator:
         """
         self.correction.add_estimate(self._gate.check(now, stamp, pose, variances))
 
+    @property
+    def obstacle(self) -> str:
+        """Why the desired force cannot be had at the goal, by statics; empty if it can."""
+        if self.goal is None:
+            return ''
+        return obstacle(
+            self._suspension, self.contact.pressing.press, self.geometry, self.goal)
+
     def update(self, now: float) -> CorrectedPose | None:
         """
         Return the corrected pose for one horizon ahead, None before there is a goal.
@@ -259,7 +272,8 @@ class Compensator:
         if self._last is not None:
             interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
             saturation_error = self._last.saturation_error
-        shifted = self.contact.shift(now, time, interval, reference, saturation_error)
+        shifted = self.contact.shift(
+            now, time, interval, reference, saturation_error, disturbance)
         wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
         inside = self._workspace_limit.saturate(tracked, math.tan(disturbance.theta))

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 
-from facade_manipulator.compensation.impedance import (
-    Impedance,
-    ImpedanceSettings,
-    OLDEST_WRENCH,
-    YawImpedanceSettings,
-)
+from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
+from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.lateral import (
     LateralRegulator,
     LateralSettings,
     OLDEST_OFFSET,
 )
+from facade_manipulator.compensation.pressing import Pressing
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import add, Pose, Wrench
 
@@ -42,10 +39,10 @@ class Contact:
         yaw_impedance: YawImpedanceSettings,
     ) -> None:
         self.lateral = LateralRegulator(lateral)
-        self.press = Impedance(impedance)
-        self.turn = Impedance(yaw_impedance)
+        self.pressing = Pressing(impedance, yaw_impedance)
         self._yaw = 0.0
         self._stamps: dict[str, float] = {}
+        self._wrench: Wrench | None = None
 
     def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
@@ -59,8 +56,9 @@ class Contact:
         """
         self._check('contact_wrench', now, stamp, OLDEST_WRENCH, wrench._asdict())
         cosine, sine = math.cos(self._yaw), math.sin(self._yaw)
-        self.press.add_measurement(stamp, -(sine * wrench.fx + cosine * wrench.fy))
-        self.turn.add_measurement(stamp, -wrench.mz)
+        force = -(sine * wrench.fx + cosine * wrench.fy)
+        self.pressing.add_measurement(stamp, force, -wrench.mz, wrench == self._wrench)
+        self._wrench = wrench
 
     def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
         """
@@ -78,10 +76,11 @@ class Contact:
     @property
     def present(self) -> Pose:
         """Shift of the goal at present [m, m, rad]."""
-        return Pose(self.lateral.shift, self.press.offset, self.turn.offset)
+        return Pose(self.lateral.shift, self.pressing.y.offset, self.pressing.theta.offset)
 
     def shift(
-        self, now: float, time: float, interval: float, reference: Pose, saturation_error: Pose
+        self, now: float, time: float, interval: float, reference: Pose, saturation_error: Pose,
+        rail: Pose,
     ) -> Pose:
         """
         Return the reference with what the contact adds.
@@ -94,12 +93,13 @@ class Contact:
             Where the head should be on the wall.
         saturation_error : Pose
             By how much each axis was held back at the workspace limit.
+        rail : Pose
+            Disturbance of the gondola.
 
         """
-        if not (self.lateral.idle and self.press.idle and self.turn.idle):
+        if not (self.lateral.idle and self.pressing.idle):
             self.lateral.step(now, interval, saturation_error.x)
-            self.press.step(now, time, interval, saturation_error.y)
-            self.turn.step(now, time, interval, saturation_error.theta)
+            self.pressing.step(now, time, interval, saturation_error, rail)
         shifted = add(reference, self.present)
         self._yaw = shifted.theta
         return shifted

@@ -14,6 +14,7 @@ from facade_manipulator.simulation.pictures import (
     attenuation,
     draw_course,
     draw_force,
+    draw_gondola,
     draw_path,
     draw_spectra,
     GOAL,
@@ -99,13 +100,15 @@ def draw_paths(path: Path, course: TimeCourse) -> None:
 
 
 def draw_pressing(
-    path: Path, times: np.ndarray, forces: np.ndarray, desired: float | None
+    path: Path, course: TimeCourse, times: np.ndarray, forces: np.ndarray, desired: float | None
 ) -> None:
-    """Draw the force on the wall over the newest minutes of the run."""
-    figure = Figure(figsize=(10, 4), layout='constrained')
-    panel = figure.add_subplot()
+    """Draw force on the wall, gondola and its yaw together over the newest minutes of the run."""
+    figure = Figure(figsize=(10, 7), layout='constrained')
+    panel, gondola = figure.subplots(2, 1, sharex=True)
     draw_force(panel, times, forces, desired)
-    panel.set_xlabel('time since the first goal [s]')
+    draw_gondola(gondola, course.times, np.array(course.rails()))
+    panel.set_xlabel('')
+    gondola.set_xlabel('time since the first goal [s]')
     panel.legend(loc='upper right', ncols=2, frameon=False, bbox_to_anchor=(1.0, 1.12))
     panel.set_title(f'mean {forces.mean():.3g} N, greatest {forces.max():.3g} N, without contact '
                     f'for {100.0 * np.mean(forces <= 0.0):.2g} % of the time',

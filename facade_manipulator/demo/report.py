@@ -133,7 +133,7 @@ def _pictures(
     }
     if len(times):
         drawings[FORCE] = lambda draft: pictures.draw_pressing(
-            draft, times, forces, _desired(scenario))
+            draft, course, times, forces, _desired(scenario))
     return drawings
 
 

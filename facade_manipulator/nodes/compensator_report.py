@@ -7,7 +7,12 @@ import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from facade_manipulator.compensation import Compensator, CorrectedPose, CorrectionMode
+from facade_manipulator.compensation import (
+    Compensator,
+    CorrectedPose,
+    CorrectionMode,
+    PressMode,
+)
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.ros import diagnostic_status
 
@@ -62,10 +67,22 @@ class CompensatorReport:
         components = [diagnostic_status(
             'correction', *self._published_outcome, {**self._values(now), **rejections})]
         contact = self._compensator.contact
-        if any(axis.settings.enabled for axis in (contact.lateral, contact.press, contact.turn)):
+        pressing = contact.pressing
+        if any(part.enabled for part in (
+                contact.lateral.settings, pressing.press, pressing.turn)):
             components.append(diagnostic_status(
-                'contact', 'ok', 'giving way to the wall', self._contact_values()))
+                'contact', *self._contact_outcome(), self._contact_values()))
         return components
+
+    def _contact_outcome(self) -> tuple[str, str]:
+        pressing = self._compensator.contact.pressing
+        if pressing.mode is PressMode.RETRACTED and pressing.reason:
+            return 'error', f'{pressing.mode.value}: {pressing.reason}'
+        if self._compensator.obstacle:
+            return 'warn', f'{pressing.mode.value}; {self._compensator.obstacle}'
+        if pressing.mode is PressMode.OFF:
+            return 'ok', 'giving way to the wall'
+        return 'ok', pressing.mode.value
 
     def _outcome(self, now: float) -> tuple[str, str]:
         """Return level and message; no number that changes, so that a change means something."""
@@ -110,10 +127,19 @@ class CompensatorReport:
 
     def _contact_values(self) -> dict:
         contact = self._compensator.contact
+        pressing, watch = contact.pressing, contact.pressing.watch
         return {
-            'force on the wall [N]': contact.press.force,
-            'desired force [N]': contact.press.settings.force,
-            'moment on the wall [N m]': contact.turn.force,
+            'force on the wall [N]': pressing.y.measured,
+            'desired force [N]': pressing.press.force,
+            'force of the moment desired [N]': pressing.desired,
+            'force, mean of 10 s [N]': watch.mean,
+            'force, RMS error of 10 s [N]': watch.rms,
+            'share off the wall of 10 s [%]': 100.0 * watch.share_off,
+            'stiffness of the contact [N/mm]': 1e-3 * pressing.stiffness.value,
+            'moment on the wall [N m]': pressing.theta.measured,
+            'push-back of the gondola [mm]': 1e3 * pressing.push_back,
+            'yaw of the gondola, envelope [deg]': math.degrees(pressing.yaw_envelope),
+            'retracted last because': pressing.last_reason or 'never',
             'shift of the goal': millimetres(contact.present),
         }
 

@@ -17,7 +17,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose
+from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
@@ -44,7 +44,9 @@ from facade_manipulator.ros import (
 from facade_manipulator.simulation import (
     Delivery,
     Facade,
+    ForceSensor,
     load_scenario,
+    PressedGondola,
     Scenario,
     SimulatedEstimator,
     WallMeasurement,
@@ -67,7 +69,8 @@ class GondolaSimulatorNode(Node):
     def __init__(self, **kwargs) -> None:
         super().__init__('gondola_simulator', **kwargs)
         accept_old_names(self)
-        self._geometry = declare(self, Geometry, 'geometry')
+        geometry = declare(self, Geometry, 'geometry')
+        self._mechanism = mechanism_of(geometry)
         name = declare(self, ScenarioSettings).scenario
         scenario = load_scenario(name) if name else Scenario()
         displacement, start = scenario.motion(), node_time(self)
@@ -75,11 +78,12 @@ class GondolaSimulatorNode(Node):
         def motion(time: float) -> Pose:
             return displacement(time - start)
 
-        self._estimator = SimulatedEstimator(scenario.estimator, motion, start)
-        self._wall = WallMeasurement(self._geometry, scenario.wall, motion)
-        self._facade = Facade(scenario.facade)
+        self._gondola = PressedGondola(motion, Facade(scenario.facade), scenario.gondola)
+        self._estimator = SimulatedEstimator(scenario.estimator, self._gondola.at, start)
+        self._wall = WallMeasurement(geometry, scenario.wall, self._gondola.at)
+        self._force_sensor = (
+            ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
         self._measures_slip = scenario.wall.slip_sensor
-        self._last: WallSample | None = None
         self._rejections = Rejections(self)
         self._connect()
         self._diagnostics = DiagnosticsPublisher(self, self._components)
@@ -107,34 +111,35 @@ class GondolaSimulatorNode(Node):
         with self._rejections:
             require_frame(message.header.frame_id, FACADE, 'goal_pose')
             goal = planar_pose(message.pose, 'goal_pose')
-            mechanism_of(self._geometry).certify(goal)
+            self._mechanism.certify(goal)
             self._wall.set_goal(node_time(self), goal)
 
     def _receive_joint_states(self, message: JointState) -> None:
         time = seconds(message.header.stamp)
         with self._rejections:
-            carriages = carriages_from(message.name, message.position, 'joint_states position')
-            self._publish_sample(self._wall.measure(time, Carriages(*carriages)))
+            carriages = Carriages(*carriages_from(
+                message.name, message.position, 'joint_states position'))
+            wrench = self._gondola.advance(
+                time, self._mechanism.forward_kinematics(carriages))
+            self._publish_sample(self._wall.measure(time, carriages), wrench)
 
-    def _publish_sample(self, sample: WallSample) -> None:
+    def _publish_sample(self, sample: WallSample, wrench: Wrench) -> None:
         time = sample.time
         self._head.publish(pose_stamped(FACADE, time, sample.head))
         if sample.error is not None:
             self._error.publish(pose_stamped(FACADE, time, sample.error))
             self._uncompensated.publish(pose_stamped(FACADE, time, sample.uncompensated))
-        self._publish_sensors(sample)
+        self._publish_sensors(sample, wrench)
 
-    def _publish_sensors(self, sample: WallSample) -> None:
+    def _publish_sensors(self, sample: WallSample, wrench: Wrench) -> None:
         """Publish what sensors on the head measure of the wall."""
-        if self._facade.settings.present and self._last is not None:
-            velocity = sample.velocity_since(self._last)
-            wrench = self._facade.contact(sample.head, velocity)
-            self._wrench.publish(wrench_stamped(END_EFFECTOR, sample.time, wrench))
+        measured = self._force_sensor and self._force_sensor.measure(sample.time, wrench)
+        if measured is not None:
+            self._wrench.publish(wrench_stamped(END_EFFECTOR, sample.time, measured))
         if self._measures_slip and sample.settled:
             message = PointStamped(point=Point(x=sample.lateral_offset))
             message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(sample.time)
             self._lateral.publish(message)
-        self._last = sample
 
     def _report(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True

@@ -30,16 +30,13 @@ REMOVED = {
     'lateral.filter_time': 'is fixed at 0.1 s now',
     'lateral.speed': 'is fixed at 0.05 m/s now',
     'lateral.longest_age': 'is fixed at 0.3 s now',
-    'impedance.mass': 'is fixed at 2 kg now',
-    'impedance.observer_time': 'is fixed at 0.02 s now',
-    'impedance.speed': 'is fixed at 0.25 m/s now',
-    'impedance.approach_speed': 'is fixed at 0.04 m/s now',
-    'impedance.longest_age': 'is fixed at 0.2 s now',
-    'yaw_impedance.mass': 'is fixed at 0.045 kg m^2 now',
-    'yaw_impedance.observer_time': 'is fixed at 0.02 s now',
-    'yaw_impedance.approach_speed': 'is fixed at 0.1 rad/s now',
-    'yaw_impedance.speed': 'is fixed at 0.5 rad/s now',
-    'yaw_impedance.longest_age': 'is fixed at 0.2 s now',
+    **{f'{section}.{name}': 'is not used now: the stiffness of the contact is learnt'
+       for section, names in (
+           ('impedance', ('mass', 'damping', 'observer_time', 'approach_speed', 'speed',
+                          'longest_age')),
+           ('yaw_impedance', ('mass', 'damping', 'contact_stiffness', 'observer_time',
+                              'approach_speed', 'speed', 'longest_age')))
+       for name in names},
     **{f'prediction.{name}': 'is no longer used: the prediction learns by itself' for name in (
         'jerk_noise', 'cable_length', 'frequencies', 'gusts', 'offset_drift', 'frequency_drift',
         'mean_time', 'decisiveness', 'window', 'bandwidth', 'longest_gap')},

@@ -8,7 +8,13 @@ draws (`simulation.pictures`) is imported by those alone who draw.
 
 from facade_manipulator.simulation.estimator import Delivery, SimulatedEstimator
 from facade_manipulator.simulation.facade import Facade, FacadeSettings
-from facade_manipulator.simulation.scenario import compensator_parameters, load_scenario, Scenario
+from facade_manipulator.simulation.force_sensor import ForceSensor
+from facade_manipulator.simulation.reaction import PressedGondola
+from facade_manipulator.simulation.scenario import (
+    compensator_parameters,
+    load_scenario,
+    Scenario,
+)
 from facade_manipulator.simulation.wall import AXES, SCALES, UNITS, WallMeasurement, WallSample
 
 __all__ = [
@@ -17,7 +23,9 @@ __all__ = [
     'Delivery',
     'Facade',
     'FacadeSettings',
+    'ForceSensor',
     'load_scenario',
+    'PressedGondola',
     'SCALES',
     'Scenario',
     'SimulatedEstimator',

@@ -36,6 +36,9 @@ from facade_manipulator.motion import (
 )
 from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
 from facade_manipulator.simulation.facade import Facade, FacadeSettings
+from facade_manipulator.simulation.force_sensor import ForceSensor, ForceSensorSettings
+from facade_manipulator.simulation.gondola import GondolaSettings
+from facade_manipulator.simulation.reaction import PressedGondola
 from facade_manipulator.simulation.wall import WallMeasurement, WallSample, WallSettings
 
 START = 1000.0
@@ -49,6 +52,8 @@ class LoopSettings(NamedTuple):
     estimator: EstimatorSettings = EstimatorSettings()
     wall: WallSettings = WallSettings()
     facade: FacadeSettings = FacadeSettings()
+    gondola: GondolaSettings = GondolaSettings()
+    force_sensor: ForceSensorSettings = ForceSensorSettings()
     limits: MotionLimits = MotionLimits()
     period: float = 0.01
     drive_lag: float = 0.015
@@ -57,13 +62,19 @@ class LoopSettings(NamedTuple):
 
 
 class LoopStep(NamedTuple):
-    """One cycle: what was asked for, and the head on the wall when the drives got there."""
+    """
+    One cycle: what was asked for, and the head on the wall when the drives got there.
+
+    The wrench is that of the wall on the head, `measured` what the sensor says of it.
+    """
 
     corrected: CorrectedPose | None
     command: Carriages
     actual: Carriages
     sample: WallSample
     wrench: Wrench
+    measured: Wrench | None
+    rail: Pose
 
 
 class ClosedLoop:
@@ -75,7 +86,8 @@ class ClosedLoop:
     geometry : Geometry
     settings : LoopSettings
     motion : callable
-        Takes a time [s] counted from the start, returns the true disturbance as a Pose.
+        Takes a time [s] counted from the start, returns what the disturbance would be without
+        the head on the wall as a Pose.
     head : Pose
         Where the head stands at the start, in the rail's frame.
     made : Geometry, optional
@@ -100,14 +112,14 @@ class ClosedLoop:
         self.settings = settings
         self.now = START
         self.compensator = Compensator(geometry, settings.compensator)
-        self.estimator = SimulatedEstimator(settings.estimator, disturbance, START)
-        self.wall = WallMeasurement(made or geometry, settings.wall, disturbance)
+        self.gondola = PressedGondola(disturbance, Facade(settings.facade), settings.gondola)
+        self.estimator = SimulatedEstimator(settings.estimator, self.gondola.at, START)
+        self.wall = WallMeasurement(made or geometry, settings.wall, self.gondola.at)
         self.rejections: list[str] = []
         self.follower = SetpointFollower(
             StreamSettings(), settings.limits, settings.period, MechanismGuard(geometry))
-        self._mechanism = mechanism_of(geometry)
-        self._facade = Facade(settings.facade)
-        self._last: WallSample | None = None
+        self._mechanism, self._made = mechanism_of(geometry), mechanism_of(made or geometry)
+        self._sensor = ForceSensor(settings.force_sensor)
         self._under_way: deque[LoopStep] = deque()
         self._stream = SetpointStream(geometry, GoalSettings())
         self._actual = self._mechanism.inverse_kinematics(head)
@@ -135,8 +147,10 @@ class ClosedLoop:
         reached = now + CYCLES_AHEAD * period
         command = Carriages(*self.follower.sample(reached + self.settings.assumed_lag))
         self._move(command)
+        wrench = self.gondola.advance(reached, self._made.forward_kinematics(self._actual))
         sample = self.wall.measure(reached, self._actual)
-        step = LoopStep(corrected, command, self._actual, sample, self._touch(sample))
+        step = LoopStep(corrected, command, self._actual, sample, wrench,
+                        self._sensor.measure(reached, wrench), self.gondola.at(reached))
         self._under_way.append(step)
         self.now = now + period
         return step
@@ -147,19 +161,13 @@ class ClosedLoop:
         while self._under_way and self._under_way[0].sample.time <= until:
             step = self._under_way.popleft()
             sample = step.sample
+            if self.settings.facade.present and step.measured is not None:
+                self._attempt(contact.add_wrench, self.now, sample.time, step.measured)
             self._attempt(self.compensator.following.add_head, sample.time,
                           self._mechanism.forward_kinematics(step.actual))
-            if self.settings.facade.present:
-                self._attempt(contact.add_wrench, self.now, sample.time, step.wrench)
             if self.settings.wall.slip_sensor and sample.settled:
                 self._attempt(contact.add_lateral_offset, self.now, sample.time,
                               sample.lateral_offset)
-
-    def _touch(self, sample: WallSample) -> Wrench:
-        """Return what the wall does to the head that has come here from the last sample."""
-        velocity = sample.velocity_since(self._last or sample)
-        self._last = sample
-        return self._facade.contact(sample.head, velocity)
 
     def _add(self, now: float, corrected: CorrectedPose) -> None:
         self.follower.add(self._stream.setpoint(corrected.time, corrected.pose), now)

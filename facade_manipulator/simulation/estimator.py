@@ -85,16 +85,20 @@ class SimulatedEstimator:
         self._taken = 0
         self._random = np.random.default_rng(settings.seed)
         self._deviation = np.sqrt(np.array(settings.variances()))
-        self._under_way: list[tuple[float, Delivery]] = []
+        self._under_way: list[tuple[float, float, np.ndarray]] = []
 
     def advance(self, now: float) -> list[Delivery]:
         """Return the estimates that have come by now [s], in the order of their arrival."""
         while (stamp := self._start + self._taken / self._settings.rate) <= now:
             self._taken += 1
             self._receive(stamp)
-        arrived = []
+        arrived, settings = [], self._settings
         while self._under_way and self._under_way[0][0] <= now:
-            arrived.append(heapq.heappop(self._under_way)[1])
+            _, stamp, noise = heapq.heappop(self._under_way)
+            # looked up only now: the motion of the stamp is certain once the head has moved there
+            motion = estimator_motion(self._motion(stamp), Pose(*settings.mounting))
+            pose = Pose(*(np.array(motion) + noise).tolist())
+            arrived.append(Delivery(stamp + settings.stamp_error, pose, settings.variances()))
         return arrived
 
     def _receive(self, stamp: float) -> None:
@@ -105,7 +109,4 @@ class SimulatedEstimator:
         silent = 0.0 <= stamp - self._start - settings.silent_from < settings.silent_for
         if not lost and not silent:
             noise[0] += settings.drift * (stamp - self._start)
-            motion = estimator_motion(self._motion(stamp), Pose(*settings.mounting))
-            pose = Pose(*(np.array(motion) + noise).tolist())
-            heapq.heappush(self._under_way, (stamp + delay, Delivery(
-                stamp + settings.stamp_error, pose, settings.variances())))
+            heapq.heappush(self._under_way, (stamp + delay, stamp, noise))

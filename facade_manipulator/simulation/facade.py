@@ -26,6 +26,8 @@ class FacadeSettings:
         maximum=10.0)
     stiffness: float = parameter(
         600.0, 'Stiffness of the brush', unit='N/m', minimum=1.0, maximum=1e6)
+    wall_stiffness: float = parameter(
+        1e7, 'Stiffness of the wall behind the brush', unit='N/m', minimum=1.0, maximum=1e9)
     damping: float = parameter(
         25.0, 'Damping of the brush', unit='N s/m', minimum=0.0, maximum=1e5)
     friction: float = parameter(0.3, 'Coefficient of friction', minimum=0.0, maximum=3.0)
@@ -46,6 +48,11 @@ class FacadeSettings:
             raise ParameterError(
                 f'step_positions has {len(self.step_positions)} elements, step_heights '
                 f'{len(self.step_heights)}')
+
+    @property
+    def brush_share(self) -> float:
+        """Share of the depth that the brush takes, the wall behind it the remainder."""
+        return self.wall_stiffness / (self.wall_stiffness + self.stiffness)
 
 
 NO_CONTACT = Wrench(0.0, 0.0, 0.0)
@@ -109,9 +116,10 @@ class Facade:
         if depth <= 0.0:
             return 0.0
         rate = velocity.y + arm * math.cos(head.theta) * velocity.theta
-        half = 1.0 / len(ENDS)
-        return max(
-            half * (self.settings.stiffness * depth + self.settings.damping * rate), 0.0)
+        share = self.settings.brush_share / len(ENDS)
+        # only the brush damps, by what it deflects and as much as its share of the power
+        damping = self.settings.brush_share * self.settings.damping
+        return max(share * (self.settings.stiffness * depth + damping * rate), 0.0)
 
 
 def _smooth(share: float) -> float:

@@ -8,13 +8,16 @@ with u the displacement of the suspension and φ the tilt of the body,
     m (ü + h φ̈) = −(m g / L + k) u + F,   (I + m h²) φ̈ + m h ü = −m g h φ + F h,
 
 where k is the stiffness of the guide that keeps the gondola at the wall (0 along it). In yaw two
-cables a distance 2a apart turn back with m g a² / L; in the vertical they stretch with EA / L, and
-what they pull more or less than the weight makes the pendulums stiffer or softer.
+cables a distance 2a apart turn back with m g a² / L, and a guide that acts at both ends, a lever b
+from the middle, with k b². In the vertical the cables stretch with EA / L, and what they pull more
+or less than the weight makes the pendulums stiffer or softer.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,7 +31,7 @@ AIR_DENSITY = 1.2
 STEP = 0.01
 BLOCK = 100
 WARM_UP = 60.0
-VERTICAL = 5
+YAW, VERTICAL = 4, 5
 
 
 @settings
@@ -54,6 +57,14 @@ class GondolaSettings:
     guide_stiffness: float = parameter(
         600.0, 'Stiffness of the guide that keeps the gondola at the wall', unit='N/m',
         minimum=0.0, maximum=1e6)
+    guide_lever: float = parameter(
+        0.6, 'Distance of either end of the guide from the middle; 0 for one guide there',
+        unit='m', minimum=0.0, maximum=10.0)
+    rail_offset: float = parameter(
+        0.0, 'Distance of the rail from the plane of the cables, towards the wall', unit='m',
+        minimum=-2.0, maximum=2.0)
+    reaction: bool = parameter(
+        True, 'Whether the gondola feels the head; false only in a scenario that is named so')
     damping_ratio: float = parameter(
         0.02, 'Damping of every mode', minimum=0.0, maximum=0.9)
     area: float = parameter(
@@ -83,8 +94,9 @@ class Gondola:
         self._wind = Wind(wind)
         self._mean = wind.mean_speed * np.array(
             [math.cos(wind.direction), math.sin(wind.direction)])
-        self.frequencies, self._participation, self._output = modes(settings)
-        self._advance = _discrete(self.frequencies, settings.damping_ratio, STEP)
+        self._modes = modes(settings)
+        self.frequencies = self._modes.frequencies
+        self._advance = self._modes.discrete(STEP)
         self._positions = np.zeros(len(self.frequencies))
         self._velocity = np.zeros(len(self.frequencies))
         self._vertical_acceleration = 0.0
@@ -115,13 +127,14 @@ class Gondola:
         direction = self._mean / max(np.hypot(*self._mean), 1e-12)
         across = np.array([-direction[1], direction[0]])
         velocity = self._mean + gusts[:, :1] * direction + gusts[:, 1:2] * across
+        speed = np.hypot(np.hypot(*velocity.T), gusts[:, 2])
         factor = 0.5 * AIR_DENSITY * settings.drag_coefficient * settings.area
         horizontal = factor * (
-            velocity * np.hypot(*velocity.T)[:, None] - self._mean * np.hypot(*self._mean))
-        upwards = factor * gusts[:, 2] * np.abs(gusts[:, 2])
+            velocity * speed[:, None] - self._mean * np.hypot(*self._mean))
+        upwards = factor * speed * gusts[:, 2]
         yaw = settings.pressure_offset * horizontal[:, 1]
         forces = np.column_stack([horizontal, yaw, upwards])
-        return forces @ self._participation
+        return forces @ self._modes.participation
 
     def _step(self, acceleration: np.ndarray) -> np.ndarray:
         """Step all modes; the cables' pull changes the stiffness of all but the vertical one."""
@@ -129,38 +142,77 @@ class Gondola:
         stiffening = self.frequencies ** 2 * self._positions * pull
         stiffening[VERTICAL] = 0.0
         drive = acceleration - stiffening
-        (a, b), (c, d), position_gain, velocity_gain = self._advance
-        positions = a * self._positions + b * self._velocity + position_gain * drive
-        velocity = c * self._positions + d * self._velocity + velocity_gain * drive
+        positions, velocity = self._advance(self._positions, self._velocity, drive)
         self._vertical_acceleration = (velocity[VERTICAL] - self._velocity[VERTICAL]) / STEP
         self._positions, self._velocity = positions, velocity
-        return self._output @ positions
+        return self._modes.output @ positions
 
 
-def modes(settings: GondolaSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+class Modes(NamedTuple):
     """
-    Return angular frequencies, participation and output of the six modes.
+    Six modes: two along the wall, two towards it, yaw, vertical.
 
-    Modes: two along the wall, two towards it, yaw, vertical. Participation (4, 6) takes the
-    forces (x, y, yaw moment, vertical) to modal accelerations, output (3, 6) modal positions to
-    the rail's (x, y, yaw).
+    Parameters
+    ----------
+    frequencies : numpy.ndarray, shape (6,)
+        Angular [rad/s].
+    damping : float
+        Of each, as a share of the critical.
+    participation : numpy.ndarray, shape (4, 6)
+        Takes the wind (forces x and y, yaw moment, force upwards) to modal accelerations.
+    output : numpy.ndarray, shape (3, 6)
+        Takes modal positions to the rail's (x, y, yaw); transposed, a wrench on the rail to modal
+        accelerations, since what the modes move is what works on them.
+
     """
+
+    frequencies: np.ndarray
+    damping: float
+    participation: np.ndarray
+    output: np.ndarray
+
+    def discrete(self, step: float) -> Callable:
+        """Return the exact step [s] of (positions, velocities) under a held acceleration."""
+        damped = self.frequencies * math.sqrt(1.0 - self.damping ** 2)
+        decay = np.exp(-self.damping * self.frequencies * step)
+        cosine, sine = decay * np.cos(damped * step), decay * np.sin(damped * step) / damped
+        lead, squares = self.damping * self.frequencies * sine, self.frequencies ** 2
+        gain = (1.0 - cosine - lead) / squares
+
+        def advance(
+            positions: np.ndarray, velocities: np.ndarray, drive: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
+            return ((cosine + lead) * positions + sine * velocities + gain * drive,
+                    (cosine - lead) * velocities + sine * (drive - squares * positions))
+
+        return advance
+
+
+def modes(settings: GondolaSettings) -> Modes:
+    """Return the modes of a gondola."""
     frequencies = np.zeros(6)
     participation, output = np.zeros((4, 6)), np.zeros((3, 6))
     for axis, stiffness in enumerate((0.0, settings.guide_stiffness)):
-        modes = slice(2 * axis, 2 * axis + 2)
-        frequencies[modes], shapes = _double_pendulum(settings, stiffness)
-        participation[axis, modes] = np.array([1.0, settings.body_height]) @ shapes
-        output[axis, modes] = np.array([1.0, settings.rail_height]) @ shapes
+        pair = slice(2 * axis, 2 * axis + 2)
+        frequencies[pair], shapes = _double_pendulum(settings, stiffness)
+        participation[axis, pair] = np.array([1.0, settings.body_height]) @ shapes
+        output[axis, pair] = np.array([1.0, settings.rail_height]) @ shapes
     inertia = settings.mass * settings.yaw_radius ** 2
-    half = 0.5 * settings.cable_distance
-    frequencies[4] = math.sqrt(
-        settings.mass * GRAVITY * half ** 2 / (settings.cable_length * inertia))
+    frequencies[YAW] = math.sqrt(yaw_stiffness(settings) / inertia)
     frequencies[VERTICAL] = math.sqrt(
         settings.cable_stiffness / (settings.cable_length * settings.mass))
-    participation[2, 4], output[2, 4] = 1.0 / inertia, 1.0
+    shape = 1.0 / math.sqrt(inertia)
+    participation[2, YAW] = output[2, YAW] = shape
+    output[0, YAW] = -settings.rail_offset * shape
     participation[3, VERTICAL] = 1.0 / settings.mass
-    return frequencies, participation, output
+    return Modes(frequencies, settings.damping_ratio, participation, output)
+
+
+def yaw_stiffness(settings: GondolaSettings) -> float:
+    """Return by how much cables and guide together turn back [N m/rad]."""
+    half = 0.5 * settings.cable_distance
+    cables = settings.mass * GRAVITY * half ** 2 / settings.cable_length
+    return cables + settings.guide_stiffness * settings.guide_lever ** 2
 
 
 def _double_pendulum(
@@ -176,13 +228,3 @@ def _double_pendulum(
     squares, vectors = np.linalg.eigh(np.linalg.solve(root, left.T))
     return np.sqrt(squares), np.linalg.solve(root.T, vectors)
 
-
-def _discrete(frequencies: np.ndarray, damping: float, step: float) -> tuple:
-    """Return the exact step of damped oscillators under an acceleration held over the step."""
-    damped = frequencies * math.sqrt(1.0 - damping ** 2)
-    decay = np.exp(-damping * frequencies * step)
-    cosine, sine = decay * np.cos(damped * step), decay * np.sin(damped * step) / damped
-    lead = damping * frequencies * sine
-    squares = frequencies ** 2
-    positions, velocities = (cosine + lead, sine), (-squares * sine, cosine - lead)
-    return positions, velocities, (1.0 - positions[0]) / squares, sine

@@ -58,7 +58,9 @@ class Law(NamedTuple):
 
 
 def law(scenario: Scenario) -> Law | None:
-    """Return the law of a scenario's disturbance, None if it has none."""
+    """Return the law of a scenario's disturbance, None if it has none: the head has no law."""
+    if scenario.facade.present and scenario.gondola.reaction:
+        return None
     if scenario.mission.motion == 'sway':
         return sway_law(scenario.sway)
     if scenario.mission.motion == 'wind':
@@ -79,7 +81,7 @@ def sway_law(settings: SwaySettings) -> Law:
 def wind_law(gondola: GondolaSettings, wind: WindSettings) -> Law:
     """Return the law of a gondola's sway under small gusts."""
     frequencies = np.arange(LOWEST_FREQUENCY, HIGHEST_FREQUENCY, STEP)
-    natural, participation, output = modes(gondola)
+    natural, _, participation, output = modes(gondola)
     force = 0.5 * AIR_DENSITY * gondola.drag_coefficient * gondola.area * wind.mean_speed
     along, across = math.cos(wind.direction), math.sin(wind.direction)
     forces = force * np.array([[2.0 * along, -across], [2.0 * across, along], [0, 0], [0, 0]])

@@ -129,6 +129,18 @@ def draw_force(
     label(panel, 'time [s]', 'force on the wall [N]')
 
 
+def draw_gondola(panel: Axes, times: np.ndarray, rails: np.ndarray) -> None:
+    """Draw the rail's x and y [mm] and, on an axis of its own, its yaw [°], from rows of poses."""
+    for i, colour in enumerate((WITHOUT, WITH)):
+        panel.plot(times, 1e3 * rails[:, i], color=colour, lw=1.0, label='gondola ' + 'xy'[i])
+    yaw = panel.twinx()
+    yaw.plot(times, np.degrees(rails[:, 2]), color=GOAL, lw=1.0)
+    panel.plot([], [], color=GOAL, lw=1.0, label='its yaw (right)')
+    yaw.set_ylabel('yaw [°]')
+    panel.legend(loc='upper right', ncols=3, fontsize=8)
+    label(panel, 'time [s]', 'gondola [mm]')
+
+
 def label(panel: Axes, x: str, y: str) -> None:
     """Name both axes of a plot, units included."""
     panel.set_xlabel(x)

@@ -21,6 +21,7 @@ from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.estimator import EstimatorSettings
 from facade_manipulator.simulation.facade import FacadeSettings
+from facade_manipulator.simulation.force_sensor import ForceSensorSettings
 from facade_manipulator.simulation.gondola import Gondola, GondolaSettings
 from facade_manipulator.simulation.recording import load_recording
 from facade_manipulator.simulation.sway import Sway, SwaySettings
@@ -28,6 +29,7 @@ from facade_manipulator.simulation.wall import WallSettings
 from facade_manipulator.simulation.wind import WindSettings
 
 FOLDER = 'scenarios'
+WITHOUT_REACTION = 'without_reaction'
 Sections = Mapping[str, Any]
 Motion = Callable[[float], Pose]
 
@@ -72,6 +74,7 @@ class Scenario(NamedTuple):
     wind: WindSettings = WindSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     facade: FacadeSettings = FacadeSettings()
+    force_sensor: ForceSensorSettings = ForceSensorSettings()
     wall: WallSettings = WallSettings()
     compensator: CompensatorSettings = DEFAULTS
 
@@ -153,14 +156,30 @@ def make_scenario(sections: Sections) -> Scenario:
 
 
 def load_scenario(name: str) -> Scenario:
-    """Return a scenario by its name or file; see `scenario_file` and `read_sections`."""
+    """
+    Return a scenario by its name or file; see also `scenario_file` and `read_sections`.
+
+    Raises
+    ------
+    ParameterError
+        If its gondola does not feel the head and its name does not say so.
+
+    """
     path = scenario_file(name).resolve()
     scenario = make_scenario(read_sections(path))
+    _require_reaction(name, scenario)
     mission = scenario.mission
     if not mission.recording:
         return scenario
     return scenario._replace(
         mission=replace(mission, recording=str(path.parent / mission.recording)))
+
+
+def _require_reaction(name: str, scenario: Scenario) -> None:
+    if not scenario.gondola.reaction and WITHOUT_REACTION not in Path(name).stem:
+        raise ParameterError(
+            f"scenario '{name}' has gondola.reaction = false: a gondola that does not feel the "
+            f"head needs a scenario with '{WITHOUT_REACTION}' in its name")
 
 
 def compensator_parameters(scenario: Scenario) -> dict[str, Any]:

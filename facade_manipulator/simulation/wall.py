@@ -13,8 +13,6 @@ from facade_manipulator.kinematics import (
     Geometry,
     mechanism_of,
     Pose,
-    Twist,
-    ZERO_TWIST,
 )
 from facade_manipulator.parameters import parameter, settings
 
@@ -61,13 +59,6 @@ class WallSample(NamedTuple):
     def lateral_offset(self) -> float | None:
         """Where along the wall the head should be, seen from it [m]; None while the goal moves."""
         return -math.cos(self.head.theta) * self.error.x if self.settled else None
-
-    def velocity_since(self, last: WallSample) -> Twist:
-        """Return the head's mean velocity on the wall since an earlier sample."""
-        elapsed = self.time - last.time
-        if elapsed <= 0.0:
-            return ZERO_TWIST
-        return Twist(*(d / elapsed for d in difference(self.head, last.head)))
 
 
 class WallMeasurement:

@@ -128,4 +128,9 @@ def spectral_density(
         return shape * friction_velocity(settings) ** 2 / frequencies
     deviation = 2.5 * friction_velocity(settings) * ACROSS_SHARES[component]
     time = settings.integral_length / settings.mean_speed
-    return 4.0 * deviation ** 2 * time / (1.0 + 70.8 * (frequencies * time) ** 2) ** (5.0 / 6.0)
+    squares = (frequencies * time) ** 2
+    if component == 0:
+        return 4.0 * deviation ** 2 * time / (1.0 + 70.8 * squares) ** (5.0 / 6.0)
+    # across the mean wind, with the eddies half as long there as along it (isotropic turbulence)
+    return 2.0 * deviation ** 2 * time * (1.0 + 188.8 * squares) / (
+        1.0 + 70.8 * squares) ** (11.0 / 6.0)

@@ -54,6 +54,7 @@ CHANGES = {
     'lateral': {'range': 0.01},
     'impedance': {'stiffness': 50.0},
     'yaw_impedance': {'stiffness': 5.0},
+    'suspension': {'mass': 500.0},
     'compensation': {'speed': (0.3, 0.3, 0.3), 'acceleration': (1.0, 1.0, 1.0)},
 }
 

@@ -13,7 +13,7 @@ from facade_manipulator.kinematics import Pose, Wrench
 NOW = 1000.0
 PRESSED = Wrench(3.0, -30.0, 0.5)
 REFERENCE = Pose(0.1, 0.25, 0.3)
-NO_ERROR = Pose(0.0, 0.0, 0.0)
+NO_ERROR = STILL = Pose(0.0, 0.0, 0.0)
 
 
 def contact():
@@ -23,10 +23,10 @@ def contact():
 
 def test_the_force_on_the_wall_is_what_presses_towards_it():
     felt = contact()
-    felt.shift(NOW, NOW, 0.0, REFERENCE, NO_ERROR)
+    felt.shift(NOW, NOW, 0.0, REFERENCE, NO_ERROR, STILL)
     felt.add_wrench(NOW, NOW, PRESSED)
-    assert felt.press.force == pytest.approx(30.0 * math.cos(0.3) - 3.0 * math.sin(0.3))
-    assert felt.turn.force == -0.5
+    assert felt.pressing.y.measured == pytest.approx(30.0 * math.cos(0.3) - 3.0 * math.sin(0.3))
+    assert felt.pressing.theta.measured == -0.5
 
 
 def test_without_contact_settings_the_reference_stays_as_it_is():
@@ -34,7 +34,8 @@ def test_without_contact_settings_the_reference_stays_as_it_is():
     felt.add_wrench(NOW, NOW, PRESSED)
     felt.add_lateral_offset(NOW, NOW, 0.02)
     for k in range(1, 50):
-        shifted = felt.shift(NOW + 0.01 * k, NOW + 0.01 * k, 0.01, REFERENCE, NO_ERROR)
+        now = NOW + 0.01 * k
+        shifted = felt.shift(now, now, 0.01, REFERENCE, NO_ERROR, STILL)
     assert shifted == REFERENCE
 
 
@@ -42,13 +43,22 @@ def test_every_axis_is_shifted_by_its_own_measurement():
     felt = contact()
     for k in range(1, 50):
         now = NOW + 0.01 * k
-        felt.add_wrench(now, now, Wrench(0.0, -60.0, 0.5))
+        felt.add_wrench(now, now, Wrench(0.0, -5.0, 0.02 + 1e-4 * k))
         felt.add_lateral_offset(now, now, 0.02)
-        shifted = felt.shift(now, now, 0.01, REFERENCE, NO_ERROR)
+        shifted = felt.shift(now, now, 0.01, REFERENCE, NO_ERROR, STILL)
     assert shifted.x > REFERENCE.x
     assert shifted.y < REFERENCE.y
     assert shifted.theta > REFERENCE.theta
     assert felt.present == pytest.approx([a - b for a, b in zip(shifted, REFERENCE, strict=True)])
+
+
+def test_a_wrench_that_stays_the_same_to_the_last_digit_is_noticed():
+    felt = contact()
+    for k in range(1, 200):
+        now = NOW + 0.01 * k
+        felt.add_wrench(now, now, Wrench(0.0, -5.0, 0.0))
+        felt.shift(now, now, 0.01, REFERENCE, NO_ERROR, STILL)
+    assert 'stuck' in felt.pressing.reason
 
 
 @pytest.mark.parametrize(('stamp', 'wrench', 'reason'), [

@@ -210,13 +210,17 @@ def wrench(now, frame='end_effector', force=-10.0):
 
 
 def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros):
-    neighbours = Neighbours(ros, **{'impedance.enabled': True, 'impedance.force': 10.0})
+    neighbours = Neighbours(ros, **{
+        'impedance.enabled': True, 'impedance.force': 10.0, 'impedance.retreat': 0.015,
+        'impedance.ramp_time': 1.0})
     sensor = neighbours.node.create_publisher(
         WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
 
     def feel():
         pose = planar_pose(neighbours.corrected[-1].pose, 'pose') if neighbours.corrected else GOAL
-        sensor.publish(wrench(neighbours.now(), force=-600.0 * max(pose.y - 0.24, 0.0)))
+        noise = 0.01 * math.sin(1e3 * neighbours.now())
+        sensor.publish(wrench(
+            neighbours.now(), force=noise - 600.0 * max(pose.y - 0.24, 0.0)))
 
     neighbours.node.create_timer(0.02, feel)
     neighbours.send_goal()

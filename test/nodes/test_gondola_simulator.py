@@ -5,8 +5,9 @@ import math
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 import pytest
+from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -23,9 +24,11 @@ GOAL = Pose(0.03, 0.25, 0.02)
 class Manipulator:
     """A mechanism that stands still at the goal."""
 
-    def __init__(self, ros):
+    def __init__(self, ros, scenario=''):
         self.ros = ros
-        ros.add(GondolaSimulatorNode())
+        self.simulator = GondolaSimulatorNode(
+            parameter_overrides=[Parameter('scenario', value=scenario)])
+        ros.add(self.simulator)
         self.node = ros.node()
         self.goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
         self.joints = self.node.create_publisher(JointState, 'joint_states', RELIABLE)
@@ -111,6 +114,15 @@ def test_the_report_counts_what_settled(manipulator):
         assert report['axes'][axis]['attenuation_db'] == pytest.approx(0.0, abs=1e-6)
         assert report['axes'][axis]['disturbance_rms'] > 0.0
         assert report['axes'][axis]['samples'] > 20
+
+
+def test_the_gondola_feels_the_head_and_the_sensor_the_wall(ros):
+    manipulator = Manipulator(ros, 'pressing')
+    felt = ros.collect(manipulator.node, WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+    manipulator.stand()
+    reaction = manipulator.simulator._gondola.reaction
+    ros.until(lambda: reaction.pose.y < -1e-4 and reaction.energy > 0.0, 'the push-back')
+    ros.until(lambda: any(message.wrench.force.y < -5.0 for message in felt), 'a wrench')
 
 
 def test_before_a_goal_only_the_head_is_shown(manipulator):

@@ -128,7 +128,7 @@ def test_what_the_compensator_does_may_be_changed_while_it_runs(ros):
     assert compensator.correction.predictor.settings.memory == 30.0
     assert compensator.correction.settings.fade_time == 1.0
     assert compensator._reference.settings.speed == (0.1, 0.1, 0.2)
-    assert compensator.contact.press.settings.stiffness == 20.0
+    assert compensator.contact.pressing.press.stiffness == 20.0
 
 
 @pytest.mark.parametrize('name, value, reason', [

@@ -8,9 +8,13 @@ import pytest
 
 from facade_manipulator.compensation.compensator import CompensatorSettings
 from facade_manipulator.compensation.correction import CorrectionSettings
+from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings
+from facade_manipulator.simulation.bench.__main__ import run_scenario
+from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, START
 from facade_manipulator.simulation.estimator import EstimatorSettings
+from facade_manipulator.simulation.facade import Facade
+from facade_manipulator.simulation.scenario import load_scenario
 from facade_manipulator.simulation.sway import Sway, SwaySettings
 
 HEAD = Pose(0.0, 0.2498, 0.0)
@@ -97,3 +101,19 @@ def test_lost_and_late_estimates_are_rejected_and_survived():
     run.run(15.0)
     assert any('older than the one before' in message for message in run.rejections)
     assert run.wall.report()['axes']['x']['attenuation_db'] > 26.0
+
+
+def test_the_head_presses_as_desired_from_a_gondola_that_feels_it():
+    scenario = load_scenario('pressing')
+    scenario = scenario._replace(
+        mission=replace(scenario.mission, duration=36.0),
+        facade=replace(scenario.facade, stiffness=1500.0))
+    run = run_scenario(scenario)
+    steps = [step for step in run.steps if step.sample.time > START + 20.0]
+    forces = [Facade.force_on_wall(step.sample.head, step.wrench) for step in steps]
+    assert run.loop.compensator.contact.pressing.mode is PressMode.HOLDING
+    assert abs(np.array(forces) - 30.0).max() < 3.0
+    assert max(abs(step.rail.theta) for step in steps) < math.radians(5.0)
+    assert np.mean([step.rail.y for step in steps]) < -0.03
+    assert run.loop.rejections == []
+    assert run.loop.follower.brakes == 0

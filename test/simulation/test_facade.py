@@ -19,7 +19,8 @@ DISTANCE = PLAIN.settings.distance
 @given(st.floats(-0.5, 0.5), st.floats(0.0, 0.05))
 def test_pressing_straight_gives_the_stiffness_times_the_depth(x, depth):
     wrench = PLAIN.contact(Pose(x, DISTANCE + depth, 0.0), STILL)
-    assert wrench.fy == pytest.approx(-PLAIN.settings.stiffness * depth, abs=1e-9)
+    stiffness = PLAIN.settings.brush_share * PLAIN.settings.stiffness
+    assert wrench.fy == pytest.approx(-stiffness * depth, abs=1e-9)
     assert (wrench.fx, wrench.mz) == pytest.approx((0.0, 0.0), abs=1e-9)
 
 

@@ -33,10 +33,17 @@ def test_the_second_mode_is_much_faster_and_the_guide_stiffens_the_way_to_the_wa
 
 
 def test_the_yaw_is_that_of_a_bifilar_pendulum():
-    yaw = Gondola(SETTINGS, WIND).frequencies[4]
+    yaw = Gondola(replace(SETTINGS, guide_lever=0.0), WIND).frequencies[4]
     half = 0.5 * SETTINGS.cable_distance
     assert yaw == pytest.approx(
         half / SETTINGS.yaw_radius * math.sqrt(GRAVITY / SETTINGS.cable_length))
+
+
+def test_a_guide_at_both_ends_stiffens_the_yaw():
+    without, with_lever = (
+        Gondola(replace(SETTINGS, guide_lever=lever), WIND).frequencies[4] for lever in (0.0, 0.6))
+    inertia = SETTINGS.mass * SETTINGS.yaw_radius ** 2
+    assert inertia * (with_lever ** 2 - without ** 2) == pytest.approx(600.0 * 0.6 ** 2)
 
 
 def test_in_gusts_it_swings_about_its_place_in_the_mean_wind_at_its_own_frequency():

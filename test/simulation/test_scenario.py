@@ -92,6 +92,18 @@ def test_a_scenario_that_is_not_there_is_rejected_and_the_known_ones_are_told():
         load_scenario('tornado')
 
 
+@pytest.mark.parametrize(('name', 'sound'), [('mine', False), ('mine_without_reaction', True)])
+def test_only_a_scenario_that_says_so_has_a_gondola_that_does_not_feel_the_head(
+        tmp_path, name, sound):
+    path = tmp_path / f'{name}.yaml'
+    path.write_text('gondola: {reaction: false}')
+    if sound:
+        assert not load_scenario(str(path)).gondola.reaction
+    else:
+        with pytest.raises(ParameterError, match='without_reaction'):
+            load_scenario(str(path))
+
+
 RECORDED = 'time,x,y,theta\n0,0,0,0\n1,0.1,0,0\n2,0.1,0,0\n3,0.1,0,0\n'
 
 

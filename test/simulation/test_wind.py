@@ -8,6 +8,7 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.simulation.wind import (
+    ACROSS_SHARES,
     friction_velocity,
     spectral_density,
     Wind,
@@ -34,6 +35,24 @@ def test_the_spectrum_falls_with_the_power_of_five_thirds(spectrum):
     settings = replace(SETTINGS, spectrum=spectrum)
     high, higher = spectral_density(settings, 0, np.array([5.0, 50.0]))
     assert math.log10(higher / high) == pytest.approx(-5.0 / 3.0, abs=0.05)
+
+
+def test_across_the_wind_isotropic_eddies_are_stronger_by_a_third_where_they_are_small():
+    settings = replace(SETTINGS, spectrum='von_karman')
+    along, *across = (
+        spectral_density(settings, component, np.array([50.0]))[0] for component in range(3))
+    for density, share in zip(across, ACROSS_SHARES[1:], strict=True):
+        assert density / along == pytest.approx(4.0 / 3.0 * share ** 2, rel=1e-3)
+
+
+@pytest.mark.parametrize('component', range(3))
+def test_the_von_karman_spectrum_holds_the_whole_variance(component):
+    settings = replace(SETTINGS, spectrum='von_karman')
+    frequencies = np.geomspace(1e-6, 1e3, 20000)
+    density = spectral_density(settings, component, frequencies)
+    deviation = 2.5 * friction_velocity(settings) * ACROSS_SHARES[component]
+    variance = np.sum(0.5 * (density[1:] + density[:-1]) * np.diff(frequencies))
+    assert variance == pytest.approx(deviation ** 2, rel=0.01)
 
 
 def test_the_turbulence_is_of_the_usual_intensity():

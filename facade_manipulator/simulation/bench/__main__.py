@@ -2,7 +2,8 @@
 Bench of the compensation: every scenario in a closed loop, beside plain and ideal predictions.
 
 Run it by ``python -m facade_manipulator.simulation.bench.__main__``. It prints a table and writes
-compensation.json, a picture of each scenario and one of the sweep.
+compensation.json, a picture of each scenario, one of the sweep and one of the force that
+a gondola can press with.
 """
 
 from __future__ import annotations
@@ -20,7 +21,12 @@ import numpy as np
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.simulation.bench.pictures import draw_models, draw_scenario, draw_sweep
+from facade_manipulator.simulation.bench.pictures import (
+    draw_forces,
+    draw_models,
+    draw_scenario,
+    draw_sweep,
+)
 from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, LoopStep
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.oracle import law, OraclePrediction
@@ -34,7 +40,8 @@ from facade_manipulator.simulation.sway import Sway, SwaySettings
 from facade_manipulator.simulation.wall import AXES, SCALES, UNITS
 
 HEAD_START = 1.0
-CONTACT_BEGINS = 8.0
+CONTACT_BEGINS = 20.0  # s: approach and ramp are over
+CLEARANCE = 0.02  # m, from the wall at the start
 SWEEP = (0.05, 0.08, 0.12, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 SWEEP_AMPLITUDE = Pose(0.01, 0.01, math.radians(1.0))
 SWEEP_DURATION = 30.0
@@ -59,8 +66,9 @@ def run_scenario(
     """Run a scenario in a closed loop, without a clock, by its own predictor or another."""
     mission = scenario.mission
     settings = LoopSettings(
-        scenario.compensator, scenario.estimator, scenario.wall, scenario.facade)
-    loop = ClosedLoop(Geometry(), settings, motion or scenario.motion(), mission.goal(0.0))
+        scenario.compensator, scenario.estimator, scenario.wall, scenario.facade,
+        scenario.gondola, scenario.force_sensor)
+    loop = ClosedLoop(Geometry(), settings, motion or scenario.motion(), _begin(scenario))
     if predictor is not None:
         loop.compensator.correction.predictor = predictor
     steps = loop.run(HEAD_START)
@@ -68,6 +76,14 @@ def run_scenario(
         loop.send_goal(mission.goal(number * mission.goal_period))
         steps += loop.run(mission.goal_period)
     return Run(loop, steps)
+
+
+def _begin(scenario: Scenario) -> Pose:
+    """Return where the head begins: at the first goal, but off the wall if there is one."""
+    goal, wall = scenario.mission.goal(0.0), scenario.facade
+    if not wall.present:
+        return goal
+    return goal._replace(y=min(goal.y, wall.distance - CLEARANCE))
 
 
 def with_model(scenario: Scenario, model: str) -> Scenario:
@@ -78,9 +94,10 @@ def with_model(scenario: Scenario, model: str) -> Scenario:
 
 
 def with_seed(scenario: Scenario, seed: int) -> Scenario:
-    """Return the scenario with another seed of gusts and estimates."""
+    """Return the scenario with another seed of gusts, estimates and forces."""
     return scenario._replace(
-        wind=replace(scenario.wind, seed=seed), estimator=replace(scenario.estimator, seed=seed))
+        wind=replace(scenario.wind, seed=seed), estimator=replace(scenario.estimator, seed=seed),
+        force_sensor=replace(scenario.force_sensor, seed=seed))
 
 
 def run_models(scenario: Scenario) -> dict[str, Run]:
@@ -163,33 +180,43 @@ def _ratio(report: dict) -> float:
 
 
 def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
+    """Return the force on the wall and what it does to the gondola, from the first touch on."""
     if not scenario.facade.present:
         return None
     desired = scenario.compensator.impedance.force
     begin = steps[0].sample.time + CONTACT_BEGINS
+    pressing = [step for step in steps if step.sample.time >= begin]
     forces = np.array([
-        Facade.force_on_wall(step.sample.head, step.wrench)
-        for step in steps if step.sample.time >= begin])
+        Facade.force_on_wall(step.sample.head, step.wrench) for step in pressing])
+    every = [Facade.force_on_wall(step.sample.head, step.wrench) for step in steps]
+    rails = np.array([step.rail for step in pressing])
     error = math.sqrt(((forces - desired) ** 2).mean())
-    return {'desired': desired, 'rms_error': error, 'rms_error_ratio': error / desired,
-            'least': float(forces.min()), 'most': float(forces.max())}
+    return {'desired': desired, 'mean': float(forces.mean()), 'rms_error': error,
+            'rms_error_ratio': error / desired, 'least': float(forces.min()),
+            'most': float(forces.max()), 'most_ever': max(every),
+            'share_off_the_wall': float((forces <= 0.0).mean()),
+            'push_back_mm': float(-1e3 * rails[:, 1].mean()),
+            'most_yaw_deg': math.degrees(abs(rails[:, 2]).max())}
 
 
 def table(results: dict) -> Iterator[str]:
     """Yield the lines that a person reads."""
-    yield (f'{"scenario":16}{"axis":7}{"disturbance":>13}{"residual":>10}{"ratio":>8}'
+    yield (f'{"scenario":26}{"axis":7}{"disturbance":>13}{"residual":>10}{"ratio":>8}'
            f'{"acceleration":>14}{"none":>8}{"oracle":>9}   (RMS, ratios by prediction)')
     for name, result in results['scenarios'].items():
         for axis in AXES:
             if result[axis] is not None:
-                yield f'{name:16}{axis:7}' + _cells(axis, result[axis])
+                yield f'{name:26}{axis:7}' + _cells(axis, result[axis])
         if result['contact_force']:
             force = result['contact_force']
-            yield (f'{name:16}force  {force["desired"]:9.1f} N {force["rms_error"]:8.2f} N'
+            yield (f'{name:26}force  {force["desired"]:9.1f} N {force["rms_error"]:8.2f} N'
                    f'{100 * force["rms_error_ratio"]:7.2f}%  {force["least"]:.1f} to '
-                   f'{force["most"]:.1f} N')
+                   f'{force["most"]:.1f} N, off the wall '
+                   f'{100 * force["share_off_the_wall"]:.2g} %')
+            yield (f'{name:26}gondola  pushed back {force["push_back_mm"]:.1f} mm, yaw '
+                   f'{force["most_yaw_deg"]:.2f}° at most')
         step = result['max_step']
-        yield (f'{name:16}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
+        yield (f'{name:26}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
                f'{step["theta_deg"]:.3f}° in one cycle at most')
     yield 'sweep: ' + '  '.join(
         f'{item["frequency_hz"]:g} Hz {100 * item["ratio"]:.0f}%' for item in results['sweep'])
@@ -231,6 +258,7 @@ def main(args: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 2
     draw_sweep(output / 'sweep.png', results['sweep'])
+    draw_forces(output / 'forces.png')
     draw_models(output / 'models.png', results['scenarios'], {
         'learnt continuation': 'ratio', 'constant acceleration': 'ratio_constant_acceleration',
         'oracle': ORACLE})

@@ -7,18 +7,21 @@ Only the bench imports this module, and matplotlib with it.
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 from pathlib import Path
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
 import numpy as np
 
+from facade_manipulator.compensation import SuspensionSettings
 from facade_manipulator.simulation.closed_loop import LoopStep
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.pictures import (
     amplitudes,
     draw_course,
     draw_force,
+    draw_gondola,
     draw_path,
     draw_spectra,
     label,
@@ -28,6 +31,9 @@ from facade_manipulator.simulation.pictures import (
     WITHOUT,
 )
 from facade_manipulator.simulation.wall import AXES, SCALES
+
+PUSH_BACK, YAW, BESIDE = 0.1, 5.0, 0.1  # m, degrees, m: what depth and width allow
+GUIDES = ((0.0, 0.0), (60.0, 0.6), (200.0, 0.6), (600.0, 0.6))  # N/m, m
 
 
 def draw_scenario(path: Path, name: str, steps: Sequence[LoopStep], pressed: float | None) -> None:
@@ -67,7 +73,7 @@ def draw_scenario(path: Path, name: str, steps: Sequence[LoopStep], pressed: flo
         for values, counts in ((uncompensated, np.ones_like(settled)), (errors, settled)))
     draw_spectra(figure.add_subplot(grid[1, 1]), frequencies, without, error,
                  'amplitude of x [mm]')
-    _draw_hold(figure.add_subplot(grid[2, 1]), times, steps, pressed)
+    _draw_hold(figure, grid[2, 1], times, steps, pressed)
     figure.suptitle(name)
     save(figure, path)
 
@@ -85,6 +91,30 @@ def draw_sweep(path: Path, sweep: Sequence[dict]) -> None:
     label(panel, 'frequency [Hz]', 'residual [% of the disturbance, RMS]')
     figure.suptitle('Sines of one frequency along all axes')
     save(figure, path)
+
+
+def draw_forces(path: Path) -> None:
+    """Draw the most that a gondola can press with against the length of its cables."""
+    figure = Figure(figsize=(8, 5), layout='constrained')
+    panel = figure.add_subplot()
+    lengths = np.geomspace(5.0, 150.0, 100)
+    for stiffness, lever in GUIDES:
+        forces = [_most_force(SuspensionSettings(
+            mass=500.0, cable_length=length, guide_stiffness=stiffness, guide_lever=lever))
+            for length in lengths]
+        panel.loglog(lengths, forces, label=(
+            f'guide {stiffness:g} N/m at ±{lever:g} m' if stiffness else 'no guide'))
+    panel.axhline(30.0, color=WITHOUT, ls='--', lw=1.0)
+    panel.legend()
+    label(panel, 'free length of the cables [m]', 'force on the wall [N]')
+    figure.suptitle(f'500 kg: pushed back by {1e3 * PUSH_BACK:g} mm or turned by {YAW:g}° '
+                    f'at {1e3 * BESIDE:g} mm beside the middle')
+    save(figure, path)
+
+
+def _most_force(suspension: SuspensionSettings) -> float:
+    return min(PUSH_BACK / suspension.push_back(1.0),
+               math.radians(YAW) / suspension.yaw(1.0, BESIDE))
 
 
 def draw_models(path: Path, scenarios: dict[str, dict], models: dict[str, str]) -> None:
@@ -105,13 +135,18 @@ def draw_models(path: Path, scenarios: dict[str, dict], models: dict[str, str]) 
 
 
 def _draw_hold(
-    panel: Axes, times: np.ndarray, steps: Sequence[LoopStep], pressed: float | None
+    figure: Figure, place: SubplotSpec, times: np.ndarray, steps: Sequence[LoopStep],
+    pressed: float | None,
 ) -> None:
-    """Draw the force on the wall; without a wall, by how much the workspace limit holds x back."""
+    """Draw force on the wall and gondola; without a wall, by how much its limit holds x back."""
     if pressed is None:
         saturation_error = [1e3 * step.corrected.saturation_error.x for step in steps]
+        panel = figure.add_subplot(place)
         panel.plot(times, saturation_error, color=WITH, lw=1.0)
         label(panel, 'time [s]', 'x held back at the workspace limit [mm]')
         return
     forces = np.array([Facade.force_on_wall(step.sample.head, step.wrench) for step in steps])
-    draw_force(panel, times, forces, pressed)
+    force, gondola = place.subgridspec(2, 1).subplots(sharex=True)
+    draw_force(force, times, forces, pressed)
+    draw_gondola(gondola, times, np.array([step.rail for step in steps]))
+    force.set_xlabel('')

@@ -1,0 +1,59 @@
+"""What a press does in the end is known beforehand."""
+
+from dataclasses import replace
+import math
+
+import pytest
+
+from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
+from facade_manipulator.compensation.feasibility import obstacle, SuspensionSettings
+from facade_manipulator.compensation.impedance import ImpedanceSettings
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.simulation.gondola import GondolaSettings
+from facade_manipulator.simulation.reaction import Reaction
+
+PRESS = ImpedanceSettings(enabled=True, force=30.0)
+FREE = SuspensionSettings(mass=500.0, cable_length=100.0)
+GUIDED = SuspensionSettings(
+    mass=500.0, cable_length=20.0, guide_stiffness=600.0, guide_lever=0.6)
+SIDE, MIDDLE = Pose(0.2, 0.25, 0.0), Pose(0.0, 0.25, 0.0)
+
+
+def test_a_press_beside_the_middle_of_a_free_gondola_is_said_to_turn_it():
+    assert obstacle(FREE, PRESS, Geometry(), SIDE) == (
+        '30 N at 0.2 m on 100 m of free cable turns the gondola by 19 deg, bound 5 deg')
+
+
+def test_a_press_in_the_middle_is_said_to_push_it_out_of_reach():
+    assert obstacle(FREE, PRESS, Geometry(), MIDDLE) == (
+        '30 N on 100 m of free cable push the gondola back by 612 mm: the goal is then 0.862 m '
+        'away, reach 0.352 m')
+
+
+@pytest.mark.parametrize(('suspension', 'press'), [
+    (GUIDED, PRESS), (FREE, replace(PRESS, force=2.0)), (FREE, replace(PRESS, enabled=False)),
+    (replace(FREE, mass=0.0), PRESS)])
+def test_what_can_be_had_or_is_not_known_is_no_obstacle(suspension, press):
+    assert obstacle(suspension, press, Geometry(), MIDDLE._replace(x=0.1)) == ''
+
+
+@pytest.mark.parametrize('suspension', [GUIDED, replace(FREE, cable_length=30.0)])
+def test_it_is_what_the_simulated_gondola_does(suspension):
+    reaction = Reaction(GondolaSettings(
+        mass=500.0, cable_length=suspension.cable_length, rail_height=0.0, damping_ratio=0.5,
+        guide_stiffness=suspension.guide_stiffness, guide_lever=suspension.guide_lever))
+    move = reaction.stepper(0.1)
+    for _ in range(3000):
+        move((0.0, -30.0, -3.0))
+    assert reaction.pose.y == pytest.approx(-suspension.push_back(30.0), rel=1e-3)
+    assert reaction.pose.theta == pytest.approx(-suspension.yaw(30.0, 0.1), rel=1e-3)
+
+
+def test_the_compensator_knows_it_as_soon_as_it_has_the_goal():
+    compensator = Compensator(Geometry(), DEFAULTS._replace(impedance=PRESS, suspension=FREE))
+    assert compensator.obstacle == ''
+    compensator.set_goal(MIDDLE)
+    assert 'push the gondola back' in compensator.obstacle
+    compensator.change('suspension', GUIDED)
+    assert compensator.obstacle == ''
+    assert math.isclose(GUIDED.push_back(30.0), 30.0 / (500.0 * 9.81 / 20.0 + 600.0))

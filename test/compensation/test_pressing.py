@@ -1,0 +1,245 @@
+"""Pressing on walls of any stiffness: gently, as desired, or not at all and saying why."""
+
+from dataclasses import replace
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
+from facade_manipulator.compensation.pressing import Pressing, PressMode
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose, ZERO_POSE
+
+SETTINGS = ImpedanceSettings(enabled=True)
+TURNING = YawImpedanceSettings(enabled=True)
+STANDING = YawImpedanceSettings()
+PERIOD = 0.01
+HORIZON = 6  # cycles
+LATENCY = 1
+WALL = -0.03
+NOISE = 0.5
+
+
+class Run(NamedTuple):
+    """What a head did that reaches each offset when it should."""
+
+    pressing: Pressing
+    offsets: np.ndarray
+    forces: np.ndarray
+
+
+def sound(_, force):
+    return force
+
+
+def press(
+    stiffness, duration=30.0, settings=SETTINGS, wall=lambda time: WALL, sensor=sound,
+    saturation_error=ZERO_POSE, rail=ZERO_POSE, pressing=None,
+):
+    """Press on a wall; `sensor` takes time and force, returns what it tells or None."""
+    pressing = pressing or Pressing(settings, STANDING)
+    random, offsets, forces = np.random.default_rng(1), [], []
+    for k in range(round(duration / PERIOD)):
+        now = k * PERIOD
+        pressing.step(now, now + HORIZON * PERIOD, PERIOD, saturation_error, rail)
+        offsets.append(pressing.y.offset)
+        forces.append(max(stiffness * (offsets[max(k - HORIZON, 0)] - wall(now)), 0.0))
+        late = k - LATENCY
+        told = sensor(now, forces[max(late, 0)] + NOISE * random.standard_normal())
+        if late >= 0 and told is not None:
+            pressing.add_measurement(late * PERIOD, told, 0.0, is_repeated=sensor is stuck)
+    return Run(pressing, np.array(offsets), np.array(forces))
+
+
+def stuck(time, force):
+    return force if time < 20.0 else 27.0
+
+
+def sways(time):
+    return WALL + 5e-4 * math.sin(math.tau * 0.3 * time)
+
+
+@pytest.mark.parametrize('stiffness', [400.0, 600.0, 2e3, 1e4, 1e5])
+def test_the_desired_force_is_reached_on_a_wall_of_unknown_stiffness(stiffness):
+    run = press(stiffness)
+    assert run.pressing.mode is PressMode.HOLDING
+    assert run.forces[-300:].mean() == pytest.approx(SETTINGS.force, rel=0.03)
+    touched = np.flatnonzero(run.forces > 2.0)[0]
+    assert run.forces.max() < 1.5 * SETTINGS.force
+    assert (run.forces[touched + 200:] > 0.0).mean() > 0.9
+    assert abs(np.diff(run.offsets)).max() <= SETTINGS.speed * PERIOD + 1e-12
+
+
+@pytest.mark.parametrize('stiffness', [600.0, 1200.0, 2e3, 5e3])
+def test_the_stiffness_is_learnt_rather_too_high_than_too_low(stiffness):
+    learnt = press(stiffness, wall=sways).pressing.stiffness.value
+    assert stiffness < learnt < 4.0 * stiffness
+
+
+def test_the_head_waits_back_and_looks_for_the_wall_slowly():
+    run = press(600.0, duration=2.0)
+    assert run.offsets[0] == pytest.approx(-SETTINGS.retreat, abs=1e-3)
+    assert np.diff(run.offsets).max() <= SETTINGS.approach_speed * PERIOD + 1e-12
+
+
+def test_the_force_rises_over_the_ramp():
+    run = press(600.0)
+    touched = np.flatnonzero(run.forces > 2.0)[0]
+    halfway = touched + round(0.5 * SETTINGS.ramp_time / PERIOD)
+    assert 0.3 * SETTINGS.force < run.forces[halfway] < 0.7 * SETTINGS.force
+    assert run.forces[:halfway].max() < 0.8 * SETTINGS.force
+
+
+def test_a_wall_out_of_reach_is_looked_for_no_further_than_the_range():
+    run = press(600.0, duration=40.0, wall=lambda _: 1.0)
+    assert run.pressing.mode is PressMode.SEARCHING
+    assert run.offsets[-1] == pytest.approx(SETTINGS.range)
+
+
+def test_a_step_of_the_wall_is_followed():
+    run = press(600.0, wall=lambda time: WALL - 0.02 * min(max((time - 20.0) / 0.6, 0.0), 1.0))
+    assert run.forces[2000:].max() < 1.5 * SETTINGS.force
+    assert run.forces[2000:].min() > 0.5 * SETTINGS.force
+    assert run.forces[-100:].mean() == pytest.approx(SETTINGS.force, rel=0.03)
+
+
+def test_a_wall_that_falls_away_is_looked_for_and_touched_gently():
+    run = press(1e4, duration=45.0, wall=lambda time: (
+        WALL + min(max(0.1 * (time - 20.0), 0.0), 0.02)))
+    assert run.pressing.mode is PressMode.HOLDING
+    assert run.forces[2000:].max() < 1.5 * SETTINGS.force
+
+
+def test_a_wall_that_sways_slowly_hardly_changes_the_force():
+    run = press(600.0, wall=sways, duration=40.0)
+    assert abs(run.forces[2500:] - SETTINGS.force).max() < 0.05 * SETTINGS.force
+
+
+def test_a_wall_too_stiff_to_be_held_is_hardly_hit_and_left():
+    run = press(2e5)
+    assert run.pressing.mode is PressMode.RETRACTED
+    assert run.pressing.reason
+    assert run.forces.max() < 80.0
+    assert (run.forces > 0.0).sum() * PERIOD < 5.0
+
+
+def test_a_stiff_wall_that_moves_more_than_can_be_held_is_left_with_the_reason():
+    run = press(1e5, wall=lambda time: WALL + 5e-4 * math.sin(math.tau * time), duration=40.0)
+    assert run.pressing.mode is PressMode.RETRACTED
+    assert 'N' in run.pressing.reason
+    assert run.offsets[-1] == pytest.approx(-SETTINGS.retreat)
+
+
+@pytest.mark.parametrize(('sensor', 'reason'), [
+    (lambda time, force: force if time < 20.0 else None, 'no contact_wrench'),
+    (stuck, 'stuck'),
+    (lambda time, force: force + (20.0 if time > 20.0 else 0.0), 'jumped by'),
+    (lambda time, force: force - (20.0 if time > 20.0 else 0.0), 'jumped by -'),
+    (lambda time, force: force if time < 20.0 else -force, 'jumped by -'),
+    (lambda _, force: -force, 'the wall pulls'),
+    (lambda time, force: force + min(max(time - 20.0, 0.0), 1.0) * 40.0, 'nothing should touch'),
+])
+def test_a_broken_sensor_makes_the_head_retract_no_faster_than_it_came_and_say_why(
+        sensor, reason):
+    run = press(600.0, duration=26.0, sensor=sensor)
+    assert run.pressing.mode is PressMode.RETRACTED
+    assert reason in run.pressing.reason
+    assert run.offsets[-1] <= -SETTINGS.retreat
+    assert run.forces.max() < 1.6 * SETTINGS.force
+    assert abs(np.diff(run.offsets)).max() <= SETTINGS.speed * PERIOD + 1e-12
+
+
+def test_in_search_of_the_wall_it_stands_still_without_measurements():
+    run = press(600.0, duration=4.0, sensor=lambda time, force: force if time < 1.0 else None)
+    assert np.ptp(run.offsets[130:]) == 0.0
+    assert -SETTINGS.retreat < run.offsets[-1] < WALL
+
+
+def test_when_measurements_come_again_the_wall_is_looked_for_again():
+    run = press(600.0, duration=50.0, sensor=lambda time, force: (
+        None if 20.0 < time < 21.0 else force))
+    assert run.pressing.mode is PressMode.HOLDING
+    assert run.pressing.reason == ''
+    assert 'no contact_wrench' in run.pressing.last_reason
+
+
+def test_a_fault_lasts_until_pressing_is_switched_off_and_on():
+    run = press(600.0, sensor=lambda time, force: force + (20.0 if 20.0 < time < 21.0 else 0.0))
+    pressing = run.pressing
+    assert pressing.mode is PressMode.RETRACTED
+    pressing.press = replace(SETTINGS, enabled=False)
+    press(600.0, duration=3.0, pressing=pressing)
+    assert pressing.mode is PressMode.OFF
+    pressing.press = SETTINGS
+    press(600.0, pressing=pressing)
+    assert pressing.mode is PressMode.HOLDING
+
+
+def test_a_gondola_that_yaws_far_is_pressed_less_and_one_that_yaws_farther_not_at_all():
+    calm, restless = (
+        press(600.0, rail=Pose(0.0, 0.0, share * SETTINGS.most_yaw)).forces[-100:].mean()
+        for share in (0.99, 0.0))
+    assert calm == pytest.approx(restless, rel=0.02)
+    pressing = press(600.0).pressing
+    far = Pose(0.0, 0.0, 1.5 * SETTINGS.most_yaw)
+    less = press(600.0, duration=5.0, pressing=pressing, rail=far)
+    assert less.forces[-50:].mean() == pytest.approx(0.5 * SETTINGS.force, rel=0.05)
+    farther = Pose(0.0, 0.0, 2.5 * SETTINGS.most_yaw)
+    run = press(600.0, duration=5.0, pressing=pressing, rail=farther)
+    assert run.pressing.mode is PressMode.RETRACTED
+    assert 'the gondola yaws by 12.5 deg' in run.pressing.reason
+
+
+def test_with_stiffness_the_goal_pulls_back():
+    settings = replace(SETTINGS, stiffness=600.0)
+    run = press(600.0, settings=settings)
+    assert run.forces[-100:].mean() + 600.0 * run.offsets[-1] == pytest.approx(
+        settings.force, rel=0.05)
+
+
+def test_at_the_workspace_limit_the_offset_goes_no_further():
+    run = press(600.0, wall=lambda _: 1.0, saturation_error=Pose(0.0, 0.001, 0.0))
+    assert (run.offsets == run.offsets[0]).all()
+
+
+def test_switched_off_nothing_gives_way_and_what_was_given_comes_back():
+    pressing = Pressing(replace(SETTINGS, enabled=False), STANDING)
+    assert pressing.idle
+    assert not press(600.0, duration=2.0, pressing=pressing).offsets.any()
+    pressing = press(600.0).pressing
+    pressing.press = replace(SETTINGS, enabled=False)
+    assert not pressing.idle
+    press(0.0, duration=5.0, pressing=pressing)
+    assert pressing.idle
+
+
+@pytest.mark.parametrize('alone', [False, True])
+def test_the_yaw_turns_until_the_wall_makes_no_moment(alone):
+    pressing = Pressing(replace(SETTINGS, enabled=not alone), TURNING)
+    for k in range(3000):
+        now = k * PERIOD
+        pressing.step(now, now + HORIZON * PERIOD, PERIOD, ZERO_POSE, ZERO_POSE)
+        force = 600.0 * max(pressing.y.offset - WALL, 0.0)
+        moment = 13.5 * (pressing.theta.offset - 0.05) if force else 0.0
+        pressing.add_measurement(now, force + 1e-6 * (k % 7), moment, is_repeated=False)
+    assert pressing.theta.offset == pytest.approx(0.05, abs=1e-3)
+
+
+@pytest.mark.parametrize('values', [
+    {'force': 0.0}, {'contact_stiffness': 0.0}, {'ramp_time': -1.0}, {'force': math.nan}])
+def test_settings_that_make_no_sense_are_rejected(values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        ImpedanceSettings(**values)
+
+
+@pytest.mark.parametrize(
+    ('frequency', 'most'), [(0.1, 0.25), (0.33, 0.6), (0.89, 1.1), (3.0, 1.3)])
+def test_the_wall_s_motion_is_suppressed_below_a_third_of_a_hertz_and_hardly_amplified_above(
+        frequency, most):
+    stiffness, amplitude = 2e3, 1.5e-3
+    run = press(stiffness, duration=34.0, wall=lambda time: (
+        WALL + amplitude * math.sin(math.tau * frequency * max(time - 18.0, 0.0))))
+    rigid = stiffness * amplitude / math.sqrt(2.0)
+    assert run.forces[2200:].std() < most * rigid
