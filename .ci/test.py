@@ -1,5 +1,5 @@
 """
-Run all tests and end with the totals; --pure runs those alone that need no clock, bus or ROS.
+Run all tests and end with the totals; --check runs the quick ones that need no clock, bus or ROS.
 
 The pure ones run on every processor, beside what colcon makes of the package, and give way to the
 others: those for which the clock counts, two at a time because they mostly wait, then those of
@@ -65,6 +65,8 @@ class Result(NamedTuple):
 
 PURE = Part('pure tests', on_the_host, (
     'test', '-m', 'not realtime', *ON_EVERY_PROCESSOR))
+CHECK = Part('quick tests', on_the_host, (
+    'test', '-m', 'not realtime and not long', *ON_EVERY_PROCESSOR))
 BESIDE = (PURE, Part('tests in a colcon workspace', on_the_host, (), ('.ci/colcon',)))
 IN_TURN = (
     Part('real-time tests', on_the_host, (
@@ -146,11 +148,11 @@ def count(tried: list[str]) -> str:
 
 def main(arguments: list[str]) -> int:
     """Return 0 where all parts passed."""
-    only_pure, arguments = '--pure' in arguments, [a for a in arguments if a != '--pure']
+    only_check, arguments = '--check' in arguments, [a for a in arguments if a != '--check']
     good = (0, NOTHING_SELECTED) if arguments else (0,)  # arguments may select tests
     with tempfile.TemporaryDirectory(dir=sys.prefix) as name:
         folder = Path(name)
-        results = [run(PURE, folder, arguments)] if only_pure else run_all(folder, arguments)
+        results = [run(CHECK, folder, arguments)] if only_check else run_all(folder, arguments)
     tried = [test for part in results for test in part.tried]
     print('', *(part.line for part in results), count(tried), sep='\n')
     return 0 if all(part.status in good for part in results) else 1

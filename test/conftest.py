@@ -22,6 +22,7 @@ WAITING_FIXTURES = {'ros_domain', 'make_rig', 'one_rig', 'guest'}
 WAITING_NAMES = {'wait_until', 'threading', 'time'}
 STOP_DEADLINE = 10.0
 
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's would be inherited by every process tested
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='facade_manipulator_log_'))
 

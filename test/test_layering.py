@@ -101,6 +101,13 @@ def on_the_face(name: tuple[str, ...], room: str, face: set[str]) -> bool:
     return name[1:-1] == tuple(room.split('.')) and name[-1] in face
 
 
+def test_no_class_name_has_two_meanings():
+    names = [node.name for module in MODULES
+             for node in ast.parse((PACKAGE / module).read_text()).body
+             if isinstance(node, ast.ClassDef)]
+    assert {name for name in names if names.count(name) > 1} == set()
+
+
 def test_every_room_says_what_comes_in_and_goes_out():
     wordless = [module for module in MODULES if module.name == '__init__.py'
                 and not ast.get_docstring(ast.parse((PACKAGE / module).read_text()))]

@@ -22,7 +22,7 @@ LONGEST_WAIT = 50  # moments whose parts have not all arrived
 GOAL_STEP = 1e-6
 
 
-class Sample(NamedTuple):
+class RunSample(NamedTuple):
     """One moment: stamp [s], head on the wall, its error, and the error without compensation."""
 
     time: float
@@ -102,7 +102,7 @@ class Recorder:
         self._waiting: dict[float, dict[str, Pose]] = {}
         self._begin: float | None = None
         self._is_complete = False
-        self._newest: deque[Sample] = deque(maxlen=NEWEST)
+        self._newest: deque[RunSample] = deque(maxlen=NEWEST)
         self._whole = Thinned()
         self._wrenches: deque[tuple[float, Wrench]] = deque(maxlen=NEWEST)
         for part in PARTS:
@@ -136,12 +136,12 @@ class Recorder:
             Facade.force_on_wall(Pose(0.0, 0.0, yaw), wrench)
             for yaw, (_, wrench) in zip(yaws, wrenches, strict=True)])
 
-    def _course(self, samples: Iterable[Sample]) -> TimeCourse:
+    def _course(self, samples: Iterable[RunSample]) -> TimeCourse:
         rows = list(samples)
         times = np.array([sample.time for sample in rows]) - (self._begin or 0.0)
         heads, errors, uncompensated = (
             np.array([getattr(sample, part) for sample in rows]).reshape(-1, 3)
-            for part in Sample._fields[1:])
+            for part in RunSample._fields[1:])
         return TimeCourse(times, heads, errors, uncompensated,
                       settled(times, heads - errors, self._settling_time))
 
@@ -153,12 +153,12 @@ class Recorder:
         parts = self._waiting.setdefault(time, {})
         parts[part] = planar_pose(message.pose, part)
         if len(parts) == len(PARTS):
-            self._add(Sample(time, *(parts[name] for name in PARTS)))
+            self._add(RunSample(time, *(parts[name] for name in PARTS)))
             del self._waiting[time]
         elif len(self._waiting) > LONGEST_WAIT:
             del self._waiting[next(iter(self._waiting))]
 
-    def _add(self, sample: Sample) -> None:
+    def _add(self, sample: RunSample) -> None:
         if self._is_complete:
             return
         if self._begin is None:

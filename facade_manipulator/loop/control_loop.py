@@ -24,7 +24,7 @@ from facade_manipulator.drives.controller import (
     ControllerSnapshot,
     DriveController,
     FaultRecorder,
-    Mechanism,
+    MechanismChecks,
     POWERED_STATES,
     RecorderSettings,
 )
@@ -87,7 +87,7 @@ class ControlLoop:
         self.controller = DriveController(
             setup.controller, setup.axes,
             BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate),
-            Mechanism(self.follower, guard, HomingGuard(setup.geometry)),
+            MechanismChecks(self.follower, guard, HomingGuard(setup.geometry)),
             FaultRecorder(setup.recorder, setup.axes, setup.bus.channel))
         self.simulator = _simulate(setup) if setup.simulate_drives else None
         self._channel = channel

@@ -24,7 +24,7 @@ COLUMNS = {'disturbance': ('x', 'y', 'theta'), 'joints': ('q1', 'q2', 'q3'),
 
 
 @settings
-class RecorderSettings:
+class CalibrationRecorderSettings:
     """Where the recording goes."""
 
     folder: str = parameter('.', 'Folder of disturbance.csv, joints.csv and wall.csv')
@@ -36,7 +36,7 @@ class CalibrationRecorder(Node):
     def __init__(self, **kwargs) -> None:
         super().__init__('calibration_recorder', **kwargs)
         self._rejections = Rejections(self)
-        folder = Path(declare(self, RecorderSettings).folder)
+        folder = Path(declare(self, CalibrationRecorderSettings).folder)
         try:
             self._files = {
                 name: (folder / f'{name}.csv').open(

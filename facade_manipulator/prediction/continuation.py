@@ -42,7 +42,7 @@ UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
 LONGEST_STEP = 0.15  # s between estimates, beyond which the motion between is not known
 
 
-class Sample(NamedTuple):
+class FilterSample(NamedTuple):
     """
     What was known at an estimate.
 
@@ -90,7 +90,7 @@ class Continuation:
 
     def __init__(self, axes: int, horizons: slice, memory: float) -> None:
         self.chosen, self._horizons, self._memory = horizons, HORIZONS[horizons], memory
-        self._samples: deque[Sample] = deque()
+        self._samples: deque[FilterSample] = deque()
         self._features = np.zeros((axes, FEATURES, FEATURES))
         self._moves = np.zeros((axes, FEATURES, len(self._horizons)))
         self._learnt = np.zeros(axes)
@@ -98,7 +98,7 @@ class Continuation:
         self.weights = np.zeros_like(self._moves)
         self.errors = np.full((KINDS, axes, len(self._horizons)), UNKNOWN)
 
-    def add(self, sample: Sample) -> None:
+    def add(self, sample: FilterSample) -> None:
         """Keep a sample until all that it forecast has come."""
         self._samples.append(sample)
 
@@ -128,7 +128,7 @@ class Continuation:
         self._score(samples, came, noise, weights)
 
     def _regress(
-        self, samples: list[Sample], came: np.ndarray, weights: np.ndarray, duration: float
+        self, samples: list[FilterSample], came: np.ndarray, weights: np.ndarray, duration: float
     ) -> None:
         self._elapsed += duration
         kept = math.exp(-duration / min(START_SHARE * self._elapsed, self._memory))
@@ -140,7 +140,7 @@ class Continuation:
         self._learnt = kept * self._learnt + weights.sum()
 
     def _score(
-        self, samples: list[Sample], came: np.ndarray, noise: np.ndarray, weights: np.ndarray
+        self, samples: list[FilterSample], came: np.ndarray, noise: np.ndarray, weights: np.ndarray
     ) -> None:
         forecasts = np.stack([sample.forecasts for sample in samples])[..., self.chosen]
         squares = (forecasts - came.swapaxes(1, 2)[:, None]) ** 2 - noise.swapaxes(1, 2)[:, None]

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
-from facade_manipulator.prediction.continuation import Continuation, Sample, UNKNOWN
+from facade_manipulator.prediction.continuation import Continuation, FilterSample, UNKNOWN
 from facade_manipulator.prediction.filters import (
     ACCELERATION,
     BANDWIDTHS,
@@ -169,7 +169,7 @@ class DisturbancePredictor:
         self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (measured - self._mean)
         forecasts = self._forecast(interval, seen, level)
         self._coefficients = forecasts[FINAL] @ _SPLINE.T
-        sample = Sample(stamp, interval, measured, seen, level, forecasts)
+        sample = FilterSample(stamp, interval, measured, seen, level, forecasts)
         for continuation in self._continuations:
             continuation.add(sample)
 

@@ -22,7 +22,7 @@ LONGEST_STEP = 0.002  # s, ten steps and more in a period of 500 kg on 100 N/mm
 LONGEST_GAP = 0.5  # s, after which nobody knows where the head has been
 
 
-class Reaction:
+class ModalReaction:
     """
     What a wrench on the rail adds to the gondola's motion.
 
@@ -86,7 +86,7 @@ class PressedGondola:
         self, motion: Callable[[float], Pose], facade: Facade, settings: GondolaSettings
     ) -> None:
         self.wrench = NO_CONTACT
-        self.reaction = Reaction(settings)
+        self.reaction = ModalReaction(settings)
         self._motion = motion
         self._facade = facade
         self._feels = settings.reaction

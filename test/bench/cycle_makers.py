@@ -253,7 +253,7 @@ class Driver:
         from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
         from facade_manipulator.drives.controller.session import BusAccess
         from facade_manipulator.drives.controller.settings import ControllerSettings
-        from facade_manipulator.drives.controller.targets import Mechanism
+        from facade_manipulator.drives.controller.targets import MechanismChecks
         from facade_manipulator.drives.simulated.drive import simulated_drives
         from facade_manipulator.drives.simulated.simulator import DriveSimulator
         from facade_manipulator.kinematics import Geometry
@@ -272,7 +272,7 @@ class Driver:
         simulator = DriveSimulator(bus(), simulated_drives(DEFAULT_AXES))
         simulator.start()
         self.controller = DriveController(
-            settings, DEFAULT_AXES, BusAccess(bus), Mechanism(self.follower, guard),
+            settings, DEFAULT_AXES, BusAccess(bus), MechanismChecks(self.follower, guard),
             FaultRecorder(RecorderSettings(), DEFAULT_AXES))
         self.reader = Reader(self.controller)
         for request in (

@@ -10,7 +10,7 @@ from facade_manipulator.compensation.feasibility import obstacle, SuspensionSett
 from facade_manipulator.compensation.impedance import ImpedanceSettings
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.simulation.gondola import GondolaSettings
-from facade_manipulator.simulation.reaction import Reaction
+from facade_manipulator.simulation.reaction import ModalReaction
 
 PRESS = ImpedanceSettings(enabled=True, force=30.0)
 FREE = SuspensionSettings(mass=500.0, cable_length=100.0)
@@ -39,7 +39,7 @@ def test_what_can_be_had_or_is_not_known_is_no_obstacle(suspension, press):
 
 @pytest.mark.parametrize('suspension', [GUIDED, replace(FREE, cable_length=30.0)])
 def test_it_is_what_the_simulated_gondola_does(suspension):
-    reaction = Reaction(GondolaSettings(
+    reaction = ModalReaction(GondolaSettings(
         mass=500.0, cable_length=suspension.cable_length, rail_height=0.0, damping_ratio=0.5,
         guide_stiffness=suspension.guide_stiffness, guide_lever=suspension.guide_lever))
     move = reaction.stepper(0.1)

@@ -9,7 +9,7 @@ from facade_manipulator.drives.canopen.emergency import decode_emergency
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
 from facade_manipulator.drives.cia402.units import AxisScale
-from facade_manipulator.drives.simulated.drive import Identity, SimulatedDrive
+from facade_manipulator.drives.simulated.drive import SimulatedDrive, SimulatedIdentity
 from facade_manipulator.drives.simulated.motor import SimulationSettings
 
 NODE = 2
@@ -42,7 +42,7 @@ class Bench:
         self.node = node
         self.profile = load_profile(profile) if isinstance(profile, str) else profile
         self.drive = SimulatedDrive(
-            node, self.profile, scale, identity or Identity(1, 2, 3, 4),
+            node, self.profile, scale, identity or SimulatedIdentity(1, 2, 3, 4),
             SimulationSettings(**settings))
         self.now = 0.0
         self.sent = []

@@ -15,7 +15,7 @@ from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.controller.targets import Mechanism
+from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.drives.simulated.drive import simulated_drives
 from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.errors import ManipulatorError
@@ -81,7 +81,8 @@ class Rig:
         wait_until(lambda: NmtState.INITIALISING not in {d.nmt_state for d in self.drives},
                    'drives that are on')  # a boot-up while they are reset means: once more
         self.controller = DriveController(
-            settings, axes, BusAccess(self.open_bus), Mechanism(self.source, **checks), recorder)
+            settings, axes, BusAccess(self.open_bus),
+            MechanismChecks(self.source, **checks), recorder)
 
     def _new_bus(self) -> can.BusABC:
         return can.Bus(interface=self.interface, channel=self.channel)

@@ -17,7 +17,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from support import children, wait_until
 
-from facade_manipulator.drives.simulated.drive import Identity
+from facade_manipulator.drives.simulated.drive import SimulatedIdentity
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import stamp
@@ -217,7 +217,7 @@ def test_the_self_test_reports_each_part(bench):
 
 def test_a_drive_of_another_identity_is_rejected_by_name(ros):
     bench = Bench(ros, Parameter('q2.serial_number', value=77))
-    bench.node._loop.disturb(1, 'set_identity', Identity(serial_number=78))
+    bench.node._loop.disturb(1, 'set_identity', SimulatedIdentity(serial_number=78))
     assert not bench.change(Transition.TRANSITION_CONFIGURE)
     assert 'q2' in bench.message() and '78' in bench.message() and '77' in bench.message()
     assert bench.state() == 'unconfigured'

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
-from facade_manipulator.prediction.continuation import Continuation, Sample
+from facade_manipulator.prediction.continuation import Continuation, FilterSample
 from facade_manipulator.prediction.filters import (
     BANDWIDTHS,
     FEATURES,
@@ -112,7 +112,7 @@ def learnt(seconds, weights, random, gap=None, noise=0.0):
         if len(past) > 4:
             came = past[-5][0] @ weights + noise * random.standard_normal(1)
         forecasts = np.zeros((3, 1, len(HORIZONS)))
-        continuation.add(Sample(stamp, 0.05, came, state, level, forecasts))
+        continuation.add(FilterSample(stamp, 0.05, came, state, level, forecasts))
         continuation.learn(np.full(1, noise ** 2))
     continuation.solve(np.full(1, 1e-9), np.full(1, 1e-9))
     return continuation

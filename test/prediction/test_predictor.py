@@ -70,6 +70,7 @@ class Run:
         return np.sqrt((self.errors[part] ** 2).mean(axis=0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('motion', 'early', 'late'), [
     (sines(BREEZE), (2.0, 1.0, 1.0), (0.55, 0.3, 0.3)),
     (sines(THREE_TONES), (2.5, 1.5, 1.5), (0.6, 0.45, 0.5)),
@@ -87,6 +88,7 @@ def test_a_sine_is_learnt_in_a_minute(frequency):
     assert run.rms(60.0)[0] < 0.4 * NOISE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('amplitude', [0.003, 0.01, 0.03])
 @pytest.mark.parametrize('frequency', [0.03, 0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0])
 def test_no_sine_is_amplified(frequency, amplitude):
@@ -140,6 +142,7 @@ def test_whatever_was_learnt_a_prediction_is_bounded():
     assert np.abs(run.predictor.predict(stamp + HORIZON).position).max() < 1.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('seed', range(3))
 def test_after_minutes_of_anything_a_prediction_is_bounded(seed):
     """Random walks between bounds, jumps and sines that start and stop: it never runs away."""
@@ -180,6 +183,7 @@ def test_axes_do_not_see_one_another():
     assert np.abs(swapped - alone)[:, 1].max() < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('motion', [
     sines(BREEZE), sines(THREE_TONES), gusts(1), gusts(3, 8.0), gusts(4, 2.0, 90.0), still])
 def test_the_standard_deviation_is_that_of_the_errors(motion):
@@ -188,6 +192,7 @@ def test_the_standard_deviation_is_that_of_the_errors(motion):
     assert 0.91 < inside.mean() < 0.99
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('rate', [15.0, 20.0, 100.0, 200.0])
 def test_estimates_may_come_at_any_rate(rate):
     noise = NOISE * math.sqrt(rate / 50.0)
@@ -216,6 +221,7 @@ def struck(time, values, random):
     return values + strikes * (time > 5.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('spoil', 'bound'), [(dropped, 1.1), (struck, 0.9)])
 def test_gaps_and_outliers_do_little_harm(spoil, bound):
     run = Run(gusts(1), 60.0, spoil=spoil)
@@ -264,6 +270,7 @@ def test_velocity_is_the_derivative_of_position():
             tuple(slope), abs=1e-6)
 
 
+@pytest.mark.long
 def test_means_of_fast_estimates_teach_what_each_of_them_would():
     random, mean = np.random.default_rng(0), EstimateMean()
     single, averaged = DisturbancePredictor(SETTINGS), DisturbancePredictor(SETTINGS)

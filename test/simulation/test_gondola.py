@@ -46,6 +46,7 @@ def test_a_guide_at_both_ends_stiffens_the_yaw():
     assert inertia * (with_lever ** 2 - without ** 2) == pytest.approx(600.0 * 0.6 ** 2)
 
 
+@pytest.mark.long
 def test_in_gusts_it_swings_about_its_place_in_the_mean_wind_at_its_own_frequency():
     gondola = Gondola(SETTINGS, WIND)
     poses = course(gondola, 400.0)
@@ -56,6 +57,7 @@ def test_in_gusts_it_swings_about_its_place_in_the_mean_wind_at_its_own_frequenc
     assert peak == pytest.approx(gondola.frequencies[0] / math.tau, rel=0.15)
 
 
+@pytest.mark.long
 def test_twice_the_wind_swings_it_about_four_times_as_far():
     calm, windy = (
         course(Gondola(SETTINGS, replace(WIND, mean_speed=speed)), 300.0).std(axis=0)[0]

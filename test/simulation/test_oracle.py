@@ -28,6 +28,7 @@ def errors(predictor, motion, duration=40.0, lost=0.0):
     return np.sqrt((np.array(found)[len(found) // 2:] ** 2).mean(axis=0))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', ['breeze', 'three_tones', 'gusty'])
 def test_no_other_prediction_errs_less(name):
     scenario = load_scenario(name)
@@ -48,6 +49,7 @@ def test_lost_estimates_are_made_up_for():
     assert (errors(predictor, Sway(settings).at, 60.0, lost=0.2) < 0.2 * NOISE).all()
 
 
+@pytest.mark.long
 def test_the_law_of_gusts_has_the_variance_of_the_gondola():
     gondola, wind = GondolaSettings(damping_ratio=0.1), WindSettings(mean_speed=2.0)
     found = []

@@ -9,7 +9,7 @@ import pytest
 from facade_manipulator.kinematics import Pose, Twist, Wrench, ZERO_POSE
 from facade_manipulator.simulation.facade import Facade, FacadeSettings, NO_CONTACT
 from facade_manipulator.simulation.gondola import GondolaSettings, GRAVITY, yaw_stiffness
-from facade_manipulator.simulation.reaction import PressedGondola, Reaction
+from facade_manipulator.simulation.reaction import ModalReaction, PressedGondola
 
 SETTINGS = GondolaSettings()
 FREE = replace(SETTINGS, guide_stiffness=0.0)
@@ -20,7 +20,7 @@ HEIGHT = 0.25
 
 def swing(settings, force, duration, step=0.01):
     """Return times and poses of a gondola under a wrench on its rail, a function of time."""
-    reaction = Reaction(settings)
+    reaction = ModalReaction(settings)
     move, times, poses = reaction.stepper(step), np.arange(0.0, duration, step), []
     for time in times:
         move(force(time + 0.5 * step))
@@ -39,7 +39,7 @@ def steady_amplitude(settings, force, period, axis=0, count=40):
 
 @pytest.mark.parametrize('axis', range(2))
 def test_a_push_at_the_centre_of_gravity_gives_its_momentum_to_the_mass(axis):
-    reaction = Reaction(replace(SETTINGS, damping_ratio=0.0))
+    reaction = ModalReaction(replace(SETTINGS, damping_ratio=0.0))
     wrench = Wrench(*(100.0 * (axis == i) for i in range(3)))
     move = reaction.stepper(0.001)
     for _ in range(10):
@@ -48,14 +48,14 @@ def test_a_push_at_the_centre_of_gravity_gives_its_momentum_to_the_mass(axis):
 
 
 def test_a_moment_gives_its_angular_momentum_to_the_inertia():
-    reaction = Reaction(replace(SETTINGS, damping_ratio=0.0))
+    reaction = ModalReaction(replace(SETTINGS, damping_ratio=0.0))
     reaction.stepper(0.01)(Wrench(0.0, 0.0, 50.0))
     inertia = SETTINGS.mass * SETTINGS.yaw_radius ** 2
     assert inertia * reaction.velocity.theta == pytest.approx(0.5, rel=1e-3)
 
 
 def test_the_work_of_the_head_is_the_energy_of_an_undamped_gondola():
-    reaction = Reaction(replace(SETTINGS, damping_ratio=0.0))
+    reaction = ModalReaction(replace(SETTINGS, damping_ratio=0.0))
     move, work, wrench = reaction.stepper(0.01), 0.0, Wrench(20.0, -30.0, 5.0)
     for _ in range(1000):
         before = reaction.pose
@@ -66,7 +66,7 @@ def test_the_work_of_the_head_is_the_energy_of_an_undamped_gondola():
 
 def test_without_the_head_energy_stays_or_decays_as_the_damping_says():
     for damping in (0.0, 0.02):
-        reaction = Reaction(replace(PENDULUM, damping_ratio=damping, rail_height=0.05))
+        reaction = ModalReaction(replace(PENDULUM, damping_ratio=damping, rail_height=0.05))
         reaction.stepper(0.01)(Wrench(1000.0, 0.0, 0.0))
         begin, elapsed = reaction.energy, 60.0
         for _ in range(600):
@@ -103,7 +103,7 @@ def test_a_rail_before_the_cables_makes_a_moment_of_friction_and_moves_when_it_y
 
 
 def test_at_resonance_a_pendulum_swings_as_far_as_its_damping_lets_it():
-    frequency = Reaction(PENDULUM)._modes.frequencies[0]
+    frequency = ModalReaction(PENDULUM)._modes.frequencies[0]
     amplitude = steady_amplitude(
         PENDULUM, lambda t: (9.0 * math.sin(frequency * t), 0.0, 0.0), math.tau / frequency)
     stiffness = PENDULUM.mass * GRAVITY / PENDULUM.cable_length

@@ -77,6 +77,7 @@ def test_tables_show_their_units(capsys):
     assert 'l [mm]' in shown and 'areas [m2]' in shown and 'm2 rad' in shown
 
 
+@pytest.mark.long
 def test_every_figure_is_drawn_and_nothing_else_is_left(tmp_path):
     from facade_manipulator.workspace.figures import FIGURES
     target = tmp_path / 'deep' / 'report'

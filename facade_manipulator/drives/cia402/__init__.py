@@ -15,7 +15,7 @@ from facade_manipulator.drives.cia402.cause import (
     CONFIGURE_REMEDY,
     TARGET_REMEDY,
 )
-from facade_manipulator.drives.cia402.group import Group, GroupSettings
+from facade_manipulator.drives.cia402.group import AxisCommand, Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence, HomingState
 from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
 from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile, Quirks
@@ -28,10 +28,10 @@ from facade_manipulator.drives.cia402.settings import (
 )
 from facade_manipulator.drives.cia402.states import (
     AUTOMATIC_TRANSITIONS,
-    Command,
     Controlword,
     decode_command,
     decode_state,
+    DeviceCommand,
     Mode,
     POWERED_STATES,
     State,
@@ -51,7 +51,8 @@ __all__ = [
     'Cause',
     'check_axes',
     'CLEAR_REMEDY',
-    'Command',
+    'AxisCommand',
+    'DeviceCommand',
     'COMPUTER_REMEDY',
     'CONFIGURE_REMEDY',
     'Controlword',

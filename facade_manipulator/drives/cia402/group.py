@@ -31,7 +31,7 @@ RESET_WINDOW = 60.0
 MAX_FURTHER_CAUSES = 8
 
 
-class Command(NamedTuple):
+class AxisCommand(NamedTuple):
     """Controlword and mode of operation for one drive."""
 
     controlword: int
@@ -232,7 +232,7 @@ class Group:
         """Begin the present step again: nothing could be sent or received for a while."""
         self._begin(self._plan, now)
 
-    def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[Command, ...]:
+    def step(self, feedback: tuple[Feedback, ...], now: float) -> tuple[AxisCommand, ...]:
         """
         Take the drives' feedback and return what to command them.
 
@@ -276,11 +276,11 @@ class Group:
             self.not_responding.clear()
 
     @property
-    def commands(self) -> tuple[Command, ...]:
+    def commands(self) -> tuple[AxisCommand, ...]:
         """What to command now; `step` may add bits to it."""
         return self._present
 
-    def _commands(self, bits: list[int]) -> tuple[Command, ...]:
+    def _commands(self, bits: list[int]) -> tuple[AxisCommand, ...]:
         if self.phase is not Phase.HOMING:
             return self.commands
         return tuple(
@@ -340,7 +340,7 @@ class Group:
         self.is_settled = False
         phase, step = plan[0]
         self._mode = self._mode if step.mode is None else step.mode
-        self._present = (Command(step.controlword, self._mode),) * len(self._steppers)
+        self._present = (AxisCommand(step.controlword, self._mode),) * len(self._steppers)
         self._deadline = now + self._timeouts.get(phase, self._step_timeout)
         for stepper in self._steppers:
             stepper.begin(step, self._deadline)

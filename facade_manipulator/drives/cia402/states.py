@@ -80,7 +80,7 @@ class Mode(IntEnum):
     CYCLIC_SYNCHRONOUS_POSITION = 8
 
 
-class Command(Enum):
+class DeviceCommand(Enum):
     """What a controlword commands."""
 
     DISABLE_VOLTAGE = 'disable voltage'
@@ -107,32 +107,32 @@ STATUSWORDS = {
 
 # mask and value of the controlword for each command; the masks of no two commands overlap
 CONTROLWORDS = {
-    Command.DISABLE_VOLTAGE: (0x82, 0x00),
-    Command.QUICK_STOP: (0x86, 0x02),
-    Command.SHUTDOWN: (0x87, 0x06),
-    Command.SWITCH_ON: (0x8F, 0x07),
-    Command.ENABLE_OPERATION: (0x8F, 0x0F),
-    Command.FAULT_RESET: (0x80, 0x80),
+    DeviceCommand.DISABLE_VOLTAGE: (0x82, 0x00),
+    DeviceCommand.QUICK_STOP: (0x86, 0x02),
+    DeviceCommand.SHUTDOWN: (0x87, 0x06),
+    DeviceCommand.SWITCH_ON: (0x8F, 0x07),
+    DeviceCommand.ENABLE_OPERATION: (0x8F, 0x0F),
+    DeviceCommand.FAULT_RESET: (0x80, 0x80),
 }
 
 # what a command does in a state; a pair that is not here changes nothing
 TRANSITIONS = {
-    (State.SWITCH_ON_DISABLED, Command.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.READY_TO_SWITCH_ON, Command.SWITCH_ON): State.SWITCHED_ON,
-    (State.READY_TO_SWITCH_ON, Command.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.READY_TO_SWITCH_ON, Command.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.READY_TO_SWITCH_ON, Command.QUICK_STOP): State.SWITCH_ON_DISABLED,
-    (State.SWITCHED_ON, Command.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.SWITCHED_ON, Command.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.SWITCHED_ON, Command.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.SWITCHED_ON, Command.QUICK_STOP): State.SWITCH_ON_DISABLED,
-    (State.OPERATION_ENABLED, Command.SWITCH_ON): State.SWITCHED_ON,
-    (State.OPERATION_ENABLED, Command.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.OPERATION_ENABLED, Command.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.OPERATION_ENABLED, Command.QUICK_STOP): State.QUICK_STOP_ACTIVE,
-    (State.QUICK_STOP_ACTIVE, Command.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.QUICK_STOP_ACTIVE, Command.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.FAULT, Command.FAULT_RESET): State.SWITCH_ON_DISABLED,
+    (State.SWITCH_ON_DISABLED, DeviceCommand.SHUTDOWN): State.READY_TO_SWITCH_ON,
+    (State.READY_TO_SWITCH_ON, DeviceCommand.SWITCH_ON): State.SWITCHED_ON,
+    (State.READY_TO_SWITCH_ON, DeviceCommand.ENABLE_OPERATION): State.OPERATION_ENABLED,
+    (State.READY_TO_SWITCH_ON, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.READY_TO_SWITCH_ON, DeviceCommand.QUICK_STOP): State.SWITCH_ON_DISABLED,
+    (State.SWITCHED_ON, DeviceCommand.ENABLE_OPERATION): State.OPERATION_ENABLED,
+    (State.SWITCHED_ON, DeviceCommand.SHUTDOWN): State.READY_TO_SWITCH_ON,
+    (State.SWITCHED_ON, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.SWITCHED_ON, DeviceCommand.QUICK_STOP): State.SWITCH_ON_DISABLED,
+    (State.OPERATION_ENABLED, DeviceCommand.SWITCH_ON): State.SWITCHED_ON,
+    (State.OPERATION_ENABLED, DeviceCommand.SHUTDOWN): State.READY_TO_SWITCH_ON,
+    (State.OPERATION_ENABLED, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.OPERATION_ENABLED, DeviceCommand.QUICK_STOP): State.QUICK_STOP_ACTIVE,
+    (State.QUICK_STOP_ACTIVE, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
+    (State.QUICK_STOP_ACTIVE, DeviceCommand.ENABLE_OPERATION): State.OPERATION_ENABLED,
+    (State.FAULT, DeviceCommand.FAULT_RESET): State.SWITCH_ON_DISABLED,
 }
 
 # what the drive does by itself: after its initialisation, at the end of the fault reaction
@@ -175,6 +175,6 @@ def decode_state(statusword: int) -> State:
             f'statusword 0x{statusword & 0xFFFF:04X} names no state of a CiA 402 drive') from None
 
 
-def decode_command(controlword: int) -> Command:
+def decode_command(controlword: int) -> DeviceCommand:
     """Return the command that a controlword gives; every controlword gives exactly one."""
     return _COMMAND_OF_BITS[controlword & 0xFF]

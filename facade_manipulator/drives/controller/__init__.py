@@ -18,7 +18,7 @@ from facade_manipulator.drives.controller.snapshot import (
     ControllerState,
     POWERED_STATES,
 )
-from facade_manipulator.drives.controller.targets import Mechanism
+from facade_manipulator.drives.controller.targets import MechanismChecks
 
 __all__ = [
     'ACTIVE_STATES',
@@ -32,7 +32,7 @@ __all__ = [
     'FaultRecorder',
     'Finding',
     'LATENESS_BOUNDS',
-    'Mechanism',
+    'MechanismChecks',
     'POWERED_STATES',
     'RecorderSettings',
 ]

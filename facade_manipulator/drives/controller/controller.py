@@ -27,7 +27,7 @@ from facade_manipulator.drives.controller.service_operations import CLOSING_TIME
 from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.drives.controller.targets import allow_anything, Mechanism
+from facade_manipulator.drives.controller.targets import allow_anything, MechanismChecks
 from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0
@@ -61,7 +61,7 @@ class DriveController:
     axes : tuple of AxisSettings
         q1, q2, q3.
     bus : BusAccess
-    mechanism : Mechanism
+    mechanism : MechanismChecks
     recorder : FaultRecorder, optional
         Gets every frame, and writes the last minute down when the drives stop.
 
@@ -79,7 +79,7 @@ class DriveController:
 
     def __init__(
         self, settings: ControllerSettings, axes: tuple[AxisSettings, ...], bus: BusAccess,
-        mechanism: Mechanism, recorder: FaultRecorder | None = None,
+        mechanism: MechanismChecks, recorder: FaultRecorder | None = None,
     ) -> None:
         self._session = Session(settings, axes, bus, mechanism, recorder)
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything

@@ -21,8 +21,8 @@ from facade_manipulator.drives.canopen import (
     SDO_FRAME_LENGTH,
 )
 from facade_manipulator.drives.cia402 import (
+    AxisCommand,
     Cause,
-    Command,
     COMPUTER_REMEDY,
     Controlword,
     FOLLOWING_PHASES,
@@ -251,8 +251,8 @@ class CyclicExchange:
         return feedback
 
     def _choose_targets(
-        self, commands: tuple[Command, ...], now: float
-    ) -> tuple[Command, ...]:
+        self, commands: tuple[AxisCommand, ...], now: float
+    ) -> tuple[AxisCommand, ...]:
         """Choose the targets; a source that fails stops the group instead."""
         actual = tuple([m.status.position_counts if m.status else 0 for m in self._monitors])
         latch_time = self.clock.smooth_stamp + self._lead
@@ -287,7 +287,7 @@ class CyclicExchange:
         self._next_heartbeat = now + self._settings.heartbeat_period
         self._send(pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
 
-    def _send_commands(self, commands: tuple[Command, ...]) -> None:
+    def _send_commands(self, commands: tuple[AxisCommand, ...]) -> None:
         for cob_id, command, target in zip(
                 self._command_ids, commands, self._targets.counts, strict=True):
             self._send(cob_id, pdo.encode_rpdo1(command.controlword, command.mode, target))

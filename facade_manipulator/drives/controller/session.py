@@ -43,7 +43,7 @@ from facade_manipulator.drives.controller.realtime import Collector
 from facade_manipulator.drives.controller.recorder import FaultRecorder
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.supervision import Supervision
-from facade_manipulator.drives.controller.targets import Mechanism, Targets
+from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
 from facade_manipulator.errors import BusError, DriveStateError
 
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
@@ -92,7 +92,7 @@ class Session:
     axes : tuple of AxisSettings
         q1, q2, q3.
     bus : BusAccess
-    mechanism : Mechanism
+    mechanism : MechanismChecks
     recorder : FaultRecorder, optional
 
     Attributes
@@ -115,7 +115,7 @@ class Session:
 
     def __init__(
         self, settings: ControllerSettings, axes: tuple[AxisSettings, ...], bus: BusAccess,
-        mechanism: Mechanism, recorder: FaultRecorder | None = None,
+        mechanism: MechanismChecks, recorder: FaultRecorder | None = None,
     ) -> None:
         check_axes(axes)
         self.settings = settings

@@ -30,7 +30,7 @@ class Supervision:
     ----------
     settings : ControllerSettings
     check_homing : callable
-        See `facade_manipulator.drives.controller.targets.Mechanism`.
+        See `facade_manipulator.drives.controller.targets.MechanismChecks`.
 
     Attributes
     ----------

@@ -14,8 +14,8 @@ from typing import Protocol
 
 from facade_manipulator.drives.cia402 import (
     AXIS_NAMES,
+    AxisCommand,
     AxisSettings,
-    Command,
     Controlword,
     FOLLOWING_PHASES,
     Mode,
@@ -56,7 +56,7 @@ def allow_anything(*_: object) -> None:
 
 
 @dataclass(frozen=True)
-class Mechanism:
+class MechanismChecks:
     """
     What the three drives move.
 
@@ -85,12 +85,13 @@ class Targets:
     ----------
     axes : tuple of AxisSettings
     settings : ControllerSettings
-    mechanism : Mechanism
+    mechanism : MechanismChecks
 
     """
 
     def __init__(
-        self, axes: tuple[AxisSettings, ...], settings: ControllerSettings, mechanism: Mechanism,
+        self, axes: tuple[AxisSettings, ...], settings: ControllerSettings,
+        mechanism: MechanismChecks,
     ) -> None:
         self.source = mechanism.source
         self._axes = axes
@@ -111,7 +112,7 @@ class Targets:
         """The targets last chosen [m] while the drives follow, else None."""
         return self._positions
 
-    def track(self, command: Command, actual: tuple[int, ...]) -> None:
+    def track(self, command: AxisCommand, actual: tuple[int, ...]) -> None:
         """Keep the targets at the carriages until the drives are enabled in the cyclic mode."""
         self._positions = None
         enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
@@ -119,7 +120,7 @@ class Targets:
             self._counts = actual
 
     def choose(
-        self, phase: Phase, command: Command, actual: tuple[int, ...], latch_time: float
+        self, phase: Phase, command: AxisCommand, actual: tuple[int, ...], latch_time: float
     ) -> None:
         """
         Choose the targets of a cycle.
@@ -128,7 +129,7 @@ class Targets:
         ----------
         phase : Phase
             What the group is doing.
-        command : Command
+        command : AxisCommand
             What is commanded along with the targets.
         actual : tuple of int
             Actual positions [counts].

@@ -17,9 +17,9 @@ from canopen import SdoAbortedError
 from facade_manipulator.drives.cia402 import (
     AUTOMATIC_TRANSITIONS,
     AxisScale,
-    Command,
     Controlword,
     decode_command,
+    DeviceCommand,
     DriveProfile,
     INT32_MAX,
     INT32_MIN,
@@ -34,7 +34,7 @@ from facade_manipulator.drives.simulated.demand import SpeedRamp
 from facade_manipulator.drives.simulated.modes import make_modes, Reference
 from facade_manipulator.drives.simulated.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.drives.simulated.objects import INVALID_VALUE, ObjectStore
-from facade_manipulator.drives.simulated.supervision import Supervision
+from facade_manipulator.drives.simulated.supervision import SimulatedSupervision
 
 _LONGEST_STEP = 0.001  # s
 _LONGEST_GAP = 1.0  # s: a drive that nobody called for longer has stood still meanwhile
@@ -45,7 +45,7 @@ SAFE_TORQUE_OFF = 0x8A88
 _KEEPS_STANDING = range(5, 9)  # 605A: stay in quick stop active
 _SLOW_RAMP = (1, 5)  # 605A, 605E: on the profile deceleration 6084
 _NO_RAMP = 0  # 605A, 605E: power off at once
-_CONNECTION_COMMANDS = {2: Command.DISABLE_VOLTAGE, 3: Command.QUICK_STOP}  # 6007
+_CONNECTION_COMMANDS = {2: DeviceCommand.DISABLE_VOLTAGE, 3: DeviceCommand.QUICK_STOP}  # 6007
 _CONNECTION_FAULT = 1  # 6007
 
 
@@ -84,7 +84,7 @@ class SimulatedAxis:
         self._quirks = profile.quirks
         self._units = scale.velocity_units_per_count
         self._report = report
-        self._supervision = Supervision(store, motor, report)
+        self._supervision = SimulatedSupervision(store, motor, report)
         self.reference = Reference(motor)
         self.modes = make_modes(store, motor, self.reference, profile, self._units)
         self.torque_off = False
@@ -111,7 +111,7 @@ class SimulatedAxis:
         """Take the state after the power came on: the position is unknown."""
         self.state = State.NOT_READY_TO_SWITCH_ON
         self._controlword: int | None = None
-        self._command: Command | None = None
+        self._command: DeviceCommand | None = None
         self._mode = int(Mode.NONE)
         self._stop: SpeedRamp | None = None
         self._supervision.reset()
@@ -174,10 +174,10 @@ class SimulatedAxis:
         if self.state is State.OPERATION_ENABLED and self._mode in self.modes:
             self.modes[self._mode].control(before, controlword)
 
-    def _permits(self, command: Command, is_new: bool) -> bool:
-        if command is Command.FAULT_RESET:
+    def _permits(self, command: DeviceCommand, is_new: bool) -> bool:
+        if command is DeviceCommand.FAULT_RESET:
             return False  # the node decides, for it knows whether causes are gone
-        if self.state is State.QUICK_STOP_ACTIVE and command is Command.ENABLE_OPERATION:
+        if self.state is State.QUICK_STOP_ACTIVE and command is DeviceCommand.ENABLE_OPERATION:
             # a stop that the drive itself made is not undone by a controlword that goes on
             return is_new and self._values[0x605A, 0] in _KEEPS_STANDING
         return True
@@ -188,7 +188,7 @@ class SimulatedAxis:
 
     def leave_fault(self) -> None:
         """Go on to switch on disabled, if there is a fault."""
-        self._enter(TRANSITIONS.get((self.state, Command.FAULT_RESET), self.state))
+        self._enter(TRANSITIONS.get((self.state, DeviceCommand.FAULT_RESET), self.state))
 
     def _set_mode(self, mode: int) -> None:
         if mode != Mode.NONE and mode not in self.modes:

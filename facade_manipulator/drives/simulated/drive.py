@@ -38,7 +38,7 @@ _CONNECTION_ERRORS = ((0xFF00, 0x8100), (0xFF00, 0x8200))
 _RAMP_ERRORS = ((0xFF00, 0x8600), (0xFFF8, 0x8A80))
 
 
-class Identity(NamedTuple):
+class SimulatedIdentity(NamedTuple):
     """The identity object 1018."""
 
     vendor_id: int = 0
@@ -59,7 +59,7 @@ class SimulatedDrive(SimulatedNode):
         Drive type: object dictionary, homing methods, quirks, velocity unit.
     scale : AxisScale
         Motor, gear and screw that it drives; the velocity unit is the profile's.
-    identity : Identity
+    identity : SimulatedIdentity
         What 1018 says.
     settings : SimulationSettings
         Rail, load, servo.
@@ -79,7 +79,7 @@ class SimulatedDrive(SimulatedNode):
 
     def __init__(
         self, node_id: int, profile: DriveProfile, scale: AxisScale | None = None,
-        identity: Identity | None = None, settings: SimulationSettings | None = None,
+        identity: SimulatedIdentity | None = None, settings: SimulationSettings | None = None,
     ) -> None:
         settings = settings or SimulationSettings()
         self._scale = replace(scale or AxisScale(), velocity_unit=profile.velocity_unit)
@@ -91,7 +91,7 @@ class SimulatedDrive(SimulatedNode):
         objects.readers[0x6041, 0] = self._statusword
         objects.defaults[0x6076, 0] = round(self._scale.rated_torque * 1e6)
         super().__init__(objects, axis, self._report_once, settings.boot_time, profile.quirks)
-        self.set_identity(identity or Identity())
+        self.set_identity(identity or SimulatedIdentity())
 
     @property
     def state(self) -> State:
@@ -159,7 +159,7 @@ class SimulatedDrive(SimulatedNode):
         self.axis.forget_home()
         self.inject_fault(POSITION_LOST)
 
-    def set_identity(self, identity: Identity) -> None:
+    def set_identity(self, identity: SimulatedIdentity) -> None:
         """Become another drive, as if somebody had swapped it; it boots."""
         for subindex, value in enumerate(identity, start=1):
             self.objects.defaults[0x1018, subindex] = value
@@ -189,7 +189,7 @@ def simulated_drives(
     return [
         SimulatedDrive(
             axis.node_id, load_profile(axis.profile), _scale(axis),
-            Identity(axis.vendor_id, axis.product_code, _REVISION,
+            SimulatedIdentity(axis.vendor_id, axis.product_code, _REVISION,
                      axis.serial_number or axis.node_id),
             replace(settings, start_position=axis.home_position))
         for axis in axes]

@@ -18,7 +18,7 @@ LIMIT_SWITCH_ERRORS = {NEGATIVE_LIMIT: 0x8A80, POSITIVE_LIMIT: 0x8A81}
 _NO_WINDOW = 0xFFFFFFFF
 
 
-class Supervision:
+class SimulatedSupervision:
     """
     Checks of the motion, each against the objects that set its bounds.
 

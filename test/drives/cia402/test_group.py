@@ -10,10 +10,10 @@ from facade_manipulator.drives.cia402.cause import Cause
 from facade_manipulator.drives.cia402.group import Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence
 from facade_manipulator.drives.cia402.plans import Phase, POWERED_PHASES
-from facade_manipulator.drives.cia402.states import Command as DriveCommand
 from facade_manipulator.drives.cia402.states import (
     Controlword,
     decode_command,
+    DeviceCommand,
     Mode,
     State,
     Status,
@@ -71,7 +71,7 @@ class Drives:
 
 
 def is_enabling(command) -> bool:
-    return decode_command(command.controlword) is DriveCommand.ENABLE_OPERATION
+    return decode_command(command.controlword) is DeviceCommand.ENABLE_OPERATION
 
 
 def switched_off(**details) -> Drives:

@@ -4,10 +4,10 @@ import pytest
 
 from facade_manipulator.drives.cia402.states import (
     AUTOMATIC_TRANSITIONS,
-    Command,
     CONTROLWORDS,
     decode_command,
     decode_state,
+    DeviceCommand,
     State,
     STATUSWORDS,
     TRANSITIONS,
@@ -16,27 +16,27 @@ from facade_manipulator.errors import DriveStateError
 
 # IEC 61800-7-201, tables "device control commands" and "state transitions", by their numbers
 COMMAND_BITS = (  # fault reset, enable operation, quick stop, enable voltage, switch on
-    ('0x110', Command.SHUTDOWN), ('00111', Command.SWITCH_ON),
-    ('01111', Command.ENABLE_OPERATION), ('0xx0x', Command.DISABLE_VOLTAGE),
-    ('0x01x', Command.QUICK_STOP), ('1xxxx', Command.FAULT_RESET),
+    ('0x110', DeviceCommand.SHUTDOWN), ('00111', DeviceCommand.SWITCH_ON),
+    ('01111', DeviceCommand.ENABLE_OPERATION), ('0xx0x', DeviceCommand.DISABLE_VOLTAGE),
+    ('0x01x', DeviceCommand.QUICK_STOP), ('1xxxx', DeviceCommand.FAULT_RESET),
 )
 STANDARD = {
-    2: (State.SWITCH_ON_DISABLED, Command.SHUTDOWN, State.READY_TO_SWITCH_ON),
-    3: (State.READY_TO_SWITCH_ON, Command.SWITCH_ON, State.SWITCHED_ON),
-    4: (State.SWITCHED_ON, Command.ENABLE_OPERATION, State.OPERATION_ENABLED),
-    5: (State.OPERATION_ENABLED, Command.SWITCH_ON, State.SWITCHED_ON),
-    6: (State.SWITCHED_ON, Command.SHUTDOWN, State.READY_TO_SWITCH_ON),
-    7: (State.READY_TO_SWITCH_ON, Command.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
-    8: (State.OPERATION_ENABLED, Command.SHUTDOWN, State.READY_TO_SWITCH_ON),
-    9: (State.OPERATION_ENABLED, Command.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
-    10: (State.SWITCHED_ON, Command.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
-    11: (State.OPERATION_ENABLED, Command.QUICK_STOP, State.QUICK_STOP_ACTIVE),
-    12: (State.QUICK_STOP_ACTIVE, Command.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
-    15: (State.FAULT, Command.FAULT_RESET, State.SWITCH_ON_DISABLED),
-    16: (State.QUICK_STOP_ACTIVE, Command.ENABLE_OPERATION, State.OPERATION_ENABLED),
+    2: (State.SWITCH_ON_DISABLED, DeviceCommand.SHUTDOWN, State.READY_TO_SWITCH_ON),
+    3: (State.READY_TO_SWITCH_ON, DeviceCommand.SWITCH_ON, State.SWITCHED_ON),
+    4: (State.SWITCHED_ON, DeviceCommand.ENABLE_OPERATION, State.OPERATION_ENABLED),
+    5: (State.OPERATION_ENABLED, DeviceCommand.SWITCH_ON, State.SWITCHED_ON),
+    6: (State.SWITCHED_ON, DeviceCommand.SHUTDOWN, State.READY_TO_SWITCH_ON),
+    7: (State.READY_TO_SWITCH_ON, DeviceCommand.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
+    8: (State.OPERATION_ENABLED, DeviceCommand.SHUTDOWN, State.READY_TO_SWITCH_ON),
+    9: (State.OPERATION_ENABLED, DeviceCommand.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
+    10: (State.SWITCHED_ON, DeviceCommand.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
+    11: (State.OPERATION_ENABLED, DeviceCommand.QUICK_STOP, State.QUICK_STOP_ACTIVE),
+    12: (State.QUICK_STOP_ACTIVE, DeviceCommand.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
+    15: (State.FAULT, DeviceCommand.FAULT_RESET, State.SWITCH_ON_DISABLED),
+    16: (State.QUICK_STOP_ACTIVE, DeviceCommand.ENABLE_OPERATION, State.OPERATION_ENABLED),
 }
 QUICK_STOP_IS_DISABLE = ((State.READY_TO_SWITCH_ON, 7), (State.SWITCHED_ON, 10))
-TWO_STEPS = (State.READY_TO_SWITCH_ON, Command.ENABLE_OPERATION)  # transitions 3 and 4
+TWO_STEPS = (State.READY_TO_SWITCH_ON, DeviceCommand.ENABLE_OPERATION)  # transitions 3 and 4
 
 
 def standard_command(controlword):
@@ -50,7 +50,7 @@ def standard_command(controlword):
 def standard_table():
     table = {(state, command): result for state, command, result in STANDARD.values()}
     for state, number in QUICK_STOP_IS_DISABLE:
-        table[state, Command.QUICK_STOP] = STANDARD[number][2]
+        table[state, DeviceCommand.QUICK_STOP] = STANDARD[number][2]
     table[TWO_STEPS] = State.OPERATION_ENABLED
     return table
 
@@ -80,7 +80,7 @@ def test_every_controlword_gives_one_command_and_it_is_the_standards():
 
 def test_all_states_and_all_commands_go_where_the_standard_says():
     table = standard_table()
-    for state, command in itertools.product(State, Command):
+    for state, command in itertools.product(State, DeviceCommand):
         assert TRANSITIONS.get((state, command), state) is table.get((state, command), state)
 
 
@@ -90,6 +90,6 @@ def test_every_state_has_a_way_out():
 
 
 def test_the_drive_cannot_be_enabled_from_a_fault_in_one_step():
-    for command in Command:
+    for command in DeviceCommand:
         assert TRANSITIONS.get((State.FAULT, command)) in (None, State.SWITCH_ON_DISABLED)
         assert (State.FAULT_REACTION_ACTIVE, command) not in TRANSITIONS

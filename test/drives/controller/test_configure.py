@@ -10,7 +10,11 @@ import pytest
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.simulated.drive import Identity, simulated_drives, SimulatedDrive
+from facade_manipulator.drives.simulated.drive import (
+    simulated_drives,
+    SimulatedDrive,
+    SimulatedIdentity,
+)
 from facade_manipulator.drives.simulated.motor import SimulationSettings
 from facade_manipulator.errors import (
     BusError,
@@ -46,11 +50,11 @@ def test_a_drive_with_another_identity_is_rejected(make_rig):
     rig = make_rig(axes=axes)
     rig.do('configure', 'cleanup')
     with rig.simulator.access() as drives:
-        drives[0].set_identity(Identity(serial_number=102))
+        drives[0].set_identity(SimulatedIdentity(serial_number=102))
     with pytest.raises(DriveIdentityError, match='the drive of q2, the axes are swapped'):
         rig.do('configure')
     with rig.simulator.access() as drives:
-        drives[0].set_identity(Identity(serial_number=999))
+        drives[0].set_identity(SimulatedIdentity(serial_number=999))
     with pytest.raises(DriveIdentityError, match='serial_number = 999 .*101'):
         rig.do('configure')
 

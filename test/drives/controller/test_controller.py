@@ -14,7 +14,7 @@ from facade_manipulator.drives.cia402.states import State, Status
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.session import BusAccess
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.controller.targets import Mechanism
+from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.errors import DriveStateError, ManipulatorError, ParameterError
 
 
@@ -140,14 +140,14 @@ def test_faster_cycles_work_as_well(make_rig, rate):
 def test_settings_that_contradict_the_drive_type_are_rejected_at_once():
     axes = (replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])
     with pytest.raises(ParameterError, match='homing_method = -5'):
-        DriveController(SETTINGS, axes, BusAccess(None), Mechanism(Source()))
+        DriveController(SETTINGS, axes, BusAccess(None), MechanismChecks(Source()))
     with pytest.raises(ParameterError, match='bus load'):
         DriveController(
-            SETTINGS, DEFAULT_AXES, BusAccess(None, 125_000), Mechanism(Source()))
+            SETTINGS, DEFAULT_AXES, BusAccess(None, 125_000), MechanismChecks(Source()))
     with pytest.raises(ParameterError, match='no drive profile nonsense'):
         DriveController(
             SETTINGS, (replace(DEFAULT_AXES[0], profile='nonsense'), *DEFAULT_AXES[1:]),
-            BusAccess(None), Mechanism(Source()))
+            BusAccess(None), MechanismChecks(Source()))
 
 
 def test_statusword_bits_of_the_drives_are_told(rig):

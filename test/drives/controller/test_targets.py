@@ -5,14 +5,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.cia402.group import Command
+from facade_manipulator.drives.cia402.group import AxisCommand
 from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Mode
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import (
     MAX_SLIP,
-    Mechanism,
+    MechanismChecks,
     require_inside,
     Targets,
 )
@@ -25,19 +25,19 @@ from facade_manipulator.errors import (
 )
 
 CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
-OFF, ON, HOMING = Command(0x00, CSP), Command(0x0F, CSP), Command(0x1F, Mode.HOMING)
+OFF, ON, HOMING = AxisCommand(0x00, CSP), AxisCommand(0x0F, CSP), AxisCommand(0x1F, Mode.HOMING)
 HERE = (-43_000, 43_000, 0)
 SETTINGS = ControllerSettings()
 LARGEST_STEP = SETTINGS.step_margin * 0.6 * SETTINGS.period
 
 
 def targets(source=None, check=lambda positions: None) -> Targets:
-    return Targets(DEFAULT_AXES, SETTINGS, Mechanism(source or Source(), check))
+    return Targets(DEFAULT_AXES, SETTINGS, MechanismChecks(source or Source(), check))
 
 
 def following(source=None, **details) -> Targets:
     one = targets(source, **details)
-    one.choose(Phase.ENABLING, Command(0x07, CSP), HERE, 0.0)
+    one.choose(Phase.ENABLING, AxisCommand(0x07, CSP), HERE, 0.0)
     one.choose(Phase.HOLDING, ON, HERE, 0.0)
     one.choose(Phase.RUNNING, ON, HERE, 0.0)
     return one
@@ -57,7 +57,7 @@ def test_without_power_the_targets_are_where_the_carriages_are():
 
 def test_the_targets_stay_where_the_power_found_the_carriages():
     one = targets()
-    one.choose(Phase.ENABLING, Command(0x07, CSP), HERE, 0.0)
+    one.choose(Phase.ENABLING, AxisCommand(0x07, CSP), HERE, 0.0)
     one.choose(Phase.ENABLING, ON, elsewhere(30), 0.0)
     one.choose(Phase.HOLDING, ON, elsewhere(30), 0.0)
     assert one.counts == HERE
@@ -77,7 +77,7 @@ def test_the_source_begins_where_the_drives_hold():
 
 def test_a_carriage_that_is_elsewhere_when_power_has_come_is_a_doubt():
     one = targets()
-    one.choose(Phase.ENABLING, Command(0x07, CSP), HERE, 0.0)
+    one.choose(Phase.ENABLING, AxisCommand(0x07, CSP), HERE, 0.0)
     with pytest.raises(SetpointLimitError, match='distance of q1 from its target'):
         one.choose(Phase.HOLDING, ON, elsewhere(round(1.1 * MAX_SLIP * 430_000)), 0.0)
 
@@ -148,7 +148,7 @@ def test_whatever_the_source_says_no_step_to_the_drives_is_too_large(cycles):
             one.choose(phase, command, HERE, 0.0)
         except ManipulatorError:
             assert one.counts == before
-            one.choose(Phase.STOPPING, Command(0x02, CSP), HERE, 0.0)
+            one.choose(Phase.STOPPING, AxisCommand(0x02, CSP), HERE, 0.0)
             continue
         if command is ON:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1

@@ -25,7 +25,7 @@ from facade_manipulator.drives.cia402.states import (
     State,
     TRANSITIONS,
 )
-from facade_manipulator.drives.simulated.drive import Identity, SimulatedDrive
+from facade_manipulator.drives.simulated.drive import SimulatedDrive, SimulatedIdentity
 from facade_manipulator.errors import ParameterError
 
 EDS = import_od(str(load_profile('simulated').eds), 2)
@@ -426,7 +426,7 @@ def test_a_drive_of_wrong_node_id_is_rejected():
 
 
 def test_identity_is_zero_by_default_and_survives_a_reset():
-    bench = Bench(identity=Identity(0xFB, 0x65510000, 0x01700000, 0x12345678)).boot()
+    bench = Bench(identity=SimulatedIdentity(0xFB, 0x65510000, 0x01700000, 0x12345678)).boot()
     bench.nmt(NMT_RESET)
     bench.wait(0.1)
     assert bench.read(0x1018, 4) == 0x12345678

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
-from facade_manipulator.drives.simulated.drive import Identity
+from facade_manipulator.drives.simulated.drive import SimulatedIdentity
 from facade_manipulator.drives.simulated.network import FrameFilter, FrameLoss
 from facade_manipulator.errors import ParameterError
 
@@ -144,13 +144,14 @@ def test_a_reboot_shows_as_a_boot_up_message_and_power_off():
 
 def test_a_swapped_drive_boots_with_its_own_identity():
     bench = moving()
-    bench.drive.set_identity(Identity(5, 6, 7, 8))
+    bench.drive.set_identity(SimulatedIdentity(5, 6, 7, 8))
     assert (0x702, b'\x00') in bench.wait(0.2)
     assert [bench.read(0x1018, n) for n in range(1, 5)] == [5, 6, 7, 8]
 
 
 def test_two_drives_on_one_node_id_answer_both():
-    first, second = Bench(identity=Identity(1, 2, 3, 4)), Bench(identity=Identity(1, 2, 3, 5))
+    first, second = (
+        Bench(identity=SimulatedIdentity(1, 2, 3, number)) for number in (4, 5))
     request = bytes([0x40, 0x18, 0x10, 4, 0, 0, 0, 0])
     answers = {first.boot().sdo(request), second.boot().sdo(request)}
     assert len(answers) == 2
