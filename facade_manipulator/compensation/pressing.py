@@ -187,11 +187,15 @@ class Pressing:
         self.mode, self._progress, self._untouched, self.desired = mode, 0.0, 0.0, 0.0
 
     def _leave_retreat(self) -> None:
-        """Look for the wall once the head is back and all is well."""
+        """Look for the wall once the head is back and off it, as if it had never been touched."""
         is_back = self._is_blocked or self.y.offset <= -self.press.retreat
         if self._latched or not is_back:
             return
+        if self.y.force > TOUCH:  # where the head began on the wall, it is still on its way back
+            self.reason = f'{self.y.force:.1f} N are measured before the wall is looked for'
+            return
         self.watch.begin()
+        self.stiffness = ContactStiffness(self.press.contact_stiffness)
         self.reason = ''
         self._enter(PressMode.SEARCHING)
 

@@ -7,6 +7,7 @@ import pytest
 from facade_manipulator.compensation.contact import Contact
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.lateral import LateralSettings
+from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, Wrench
 
@@ -41,9 +42,9 @@ def test_without_contact_settings_the_reference_stays_as_it_is():
 
 def test_every_axis_is_shifted_by_its_own_measurement():
     felt = contact()
-    for k in range(1, 50):
+    for k in range(1, 100):
         now = NOW + 0.01 * k
-        felt.add_wrench(now, now, Wrench(0.0, -5.0, 0.02 + 1e-4 * k))
+        felt.add_wrench(now, now, Wrench(0.0, -5.0 if k > 50 else 0.0, 0.02 + 1e-4 * k))
         felt.add_lateral_offset(now, now, 0.02)
         shifted = felt.shift(now, now, 0.01, REFERENCE, NO_ERROR, STILL)
     assert shifted.x > REFERENCE.x
@@ -56,9 +57,26 @@ def test_a_wrench_that_stays_the_same_to_the_last_digit_is_noticed():
     felt = contact()
     for k in range(1, 200):
         now = NOW + 0.01 * k
-        felt.add_wrench(now, now, Wrench(0.0, -5.0, 0.0))
+        felt.add_wrench(now, now, Wrench(0.0, -5.0 if k > 50 else -1e-3 * k, 0.0))
         felt.shift(now, now, 0.01, REFERENCE, NO_ERROR, STILL)
     assert 'stuck' in felt.pressing.reason
+
+
+def test_a_head_that_begins_on_the_wall_goes_back_before_it_looks_for_it():
+    felt = contact()
+    first_guess = felt.pressing.stiffness.value
+    for k in range(1, 100):
+        now = NOW + 0.01 * k
+        felt.add_wrench(now, now, Wrench(0.0, -20.0 + 5.0 * math.sin(k), 0.0))
+        felt.shift(now, now, 0.01, REFERENCE, NO_ERROR, STILL)
+    assert felt.pressing.mode is PressMode.RETRACTED
+    assert 'N are measured before the wall is looked for' in felt.pressing.reason
+    for k in range(100, 140):
+        now = NOW + 0.01 * k
+        felt.add_wrench(now, now, Wrench(0.0, -1e-3 * k, 0.0))
+        felt.shift(now, now, 0.01, REFERENCE, NO_ERROR, STILL)
+    assert felt.pressing.mode is PressMode.SEARCHING
+    assert felt.pressing.stiffness.value == first_guess
 
 
 @pytest.mark.parametrize(('stamp', 'wrench', 'reason'), [
