@@ -15,9 +15,9 @@ from facade_manipulator.kinematics.planar import (
     relative,
     subtract,
     wrap_angle,
+    ZERO_POSE,
 )
 
-NOWHERE = Pose(0.0, 0.0, 0.0)
 coordinates = st.floats(-10.0, 10.0)
 angles = st.floats(-20.0, 20.0)
 poses = st.builds(Pose, coordinates, coordinates, angles)
@@ -29,8 +29,8 @@ def same(pose):
 
 @given(poses)
 def test_a_pose_and_its_inverse_lead_back_from_either_side(a):
-    assert compose(a, invert(a)) == same(NOWHERE)
-    assert compose(invert(a), a) == same(NOWHERE)
+    assert compose(a, invert(a)) == same(ZERO_POSE)
+    assert compose(invert(a), a) == same(ZERO_POSE)
 
 
 @given(poses, poses)
@@ -46,7 +46,7 @@ def test_it_does_not_matter_which_two_of_three_poses_are_composed_first(a, b, c)
 
 @given(poses)
 def test_nowhere_changes_no_pose(a):
-    assert compose(a, NOWHERE) == same(a) == compose(NOWHERE, a)
+    assert compose(a, ZERO_POSE) == same(a) == compose(ZERO_POSE, a)
 
 
 def test_the_order_of_two_poses_matters():
