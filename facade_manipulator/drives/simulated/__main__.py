@@ -18,6 +18,7 @@ from typing import Any
 from facade_manipulator.drives.canopen import BusSettings, open_bus
 from facade_manipulator.drives.cia402 import AxisScale, AxisSettings, DEFAULT_AXES
 from facade_manipulator.drives.simulated.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.drives.simulated.lss import UNCONFIGURED
 from facade_manipulator.drives.simulated.motor import SimulationSettings
 from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.errors import BusError, ManipulatorError
@@ -26,7 +27,8 @@ from facade_manipulator.parameters import METADATA_KEY
 USAGE_ERROR, BUS_ERROR = 2, 3
 
 # settings that the options give for each drive, or that its profile knows
-_NO_OPTIONS = {'start_position', 'direction', 'velocity_unit'}
+_NO_OPTIONS = {'start_position', 'direction', 'lead', 'velocity_unit'}
+_NEW_SERIALS = (4711, 4712, 4713)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -57,7 +59,7 @@ def _simulate(options: argparse.Namespace, stopping: threading.Event) -> None:
     simulator = DriveSimulator(open_bus(bus), drives, reopen=lambda: open_bus(bus))
     try:
         with simulator:
-            nodes = ', '.join(str(node_id) for node_id in options.node_ids)
+            nodes = ', '.join(str(drive.node_id) for drive in drives)
             print(f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}',
                   flush=True)
             stopping.wait()
@@ -81,16 +83,26 @@ def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
     axes = [
         AxisSettings(**{
             **scale, 'node_id': node_id, 'profile': options.profile, 'direction': direction,
+            'lead': lead,
             'vendor_id': options.vendor_id, 'product_code': options.product_code,
             'serial_number': serial, 'home_position': start,
             'lower_limit': settings.lower_stop, 'upper_limit': settings.upper_stop})
-        for node_id, direction, serial, start in zip(
+        for node_id, direction, lead, serial, start in zip(
             options.node_ids,
             _one_each('directions', options.directions, count),
-            _one_each('serial-numbers', options.serial_numbers or options.node_ids, count),
+            _one_each('leads', options.leads, count),
+            _one_each('serial-numbers', _serial_numbers(options), count),
             _one_each('start-positions', options.start_positions, count), strict=True)
     ]
-    return simulated_drives(axes, settings)
+    drives = simulated_drives(axes, settings)
+    for drive in drives if options.new else ():
+        drive.lss.stored = options.new
+        drive.reboot()
+    return drives
+
+
+def _serial_numbers(options: argparse.Namespace) -> Sequence[int]:
+    return options.serial_numbers or (_NEW_SERIALS if options.new else options.node_ids)
 
 
 def _one_each(name: str, values: Sequence[Any], count: int) -> Sequence[Any]:
@@ -132,7 +144,12 @@ def _parser() -> argparse.ArgumentParser:
         help='where the carriages stand [m]')
     add('--directions', type=int, nargs='+', default=[1],
         help='-1: positive counts move the carriage to negative q')
+    add('--leads', type=float, nargs='+', default=[AxisScale().lead],
+        help='travel of the carriage per revolution of the screw [m]')
     add('--serial-numbers', type=_number, nargs='+', help='default: the node ids')
+    add('--new', type=int, nargs='?', const=1, default=0, choices=(1, UNCONFIGURED),
+        help=f'as from the box: all are node 1, or with {UNCONFIGURED} have no node id, until LSS '
+             'gives them one')
     add('--vendor-id', type=_number, default=0, help='vendor of all drives')
     add('--product-code', type=_number, default=0, help='product code of all drives')
     for settings in (BusSettings, AxisScale, SimulationSettings):
@@ -161,6 +178,8 @@ def _help(item: Field[Any]) -> str:
 def _value_type(item: Field[Any]) -> dict[str, Any]:
     if isinstance(item.default, tuple):
         return {'type': _number, 'nargs': '*'}
+    if isinstance(item.default, bool):
+        return {'action': 'store_true'}
     return {'type': type(item.default)}
 
 

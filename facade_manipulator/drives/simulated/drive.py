@@ -89,6 +89,8 @@ class SimulatedDrive(SimulatedNode):
         self._control = objects.writers[0x6040, 0]
         objects.writers[0x6040, 0] = self._write_controlword
         objects.readers[0x6041, 0] = self._statusword
+        objects.defaults[0x100A, 0] = settings.firmware_version
+        objects.readers[0x60FD, 0] = lambda: self.motor.inputs ^ objects.values[0x3141, 2]
         objects.defaults[0x6076, 0] = round(self._scale.rated_torque * 1e6)
         super().__init__(objects, axis, self._report_once, settings.boot_time, profile.quirks)
         self.set_identity(identity or SimulatedIdentity())

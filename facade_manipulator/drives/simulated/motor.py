@@ -8,6 +8,7 @@ Everything here counts in encoder counts from the middle of the rail, in the dri
 from __future__ import annotations
 
 import math
+import random
 
 from facade_manipulator.drives.cia402 import AxisScale
 from facade_manipulator.errors import ParameterError
@@ -57,11 +58,21 @@ class SimulationSettings:
         0.0, 'Middle of the home switch', unit='m', minimum=-10.0, maximum=10.0)
     home_switch_width: float = parameter(
         0.01, 'Travel over which the home switch is on', unit='m', minimum=1e-4, maximum=1.0)
+    home_switch_opens: bool = parameter(
+        False, 'Whether the home switch opens at home: its input is on everywhere else')
+    home_switch_bounce: float = parameter(
+        0.0, 'Travel around an edge of the home switch over which it bounces', unit='m',
+        minimum=0.0, maximum=0.01)
+    backlash: float = parameter(
+        0.0, 'Play between the motor, whose encoder counts, and the carriage', unit='m',
+        minimum=0.0, maximum=0.01)
     contact_stiffness: float = parameter(
         60e3, 'Force on a hard stop per travel that the servo still wants', unit='N/m',
         minimum=1.0, maximum=1e9)
     boot_time: float = parameter(
         0.05, 'Time from reset to the boot-up message', unit='s', minimum=0.0, maximum=10.0)
+    firmware_version: str = parameter(
+        '1.0', 'Software version that the drive reports (100Ah)')
     missing_objects: tuple[int, ...] = parameter(
         (), 'Indices of objects that this drive does not have')
 
@@ -91,7 +102,7 @@ class SimulatedMotor:
     Attributes
     ----------
     position, velocity : float
-        Of the carriage, in counts and counts/s.
+        Of the motor, in counts and counts/s.
     torque : float
         In thousandths of the rated torque.
     lag : float
@@ -116,6 +127,9 @@ class SimulatedMotor:
         self.peak_speed = settings.peak_speed * self._per_metre
         self.peak_acceleration = settings.peak_acceleration * self._per_metre
         self.lag = settings.lag
+        self._play = settings.backlash * self._per_metre / 2.0
+        self._bounce = settings.home_switch_bounce * self._per_metre / 2.0
+        self._chance = random.Random(0)
         self.external_force = 0.0
         self.place(settings.start_position)
 
@@ -125,7 +139,7 @@ class SimulatedMotor:
 
     def place(self, position: float) -> None:
         """Put the carriage, at rest, at a position in m along the rail."""
-        self.position = position * self._direction * self._per_metre
+        self.position = self._carriage = position * self._direction * self._per_metre
         self.velocity = 0.0
         self.torque = 0.0
         self.is_limited = False
@@ -133,21 +147,29 @@ class SimulatedMotor:
     @property
     def carriage_position(self) -> float:
         """Where the carriage really is, in m along the rail, whatever the drive believes."""
-        return self.position * self._direction / self._per_metre
+        return self._carriage * self._direction / self._per_metre
 
     @property
     def inputs(self) -> int:
         """The switches, as bits of 60FD."""
         lower, upper = self._switches
+        return (NEGATIVE_LIMIT * (self._carriage <= lower)
+                | POSITIVE_LIMIT * (self._carriage >= upper)
+                | HOME_SWITCH * (self._at_home != self._settings.home_switch_opens))
+
+    @property
+    def _at_home(self) -> bool:
         near, far = self._home
-        return (NEGATIVE_LIMIT * (self.position <= lower)
-                | POSITIVE_LIMIT * (self.position >= upper)
-                | HOME_SWITCH * (near <= self.position <= far))
+        distance = min(abs(self._carriage - near), abs(self._carriage - far))
+        if distance < self._bounce:
+            return self._chance.random() < 0.5
+        return near <= self._carriage <= far
 
     def edge(self, switch: int) -> float:
-        """Return the position in counts of the nearest edge of a switch."""
+        """Return what the motor counts, without a change of direction, at a switch's edge."""
         edges = {NEGATIVE_LIMIT: self._switches[:1], POSITIVE_LIMIT: self._switches[1:]}
-        return min(edges.get(switch, self._home), key=lambda edge: abs(edge - self.position))
+        found = min(edges.get(switch, self._home), key=lambda edge: abs(edge - self._carriage))
+        return found + self.position - self._carriage
 
     def follow(
         self, demand: float, speed: float, step: float,
@@ -202,15 +224,20 @@ class SimulatedMotor:
         self.velocity = velocity
         self.position += velocity * step
         lower, upper = self._stops
-        wall = min(max(self.position, lower), upper)
+        wall = min(max(self.position, lower - self._play), upper + self._play)
         push = 0.0
         if wall != self.position:
             self.position, self.velocity, acceleration = wall, 0.0, 0.0
             push = 0.0 if demand is None else demand - wall
-        self._load(acceleration / self._per_metre, push / self._per_metre, step)
+        before = self._carriage
+        self._carriage = min(max(before, self.position - self._play), self.position + self._play)
+        speed = (self._carriage - before) / step
+        if self._play and speed == 0.0:
+            acceleration = 0.0  # the motor turns in the play, and nothing hangs on it
+        self._load(speed / self._per_metre, acceleration / self._per_metre,
+                   push / self._per_metre, step)
 
-    def _load(self, acceleration: float, push: float, step: float) -> None:
-        speed = self.velocity / self._per_metre
+    def _load(self, speed: float, acceleration: float, push: float, step: float) -> None:
         friction = self._settings.coulomb_friction * speed / (abs(speed) + _FRICTION_SPEED)
         force = (self._settings.moving_mass * acceleration + friction
                  + self._settings.viscous_friction * speed

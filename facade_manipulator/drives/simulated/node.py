@@ -13,6 +13,8 @@ from collections.abc import Callable
 import math
 from typing import Any
 
+from canopen.lss import LssMaster
+
 from facade_manipulator.drives.canopen import (
     Emergency,
     encode_emergency,
@@ -23,6 +25,7 @@ from facade_manipulator.drives.canopen import (
 )
 from facade_manipulator.drives.cia402 import Quirks
 from facade_manipulator.drives.simulated.axis import SimulatedAxis
+from facade_manipulator.drives.simulated.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.drives.simulated.network import (
     ErrorHistory,
     Frame,
@@ -35,6 +38,7 @@ from facade_manipulator.drives.simulated.objects import (
     COMMUNICATION_OBJECTS,
     ObjectServer,
     ObjectStore,
+    STORE,
 )
 from facade_manipulator.drives.simulated.pdo import ProcessData
 from facade_manipulator.errors import ParameterError
@@ -72,7 +76,11 @@ class SimulatedNode:
     Attributes
     ----------
     node_id : int
-        Its number, 1 to 127.
+        Its number, 1 to 127, or 255 until LSS gives it one: then it is silent.
+    lss : LssSlave
+        The node id that it stores.
+    loses_power_when_storing : bool
+        Fault injection: 1010h leaves it empty.
     objects, axis
         The parameters.
     errors : ErrorHistory
@@ -89,8 +97,10 @@ class SimulatedNode:
         boot_time: float, quirks: Quirks,
     ) -> None:
         self.node_id = node_id = objects.node_id
-        if not 1 <= node_id <= pdo.MASTER_NODE_ID:
+        if not 1 <= node_id <= pdo.MASTER_NODE_ID and node_id != UNCONFIGURED:
             raise ParameterError(f'node id = {node_id} is not from 1 to {pdo.MASTER_NODE_ID}')
+        self.lss = LssSlave(
+            node_id, lambda: tuple(objects.values[0x1018, n] for n in range(1, 5)))
         self.objects, self.axis, self._report = objects, axis, report
         self.errors = ErrorHistory(objects)
         self._boot_time = boot_time
@@ -98,9 +108,10 @@ class SimulatedNode:
         self._outbox: list[Frame] = []
         self._now = 0.0
         self._known_routes: dict[int, Route] | None = None
-        self.is_silent = self.is_deaf = False
+        self.is_silent = self.is_deaf = self.loses_power_when_storing = False
         self._sending, self._receiving = FrameFilter(), FrameFilter()
         self._sdo = ObjectServer(node_id, objects, self)
+        self._keep = objects.writers[STORE]
         self._pdo = ProcessData(
             objects, self.send_message, lambda: report(PDO_TOO_SHORT),
             event_driven=not quirks.pdo_only_on_sync)
@@ -110,6 +121,7 @@ class SimulatedNode:
             (0x1005, 0): self._forget_routes,
             (0x1016, 1): self._watch_master,
             (0x1017, 0): self._restart_heartbeat,
+            STORE: self._store,
         })
         self.reboot()
 
@@ -171,7 +183,8 @@ class SimulatedNode:
 
     def _flush(self, now: float) -> list[Frame]:
         frames, self._outbox = self._outbox, []
-        return [] if self.is_silent else self._sending.carry(frames, now)
+        is_off = self.is_silent or self._boot_at < math.inf
+        return [] if is_off else self._sending.carry(frames, now)
 
     def send_message(self, cob_id: int, data: bytes) -> None:
         """Put a frame into the outbox."""
@@ -190,7 +203,9 @@ class SimulatedNode:
         return self._known_routes
 
     def _make_routes(self) -> dict[int, Route]:
-        routes: dict[int, Route] = {}
+        routes: dict[int, Route] = {LssMaster.LSS_TX_COBID: self._on_lss}
+        if self.node_id == UNCONFIGURED:
+            return routes
         if self.nmt_state is NmtState.OPERATIONAL:
             routes.update(dict.fromkeys(self._pdo.cob_ids, self._on_rpdo))
             routes[self.objects.values[0x1005, 0] & 0x7FF] = self._on_sync
@@ -223,6 +238,20 @@ class SimulatedNode:
             self.errors.discard(HEARTBEAT_LOST)
             self._announce()
 
+    def _on_lss(self, cob_id: int, data: bytes) -> None:
+        answer = self.lss.receive(data, self.node_id)
+        if answer is not None:
+            self.send_message(LssMaster.LSS_RX_COBID, answer)
+        if (self.node_id == UNCONFIGURED and not self.lss.is_selected
+                and self.lss.pending != UNCONFIGURED):
+            self._restart()
+
+    def _store(self, signature: int) -> None:
+        self._keep(signature)
+        if self.loses_power_when_storing:
+            self.objects.stored.clear()
+            self.reboot()
+
     # --- network management
 
     def reboot(self) -> None:
@@ -232,6 +261,7 @@ class SimulatedNode:
         Objects, errors and axis lose what was written to them; it boots.
 
         """
+        self.lss.power_up()
         self.objects.reset()
         self.errors.forget()
         self.axis.reset()
@@ -262,14 +292,26 @@ class SimulatedNode:
 
     def _restart(self) -> None:
         self._boot_at = self._now + self._boot_time
+        if self.lss.pending != self.node_id:
+            self._take_node_id(self.lss.pending)
         self._producer.deadline = math.inf
         self._consumer.forget()
         self._pdo.forget()
         self.nmt_state = NmtState.INITIALISING
         self._forget_routes()
 
+    def _take_node_id(self, node_id: int) -> None:
+        self.node_id = node_id
+        if node_id != UNCONFIGURED:
+            self.objects.set_node_id(node_id)
+            self.objects.reset(COMMUNICATION_OBJECTS)
+            self._sdo.rx_cobid = pdo.sdo_request_cob_id(node_id)
+            self._sdo.tx_cobid = pdo.sdo_response_cob_id(node_id)
+
     def _boot(self) -> None:
         self._boot_at = math.inf
+        if self.node_id == UNCONFIGURED:
+            return
         self.send_message(pdo.heartbeat_cob_id(self.node_id), bytes([NmtState.INITIALISING]))
         self._enter_nmt(NmtState.OPERATIONAL if self._boots_operational
                         else NmtState.PRE_OPERATIONAL)

@@ -10,7 +10,7 @@ CiA 301, SDO abort codes.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 import struct
 from typing import Any
@@ -30,6 +30,7 @@ READ_ONLY = 0x06010002
 NO_OBJECT = 0x06020000
 NOT_MAPPABLE = 0x06040041
 MAPPING_TOO_LONG = 0x06040042
+DATA_NOT_STORED = 0x08000020
 TOO_LONG = 0x06070012
 TOO_SHORT = 0x06070013
 NO_SUBINDEX = 0x06090011
@@ -41,6 +42,10 @@ INVALID_COMMAND = 0x05040001
 OUT_OF_MEMORY = 0x05040005
 
 COMMUNICATION_OBJECTS = range(0x1000, 0x2000)
+STORE, RESTORE = (0x1010, 1), (0x1011, 1)
+_SIGNATURES = {
+    STORE: int.from_bytes(b'save', 'little'), RESTORE: int.from_bytes(b'load', 'little')}
+_COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A}  # writable, but nothing to keep
 _LONGEST_DOWNLOAD = 64
 _MULTIPLEXER = struct.Struct('<BHB')
 
@@ -69,7 +74,9 @@ class ObjectStore:
         Value of each object after a reset, by (index, subindex); a drive changes those in which
         it differs from others of its type.
     values : dict
-        Stored value by (index, subindex).
+        Present value by (index, subindex).
+    stored : dict
+        What 1010h has stored: the values that differ from the defaults.
     readers : dict
         For objects whose value is measured: called instead of reading `values`.
     writers : dict
@@ -79,6 +86,7 @@ class ObjectStore:
 
     def __init__(self, eds: Path, node_id: int, missing: tuple[int, ...] = ()) -> None:
         self.node_id = node_id
+        self._eds = eds
         self.object_dictionary = _dictionary(eds, node_id)
         self.variables = {
             (item.index, item.subindex): item
@@ -87,15 +95,39 @@ class ObjectStore:
         self._indices = {index for index, _ in self.variables}
         self.defaults = {key: variable.default for key, variable in self.variables.items()}
         self.values: dict[Key, Any] = {}
+        self.stored: dict[Key, Any] = {}
         self.readers: dict[Key, Reader] = {}
-        self.writers: dict[Key, Writer] = {}
+        self.writers: dict[Key, Writer] = {
+            STORE: partial(self._keep, STORE), RESTORE: partial(self._keep, RESTORE)}
         self.reset()
 
     def reset(self, only: range = range(0x10000)) -> None:
-        """Give the objects with an index in `only` their defaults."""
+        """Give the objects with an index in `only` what was stored, or their defaults."""
         for key, value in self.defaults.items():
             if key[0] in only:
-                self.values[key] = value
+                self.values[key] = self.stored.get(key, value)
+
+    def set_node_id(self, node_id: int) -> None:
+        """Become the objects of another node: some defaults depend on its number."""
+        before, self.node_id = self.object_dictionary, node_id
+        self.object_dictionary = _dictionary(self._eds, node_id)
+        for old, new in zip(_variables(before), _variables(self.object_dictionary), strict=True):
+            key = new.index, new.subindex
+            if key in self.variables:
+                self.variables[key] = new
+                if self.defaults[key] == old.default:
+                    self.defaults[key] = new.default
+
+    def _keep(self, command: Key, signature: int) -> None:
+        """Store all writable values, or forget them, which the next reset shows (CiA 301)."""
+        if signature != _SIGNATURES[command]:
+            raise SdoAbortedError(DATA_NOT_STORED)
+        self.stored.clear()
+        if command == STORE:
+            self.stored.update(
+                (key, self.values[key]) for key, variable in self.variables.items()
+                if variable.writable and key[0] not in _COMMANDS
+                and self.values[key] != self.defaults[key])
 
     def __contains__(self, key: Key) -> bool:
         return key in self.variables
@@ -115,7 +147,8 @@ class ObjectStore:
         writer = self.writers.get(key)
         if writer is not None:
             writer(value)
-        self.values[key] = value
+        if key not in _SIGNATURES:
+            self.values[key] = value
 
     def get_data(self, index: int, subindex: int, check_readable: bool = False) -> bytes:
         """Return an object's bytes, for the SDO server."""

@@ -166,6 +166,8 @@ def test_every_object_can_be_read_and_what_may_be_written_reads_back(index, subi
     bench = Bench().boot()
     value = bench.read(index, subindex)
     assert value is not None
+    if index in (0x1010, 0x1011):
+        return  # commands that take a signature alone
     if not bench.variable(index, subindex).writable:
         assert bench.sdo(bytes([0x2F, index & 0xFF, index >> 8, subindex, 0, 0, 0, 0]))[0] == 0x80
         return
