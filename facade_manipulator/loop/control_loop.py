@@ -27,6 +27,7 @@ from facade_manipulator.drives.controller import (
     MechanismChecks,
     POWERED_STATES,
     RecorderSettings,
+    Session,
 )
 from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
 from facade_manipulator.errors import ManipulatorError
@@ -76,7 +77,7 @@ class ControlLoop:
     Raises
     ------
     ParameterError
-        As `DriveController` does.
+        As `Session` does.
 
     """
 
@@ -84,11 +85,11 @@ class ControlLoop:
         guard = MechanismGuard(setup.geometry)
         self.follower = SetpointFollower(
             setup.stream, setup.limits, setup.controller.period, guard)
-        self.controller = DriveController(
+        self.controller = DriveController(Session(
             setup.controller, setup.axes,
             BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate),
             MechanismChecks(self.follower, guard, HomingGuard(setup.geometry)),
-            FaultRecorder(setup.recorder, setup.axes, setup.bus.channel))
+            FaultRecorder(setup.recorder, setup.axes, setup.bus.channel)))
         self.simulator = _simulate(setup) if setup.simulate_drives else None
         self._channel = channel
         self._watchdog_timeout = setup.controller.watchdog_timeout

@@ -251,7 +251,7 @@ class Driver:
         from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
         from facade_manipulator.drives.controller.controller import DriveController
         from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
-        from facade_manipulator.drives.controller.session import BusAccess
+        from facade_manipulator.drives.controller.session import BusAccess, Session
         from facade_manipulator.drives.controller.settings import ControllerSettings
         from facade_manipulator.drives.controller.targets import MechanismChecks
         from facade_manipulator.drives.simulated.drive import simulated_drives
@@ -271,9 +271,9 @@ class Driver:
             StreamSettings(), MotionLimits(), settings.period, guard)
         simulator = DriveSimulator(bus(), simulated_drives(DEFAULT_AXES))
         simulator.start()
-        self.controller = DriveController(
+        self.controller = DriveController(Session(
             settings, DEFAULT_AXES, BusAccess(bus), MechanismChecks(self.follower, guard),
-            FaultRecorder(RecorderSettings(), DEFAULT_AXES))
+            FaultRecorder(RecorderSettings(), DEFAULT_AXES)))
         self.reader = Reader(self.controller)
         for request in (
                 self.controller.configure, self.controller.home, self.controller.activate):

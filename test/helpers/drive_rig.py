@@ -12,7 +12,7 @@ from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.controller import DriveController
-from facade_manipulator.drives.controller.session import BusAccess
+from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks
@@ -80,9 +80,9 @@ class Rig:
         self.simulator.start()
         wait_until(lambda: NmtState.INITIALISING not in {d.nmt_state for d in self.drives},
                    'drives that are on')  # a boot-up while they are reset means: once more
-        self.controller = DriveController(
+        self.controller = DriveController(Session(
             settings, axes, BusAccess(self.open_bus),
-            MechanismChecks(self.source, **checks), recorder)
+            MechanismChecks(self.source, **checks), recorder))
 
     def _new_bus(self) -> can.BusABC:
         return can.Bus(interface=self.interface, channel=self.channel)

@@ -66,8 +66,9 @@ class Group:
     """
     State machine of the three axes.
 
-    `cause` is why it stopped, `is_settled` whether all drives have done the present step,
-    `not_responding` which axes did not respond to a quick stop.
+    `phase` is what it is doing, `commands` what to command now (`step` may add bits to it),
+    `cause` why it stopped, `is_settled` whether all drives have done the present step, `homing`
+    the last homing, `not_responding` which axes did not respond to a quick stop.
 
     Parameters
     ----------
@@ -92,16 +93,11 @@ class Group:
         self._step_timeout = settings.step_timeout
         self._max_resets = settings.max_resets
         self._resets: deque[float] = deque(maxlen=settings.max_resets)
-        self._homing: HomingSequence | None = None
+        self.homing: HomingSequence | None = None
         self._last_feedback: tuple[Feedback, ...] = ()
         self._steppers = tuple(AxisStepper(name) for name in names)
         self._enable = plans.enable_plan(settings.hold_cycles)
         self._begin(plans.OFF, now)
-
-    @property
-    def phase(self) -> Phase:
-        """What the group is doing."""
-        return self._plan[0][0]
 
     @property
     def is_powered(self) -> bool:
@@ -120,7 +116,7 @@ class Group:
         """
         self._require('activate', Phase.OFF, Phase.HALTED)
         self._require_settled('activate')
-        self._homing = None
+        self.homing = None
         self._begin(plans.FOLLOW if self.phase is Phase.HALTED else self._enable, now)
 
     def home(self, sequence: HomingSequence, now: float) -> None:
@@ -135,7 +131,7 @@ class Group:
         """
         self._require('home', Phase.OFF)
         self._require_settled('home')
-        self._homing = sequence
+        self.homing = sequence
         self._begin(plans.HOME, now)
 
     def disable(self, now: float) -> None:
@@ -202,9 +198,14 @@ class Group:
                 f'the cause ({self.cause.message}), the next reset is possible in {wait:.0f} s')
 
     @property
+    def causes(self) -> tuple[Cause, ...]:
+        """Why it is stopped, the first cause first; empty while it is not."""
+        return () if self.cause is None else (self.cause, *self.further_causes)
+
+    @property
     def severest_cause(self) -> Cause | None:
         """The cause whose remedy fixes all: the first that asks to configure, or the first."""
-        return next((cause for cause in self._causes() if cause.configure_again), self.cause)
+        return next((cause for cause in self.causes if cause.configure_again), self.cause)
 
     @property
     def needs_configuration(self) -> bool:
@@ -217,7 +218,7 @@ class Group:
             self.cause = cause
         elif self.cause.is_completed_by(cause):
             self.cause = self.cause.completed_by(cause)
-        elif cause not in self._causes():
+        elif cause not in self.causes:
             self.further_causes.append(cause)
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
             self._begin(plans.STOP_AND_CUT_POWER, now)
@@ -266,7 +267,7 @@ class Group:
         return self.is_settled and len(self._plan) == 1 and feedback == self._last_feedback
 
     def _may_proceed(self, phase: Phase) -> bool:
-        return len(self._plan) > 1 and (phase is not Phase.HOMING or self._homing.done)
+        return len(self._plan) > 1 and (phase is not Phase.HOMING or self.homing.done)
 
     def _proceed(self, now: float) -> None:
         self._begin(self._plan[1:], now)
@@ -274,11 +275,6 @@ class Group:
             self.cause = None
             self.further_causes.clear()
             self.not_responding.clear()
-
-    @property
-    def commands(self) -> tuple[AxisCommand, ...]:
-        """What to command now; `step` may add bits to it."""
-        return self._present
 
     def _commands(self, bits: list[int]) -> tuple[AxisCommand, ...]:
         if self.phase is not Phase.HOMING:
@@ -288,12 +284,12 @@ class Group:
             for command, extra in zip(self.commands, bits, strict=True))
 
     def _homing_bits(self, number: int, feedback: Feedback, now: float) -> int:
-        if self._homing is None:
+        if self.homing is None:
             return 0
         if self.phase is not Phase.HOMING:
-            self._homing.axes[number].watch(feedback)
+            self.homing.axes[number].watch(feedback)
             return 0
-        return self._homing.advance(number, feedback, now)
+        return self.homing.advance(number, feedback, now)
 
     def _require_following(self, number: int, feedback: Feedback) -> None:
         if self.phase in FOLLOWING_PHASES and feedback.statusword & Status.FOLLOWING_ERROR:
@@ -313,9 +309,6 @@ class Group:
 
     def _explains(self, cause: Cause) -> bool:
         return self.cause.is_vague and not cause.is_vague and cause.axis == self.cause.axis
-
-    def _causes(self) -> tuple[Cause, ...]:
-        return (*((self.cause,) if self.cause else ()), *self.further_causes)
 
     def _require(self, request: str, *phases: Phase) -> None:
         if self.phase in phases:
@@ -338,9 +331,9 @@ class Group:
         self._plan = plan
         self._cycles = 0
         self.is_settled = False
-        phase, step = plan[0]
+        self.phase, step = plan[0]
         self._mode = self._mode if step.mode is None else step.mode
-        self._present = (AxisCommand(step.controlword, self._mode),) * len(self._steppers)
-        self._deadline = now + self._timeouts.get(phase, self._step_timeout)
+        self.commands = (AxisCommand(step.controlword, self._mode),) * len(self._steppers)
+        self._deadline = now + self._timeouts.get(self.phase, self._step_timeout)
         for stepper in self._steppers:
             stepper.begin(step, self._deadline)

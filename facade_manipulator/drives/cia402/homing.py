@@ -120,9 +120,14 @@ class HomingSequence:
         self.axes = axes
 
     @property
+    def homed(self) -> tuple[bool, ...]:
+        """Return which axes are homed."""
+        return tuple(axis.state is HomingState.HOMED for axis in self.axes)
+
+    @property
     def done(self) -> bool:
         """Return whether every axis is homed."""
-        return all(axis.state is HomingState.HOMED for axis in self.axes)
+        return all(self.homed)
 
     @property
     def due(self) -> int | None:

@@ -9,7 +9,7 @@ from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.cycle import CycleStatistics, LATENESS_BOUNDS
 from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
-from facade_manipulator.drives.controller.session import BusAccess
+from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import (
     ACTIVE_STATES,
@@ -35,4 +35,5 @@ __all__ = [
     'MechanismChecks',
     'POWERED_STATES',
     'RecorderSettings',
+    'Session',
 ]

@@ -17,17 +17,15 @@ import logging
 import threading
 import time
 
-from facade_manipulator.drives.cia402 import AxisSettings, Cause, CLEAR_REMEDY, Phase
+from facade_manipulator.drives.cia402 import Cause, CLEAR_REMEDY, Phase
 from facade_manipulator.drives.controller import motion_operations, service_operations
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.operation import Operation
 from facade_manipulator.drives.controller.realtime import request_realtime
-from facade_manipulator.drives.controller.recorder import FaultRecorder
 from facade_manipulator.drives.controller.service_operations import CLOSING_TIMEOUT
-from facade_manipulator.drives.controller.session import BusAccess, Session
-from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
-from facade_manipulator.drives.controller.targets import allow_anything, MechanismChecks
+from facade_manipulator.drives.controller.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0
@@ -44,7 +42,6 @@ _STATES = {
     Phase.STOPPED: ControllerState.STOPPED,
     Phase.RESETTING: ControllerState.CLEARING,
 }
-_NO_TARGETS = (None, None, None)
 _log = logging.getLogger(__name__)
 
 
@@ -57,31 +54,18 @@ class DriveController:
 
     Parameters
     ----------
-    settings : ControllerSettings
-    axes : tuple of AxisSettings
-        q1, q2, q3.
-    bus : BusAccess
-    mechanism : MechanismChecks
-    recorder : FaultRecorder, optional
-        Gets every frame, and writes the last minute down when the drives stop.
+    session : Session
+        The drives and their bus; from now on the control thread's.
 
     Attributes
     ----------
     observe : callable
         Takes the snapshot of each cycle, in the control thread; must not wait.
 
-    Raises
-    ------
-    ParameterError
-        Settings contradict each other, a drive profile is missing, or the bus load is too high.
-
     """
 
-    def __init__(
-        self, settings: ControllerSettings, axes: tuple[AxisSettings, ...], bus: BusAccess,
-        mechanism: MechanismChecks, recorder: FaultRecorder | None = None,
-    ) -> None:
-        self._session = Session(settings, axes, bus, mechanism, recorder)
+    def __init__(self, session: Session) -> None:
+        self._session = session
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything
         self._operation: Operation | None = None
         self._future: Future[str] | None = None
@@ -132,8 +116,8 @@ class DriveController:
         connection, group = self._session.connection, self._session.group
         if group is None:
             return  # no drive has power before the drives are configured
-        self._session.supervision.stops.append(Cause(cause, remedy))
         if connection is not None:
+            connection.exchange.stops.append(Cause(cause, remedy))
             with suppress(BusError):  # the control thread meets the same error and handles it
                 connection.exchange.send_stop()
 
@@ -282,29 +266,9 @@ class DriveController:
     # --- the snapshot
 
     def _publish(self, now: float) -> None:
-        """Replace the snapshot; let the recorder see why the drives are stopped."""
-        session, causes = self._session, self._session.causes
-        if session.recorder is not None:
-            session.recorder.watch(causes, now)
-        targets = session.targets.positions or _NO_TARGETS
-        self._snapshot = ControllerSnapshot(
-            state=self._present_state(),
-            stamp=session.sync_stamp,
-            axes=tuple([monitor.snapshot(target, now) for monitor, target in zip(
-                session.monitors, targets, strict=True)]),
-            causes=causes,
-            next_step=session.group.severest_cause.remedy if causes else '',
-            notes=self._notes(),
-            cycle=session.cycle_statistics,
-            bus=session.bus_statistics,
-            bus_error=session.lost.message if session.lost is not None else '',
-            bus_load=session.bus_load,
-        )
+        """Replace the snapshot, once a cycle and when a request ends."""
+        self._snapshot = self._session.snapshot(self._present_state(), self._rejected, now)
         self.observe(self._snapshot)
-
-    def _notes(self) -> tuple[str, ...]:
-        notes, recorder = self._rejected + self._session.notes, self._session.recorder
-        return (*notes, recorder.last_outcome) if recorder and recorder.last_outcome else notes
 
     def _present_state(self) -> ControllerState:
         session = self._session

@@ -12,6 +12,8 @@ from __future__ import annotations
 from bisect import bisect_right
 from typing import NamedTuple
 
+from facade_manipulator.drives.cia402 import Cause, COMPUTER_REMEDY
+
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
 COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC
 MIN_GAP = 0.2  # between our commands and our next SYNC
@@ -98,6 +100,19 @@ class CycleClock:
     def next_event(self) -> float:
         """When something is due by itself at the latest."""
         return self._answers_due if self.is_open else self._next_sync
+
+    def causes(self, bound: int, is_powered: bool) -> list[Cause]:
+        """Return why to stop: the loop was late with power on, or SYNC missing, `bound` times."""
+        causes = []
+        if self.late_in_a_row >= bound and is_powered:
+            causes.append(Cause(
+                f'the control loop was late {self.late_in_a_row} cycles in a row, bound {bound}',
+                COMPUTER_REMEDY))
+        if self.overdue_in_a_row >= bound:
+            causes.append(Cause(
+                f'the kernel sent no SYNC for {self.overdue_in_a_row} periods, bound {bound}',
+                'clean up and configure again', configure_again=True))
+        return causes
 
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp

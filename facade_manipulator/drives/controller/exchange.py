@@ -7,6 +7,7 @@ Nothing in here waits but for the next frame or the next deadline.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 import time
 
@@ -33,9 +34,8 @@ from facade_manipulator.drives.cia402 import (
 )
 from facade_manipulator.drives.controller.commissioning import Reception, send_nmt
 from facade_manipulator.drives.controller.cycle import cycle_clock
-from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.monitor import AxisMonitor, silences
 from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.supervision import Supervision
 from facade_manipulator.drives.controller.targets import Targets
 from facade_manipulator.errors import ManipulatorError
 
@@ -56,7 +56,6 @@ class CyclicExchange:
     monitors : tuple of AxisMonitor
     settings : ControllerSettings
     targets : Targets
-    supervision : Supervision
 
     Attributes
     ----------
@@ -64,6 +63,8 @@ class CyclicExchange:
         Where a worker thread sends SDO requests; the answers are handed to it here.
     reception : Reception
         Wakes a worker thread that waits for a heartbeat or boot-up message.
+    stops : deque of Cause
+        Stops asked for; any thread may append.
     transmits : bool
         Whether heartbeats are sent; a bus that was just found again is only listened to.
     has_stepped : bool
@@ -73,19 +74,19 @@ class CyclicExchange:
 
     def __init__(
         self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
-        targets: Targets, supervision: Supervision,
+        targets: Targets,
     ) -> None:
         self.group: Group | None = None
         self.network = PumpedNetwork(bus)
         self.reception = Reception()
         self.clock = cycle_clock(settings.period, bus.has_kernel_sync)
+        self.stops: deque[Cause] = deque(maxlen=16)
         self.transmits = True
         self.has_stepped = False
         self._bus = bus
         self._monitors = monitors
         self._settings = settings
         self._targets = targets
-        self._supervision = supervision
         # a target that is sent now is latched at the next SYNC and reached one period later
         self._lead = 2.0 * settings.period + settings.drive_lag
         self._next_heartbeat = 0.0
@@ -210,45 +211,57 @@ class CyclicExchange:
 
     def _time_to_next_event(self, now: float) -> float:
         event = now + LONGEST_WAIT
-        if self.transmits and self._next_heartbeat < event:
-            event = self._next_heartbeat
-        if self.group is not None and self.clock.next_event < event:
-            event = self.clock.next_event
+        if self.transmits:
+            event = min(event, self._next_heartbeat)
+        if self.group is not None:
+            event = min(event, self.clock.next_event)
         return event - now
 
     def _turn(self, now: float, all_read: bool) -> None:
         clock = self.clock
-        if clock.is_open and clock.step_due(
-                now, self._answers(), len(self._monitors), all_read):
+        if not clock.is_open:
+            if clock.sync_due(now, all_read):
+                self._send_sync()
+        elif clock.step_due(now, self._answers(), len(self._monitors), all_read):
             self._step(now)
-        if clock.sync_due(now, all_read):
-            self._send_sync()
 
     def _answers(self) -> int:
         return [monitor.is_fresh for monitor in self._monitors].count(True)
 
     def _step(self, now: float) -> None:
         in_time = self.clock.finish(now, self._answers() == len(self._monitors))
-        for monitor in self._monitors:
-            monitor.end_cycle()
+        feedback = tuple([monitor.end_cycle() for monitor in self._monitors])
         group = self.group
-        for cause in self._supervision.causes(group, self._monitors):
-            group.stop(cause, now)
-        for cause in self._supervision.timing_causes(
-                group, self._monitors, self.clock, self._read_until):
-            group.stop(cause, now)
-        commands = group.step(self._feedback(), now)
+        self._supervise(now)
+        if group.phase is Phase.RAMPING and not self._targets.mechanism.source.at_rest:
+            feedback = tuple(one._replace(at_rest=False) for one in feedback)
+        commands = group.step(feedback, now)
         if in_time or group.phase not in FOLLOWING_PHASES:
             commands = self._choose_targets(commands, now)
             self._send_commands(commands)
         self._take_out_of_operation()
         self.has_stepped = True
 
-    def _feedback(self) -> tuple:
-        feedback = tuple([monitor.feedback for monitor in self._monitors])
-        if self.group.phase is Phase.RAMPING and not self._targets.source.at_rest:
-            return tuple(one._replace(at_rest=False) for one in feedback)
-        return feedback
+    def _supervise(self, now: float) -> None:
+        """Stop for what no frame brings: a request, carriages that home, silence, a late loop."""
+        group = self.group
+        while self.stops:
+            group.stop(self.stops.popleft(), now)
+        if group.phase is Phase.HOMING:
+            self._supervise_homing(now)
+        if group.phase not in STOPPED_PHASES:
+            for cause in (*silences(self._monitors, self._read_until), *self.clock.causes(
+                    self._settings.max_missed_cycles, group.is_powered)):
+                group.stop(cause, now)
+
+    def _supervise_homing(self, now: float) -> None:
+        positions = tuple(monitor.position for monitor in self._monitors)
+        try:
+            self._targets.mechanism.check_homing(positions, self.group.homing.homed)
+        except ManipulatorError as error:
+            self.group.stop(Cause(
+                f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
+                'faults, then home'), now)
 
     def _choose_targets(
         self, commands: tuple[AxisCommand, ...], now: float

@@ -7,6 +7,8 @@ there. Times are on the monotonic clock [s]. What was never received is None.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from facade_manipulator.drives.canopen import (
     ConditionFrame,
     decode_emergency,
@@ -23,6 +25,7 @@ from facade_manipulator.drives.canopen import (
 )
 from facade_manipulator.drives.cia402 import (
     AxisSettings,
+    BUS_REMEDY,
     Cause,
     CONFIGURE_REMEDY,
     Feedback,
@@ -92,15 +95,6 @@ class AxisMonitor:
         return AxisSnapshot(
             self.name, self.axis, self.status, self.motion, self.condition, self.homed,
             self.error_code, self.nmt_state, age, self.missed, self.serial_number, target)
-
-    @property
-    def feedback(self) -> Feedback:
-        """What the group's state machine needs; a drive that has sent nothing is in no state."""
-        status = self.status or _NOTHING_RECEIVED
-        at_rest = self.motion is not None and abs(self.motion.velocity) < self._rest_speed
-        return Feedback(
-            status.statusword, status.mode, at_rest, self.error_code,
-            abs(status.position_counts - self._home_counts) <= HOME_TOLERANCE)
 
     def forget(self) -> None:
         """Forget what was received, because the bus was gone; the home position is kept."""
@@ -178,18 +172,24 @@ class AxisMonitor:
                 remedy='check the bus, clear the faults, then activate')
         return None
 
-    def miss(self) -> None:
-        """Note that the drive did not answer this cycle's SYNC."""
-        self.missed += 1
-        self.missed_in_a_row += 1
+    def end_cycle(self) -> Feedback:
+        """
+        Return what the group's state machine needs; a drive that has sent nothing is in no state.
 
-    def end_cycle(self) -> None:
-        """Count an answer that is missing at the end of the cycle; the next one must be fresh."""
+        Counts an answer that is missing at the end of the cycle; the next one must be fresh.
+
+        """
         if self.is_fresh:
             self.missed_in_a_row = 0
         else:
-            self.miss()
+            self.missed += 1
+            self.missed_in_a_row += 1
         self.is_fresh = False
+        status = self.status or _NOTHING_RECEIVED
+        at_rest = self.motion is not None and abs(self.motion.velocity) < self._rest_speed
+        return Feedback(
+            status.statusword, status.mode, at_rest, self.error_code,
+            abs(status.position_counts - self._home_counts) <= HOME_TOLERANCE)
 
     def silence(self, now: float) -> Cause | None:
         """Return why all must stop because of what was not received, None if all was."""
@@ -220,6 +220,19 @@ class AxisMonitor:
         if self._supervised_since is None:
             return None
         return Cause(message, axis=self.name, **details)
+
+
+def silences(monitors: Sequence[AxisMonitor], read_until: float) -> list[Cause]:
+    """
+    Return why to stop because drives are silent: one cause for the bus when all are.
+
+    `read_until` is the time [s] up to which all received frames have been read: what still
+    waits to be read may be the very answer that seems to be missing.
+    """
+    causes = [cause for one in monitors if (cause := one.silence(read_until)) is not None]
+    if len(causes) == len(monitors):
+        return [Cause(f'no drive answers any more: {causes[0].message}', BUS_REMEDY)]
+    return causes
 
 
 def _jump_bound(axis: AxisSettings, elapsed: float) -> float:

@@ -6,7 +6,6 @@ from facade_manipulator.drives.cia402 import (
     AXIS_NAMES,
     AxisHoming,
     HomingSequence,
-    HomingState,
     Phase,
 )
 from facade_manipulator.drives.controller.operation import Operation
@@ -45,7 +44,7 @@ class Activate(Operation):
         positions = self.session.positions()
         try:
             require_inside(self.session.axes, positions)
-            self.session.check_targets(positions)
+            self.session.targets.mechanism.check_targets(positions)
         except ManipulatorError as error:
             raise DriveStateError(
                 f'activate is not possible from here: {error}; move the carriages by hand'
@@ -104,7 +103,6 @@ class Home(Operation):
             AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
             for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
         group.home(sequence, now)
-        session.supervision.homing = sequence
         for monitor in session.monitors:
             monitor.homed = False
         return None
@@ -117,9 +115,9 @@ class Home(Operation):
 
     def _conclude(self) -> str:
         """Note which axes are homed, not before their positions have settled, and report."""
-        homing = self.session.supervision.homing
-        for axis, monitor in zip(homing.axes, self.session.monitors, strict=True):
-            monitor.homed = axis.state is HomingState.HOMED
+        for homed, monitor in zip(
+                self.group.homing.homed, self.session.monitors, strict=True):
+            monitor.homed = homed
         return 'Homing: ' + ', '.join(
             f'{monitor.name} is homed, at {monitor.position:.4f} m' if monitor.homed else
             f'{monitor.name} is not homed' for monitor in self.session.monitors) + '.'

@@ -152,14 +152,14 @@ class SelfTest(Operation):
         return [*result_of(self._job), self._bus(), self._cycle(), self._stop()]
 
     def _bus(self) -> Finding:
-        bus = self.session.bus_statistics
+        bus = self.session.connection.bus.statistics
         return Finding(
             'bus', bus.condition is Condition.ACTIVE and not bus.overflows,
             f'the controller is {bus.condition.name.lower()}, {bus.error_frames} error frames, '
             f'{bus.overflows} overflows, worst-case load {100.0 * self.session.bus_load:.0f} %')
 
     def _cycle(self) -> Finding:
-        cycle = self.session.cycle_statistics
+        cycle = self.session.connection.exchange.clock.statistics
         bad = cycle.incomplete + cycle.late + cycle.skipped
         return Finding(
             'cycle', bad <= MAX_BAD_CYCLES * cycle.cycles,

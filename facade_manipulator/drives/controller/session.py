@@ -15,7 +15,6 @@ import time
 import can
 
 from facade_manipulator.drives.canopen import (
-    BusStatistics,
     CanBus,
     Condition,
     NmtCommand,
@@ -36,17 +35,17 @@ from facade_manipulator.drives.cia402 import (
 from facade_manipulator.drives.controller.bus_load import check_bus_load
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive, send_nmt
 from facade_manipulator.drives.controller.configuration import object_writes
-from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.realtime import Collector
 from facade_manipulator.drives.controller.recorder import FaultRecorder
 from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.supervision import Supervision
+from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
 from facade_manipulator.errors import BusError, DriveStateError
 
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
+_NO_TARGETS = (None, None, None)
 
 
 @dataclass(frozen=True)
@@ -94,6 +93,7 @@ class Session:
     bus : BusAccess
     mechanism : MechanismChecks
     recorder : FaultRecorder, optional
+        Gets every frame, and writes the last minute down when the drives stop.
 
     Attributes
     ----------
@@ -127,8 +127,6 @@ class Session:
         for profile, axis in zip(self._profiles, self.axes, strict=True):
             object_writes(profile, axis, settings)
         self.targets = Targets(self.axes, settings, mechanism)
-        self.check_targets = mechanism.check_targets
-        self.supervision = Supervision(settings, mechanism.check_homing)
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
         self.recorder = recorder
         self.collector = Collector(settings.rate)
@@ -140,7 +138,6 @@ class Session:
         self.group: Group | None = None
         self.lost: LostBus | None = None
         self.notes: tuple[str, ...] = ()
-        self.supervision.stops.clear()
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings)
             for name, axis in zip(AXIS_NAMES, self.axes, strict=True))
@@ -164,29 +161,12 @@ class Session:
     @property
     def causes(self) -> tuple[Cause, ...]:
         """Why the drives are stopped, the first cause first; empty while they are not."""
-        group = self.group
-        return () if group is None or group.cause is None else (
-            group.cause, *group.further_causes)
+        return self.group.causes if self.group is not None else ()
 
     @property
     def unhomed(self) -> list[str]:
         """Names of the axes that must be homed."""
         return [monitor.name for monitor in self.monitors if not monitor.homed]
-
-    @property
-    def sync_stamp(self) -> float | None:
-        """Time of the last SYNC on the system clock [s], None before the first."""
-        return (self.connection.exchange.clock.sync_stamp or None) if self.connection else None
-
-    @property
-    def cycle_statistics(self) -> CycleStatistics:
-        """Counters of the cycle."""
-        return self.connection.exchange.clock.statistics if self.connection else CycleStatistics()
-
-    @property
-    def bus_statistics(self) -> BusStatistics:
-        """Counters of the bus."""
-        return self.connection.bus.statistics if self.connection else BusStatistics()
 
     def has_done(self, phase: Phase) -> bool:
         """Return whether all drives are where a phase wants them."""
@@ -207,6 +187,27 @@ class Session:
             raise DriveStateError('not every drive has sent its position yet: try again')
         return positions
 
+    def snapshot(
+        self, state: ControllerState, notes: tuple[str, ...], now: float
+    ) -> ControllerSnapshot:
+        """Return the record of this cycle; the fault recorder sees why the drives are stopped."""
+        causes, recorder, notes = self.causes, self.recorder, notes + self.notes
+        if recorder is not None:
+            recorder.watch(causes, now)
+            notes += (recorder.last_outcome,) if recorder.last_outcome else ()
+        targets = self.targets.positions or _NO_TARGETS
+        record = ControllerSnapshot(
+            state, None, tuple([monitor.snapshot(target, now) for monitor, target in zip(
+                self.monitors, targets, strict=True)]),
+            causes, self.group.severest_cause.remedy if causes else '', notes,
+            bus_error=self.lost.message if self.lost is not None else '', bus_load=self.bus_load)
+        if self.connection is None:
+            return record
+        clock = self.connection.exchange.clock
+        return record._replace(
+            stamp=clock.sync_stamp or None, cycle=clock.statistics,
+            bus=self.connection.bus.statistics)
+
     # --- the bus: opened, lost, back, closed
 
     def open(self) -> None:
@@ -222,8 +223,7 @@ class Session:
         bus = self._open_bus()
         if self.settings.own_garbage_collection:
             self.collector.start()  # its first, full collection takes longer than a heartbeat
-        exchange = CyclicExchange(
-            bus, self.monitors, self.settings, self.targets, self.supervision)
+        exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets)
         drives = tuple(
             Drive(monitor, SdoChannel(
                 exchange.network, monitor.axis.node_id, monitor.name, profile.eds), profile)

@@ -87,37 +87,33 @@ class Targets:
     settings : ControllerSettings
     mechanism : MechanismChecks
 
+    Attributes
+    ----------
+    counts : tuple of int
+        The targets last chosen.
+    positions : tuple of float or None
+        The same [m] while the drives follow, else None.
+
     """
 
     def __init__(
         self, axes: tuple[AxisSettings, ...], settings: ControllerSettings,
         mechanism: MechanismChecks,
     ) -> None:
-        self.source = mechanism.source
+        self.mechanism = mechanism
+        self.counts: tuple[int, ...] = (0,) * len(axes)
+        self.positions: Triple | None = None
         self._axes = axes
-        self._check = mechanism.check_targets
         self._largest_steps = tuple(
             settings.step_margin * axis.max_speed * settings.period for axis in axes)
         self._phase = Phase.OFF
-        self._counts = (0,) * len(axes)
-        self._positions: Triple | None = None
-
-    @property
-    def counts(self) -> tuple[int, ...]:
-        """The targets last chosen."""
-        return self._counts
-
-    @property
-    def positions(self) -> Triple | None:
-        """The targets last chosen [m] while the drives follow, else None."""
-        return self._positions
 
     def track(self, command: AxisCommand, actual: tuple[int, ...]) -> None:
         """Keep the targets at the carriages until the drives are enabled in the cyclic mode."""
-        self._positions = None
+        self.positions = None
         enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
         if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
-            self._counts = actual
+            self.counts = actual
 
     def choose(
         self, phase: Phase, command: AxisCommand, actual: tuple[int, ...], latch_time: float
@@ -151,31 +147,31 @@ class Targets:
         if phase is Phase.HOLDING:
             return
         if phase in _AT_REST:
-            self.source.hold()
-        self._set(self.source.sample(latch_time))
+            self.mechanism.source.hold()
+        self._set(self.mechanism.source.sample(latch_time))
 
     def _initialise(self, actual: tuple[int, ...]) -> None:
         """Begin where the drives hold; reject a carriage that is elsewhere by now."""
-        self._positions = tuple(
-            axis.to_metres(counts) for axis, counts in zip(self._axes, self._counts, strict=True))
+        self.positions = tuple(
+            axis.to_metres(counts) for axis, counts in zip(self._axes, self.counts, strict=True))
         for name, axis, held, counts in zip(
-                AXIS_NAMES, self._axes, self._positions, actual, strict=True):
+                AXIS_NAMES, self._axes, self.positions, actual, strict=True):
             slip = abs(axis.to_metres(counts) - held)
             if slip > MAX_SLIP:
                 raise SetpointLimitError(
                     f'distance of {name} from its target', slip, MAX_SLIP, 'm', 'above')
-        self.source.reset(self._positions)
+        self.mechanism.source.reset(self.positions)
 
     def _set(self, targets: Triple) -> None:
         for number, target in enumerate(targets):
             self._require_valid(number, target)
-        self._check(targets)
-        self._counts = tuple([
+        self.mechanism.check_targets(targets)
+        self.counts = tuple([
             axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True)])
-        self._positions = tuple(targets)
+        self.positions = tuple(targets)
 
     def _require_valid(self, number: int, target: float) -> None:
-        axis, step = self._axes[number], abs(target - self._positions[number])
+        axis, step = self._axes[number], abs(target - self.positions[number])
         if (axis.lower_limit - ROUNDING <= target <= axis.upper_limit + ROUNDING
                 and step <= self._largest_steps[number] + ROUNDING):
             return

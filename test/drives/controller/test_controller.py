@@ -11,8 +11,7 @@ from support import patiently, wait_until
 from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import State, Status
-from facade_manipulator.drives.controller.controller import DriveController
-from facade_manipulator.drives.controller.session import BusAccess
+from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.errors import DriveStateError, ManipulatorError, ParameterError
@@ -140,12 +139,11 @@ def test_faster_cycles_work_as_well(make_rig, rate):
 def test_settings_that_contradict_the_drive_type_are_rejected_at_once():
     axes = (replace(DEFAULT_AXES[0], homing_method=-5), *DEFAULT_AXES[1:])
     with pytest.raises(ParameterError, match='homing_method = -5'):
-        DriveController(SETTINGS, axes, BusAccess(None), MechanismChecks(Source()))
+        Session(SETTINGS, axes, BusAccess(None), MechanismChecks(Source()))
     with pytest.raises(ParameterError, match='bus load'):
-        DriveController(
-            SETTINGS, DEFAULT_AXES, BusAccess(None, 125_000), MechanismChecks(Source()))
+        Session(SETTINGS, DEFAULT_AXES, BusAccess(None, 125_000), MechanismChecks(Source()))
     with pytest.raises(ParameterError, match='no drive profile nonsense'):
-        DriveController(
+        Session(
             SETTINGS, (replace(DEFAULT_AXES[0], profile='nonsense'), *DEFAULT_AXES[1:]),
             BusAccess(None), MechanismChecks(Source()))
 
