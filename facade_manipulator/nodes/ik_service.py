@@ -39,6 +39,8 @@ from facade_manipulator.ros import (
     pose_codec,
     PoseStream,
     RAIL,
+    RECENT,
+    rejection_status,
     Rejections,
     RELIABLE,
     require_finite,
@@ -77,6 +79,8 @@ class IkServiceNode(Node):
         self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
         self.heads = PoseStream(self, 'end_effector_pose', RAIL, RELIABLE)
         self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
+        self._rejected_requests = self.create_publisher(
+            DiagnosticStatus, 'ik_service/rejections', RECENT)
         self.create_subscription(
             PoseStamped, 'corrected_pose', self._receive_goal, LATEST, raw=True)
         self.create_subscription(
@@ -100,7 +104,8 @@ class IkServiceNode(Node):
             yield
         except ManipulatorError as error:
             self._approach.end()
-            self._reject(error)
+            self._rejections.add(error)
+            self._set_outcome('error', str(error))
 
     def _receive_goal(self, data: bytes) -> None:
         with self._ending_at_rejection():
@@ -140,7 +145,7 @@ class IkServiceNode(Node):
         self._setpoint_count += 1
         self._setpoints.publish(self._setpoint_codec.write(
             setpoint.time, setpoint.position + setpoint.velocity))
-        self._accept('following the goals')
+        self._set_outcome('ok', 'following the goals')
 
     def _receive_joint_states(self, data: bytes) -> None:
         self._head = None
@@ -158,10 +163,11 @@ class IkServiceNode(Node):
         try:
             path = self._path(request)
         except ManipulatorError as error:
-            self._reject(error)
+            self._rejections.add(error, 'solve')
+            self._rejected_requests.publish(
+                rejection_status('solve', error, request.goal.header.stamp))
             return response
         response.plan.poses = [_actuator_pose(response.plan.header, point) for point in path]
-        self._accept(f'solved {len(path)} pose{"s" if len(path) > 1 else ""}')
         return response
 
     def _path(self, request: GetPlan.Request) -> list[Carriages]:
@@ -172,13 +178,6 @@ class IkServiceNode(Node):
         require_frame(request.start.header.frame_id, RAIL, 'start')
         start = planar_pose(request.start.pose, 'start')
         return certified_path(self._mechanism, self.settings, start, goal, request.tolerance)
-
-    def _reject(self, error: ManipulatorError) -> None:
-        self._rejections.add(error)
-        self._set_outcome('error', str(error))
-
-    def _accept(self, message: str) -> None:
-        self._set_outcome('ok', message)
 
     def _set_outcome(self, level: str, message: str) -> None:
         if self._outcome != (level, message):

@@ -20,10 +20,12 @@ from facade_manipulator.ros.conversions import (
     pose_message,
     pose_stamped,
     RAIL,
+    rejection_status,
     require_finite,
     require_frame,
     seconds,
     stamp,
+    stamp_text,
     VARIANCES,
     wrench_stamped,
 )
@@ -32,7 +34,7 @@ from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
 from facade_manipulator.ros.lifecycle import ManagedNode
 from facade_manipulator.ros.parameters import accept_old_names, declare
 from facade_manipulator.ros.pose_stream import PoseStream
-from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE, run, USAGE_ERROR
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE, run, USAGE_ERROR
 from facade_manipulator.ros.software_stop import SoftwareStop
 
 __all__ = [
@@ -61,6 +63,8 @@ __all__ = [
     'pose_codec',
     'PoseStream',
     'RAIL',
+    'RECENT',
+    'rejection_status',
     'Rejections',
     'RELIABLE',
     'require_finite',
@@ -70,6 +74,7 @@ __all__ = [
     'setpoint_codec',
     'SoftwareStop',
     'stamp',
+    'stamp_text',
     'states_codec',
     'USAGE_ERROR',
     'VARIANCES',

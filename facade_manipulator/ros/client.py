@@ -15,11 +15,12 @@ Every call has a deadline, and what a node rejects is raised with the node's own
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 import time
 from typing import Any, NamedTuple, TypeVar
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -32,8 +33,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose
-from facade_manipulator.ros.conversions import node_time, planar_pose, pose_stamped, seconds
-from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
+from facade_manipulator.ros.conversions import (
+    node_time,
+    planar_pose,
+    pose_stamped,
+    seconds,
+    stamp_text,
+)
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 ANSWER_TIMEOUT = 5.0
 CONFIGURE_TIMEOUT = 30.0
@@ -88,11 +95,15 @@ class ManipulatorClient:
         self.head_in_rail: Pose | None = None
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
+        self._rejections: deque[DiagnosticStatus] = deque(maxlen=RECENT.depth)
         self._goals: Publisher | None = None  # a mere observer needs no right to move anything
         self.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE)
         self.node.create_subscription(
             DiagnosticStatus, 'ik_service/status', self._receive_status, LATCHED)
+        self.node.create_subscription(
+            DiagnosticStatus, 'ik_service/rejections',
+            lambda status: self._rejections.append(status), RECENT)  # rclpy wants a signature
         self.node.create_subscription(
             PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE)
         self._clients: dict[str, Any] = {}
@@ -225,10 +236,12 @@ class ManipulatorClient:
         request = GetPlan.Request(goal=pose_stamped('rail', now, goal), tolerance=spacing)
         if start is not None:
             request.start = pose_stamped('rail', now, start)
-        self.goal_status = None
+        self._rejections.clear()
         plan = self.call(GetPlan, 'ik_service/solve', request).plan
         if not plan.poses:
-            status = self.wait_until(lambda: self.goal_status, 'the reason on ik_service/status')
+            status = self.wait_until(
+                lambda: self._rejection(stamp_text(request.goal.header.stamp)),
+                'the reason on ik_service/rejections')
             raise RequestRejectedError(status.message)
         points = [item.pose.position for item in plan.poses]
         return [Carriages(point.x, point.y, point.z) for point in points]
@@ -245,6 +258,11 @@ class ManipulatorClient:
         future = client.call_async(request)
         self.wait_until(future.done, f'the answer of {name}', timeout)
         return future.result()
+
+    def _rejection(self, goal_stamp: str) -> DiagnosticStatus | None:
+        """Return why the request whose goal has a stamp was rejected, None before it is known."""
+        return next((status for status in self._rejections
+                     if KeyValue(key='goal stamp', value=goal_stamp) in status.values), None)
 
     def _goals_are_matched(self) -> bool:
         """Return whether all subscribers are matched: a goal published before would miss some."""

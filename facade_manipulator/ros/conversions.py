@@ -13,7 +13,7 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.node import Node
 
-from facade_manipulator.errors import InputError
+from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.kinematics import Carriages, Pose, wrap_angle, Wrench
 
 PLANE_TOLERANCE = 1e-6  # m
@@ -61,6 +61,11 @@ def stamp_numbers(time: float) -> tuple[int, int]:
     """Return the two numbers of a stamp, whole seconds and the nanoseconds after them."""
     sec = math.floor(time)
     return sec, int((time - sec) * 1e9)
+
+
+def stamp_text(stamp: Time) -> str:
+    """Return a stamp as a value of a diagnostic status, exact: seconds with nine decimals."""
+    return f'{stamp.sec}.{stamp.nanosec:09d}'
 
 
 def require_frame(frame_id: str, expected: str, what: str) -> None:
@@ -238,6 +243,15 @@ def diagnostic_status(
     return DiagnosticStatus(
         name=name, level=LEVELS[level], message=message, hardware_id=hardware_id,
         values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()])
+
+
+def rejection_status(name: str, error: ManipulatorError, goal_stamp: Time) -> DiagnosticStatus:
+    """Return why a request with a goal is rejected: stamp of the goal, reason, limit."""
+    values = {'goal stamp': stamp_text(goal_stamp), 'reason': getattr(error, 'reason', 'other')}
+    if isinstance(error, LimitError):
+        values.update(
+            {key: getattr(error, key) for key in ('quantity', 'value', 'bound', 'unit')})
+    return diagnostic_status(name, 'error', str(error), values)
 
 
 def _text(value: Any) -> str:

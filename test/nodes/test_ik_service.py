@@ -18,7 +18,7 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.ros.conversions import planar_pose, pose_stamped, seconds, stamp
-from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 GEOMETRY = Geometry()
 MIDDLE = Pose(0.05, 0.25, 0.1)
@@ -35,6 +35,8 @@ def bench(ros):
             self.setpoints = ros.collect(self.tester, JointState, 'joint_setpoints', LATEST)
             self.statuses = ros.collect(
                 self.tester, DiagnosticStatus, 'ik_service/status', LATCHED)
+            self.rejections = ros.collect(
+                self.tester, DiagnosticStatus, 'ik_service/rejections', RECENT)
             self.heads = ros.collect(self.tester, PoseStamped, 'end_effector_pose', RELIABLE)
             self.goals = self.tester.create_publisher(PoseStamped, 'corrected_pose', LATEST)
             self.states = self.tester.create_publisher(JointState, 'joint_states', RELIABLE)
@@ -185,12 +187,26 @@ def test_solve_answers_with_a_straight_path_whose_poses_lie_within_the_spacing(b
     (rail(MIDDLE), rail(MIDDLE), math.nan, 'tolerance = nan'),
     (rail(Pose(0.0, 0.25, -0.25)), rail(Pose(0.0, 0.25, 0.5)), 0.0, 'b \\|sin'),
 ])
-def test_solve_rejects_with_an_empty_plan_and_the_reason_on_the_status(
+def test_solve_rejects_with_an_empty_plan_and_the_reason_on_its_own_topic(
         bench, goal, start, tolerance, message):
     bench.statuses.clear()
     assert len(bench.solve(goal, start, tolerance).poses) == 0
-    bench.until(lambda: bench.statuses, 'the status')
-    assert re.search(message, bench.statuses[-1].message)
+    bench.until(lambda: bench.rejections, 'the rejection')
+    assert re.search(message, bench.rejections[-1].message)
+    assert bench.statuses == []  # nobody asked the machine to move
+
+
+def test_every_rejected_request_is_published_with_its_limit_and_the_stamp_of_its_goal(bench):
+    times = [12.25, 13.5, 13.5]
+    for time in times:
+        bench.solve(rail(Pose(0.0, 0.4, 0.0), time))
+    bench.until(lambda: len(bench.rejections) == len(times), 'one rejection for each request')
+    values = [{item.key: item.value for item in status.values} for status in bench.rejections]
+    assert [each['goal stamp'] for each in values] == [
+        '12.250000000', '13.500000000', '13.500000000']
+    assert values[0] == {
+        'goal stamp': '12.250000000', 'reason': 'unreachable', 'quantity': values[0]['quantity'],
+        'value': '0.4', 'bound': '0.352', 'unit': 'm'}
 
 
 def test_a_live_change_of_the_conditioning_bound_takes_effect(bench):

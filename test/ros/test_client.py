@@ -49,3 +49,14 @@ def test_one_who_only_looks_publishes_nothing_of_the_machine(client):
     published = {name for name, _ in client.node.get_publisher_names_and_types_by_node(
         'supervisor', '/gondola_1')}
     assert published <= {'/rosout', '/parameter_events'}
+
+
+def test_every_rejected_request_of_solve_has_its_own_reason(client, start_process):
+    """The same question twice, one after another, beside a stream that is followed."""
+    start_process('facade_manipulator.nodes.manipulator', '--ros-args', '-r', '__ns:=/gondola_1')
+    client.send_goal(GOAL)
+    client.wait_until(lambda: client.goal_status and client.goal_status.message != 'no goal yet',
+                      'the stream', DEADLINE)
+    for y, bound in 2 * ((0.4, '0.352'), (0.4, '0.352'), (0.055, 'q3 - q1')):
+        with pytest.raises(RequestRejectedError, match=bound):
+            client.solve(GOAL._replace(y=y))
