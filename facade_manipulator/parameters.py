@@ -88,10 +88,19 @@ def check_parameters(instance: Any) -> None:
     for item in fields(instance):
         info = item.metadata.get(METADATA_KEY)
         if info is not None:
-            _check(item.name, getattr(instance, item.name), info)
+            check_value(item.name, getattr(instance, item.name), info)
 
 
-def _check(name: str, value: Any, info: ParameterInfo) -> None:
+def check_value(name: str, value: Any, info: ParameterInfo) -> None:
+    """
+    Check one parameter's value, of the right type, against its declared range.
+
+    Raises
+    ------
+    ParameterError
+        As `check_parameters` does.
+
+    """
     if info.choices and value not in info.choices:
         raise ParameterError(f'{name} = {value!r} is none of {", ".join(info.choices)}')
     if info.elements and len(value) != len(info.elements):

@@ -31,15 +31,16 @@ def _is_mock(context) -> bool:
     return IfCondition(LaunchConfiguration('use_mock_hardware')).evaluate(context)
 
 
-def _parameters(context) -> list:
-    """Return the parameter files and the arguments that stand above them."""
+def _parameters(context, executable: str) -> list:
+    """Return the parameter files and, for the driver, the argument that stands above them."""
     config = LaunchConfiguration('config').perform(context)
     if not Path(config).is_file():  # launch itself would go on with the defaults
         raise RuntimeError(f'config: {config} is not a file')
     if _is_mock(context):
         return [config, str(config_path('simulation.yaml'))]
     channel = LaunchConfiguration('can_interface').perform(context)
-    return [config, {'bus.channel': channel}] if channel else [config]
+    above = [{'bus.channel': channel}] if channel and executable == 'driver' else []
+    return [config, *above]
 
 
 def _nodes(context) -> list:
@@ -64,7 +65,7 @@ def _common(context, executable: str) -> dict:
     return {
         'package': PACKAGE,
         'namespace': namespace,
-        'parameters': _parameters(context),
+        'parameters': _parameters(context, executable),
         'ros_arguments': ['--log-level', level, '--enclave', enclave],
         'output': 'screen',
     }

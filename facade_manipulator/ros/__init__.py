@@ -31,6 +31,7 @@ from facade_manipulator.ros.conversions import (
 )
 from facade_manipulator.ros.deferred import Deferred
 from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
+from facade_manipulator.ros.known_parameters import require_known_parameters
 from facade_manipulator.ros.lifecycle import ManagedNode
 from facade_manipulator.ros.parameters import accept_old_names, declare
 from facade_manipulator.ros.pose_stream import PoseStream
@@ -69,6 +70,7 @@ __all__ = [
     'RELIABLE',
     'require_finite',
     'require_frame',
+    'require_known_parameters',
     'run',
     'seconds',
     'setpoint_codec',

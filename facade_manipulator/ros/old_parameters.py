@@ -5,6 +5,8 @@ One line a name, to be deleted one release later. `RENAMED` leads to the present
 says what holds now. A name that ends in ``.*`` stands for all below it.
 """
 
+from collections.abc import Mapping
+
 RENAMED = {
     'border.margin': 'workspace_limit.margin',
     'prediction.judged_horizon': 'prediction.evaluation_horizon',
@@ -53,3 +55,13 @@ REMOVED = {
     **{f'{section}.*': "is read from the scenario's file alone now" for section in (
         'mission', 'sway', 'gondola', 'wind', 'estimator', 'facade', 'wall')},
 }
+
+
+def advice(name: str, removed: Mapping[str, str] = REMOVED) -> str | None:
+    """Return what holds in place of a removed parameter, None if there never was one."""
+    return removed.get(name) or removed.get(f'{name.partition(".")[0]}.*')
+
+
+def is_old(name: str) -> bool:
+    """Return whether the release before had a parameter of this name."""
+    return name in RENAMED or advice(name) is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+import re
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -22,8 +23,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import METADATA_KEY, ParameterInfo
-from facade_manipulator.ros.old_parameters import REMOVED, RENAMED
+from facade_manipulator.parameters import check_value, METADATA_KEY, ParameterInfo
+from facade_manipulator.ros.old_parameters import advice, REMOVED, RENAMED
 
 Settings = TypeVar('Settings')
 UNBOUNDED = 1e308
@@ -70,11 +71,30 @@ def declare(
             on_change is None)
         for name, item in items.items()}
     names = {name: item.name for name, item in items.items()}
-    current = [settings_class(**values)]
-    check(current[0])
+    make = _maker(settings_class, prefix, check)
+    current = [make(values)]
     if on_change is not None:
-        _accept_live_changes(node, names, current, on_change, check)
+        _accept_live_changes(node, names, current, on_change, make)
     return current[0]
+
+
+def _maker(
+    settings_class: type[Settings], prefix: str, check: Callable[[Settings], object]
+) -> Callable[[dict[str, Any]], Settings]:
+    """Return what makes checked settings; its errors name parameters as the operator does."""
+    def make(values: dict[str, Any]) -> Settings:
+        try:
+            made = settings_class(**values)
+            check(made)
+        except ParameterError as error:
+            if not prefix:
+                raise
+            names = '|'.join(map(re.escape, values))
+            raise ParameterError(re.sub(
+                rf'(?<![\w.])({names})(?= = | has )', rf'{prefix}.\1', str(error))) from error
+        return made
+
+    return make
 
 
 class RemovedParameterError(ParameterNotDeclaredException):
@@ -109,13 +129,13 @@ def accept_old_names(
     """
     overrides = getattr(node, '_parameter_overrides', {})
     for name in sorted(overrides):
-        new, advice = renamed.get(name), _advice(name, removed)
+        new, instead = renamed.get(name), advice(name, removed)
         if new is not None:
             node.get_logger().warning(_renamed(name, new))
             overrides.setdefault(new, Parameter(new, value=overrides[name].value))
-        elif advice:
+        elif instead:
             node.get_logger().warning(
-                f'parameter {name} has no effect: it {advice}; delete it from the file')
+                f'parameter {name} has no effect: it {instead}; delete it from the file')
 
     def present(parameters: list[Parameter]) -> list[Parameter]:
         return [_present(node, parameter, renamed, removed) for parameter in parameters]
@@ -130,17 +150,13 @@ def _present(
     name = parameter.name
     if node.has_parameter(name):
         return parameter
-    if advice := _advice(name, removed):
-        raise RemovedParameterError(name, advice)
+    if instead := advice(name, removed):
+        raise RemovedParameterError(name, instead)
     new = renamed.get(name)
     if new is None:
         return parameter
     node.get_logger().warning(_renamed(name, new))
     return Parameter(new, value=parameter.value)
-
-
-def _advice(name: str, removed: Mapping[str, str]) -> str | None:
-    return removed.get(name) or removed.get(f'{name.partition(".")[0]}.*')
 
 
 def _renamed(name: str, new: str) -> str:
@@ -153,6 +169,9 @@ def _declare_one(
 ) -> Any:
     descriptor = _descriptor(info, default, info.read_only or read_only)
     initial = list(default) if isinstance(default, tuple) else default
+    given = getattr(node, '_parameter_overrides', {}).get(name)
+    if given is not None:
+        _require_valid(given, Parameter(name, value=initial).type_, info)
     try:
         value = node.declare_parameter(name, initial, descriptor).value
     except (
@@ -162,6 +181,20 @@ def _declare_one(
     ) as error:
         raise ParameterError(f'{name}: {error}') from error
     return _to_field(value)
+
+
+def _require_valid(given: Parameter, expected: Parameter.Type, info: ParameterInfo) -> None:
+    """Say what is wrong before rclpy does, which names no unit and the parameter twice."""
+    if given.type_ == expected:
+        check_value(given.name, given.value, info)
+    elif (given.type_, expected) == (Parameter.Type.INTEGER, Parameter.Type.DOUBLE):
+        raise ParameterError(
+            f'{given.name} = {given.value} is an integer, expected a double: '
+            f'write {given.value}.0')
+    else:
+        raise ParameterError(
+            f'{given.name} = {given.value!r} is of type {given.type_.name.lower()}, expected '
+            f'{expected.name.lower()}')
 
 
 def _to_field(value: Any) -> Any:
@@ -199,7 +232,7 @@ def _constraints(info: ParameterInfo) -> str:
 
 
 def _accept_live_changes(
-    node: Node, names: dict[str, str], current: list, on_change: Callable, check: Callable
+    node: Node, names: dict[str, str], current: list, on_change: Callable, make: Callable
 ) -> None:
     """Check a change by constructing the dataclass, then hand the new settings to the node."""
     def candidate(parameters):
@@ -208,11 +241,11 @@ def _accept_live_changes(
             for item in parameters if item.name in names
         }
         unchanged = {name: getattr(current[0], name) for name in names.values()}
-        return type(current[0])(**{**unchanged, **changed}) if changed else current[0]
+        return make({**unchanged, **changed}) if changed else current[0]
 
     def validate(parameters):
         try:
-            check(candidate(parameters))
+            candidate(parameters)
         except (ParameterError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)

@@ -18,6 +18,7 @@ from rclpy.task import Future
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.executors import choose_executor, spin
+from facade_manipulator.ros.known_parameters import require_known_parameters
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -51,6 +52,7 @@ def run(
     nodes: Sequence[Node] = ()
     try:
         nodes = _start(make_nodes, args)
+        require_known_parameters(nodes, args)
         _spin(nodes, received, choose_executor() if experimental else SingleThreadedExecutor())
     except ExternalShutdownException:
         pass

@@ -84,7 +84,7 @@ def flat(tree: dict, prefix: str = ''):
 @pytest.mark.parametrize('name, value, reason', [
     ('limits.speed', 0.61, 'limits.speed = 0.61 m/s is above q1.max_speed = 0.6 m/s'),
     ('limits.acceleration', 6.5, 'limits.acceleration = 6.5 m/s^2 is above q1.max_acceleration'),
-    ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below acceleration'),
+    ('limits.jerk', 1.0, 'jerk = 1 m/s^3 is below limits.acceleration = 3 m/s^2'),
     ('limits.speed', -1.0, 'limits.speed'),
     ('stream.stale_after', 0.5, 'stream.stale_after'),
     ('controller.rate', 200, 'read-only'),

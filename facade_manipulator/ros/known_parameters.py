@@ -1,0 +1,120 @@
+"""
+What a user's parameters say is either used or named.
+
+ROS ignores a parameter that no node declares, and a section of a file that is no node's: a slip of
+the pen leaves the default in force without a word. Here such a name ends the start, with the
+nearest known one. Of a section for all nodes (``/**``) each process looks at the groups of
+parameters that its nodes have, such as ``geometry``; what else it does not know may be another
+process's, and is named in the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from difflib import get_close_matches
+from pathlib import Path
+import sys
+from typing import Any, NamedTuple
+
+from rclpy.node import Node
+import yaml
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.ros.old_parameters import is_old
+
+NODE_NAMES = ('calibration_recorder', 'compensator', 'driver', 'gondola_simulator', 'ik_service')
+OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
+_PARAMETERS = 'ros__parameters'
+
+
+class Given(NamedTuple):
+    """A parameter that somebody has given: for which node (``*``, ``**`` or '' all), and where."""
+
+    node: str
+    name: str
+    where: str
+
+
+def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None = None) -> None:
+    """
+    Check the parameters given to a process whose nodes have declared theirs.
+
+    Parameters
+    ----------
+    nodes : sequence of Node
+        All nodes of the process.
+    args : sequence of str, optional
+        Arguments of the process; those of `sys.argv` if not given.
+
+    Raises
+    ------
+    ParameterError
+        With the name that no node knows and the nearest known one.
+
+    """
+    known = {node.get_name(): set(node.list_parameters([], 0).names) for node in nodes}
+    everything = set().union(*known.values())
+    for given in _given(list(sys.argv if args is None else args)):
+        if given.node in known:
+            _require(given, known[given.node], f'{given.node} has no parameter', _reject)
+        elif given.node and set(given.node) != {'*'}:
+            if given.node not in NODE_NAMES:
+                _require(given._replace(name=given.node), {*NODE_NAMES, *known},
+                         'no node is called', _reject)
+        else:
+            group = given.name.partition('.')[0] + '.'
+            is_ours = not given.node or any(name.startswith(group) for name in everything)
+            _require(given, everything, f'{" and ".join(known)}: no parameter',
+                     _reject if is_ours else nodes[0].get_logger().warning)
+
+
+def _reject(message: str) -> None:
+    raise ParameterError(message)
+
+
+def _require(
+    given: Given, known: set[str], what: str, complain: Callable[[str], object]
+) -> None:
+    name = given.name
+    if name in known or name.split('.')[0] in OF_ROS or is_old(name):
+        return
+    nearest = get_close_matches(name, known, 1)
+    hint = f": did you mean '{nearest[0]}'?" if nearest else ''
+    complain(f"{what} '{name}' ({given.where}){hint}")
+
+
+def _given(words: list[str]) -> Iterator[Given]:
+    """Yield what stands between ``--ros-args`` and ``--``."""
+    is_ros = False
+    for word, value in zip(words, [*words[1:], ''], strict=True):
+        if word in ('--ros-args', '--'):
+            is_ros = word == '--ros-args'
+        elif is_ros and word == '--params-file':
+            yield from _given_in(Path(value))
+        elif is_ros and word in ('-p', '--param'):
+            node, _, name = value.partition(':=')[0].rpartition(':')
+            yield Given(node, name, f'given by {word}')
+
+
+def _given_in(file: Path) -> Iterator[Given]:
+    """Yield what a file gives that ROS has read already."""
+    content = yaml.safe_load(file.read_text(encoding='utf-8')) or {}
+    for section, parameters in _sections(content):
+        for name in _flat(parameters):
+            yield Given(section.rpartition('/')[2], name, f'in {file.name}')
+
+
+def _sections(tree: dict[str, Any], prefix: str = '') -> Iterator[tuple[str, dict]]:
+    for name, content in tree.items():
+        if name == _PARAMETERS:
+            yield prefix, content or {}
+        elif isinstance(content, dict):
+            yield from _sections(content, f'{prefix}/{name}')
+
+
+def _flat(tree: dict[str, Any], prefix: str = '') -> Iterator[str]:
+    for name, content in tree.items():
+        if isinstance(content, dict):
+            yield from _flat(content, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}'
