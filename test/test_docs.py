@@ -15,6 +15,7 @@ import facade_manipulator
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.recorder import RecorderNode
 
 ROOT = Path(facade_manipulator.__file__).parents[1]
 INNER = ('parameter', '/rosout', 'get_type_description')
@@ -59,7 +60,7 @@ def graph(ros):
     """Return names and types of all topics and services of the nodes in the gondola."""
     virtual = [Parameter('bus.interface', value='virtual')]
     nodes = [ros.add(DriverNode(parameter_overrides=virtual)), ros.add(CompensatorNode()),
-             ros.add(IkServiceNode())]
+             ros.add(RecorderNode()), ros.add(IkServiceNode())]
     nodes[-1]._linkage._open()
 
     def seen(kind):

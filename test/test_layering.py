@@ -31,6 +31,7 @@ ROOMS = {
     'drives.simulated': BASE | {'drives.canopen', 'drives.cia402'},
     'loop': BASE | {'kinematics', 'motion', 'drives.canopen', 'drives.cia402', 'drives.controller',
                     'drives.simulated'},
+    'blackbox': BASE | {'files'},
     'simulation': BASE | {'kinematics', 'motion', 'prediction', 'compensation', 'resources'},
 }
 ROS_ROOMS = {'ros', 'nodes', 'demo'}  # these may import everything

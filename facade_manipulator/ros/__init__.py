@@ -29,10 +29,12 @@ from facade_manipulator.ros.conversions import (
     VARIANCES,
     wrench_stamped,
 )
-from facade_manipulator.ros.deferred import Deferred
+from facade_manipulator.ros.deferred import Deferred, DeferredReplies
+from facade_manipulator.ros.definitions import message_definition, type_name
 from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
 from facade_manipulator.ros.known_parameters import require_known_parameters
 from facade_manipulator.ros.lifecycle import ManagedNode
+from facade_manipulator.ros.parameter_reader import ParameterReader
 from facade_manipulator.ros.parameters import accept_old_names, declare
 from facade_manipulator.ros.pose_stream import PoseStream
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE, run, USAGE_ERROR
@@ -45,6 +47,7 @@ __all__ = [
     'Component',
     'declare',
     'Deferred',
+    'DeferredReplies',
     'diagnostic_status',
     'DiagnosticsPublisher',
     'END_EFFECTOR',
@@ -55,7 +58,9 @@ __all__ = [
     'LEVELS',
     'ManagedNode',
     'ManipulatorClient',
+    'message_definition',
     'node_time',
+    'ParameterReader',
     'planar',
     'planar_pose',
     'planar_wrench',
@@ -77,6 +82,7 @@ __all__ = [
     'SoftwareStop',
     'stamp',
     'stamp_text',
+    'type_name',
     'states_codec',
     'USAGE_ERROR',
     'VARIANCES',

@@ -12,10 +12,13 @@ from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.monitor import Observer
+from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.client import ManipulatorClient
 
 NAMESPACE = '/gondola_1'
-NODES = {'driver': DriverNode, 'compensator': CompensatorNode, 'ik_service': IkServiceNode}
+NODES = {'driver': DriverNode, 'compensator': CompensatorNode, 'ik_service': IkServiceNode,
+         'recorder': RecorderNode}
+OVERRIDES = {'driver': [Parameter('bus.interface', value='virtual')]}
 KINDS = {
     ('topics', 'publish'): 'get_publisher_names_and_types_by_node',
     ('topics', 'subscribe'): 'get_subscriber_names_and_types_by_node',
@@ -43,7 +46,7 @@ def used(node, name: str, method: str) -> set[str]:
 @pytest.mark.parametrize('name', NODES)
 def test_a_nodes_profile_is_what_the_node_does(ros, name):
     node = ros.add(NODES[name](
-        namespace=NAMESPACE, parameter_overrides=[Parameter('bus.interface', value='virtual')]))
+        namespace=NAMESPACE, parameter_overrides=OVERRIDES.get(name, [])))
     if name == 'ik_service':
         node._linkage._open()  # as when somebody looks
     for (tag, what), method in KINDS.items():

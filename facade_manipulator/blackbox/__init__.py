@@ -1,0 +1,27 @@
+"""
+The black box: messages of the last minutes in, one MCAP file per stop, fault or request out.
+
+`MessageRing` keeps them, `RecordTrigger` says when a file is due, `Shelf` writes it whole and
+bounds what the files take of the disk.
+"""
+
+from facade_manipulator.blackbox.can_frames import CAN_TOPIC, frame_bytes
+from facade_manipulator.blackbox.can_listener import CanListener
+from facade_manipulator.blackbox.mcap_file import RecordedTopic, write_mcap
+from facade_manipulator.blackbox.ring import Kept, MessageRing
+from facade_manipulator.blackbox.settings import BlackBoxSettings
+from facade_manipulator.blackbox.shelf import Shelf
+from facade_manipulator.blackbox.trigger import RecordTrigger
+
+__all__ = [
+    'BlackBoxSettings',
+    'CAN_TOPIC',
+    'CanListener',
+    'RecordedTopic',
+    'frame_bytes',
+    'Kept',
+    'MessageRing',
+    'RecordTrigger',
+    'Shelf',
+    'write_mcap',
+]

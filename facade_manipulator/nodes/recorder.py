@@ -1,0 +1,231 @@
+"""
+The black box: every topic, parameter and CAN frame of the last minutes, in memory.
+
+It writes one MCAP file when something stops the machine, or on request. It runs in a process of
+its own and only listens: whatever happens to it, the machine goes on.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
+from importlib.metadata import version
+import os
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
+from rcl_interfaces.msg import ParameterEvent
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+
+from facade_manipulator.blackbox import (
+    BlackBoxSettings,
+    CAN_TOPIC,
+    CanListener,
+    Kept,
+    MessageRing,
+    RecordedTopic,
+    RecordTrigger,
+    Shelf,
+    write_mcap,
+)
+from facade_manipulator.ros import (
+    declare,
+    Deferred,
+    DeferredReplies,
+    diagnostic_status,
+    DiagnosticsPublisher,
+    LATCHED,
+    message_definition,
+    ParameterReader,
+    RECENT,
+    RELIABLE,
+    run,
+    type_name,
+)
+
+NAME = 'facade_manipulator'
+STREAM = qos_profile_sensor_data  # best effort: it never holds a publisher up
+# topic: type, quality of service; the last two are the whole graph's, the others the namespace's
+TOPICS = {
+    'goal_pose': (PoseStamped, RELIABLE),
+    'disturbance': (PoseWithCovarianceStamped, STREAM),
+    'contact_wrench': (WrenchStamped, STREAM),
+    'lateral_offset': (PointStamped, STREAM),
+    'corrected_pose': (PoseStamped, STREAM),
+    'joint_setpoints': (JointState, STREAM),
+    'joint_states': (JointState, STREAM),
+    'end_effector_pose': (PoseStamped, STREAM),
+    'compensator/reference': (PoseStamped, STREAM),
+    'software_stop': (Bool, STREAM),
+    'ik_service/status': (DiagnosticStatus, LATCHED),
+    'ik_service/rejections': (DiagnosticStatus, RECENT),
+    '/parameter_events': (ParameterEvent, RELIABLE),
+    '/diagnostics': (DiagnosticArray, RELIABLE),
+}
+COMPONENTS = ('driver', 'ik_service', 'compensator', 'gondola_simulator')
+OPERATION = 'driver: operation'
+STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # states of the driver
+MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
+SILENCE = 3.0  # s without diagnostics of a driver that had power
+WATCH_PERIOD = 0.5
+ERROR = DiagnosticStatus.ERROR
+LOW_PRIORITY = 10  # nice value of the thread that writes
+
+
+class RecorderNode(Node):
+    """Keep what is said and write it down when the machine stops."""
+
+    def __init__(self, **kwargs) -> None:
+        super().__init__('recorder', **kwargs)
+        self._settings = settings = declare(self, BlackBoxSettings)
+        self._ring = MessageRing(settings.duration, round(1e6 * settings.memory))
+        self._trigger = RecordTrigger(settings.aftermath, settings.duration)
+        self._shelf = Shelf(settings.folder, settings.disk)
+        self._topics = [CAN_TOPIC, *(
+            RecordedTopic(name, type_name(kind), message_definition(kind))
+            for topic, (kind, _) in TOPICS.items() for name in [self.resolve_topic_name(topic)])]
+        self._writer = ThreadPoolExecutor(1, 'black box', lambda: os.setpriority(
+            os.PRIO_PROCESS, 0, LOW_PRIORITY))
+        self._outcome, self._error, self._files = 'nothing recorded yet', '', 0
+        self._driver_state, self._driver_time = '', time.monotonic()
+        self._listener: CanListener | None = None
+        self._parameters = {
+            name: ParameterReader(self, name) for name in COMPONENTS}
+        replies = DeferredReplies(self)
+        replies.attach(self.create_service(Trigger, 'recorder/save', self._save))
+        for topic, (kind, qos) in TOPICS.items():
+            self._subscribe(topic, kind, qos)
+        self._prefix = self.get_namespace().strip('/')
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self.create_timer(WATCH_PERIOD, self._watch)
+
+    def _subscribe(self, topic: str, kind: type, qos) -> None:
+        name, ring = self.resolve_topic_name(topic), self._ring
+        readers = {DiagnosticArray: self._read_diagnostics, ParameterEvent: self._read_event}
+
+        def keep(data: bytes) -> None:
+            ring.add(time.monotonic(), name, data)
+            if kind in readers:
+                readers[kind](deserialize_message(data, kind))
+
+        self.create_subscription(kind, topic, keep, qos, raw=True)
+
+    def _read_diagnostics(self, message: DiagnosticArray) -> None:
+        now = time.monotonic()
+        for status in message.status:
+            name = self._own_name(status.name)
+            if name is None:
+                continue
+            reason = status.message if status.level == ERROR else ''
+            if name == OPERATION:
+                self._driver_time = now
+                self._driver_state = next(
+                    (item.value for item in status.values if item.key == 'state'), '')
+                if self._driver_state in STOPS:
+                    reason = status.message
+            self._trigger.watch(now, name, reason)
+
+    def _read_event(self, event: ParameterEvent) -> None:
+        for name, reader in self._parameters.items():
+            if event.node == f'/{self._prefix}/{name}'.replace('//', '/'):
+                reader.update(event)
+
+    def _own_name(self, name: str) -> str | None:
+        """Return the name of a component of this namespace's nodes, else None."""
+        node, _, component = name.partition(': ')
+        namespace, _, node = node.rpartition('/')
+        own = namespace == self._prefix and node in COMPONENTS
+        return f'{node}: {component}' if own else None
+
+    def _watch(self) -> None:
+        now = time.monotonic()
+        for reader in self._parameters.values():
+            reader.ask_once()
+        self._listen_to_bus()
+        silence = now - self._driver_time
+        self._trigger.watch(now, 'driver', (
+            f'no diagnostics for {silence:.0f} s while it was {self._driver_state}'
+            if self._driver_state in MOVING and silence > SILENCE else ''))
+        if reasons := self._trigger.due(now):
+            self._record(tuple(reasons))
+
+    def _listen_to_bus(self) -> None:
+        """Listen to the bus that the driver uses, once its parameters are known."""
+        driver = self._parameters['driver'].values
+        if self._listener is None and driver.get('bus.interface') == 'socketcan':
+            self._listener = CanListener(
+                driver['bus.channel'],
+                lambda time, data: self._ring.add(time, CAN_TOPIC.topic, data))
+
+    def _save(self, _: Trigger.Request, response: Trigger.Response) -> Deferred:
+        def answer(job: Future) -> Trigger.Response:
+            response.success = job.exception() is None
+            response.message = str(job.exception() or f'recorded in {job.result()}')
+            return response
+
+        return Deferred(self._record(('recorder/save was called',)), answer)
+
+    def _record(self, reasons: tuple[str, ...]) -> Future:
+        """Write what is kept, in the writer's thread."""
+        job = self._writer.submit(self._write, self._ring.copy(), reasons)
+        job.add_done_callback(self._note)
+        return job
+
+    def _write(self, messages: list[Kept], reasons: tuple[str, ...]):
+        now = time.time()
+        metadata = {
+            'black box': {
+                'reasons': '\n'.join(reasons), 'namespace': self.get_namespace(),
+                'version': version(NAME), 'begins': f'{self._settings.duration:g} s before'},
+            **{f'parameters of {name}': reader.as_text()
+               for name, reader in self._parameters.items() if reader.values}}
+        return self._shelf.write(now, partial(
+            write_mcap, topics=self._topics, messages=messages,
+            epoch=now - time.monotonic(), metadata=metadata))
+
+    def _note(self, job: Future) -> None:
+        error = job.exception()
+        self._error = str(error) if error else ''
+        if error:
+            self.get_logger().error(self._error)
+        else:
+            self._files += 1
+            self._outcome = f'recorded in {job.result()}'
+            self.get_logger().info(self._outcome)
+
+    def _components(self) -> list[DiagnosticStatus]:
+        listener = self._listener
+        trouble = self._error or (listener.error if listener else '')
+        values = {
+            'kept [s]': self._ring.span,
+            'memory [MB]': 1e-6 * self._ring.size,
+            'CAN': listener.channel if listener else 'no SocketCAN interface',
+            'files written': self._files,
+            'last file': self._outcome,
+            'folder': self._shelf.folder,
+        }
+        return [diagnostic_status(
+            'black box', 'error' if trouble else 'ok', trouble or self._outcome, values)]
+
+    def close(self) -> None:
+        """End when what is being written is written."""
+        if reasons := self._trigger.due(float('inf')):
+            self._record(tuple(reasons))
+        self._writer.shutdown()
+        if self._listener is not None:
+            self._listener.close()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run(lambda: [RecorderNode()], args)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

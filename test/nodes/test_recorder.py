@@ -1,0 +1,121 @@
+"""The recorder: what stops the machine becomes a file that readers of other make can read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseStamped
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+import pytest
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.nodes.recorder import RecorderNode
+from facade_manipulator.ros.conversions import pose_stamped
+from facade_manipulator.ros.runtime import RELIABLE
+
+GOAL = Pose(0.1, 0.26, 0.02)
+
+
+class Machine:
+    """A recorder, and a tester that speaks for the nodes of the machine."""
+
+    def __init__(self, ros, folder: Path, **parameters) -> None:
+        values = {'folder': str(folder), 'aftermath': 0.2, **parameters}
+        self.ros = ros
+        self.recorder = ros.add(RecorderNode(
+            namespace='gondola_1',
+            parameter_overrides=[Parameter(name, value=one) for name, one in values.items()]))
+        self.node = ros.node('driver', namespace='gondola_1')
+        self.node.declare_parameter('bus.interface', 'virtual')
+        self.node.declare_parameter('q1.serial_number', 4711)
+        self.diagnostics = self.publisher(DiagnosticArray, '/diagnostics')
+        self.goals = self.publisher(PoseStamped, 'goal_pose')
+        self.folder = folder
+
+    def publisher(self, kind, topic):
+        publisher = self.node.create_publisher(kind, topic, RELIABLE)
+        self.ros.until(lambda: publisher.get_subscription_count() == 1, f'who hears {topic}')
+        return publisher
+
+    def say(self, state, level=DiagnosticStatus.OK, message='', name='gondola_1/driver'):
+        self.diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(
+            name=f'{name}: operation', level=level, message=message,
+            values=[KeyValue(key='state', value=state)])]))
+
+    def files(self):
+        return sorted(self.folder.glob('*.mcap')) if self.folder.exists() else []
+
+    def first_file(self):
+        return self.ros.until(self.files, 'a file')[0]
+
+
+def read(path):
+    reader = make_reader(path.open('rb'), decoder_factories=[DecoderFactory()])
+    metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+    return metadata, [(channel.topic, message)
+                      for _, channel, _, message in reader.iter_decoded_messages()]
+
+
+@pytest.fixture
+def machine(ros, tmp_path):
+    return Machine(ros, tmp_path / 'records')
+
+
+@pytest.mark.parametrize(('state', 'level'), [
+    ('stopped', DiagnosticStatus.ERROR), ('halted', DiagnosticStatus.WARN)])
+def test_a_stop_makes_one_file_with_reason_goal_and_parameters(machine, state, level):
+    machine.goals.publish(pose_stamped('facade', 14.0, GOAL))
+    machine.say('active')
+    values = machine.recorder._parameters['driver'].values
+    machine.ros.until(lambda: 'q1.serial_number' in values, 'the parameters')
+    for _ in range(3):
+        machine.say(state, level, 'q2: following error 8611h')
+    metadata, messages = read(machine.first_file())
+    assert metadata['black box']['reasons'] == 'driver: operation: q2: following error 8611h'
+    assert json.loads(metadata['parameters of driver']['q1.serial_number']) == 4711
+    goal = next(message for topic, message in messages if topic == '/gondola_1/goal_pose')
+    assert (goal.pose.position.x, goal.pose.position.y) == GOAL[:2]
+    said = [message.status[0].message for topic, message in messages if topic == '/diagnostics'
+            and message.status[0].name == 'gondola_1/driver: operation']
+    assert said[:2] == ['', 'q2: following error 8611h']
+    machine.recorder.close()
+    assert len(machine.files()) == 1
+
+
+def test_another_gondolas_stop_is_not_ours(machine):
+    machine.say('stopped', DiagnosticStatus.ERROR, 'theirs', name='gondola_2/driver')
+    machine.say('active')
+    machine.ros.until(lambda: machine.recorder._driver_state == 'active', 'the second message')
+    machine.recorder.close()
+    assert not machine.files()
+
+
+def test_a_driver_that_goes_silent_under_power_is_a_reason(machine, monkeypatch):
+    monkeypatch.setattr('facade_manipulator.nodes.recorder.SILENCE', 0.2)
+    machine.say('active')
+    metadata, _ = read(machine.first_file())
+    assert 'no diagnostics for' in metadata['black box']['reasons']
+    assert metadata['black box']['reasons'].endswith('while it was active')
+
+
+def test_a_call_writes_a_file_and_says_where(machine):
+    reply = machine.ros.call(machine.node, Trigger, 'recorder/save')
+    assert reply.success
+    assert reply.message == f'recorded in {machine.first_file()}'
+
+
+def test_a_folder_that_cannot_be_written_is_told_and_nothing_ends(ros, tmp_path):
+    (tmp_path / 'file').write_text('')
+    machine = Machine(ros, tmp_path / 'file' / 'records')
+    reply = ros.call(machine.node, Trigger, 'recorder/save')
+    assert not reply.success
+    assert 'nothing was recorded' in reply.message
+    (status,) = machine.recorder._components()
+    assert (status.level, status.message) == (DiagnosticStatus.ERROR, reply.message)
+    (tmp_path / 'file').unlink()
+    assert ros.call(machine.node, Trigger, 'recorder/save').success
