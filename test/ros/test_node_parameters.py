@@ -17,11 +17,13 @@ from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.recorder import RecorderNode
 
 NODES = {
     'driver': DriverNode,
     'ik_service': IkServiceNode,
     'compensator': CompensatorNode,
+    'recorder': RecorderNode,
     'gondola_simulator': GondolaSimulatorNode,
 }
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
