@@ -95,7 +95,7 @@ class RecorderNode(Node):
         self._outcome, self._error, self._files = 'nothing recorded yet', '', 0
         self._driver_state, self._driver_time = '', time.monotonic()
         self._listener: CanListener | None = None
-        self._parameters = {
+        self._readers = {
             name: ParameterReader(self, name) for name in COMPONENTS}
         replies = DeferredReplies(self)
         replies.attach(self.create_service(Trigger, 'recorder/save', self._save))
@@ -132,7 +132,7 @@ class RecorderNode(Node):
             self._trigger.watch(now, name, reason)
 
     def _read_event(self, event: ParameterEvent) -> None:
-        for name, reader in self._parameters.items():
+        for name, reader in self._readers.items():
             if event.node == f'/{self._prefix}/{name}'.replace('//', '/'):
                 reader.update(event)
 
@@ -145,7 +145,7 @@ class RecorderNode(Node):
 
     def _watch(self) -> None:
         now = time.monotonic()
-        for reader in self._parameters.values():
+        for reader in self._readers.values():
             reader.ask_once()
         self._listen_to_bus()
         silence = now - self._driver_time
@@ -157,7 +157,7 @@ class RecorderNode(Node):
 
     def _listen_to_bus(self) -> None:
         """Listen to the bus that the driver uses, once its parameters are known."""
-        driver = self._parameters['driver'].values
+        driver = self._readers['driver'].values
         if self._listener is None and driver.get('bus.interface') == 'socketcan':
             self._listener = CanListener(
                 driver['bus.channel'],
@@ -184,7 +184,7 @@ class RecorderNode(Node):
                 'reasons': '\n'.join(reasons), 'namespace': self.get_namespace(),
                 'version': version(NAME), 'begins': f'{self._settings.duration:g} s before'},
             **{f'parameters of {name}': reader.as_text()
-               for name, reader in self._parameters.items() if reader.values}}
+               for name, reader in self._readers.items() if reader.values}}
         return self._shelf.write(now, partial(
             write_mcap, topics=self._topics, messages=messages,
             epoch=now - time.monotonic(), metadata=metadata))

@@ -71,7 +71,7 @@ def machine(ros, tmp_path):
 def test_a_stop_makes_one_file_with_reason_goal_and_parameters(machine, state, level):
     machine.goals.publish(pose_stamped('facade', 14.0, GOAL))
     machine.say('active')
-    values = machine.recorder._parameters['driver'].values
+    values = machine.recorder._readers['driver'].values
     machine.ros.until(lambda: 'q1.serial_number' in values, 'the parameters')
     for _ in range(3):
         machine.say(state, level, 'q2: following error 8611h')
