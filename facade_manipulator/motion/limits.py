@@ -4,6 +4,9 @@ Speed, acceleration and jerk limits of the three carriages, kept by all three ax
 A target inside the limits passes unchanged. Beyond them the carriages chase the moving target on
 the time-optimal jerk-limited path, planned in the frame that moves with it (ruckig), with one
 duration for all three axes, so that the head turns no corner that the stream does not.
+
+What is limited is what a drive makes of the positions that it is sent once a period: their first,
+second and third differences.
 """
 
 from __future__ import annotations
@@ -14,9 +17,9 @@ from typing import NamedTuple
 from ruckig import (
     ControlInterface,
     InputParameter,
-    OutputParameter,
     Result,
     Ruckig,
+    RuckigError,
     Synchronization,
     Trajectory,
 )
@@ -26,6 +29,8 @@ from facade_manipulator.parameters import parameter, settings
 
 Triple = tuple[float, float, float]
 STANDSTILL_SPEED = 1e-5  # m/s
+STANDSTILL_ACCELERATION = 1e-3  # m/s²
+ZERO = (0.0, 0.0, 0.0)
 FEED_FORWARD_SHARE = 0.8  # of the speed limit: what remains is for catching up
 PLAN_TOLERANCE = 1e-9  # m, and per s and s²: such a motion is the one that was planned
 ROUNDING = 1e-9  # relative
@@ -50,16 +55,30 @@ class MotionLimits:
 
 
 class CarriageMotion(NamedTuple):
-    """Positions [m], velocities [m/s] and accelerations [m/s²] of the three carriages."""
+    """
+    How the three carriages move at one instant.
+
+    Attributes
+    ----------
+    position, velocity, acceleration : tuple of float, shape (3,)
+        At the instant [m, m/s, m/s²].
+    mean_velocity, mean_acceleration : tuple of float, shape (3,)
+        First and second difference of the positions up to the instant, a period apart
+        [m/s, m/s²].
+
+    """
 
     position: Triple
-    velocity: Triple = (0.0, 0.0, 0.0)
-    acceleration: Triple = (0.0, 0.0, 0.0)
+    velocity: Triple = ZERO
+    acceleration: Triple = ZERO
+    mean_velocity: Triple = ZERO
+    mean_acceleration: Triple = ZERO
 
     @property
     def at_rest(self) -> bool:
-        """Whether no carriage moves."""
-        return _greatest(self.velocity) < STANDSTILL_SPEED
+        """Whether no carriage moves, or begins to."""
+        return (_greatest(self.velocity) < STANDSTILL_SPEED
+                and _greatest(self.acceleration) < STANDSTILL_ACCELERATION)
 
 
 class PathLimiter:
@@ -80,10 +99,11 @@ class PathLimiter:
         self._planner = Ruckig(3, period)
         self._chase = _plan(limits, ControlInterface.Position)
         self._brake = _plan(limits, ControlInterface.Velocity)
-        self._output = OutputParameter(3)
-        self._trajectory = Trajectory(3)
-        self._relative: CarriageMotion | None = None
-        self._is_catching_up = False
+        self._way, self._stop = Trajectory(3), Trajectory(3)
+        self._relative: tuple[Triple, ...] | None = None
+        self._frame: Triple | None = None
+        self._elapsed = 0.0
+        self._reached: CarriageMotion | None = None
 
     def reach(
         self, motion: CarriageMotion, target: Triple, target_velocity: Triple
@@ -97,9 +117,9 @@ class PathLimiter:
         direct = self._direct(motion, target)
         if not self._allowed(motion, direct):
             return None
-        if self._is_catching_up and not self._meets(motion, direct, target_velocity):
+        if motion is not self._reached and not self._meets(motion, direct, target_velocity):
             return None
-        self._is_catching_up = False
+        self._reached = direct
         return direct
 
     def chase(
@@ -117,49 +137,99 @@ class PathLimiter:
         target_velocity : tuple of float, shape (3,)
             The target's own velocity [m/s]; faster than the limits, it is taken as slower.
 
+        Raises
+        ------
+        ManipulatorError
+            No path was found, which ruckig says of some motions inside all limits.
+
         """
-        self._is_catching_up = True
         frame = self._feed_forward(target_velocity)
-        relative = self._continued(CarriageMotion(
+        relative = (
             tuple(p - t + w * self.period
                   for p, t, w in zip(motion.position, target, frame, strict=True)),
             tuple(v - w for v, w in zip(motion.velocity, frame, strict=True)),
-            motion.acceleration))
-        self._chase.max_velocity = [self.limits.speed - w for w in frame]
-        self._chase.min_velocity = [-self.limits.speed - w for w in frame]
-        self._relative = step = self._step(_begin(self._chase, relative, self.limits.acceleration))
-        return CarriageMotion(
-            tuple(e + t for e, t in zip(step.position, target, strict=True)),
-            tuple(e + w for e, w in zip(step.velocity, frame, strict=True)),
-            step.acceleration)
+            motion.acceleration)
+        if not self._continues(relative, frame):
+            self._chase.max_velocity = [self.limits.speed - w for w in frame]
+            self._chase.min_velocity = [-self.limits.speed - w for w in frame]
+            self._calculate(self._chase, relative, self._way)
+            self._elapsed, self._frame = 0.0, frame
+        self._elapsed += self.period
+        self._relative = error, rate, acceleration = _at(self._way, self._elapsed)
+        return self._next(
+            motion, tuple(e + t for e, t in zip(error, target, strict=True)),
+            tuple(e + w for e, w in zip(rate, frame, strict=True)), acceleration)
 
-    def brake(self, motion: CarriageMotion) -> CarriageMotion:
-        """Return the motion one period later on the path to rest, all axes braking together."""
-        self._is_catching_up = True
-        return self._step(_begin(self._brake, motion, self.limits.acceleration))
+    def stop(self, motion: CarriageMotion) -> list[CarriageMotion]:
+        """
+        Return the motions, a period apart, on the path to rest; the last one is at rest.
 
-    def rest_position(self, motion: CarriageMotion) -> Triple:
-        """Return where the carriages come to rest when they brake now [m]."""
-        plan = _begin(self._brake, motion, self.limits.acceleration)
-        _require(self._planner.calculate(plan, self._trajectory))
-        return tuple(self._trajectory.at_time(self._trajectory.duration)[0])
+        All axes brake together.
 
-    def _continued(self, relative: CarriageMotion) -> CarriageMotion:
-        """Return the planned motion if it is the present one: a new plan would bend the path."""
-        planned = self._relative
-        if planned is None or any(
-            abs(a - b) > PLAN_TOLERANCE
-            for part, plan in zip(relative, planned, strict=True)
-            for a, b in zip(part, plan, strict=True)
-        ):
-            return relative
-        return planned
+        Raises
+        ------
+        ManipulatorError
+            No path was found.
+
+        """
+        if motion.at_rest:
+            return []
+        self._calculate(self._brake, motion[:3], self._stop)
+        path = []
+        for number in range(1, 1 + math.ceil(self._stop.duration / self.period - ROUNDING)):
+            motion = self._next(motion, *_at(self._stop, number * self.period))
+            path.append(motion)
+        return path
+
+    def _calculate(
+        self, plan: InputParameter, start: tuple[Triple, ...], trajectory: Trajectory
+    ) -> None:
+        """
+        Calculate the trajectory of a plan from a position, velocity and acceleration.
+
+        Of an acceleration that rounding has put beyond the limit ruckig makes no plan at all; of
+        one that is far beyond it, because the limit has been lowered, it does.
+        """
+        position, velocity, acceleration = start
+        most = self.limits.acceleration
+        plan.current_position, plan.current_velocity = list(position), list(velocity)
+        plan.current_acceleration = [
+            math.copysign(most, a) if most < abs(a) < most * (1.0 + ROUNDING) else a
+            for a in acceleration]
+        try:
+            result = self._planner.calculate(plan, trajectory)
+        except RuckigError as error:
+            raise ManipulatorError(f'no path inside the motion limits: {error}') from None
+        if result not in (Result.Working, Result.Finished):
+            raise ManipulatorError(f'no path inside the motion limits: {result}')
+
+    def _continues(self, relative: tuple[Triple, ...], frame: Triple) -> bool:
+        """Return whether the present motion is the planned one: a new plan would bend the path."""
+        return frame == self._frame and all(
+            abs(a - b) <= PLAN_TOLERANCE
+            for part, plan in zip(relative, self._relative, strict=True)
+            for a, b in zip(part, plan, strict=True))
 
     def _direct(self, motion: CarriageMotion, target: Triple) -> CarriageMotion:
+        """
+        Return the motion at the target, as far as its positions tell.
+
+        The second difference is the acceleration of a period ago, and half a period later it has
+        changed the mean velocity into the present one.
+        """
+        mean = self._rates(motion.position, target)
+        acceleration = self._rates(motion.mean_velocity, mean)
+        half = 0.5 * self.period
+        velocity = tuple([v + half * a for v, a in zip(mean, acceleration, strict=True)])
+        return CarriageMotion(target, velocity, acceleration, mean, acceleration)
+
+    def _next(
+        self, before: CarriageMotion, position: Triple, velocity: Triple, acceleration: Triple
+    ) -> CarriageMotion:
+        """Return a motion one period after another."""
+        mean = self._rates(before.position, position)
         return CarriageMotion(
-            target,
-            velocity := self._rates(motion.position, target),
-            self._rates(motion.velocity, velocity))
+            position, velocity, acceleration, mean, self._rates(before.mean_velocity, mean))
 
     def _rates(self, before: Triple, after: Triple) -> Triple:
         """Return how fast values change within a period; spelt out, it runs thrice a cycle."""
@@ -167,11 +237,20 @@ class PathLimiter:
         return (b1 - a1) * rate, (b2 - a2) * rate, (b3 - a3) * rate
 
     def _allowed(self, before: CarriageMotion, after: CarriageMotion) -> bool:
+        """Return whether differences keep the limits, and can go on to do so."""
         limits = self.limits
-        jerk = self._rates(before.acceleration, after.acceleration)
-        return (_greatest(after.velocity) <= limits.speed
-                and _greatest(after.acceleration) <= limits.acceleration
-                and _greatest(jerk) <= limits.jerk)
+        return (_greatest(after.mean_velocity) <= limits.speed
+                and _greatest(after.mean_acceleration) <= limits.acceleration
+                and _greatest(self._rates(before.mean_acceleration, after.mean_acceleration))
+                <= limits.jerk
+                and _greatest(self._extreme_velocity(after)) <= limits.speed)
+
+    def _extreme_velocity(self, motion: CarriageMotion) -> Triple:
+        """Return what the velocities come to until the jerk has ended the accelerations."""
+        share = 0.5 / self.limits.jerk
+        return tuple([
+            v + share * a * abs(a)
+            for v, a in zip(motion.velocity, motion.acceleration, strict=True)])
 
     def _meets(self, before: CarriageMotion, after: CarriageMotion, velocity: Triple) -> bool:
         """Return whether a motion with a mean velocity arrives with a velocity, about."""
@@ -179,18 +258,12 @@ class PathLimiter:
         return all(
             abs(2.0 * mean - start - wanted) <= tolerance
             for mean, start, wanted in zip(
-                after.velocity, before.velocity, velocity, strict=True))
+                after.mean_velocity, before.velocity, velocity, strict=True))
 
     def _feed_forward(self, velocity: Triple) -> Triple:
         fastest = _greatest(velocity)
         share = min(1.0, FEED_FORWARD_SHARE * self.limits.speed / fastest) if fastest else 1.0
         return tuple(share * v for v in velocity)
-
-    def _step(self, plan: InputParameter) -> CarriageMotion:
-        _require(self._planner.update(plan, self._output))
-        output = self._output
-        return CarriageMotion(
-            tuple(output.new_position), tuple(output.new_velocity), tuple(output.new_acceleration))
 
 
 def _plan(limits: MotionLimits, interface: ControlInterface) -> InputParameter:
@@ -205,24 +278,10 @@ def _plan(limits: MotionLimits, interface: ControlInterface) -> InputParameter:
     return plan
 
 
-def _begin(plan: InputParameter, motion: CarriageMotion, most: float) -> InputParameter:
-    """
-    Let a plan begin at a motion.
-
-    Of an acceleration that rounding has put beyond the limit ruckig makes no plan at all; of one
-    that is far beyond it, because the limit has been lowered, it does.
-    """
-    plan.current_position, plan.current_velocity = map(list, motion[:2])
-    plan.current_acceleration = [
-        math.copysign(most, a) if most < abs(a) < most * (1.0 + ROUNDING) else a
-        for a in motion.acceleration]
-    return plan
+def _at(trajectory: Trajectory, time: float) -> tuple[Triple, ...]:
+    """Return position, velocity and acceleration at a time, after its end those of the end."""
+    return tuple(map(tuple, trajectory.at_time(min(time, trajectory.duration))))
 
 
 def _greatest(values: Triple) -> float:
     return max(map(abs, values))
-
-
-def _require(result: Result) -> None:
-    if result not in (Result.Working, Result.Finished):
-        raise ManipulatorError(f'no path inside the motion limits: {result}')

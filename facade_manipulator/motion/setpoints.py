@@ -2,15 +2,16 @@
 The driver's view of the setpoint stream: checked on arrival, interpolated and limited each cycle.
 
 Setpoints carry the instant they are meant for. Between two of them the carriages follow a cubic
-curve, shortly beyond the newest one its velocity, and after that they brake and hold: a stream
-that falls silent never moves anything. Senders give the mean velocity since the setpoint before;
-as soon as the next one is known, the velocity becomes that of the parabola through all three.
+curve, shortly beyond the newest one its velocity, unless it is the only one, and after that they
+brake and hold: a stream that falls silent never moves anything. Senders give the mean velocity
+since the setpoint before; as soon as the next one is known, the velocity becomes that of the
+parabola through all three.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 import enum
 import math
 from threading import Lock
@@ -22,12 +23,20 @@ from facade_manipulator.errors import (
     SetpointLimitError,
 )
 from facade_manipulator.kinematics import Carriages
-from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter, Triple
+from facade_manipulator.motion.limits import (
+    CarriageMotion,
+    MotionLimits,
+    PathLimiter,
+    Triple,
+    ZERO,
+)
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
 CARRIAGES = Carriages._fields
 KEPT_MARGINS = 1000
+EXCESS = 2.0  # of the limits: carriages come later; beyond that a setpoint is wrong
+SHORTEST = 0.02  # s: of an interval below that the positions tell no velocity, for backlash
 OLDEST = 0.2  # s, age beyond which a setpoint is rejected: it is of no use any more
 EARLIEST = 1.0  # s, how far in the future a setpoint may be meant: beyond that a clock is wrong
 
@@ -99,9 +108,11 @@ class SetpointFollower:
         self.last_rejection = ''
         self.margins: deque[float] = deque(maxlen=KEPT_MARGINS)
         self._period = period
+        self._fastest = self._hardest = 0.0
         self.change_limits(limits)
         self._check = check
         self._motion: CarriageMotion | None = None
+        self._stop: Iterator[CarriageMotion] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
         self._sampled = self._newest = -math.inf
@@ -123,13 +134,20 @@ class SetpointFollower:
         return self._motion is None or self._motion.at_rest
 
     def change_limits(self, limits: MotionLimits) -> None:
-        """Keep other limits from the next cycle on; beyond new ones the carriages slow down."""
+        """
+        Keep other limits from the next cycle on; beyond new ones the carriages slow down.
+
+        Lower ones reject no setpoint: the carriages come later.
+        """
         self._limiter = PathLimiter(limits, self._period)
+        self._fastest = max(self._fastest, EXCESS * limits.speed)
+        self._hardest = max(self._hardest, EXCESS * limits.acceleration)
 
     def reset(self, positions: Triple) -> None:
         """Hold at measured positions [m] and forget the stream."""
         self.hold()
         self._motion = CarriageMotion(tuple(positions))
+        self._stop = iter(())
         self._activity = Activity.HOLDING
 
     def hold(self) -> None:
@@ -150,9 +168,10 @@ class SetpointFollower:
         Raises
         ------
         InputError
-            Not finite, stale, in the future, out of order, or nothing is held yet.
+            Not finite, stale, in the future, out of order, with a velocity that the positions
+            contradict, or nothing is held yet.
         ManipulatorError
-            What `check` raises, or SetpointLimitError for a jump.
+            What `check` raises, or SetpointLimitError for a jump or a velocity far beyond limits.
 
         """
         self._require_finite(setpoint)
@@ -161,6 +180,7 @@ class SetpointFollower:
             last = self._last_setpoint(now)
             self._require_timely(setpoint, now, last)
             self._require_near(setpoint, last)
+            self._require_feasible(setpoint, last)
             self._smooth(setpoint)
             self._stream.append(setpoint.time, setpoint)
 
@@ -180,8 +200,8 @@ class SetpointFollower:
 
         Raises
         ------
-        ManipulatorError
-            Even braking leaves what the mechanism can do; or `reset` was never called.
+        InputError
+            `reset` was never called.
 
         """
         if self._motion is None:
@@ -235,30 +255,36 @@ class SetpointFollower:
                 after is None and time - before[0] > self.settings.stale_after):
             return None
         if after is None:
-            return _extrapolate(before[1], time)
+            is_confirmed = len(self._stream.newest(2)) == 2
+            return _extrapolate(before[1], time) if is_confirmed else (before[1].position, ZERO)
         return _interpolate(before[1], after[1], time)
 
     def _follow(self, position: Triple, velocity: Triple) -> CarriageMotion:
-        direct = self._limiter.reach(self._motion, position, velocity)
-        motion = direct or self._limiter.chase(self._motion, position, velocity)
+        """Go where the target is, as long as there is a way to rest from there."""
+        limiter = self._limiter
+        direct = limiter.reach(self._motion, position, velocity)
         try:
-            self._check(self._limiter.rest_position(motion))
+            motion = direct or limiter.chase(self._motion, position, velocity)
+            stop = limiter.stop(motion)
+            for later in reversed(stop):  # the end is what most likely fails
+                self._check(later.position)
             self._check(motion.position)  # last: whoever sends it has it checked once more
         except ManipulatorError as error:
             self.last_rejection = str(error)
             return self._brake()
+        self._stop = iter(stop)
         self._activity = Activity.FOLLOWING if direct else Activity.LIMITED
         self.limited_cycles += direct is None
         return motion
 
     def _brake(self) -> CarriageMotion:
-        if self._motion.at_rest:
+        """Go on to rest on the path that was checked when the present motion was chosen."""
+        motion = next(self._stop, None)
+        if motion is None:
             self._activity = Activity.HOLDING
             return CarriageMotion(self._motion.position)
         self.brakes += self._activity is not Activity.BRAKING
         self._activity = Activity.BRAKING
-        motion = self._limiter.brake(self._motion)
-        self._check(motion.position)
         return motion
 
     def _require_finite(self, setpoint: Setpoint) -> None:
@@ -292,6 +318,25 @@ class SetpointFollower:
                 raise SetpointLimitError(
                     f'the step of {carriage} to the setpoint', abs(value - near),
                     self.settings.first_step, 'm', 'above')
+
+    def _require_feasible(self, setpoint: Setpoint, last: Setpoint | None) -> None:
+        """Reject a velocity that no carriage has, or with which the positions do not change."""
+        for carriage, value in zip(CARRIAGES, setpoint.velocity, strict=True):
+            if abs(value) > self._fastest:
+                raise SetpointLimitError(
+                    f'setpoint velocity of {carriage}', abs(value), self._fastest, 'm/s', 'above')
+        if last is None:
+            return
+        elapsed = setpoint.time - last.time
+        bound = 0.5 * self._hardest * max(elapsed, SHORTEST)
+        for carriage, value, before, after in zip(
+                CARRIAGES, setpoint.velocity, last.position, setpoint.position, strict=True):
+            mean = (after - before) / elapsed
+            if abs(value - mean) > bound:
+                raise InputError(
+                    'inconsistent', f'setpoint velocity of {carriage} = {value:.4g} m/s, but its '
+                    f'positions change by {mean:.4g} m/s: the difference is above the bound '
+                    f'{bound:.4g} m/s')
 
 
 def _extrapolate(last: Setpoint, time: float) -> tuple[Triple, Triple]:

@@ -1,6 +1,7 @@
 import math
 import sys
 
+from command_watch import differences
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -16,42 +17,59 @@ positions = st.tuples(*[st.floats(-0.4, 0.4)] * 3)
 speeds = st.tuples(*[st.floats(-2.0, 2.0)] * 3)
 
 
-def within_limits(before, after):
-    step = [(b - a) / PERIOD for a, b in zip(before.position, after.position, strict=True)]
-    rate = [(b - a) / PERIOD for a, b in zip(before.velocity, after.velocity, strict=True)]
-    jerk = [(b - a) / PERIOD for a, b in zip(before.acceleration, after.acceleration, strict=True)]
-    return (max(map(abs, step)) <= LIMITS.speed * SLACK
-            and max(map(abs, rate)) <= LIMITS.acceleration * SLACK
-            and max(map(abs, jerk)) <= LIMITS.jerk * SLACK)
+def within_limits(*motions):
+    """Tell whether a drive that is sent these positions is within limits."""
+    speed, acceleration, jerk = differences([one.position for one in motions], PERIOD)
+    return (speed <= LIMITS.speed * SLACK and acceleration <= LIMITS.acceleration * SLACK
+            and jerk <= LIMITS.jerk * SLACK)
 
 
 def follow(limiter, motion, target, velocity):
     return limiter.reach(motion, target, velocity) or limiter.chase(motion, target, velocity)
 
 
-@given(targets=st.lists(st.tuples(positions, speeds), min_size=1, max_size=30))
-def test_no_sequence_of_targets_leaves_the_speed_acceleration_and_jerk_limits(targets):
-    limiter, motion = PathLimiter(LIMITS, PERIOD), CarriageMotion((0.0, 0.0, 0.0))
-    for target, velocity in targets:
-        after = follow(limiter, motion, target, velocity)
-        assert within_limits(motion, after)
-        motion = after
+@given(targets=st.lists(st.tuples(positions, speeds, st.booleans()), min_size=1, max_size=30))
+def test_no_sequence_of_targets_and_stops_sends_a_drive_beyond_speed_acceleration_and_jerk(
+        targets):
+    limiter, motions, stop = PathLimiter(LIMITS, PERIOD), [CarriageMotion((0.0, 0.0, 0.0))] * 3, ()
+    for target, velocity, stops in targets:
+        if stops and stop:
+            motions.append(stop[0])
+            stop = stop[1:]
+        else:
+            motions.append(follow(limiter, motions[-1], target, velocity))
+            stop = limiter.stop(motions[-1])
+        assert within_limits(*motions[-4:], *stop)
+
+
+@given(stream=st.lists(st.tuples(*[st.floats(-1.0, 1.0)] * 3), min_size=20, max_size=60))
+def test_near_targets_that_are_reached_and_chased_in_turn_are_within_limits_too(stream):
+    limiter, motions = PathLimiter(LIMITS, PERIOD), [CarriageMotion((0.0, 0.0, 0.0))] * 3
+    target, velocity = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for pushes in stream:  # a target within limits, or just beyond
+        velocity = tuple(
+            min(max(v + 1.05 * LIMITS.acceleration * PERIOD * push, -0.52), 0.52)
+            for v, push in zip(velocity, pushes, strict=True))
+        target = tuple(p + PERIOD * v for p, v in zip(target, velocity, strict=True))
+        motions.append(follow(limiter, motions[-1], target, velocity))
+    assert within_limits(*motions, *limiter.stop(motions[-1]))
 
 
 @given(target=positions, velocity=speeds)
-def test_a_motion_brakes_to_rest_inside_the_limits_and_at_the_foretold_position(
-        target, velocity):
+def test_a_stop_ends_at_rest(target, velocity):
     limiter, motion = PathLimiter(LIMITS, PERIOD), CarriageMotion((0.0, 0.0, 0.0))
     for _ in range(20):
         motion = follow(limiter, motion, target, velocity)
-    bound = limiter.rest_position(motion)
-    steps = 0
-    while not motion.at_rest:
-        after = limiter.brake(motion)
-        assert within_limits(motion, after)
-        motion, steps = after, steps + 1
-        assert steps < 100
-    assert motion.position == pytest.approx(bound, abs=1e-4)
+    stop = limiter.stop(motion)
+    assert len(stop) < 100
+    assert not stop or stop[-1].at_rest
+    assert limiter.stop((stop or [motion])[-1]) == []
+
+
+def test_a_carriage_that_turns_round_is_not_at_rest():
+    turning = CarriageMotion((0.0,) * 3, (0.0,) * 3, (3.0, 0.0, 0.0))
+    assert not turning.at_rest
+    assert PathLimiter(LIMITS, PERIOD).stop(turning)
 
 
 def test_a_target_inside_the_limits_is_reached_exactly():
@@ -101,8 +119,7 @@ def test_an_acceleration_that_rounding_has_put_beyond_its_limit_does_not_end_the
     acceleration = tuple(
         sign * LIMITS.acceleration * (1.0 + n * sys.float_info.epsilon) for n in beyond)
     motion = CarriageMotion((-0.1, 0.1, 0.0), tuple(speed + a for a in apart), acceleration)
-    limiter.rest_position(motion)
-    assert within_limits(motion, limiter.brake(motion))
+    assert limiter.stop(motion)[-1].at_rest
     limiter.chase(motion, (-0.05, 0.15, 0.05), (0.0, 0.0, 0.0))
 
 

@@ -1,10 +1,13 @@
+from contextlib import suppress
 import math
 
+from command_watch import differences
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import (
+    CarriageGapError,
     InputError,
     ManipulatorError,
     ParameterError,
@@ -83,11 +86,11 @@ def test_mean_velocities_make_no_jerks_once_later_setpoints_are_known(ahead, is_
 def test_the_velocity_of_a_setpoint_stays_near_that_of_its_sender():
     made = SetpointFollower(StreamSettings(), LIMITS, PERIOD / 5, inside)
     made.reset(HOME)
-    jump = LIMITS.acceleration * 0.01  # m/s, far beyond what a mean velocity is late by
-    for k, step in enumerate((0.0, 0.0, jump)):
+    for k, step in enumerate((0.0, 0.0, 0.0005)):  # 50 mm/s: more than a mean velocity is late by
         position = tuple(q + step for q in HOME)
         made.add(Setpoint(0.05 + 0.01 * k, position, (0.0,) * 3), 0.0)
-    assert made._stream.newest(2)[0][1].velocity == pytest.approx([0.5 * jump] * 3)
+    assert made._stream.newest(2)[0][1].velocity == pytest.approx(
+        [0.5 * LIMITS.acceleration * 0.01] * 3)
 
 
 def test_a_silent_stream_brakes_to_rest_and_holds():
@@ -167,6 +170,48 @@ def test_a_jump_in_the_stream_is_rejected():
         made.add(Setpoint(1.01, (0.0, 0.2, 0.1), (0.0,) * 3), 1.0)
 
 
+@pytest.mark.parametrize('velocity', [5.0, 1e6, -1e300])
+def test_a_velocity_that_no_carriage_can_have_is_rejected_and_moves_nothing(velocity):
+    made = follower()
+    for k in range(30):
+        with pytest.raises(SetpointLimitError, match='velocity of q2 .* above the bound 1 m/s'):
+            made.add(Setpoint(k * PERIOD + 0.03, HOME, (0.0, velocity, 0.0)), k * PERIOD)
+        assert made.sample(k * PERIOD + 0.02) == HOME
+
+
+def test_a_velocity_that_contradicts_the_positions_is_rejected_and_the_carriages_come_to_rest():
+    made = follower()
+    rejections = []
+    for k in range(100):
+        try:
+            made.add(Setpoint(k * PERIOD + 0.03, HOME, (0.0, 0.45, 0.0)), k * PERIOD)
+        except InputError as error:
+            rejections.append(error)
+        position = made.sample(k * PERIOD + 0.02)
+        assert position == HOME
+    assert made.at_rest
+    assert rejections[0].reason == 'inconsistent'
+    assert 'q2 = 0.45 m/s' in str(rejections[0])
+
+
+@given(amplitude=st.floats(0.0, 0.2), rate=st.floats(0.5, 4.0), interval=st.floats(0.001, 0.09),
+       backlash=st.floats(0.0, 0.0005))
+def test_whatever_a_carriage_can_do_is_accepted_with_its_mean_velocity(
+        amplitude, rate, interval, backlash):
+    share = min(1.0, 0.5 / max(amplitude * rate, 1e-9), 3.0 / max(amplitude * rate ** 2, 1e-9))
+
+    def at(time):
+        position = HOME[0] + share * amplitude * math.sin(rate * time)
+        return position + math.copysign(backlash, math.cos(rate * time))
+
+    made = SetpointFollower(StreamSettings(first_step=0.5), LIMITS, PERIOD, inside)
+    made.reset((at(0.0), *HOME[1:]))
+    for k in range(1, 100):
+        now = k * interval
+        mean = (at(now) - at(now - interval)) / interval if k > 1 else 0.0
+        made.add(Setpoint(now, (at(now), *HOME[1:]), (mean, 0.0, 0.0)), now)
+
+
 def test_a_setpoint_where_the_mechanism_cannot_be_is_rejected():
     made = follower()
     with pytest.raises(StrokeLimitError):
@@ -178,23 +223,75 @@ def test_a_velocity_that_leads_out_of_the_mechanism_is_braked_before_the_border(
     made.reset((-0.1, 0.45, 0.0))
     for k in range(60):
         now = k * PERIOD
-        q2 = min(0.45 + 0.3 * now, 0.499)
-        made.add(Setpoint(now + 0.03, (-0.1, q2, 0.0), (0.0, 0.3, 0.0)), now)
+        if 0.45 + 0.3 * now < 0.499:
+            made.add(Setpoint(now + 0.03, (-0.1, 0.45 + 0.3 * now, 0.0), (0.0, 0.3, 0.0)), now)
         assert made.sample(now + 0.02)[1] <= 0.5
     assert 'q = 0.5' in made.last_rejection
     assert made.brakes >= 1
 
 
-def test_a_stop_that_the_mechanism_cannot_survive_is_an_error_for_the_controller():
+def reject(position):
+    raise StrokeLimitError('q1', 9.0, 0.5, 'm', 'above')
+
+
+def test_a_path_that_is_not_allowed_is_left_on_the_stop_that_was_checked_before():
+    made = follower()
+    run(made, 0.0, 1.0)
+    made._check = reject
+    run(made, 1.0, 2.0, stream=None)
+    assert made.activity is Activity.HOLDING
+    assert made.brakes == 1
+
+
+def test_a_motion_that_finds_no_path_brakes(monkeypatch):
     made = follower()
     run(made, 0.0, 1.0)
 
-    def reject(position):
-        raise StrokeLimitError('q1', 9.0, 0.5, 'm', 'above')
+    def no_path(*_):
+        raise ManipulatorError('no path inside the motion limits: Result.Error')
 
-    made._check = reject
-    with pytest.raises(ManipulatorError):
-        made.sample(1.02)
+    monkeypatch.setattr(made._limiter, 'reach', lambda *_: None)
+    monkeypatch.setattr(made._limiter, 'chase', no_path)
+    run(made, 1.0, 2.0)
+    assert made.activity is Activity.HOLDING
+    assert 'no path' in made.last_rejection
+
+
+def keeps_gap(position):
+    gap, bound = min(position[2] - position[0], position[1] - position[2]), 0.02
+    if gap < bound:
+        raise CarriageGapError('gap', gap, bound, 'm', 'below')
+
+
+@given(swing=st.floats(0.0, 0.15), rate=st.floats(1.0, 5.0), phase=st.floats(0.0, 6.3),
+       gaps=st.lists(st.integers(0, 149), max_size=4),
+       holds=st.lists(st.integers(0, 149), max_size=2))
+def test_at_the_border_every_point_on_the_way_to_rest_keeps_the_gap_and_the_limits(
+        swing, rate, phase, gaps, holds):
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, keeps_gap)
+    made.reset((-0.03, 0.1, 0.0))
+
+    def approach(time):  # the carriages swing, two of them against each other
+        place, speed = swing * math.sin(rate * time + phase), swing * rate * math.cos(
+            rate * time + phase)
+        start = swing * math.sin(phase)
+        return Setpoint(time, (-0.03 + place - start, 0.1, 0.5 * (start - place)),
+                        (speed, 0.0, -0.5 * speed))
+
+    commanded = [made.motion.position] * 3
+    for cycle in range(150):
+        now = cycle * PERIOD
+        if cycle in holds:
+            made.hold()
+        if all(not 0 <= cycle - gap < 15 for gap in gaps):
+            with suppress(ManipulatorError):
+                made.add(approach(now + 0.03), now)
+        commanded.append(made.sample(now + 0.02))
+        keeps_gap(commanded[-1])
+    for greatest, limit in zip(
+            differences(commanded, PERIOD),
+            (LIMITS.speed, LIMITS.acceleration, LIMITS.jerk), strict=True):
+        assert greatest <= limit * 1.001
 
 
 @given(st.lists(st.tuples(

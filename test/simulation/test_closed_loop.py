@@ -57,7 +57,7 @@ def test_a_machine_that_is_known_is_compensated_as_well_as_one_without_errors():
     ideal, known, unknown = (
         residual(*pair) for pair in ((Geometry(), Geometry()), (MADE, MADE), (Geometry(), MADE)))
     assert known == pytest.approx(ideal, rel=0.2)
-    assert unknown[0] > 2.0 * ideal[0] and unknown[2] > 4.0 * ideal[2]
+    assert unknown[0] > 1.8 * ideal[0] and unknown[2] > 4.0 * ideal[2]
 
 
 def test_without_compensation_nothing_is_attenuated():
