@@ -99,7 +99,7 @@ class PathLimiter:
         self._planner = Ruckig(3, period)
         self._chase = _plan(limits, ControlInterface.Position)
         self._brake = _plan(limits, ControlInterface.Velocity)
-        self._way, self._stop = Trajectory(3), Trajectory(3)
+        self._path, self._stop = Trajectory(3), Trajectory(3)
         self._relative: tuple[Triple, ...] | None = None
         self._frame: Triple | None = None
         self._elapsed = 0.0
@@ -152,10 +152,10 @@ class PathLimiter:
         if not self._continues(relative, frame):
             self._chase.max_velocity = [self.limits.speed - w for w in frame]
             self._chase.min_velocity = [-self.limits.speed - w for w in frame]
-            self._calculate(self._chase, relative, self._way)
+            self._calculate(self._chase, relative, self._path)
             self._elapsed, self._frame = 0.0, frame
         self._elapsed += self.period
-        self._relative = error, rate, acceleration = _at(self._way, self._elapsed)
+        self._relative = error, rate, acceleration = _at(self._path, self._elapsed)
         return self._next(
             motion, tuple(e + t for e, t in zip(error, target, strict=True)),
             tuple(e + w for e, w in zip(rate, frame, strict=True)), acceleration)
@@ -212,7 +212,7 @@ class PathLimiter:
 
     def _direct(self, motion: CarriageMotion, target: Triple) -> CarriageMotion:
         """
-        Return the motion at the target, as far as its positions tell.
+        Return the motion at the target, as its position and those before show it.
 
         The second difference is the acceleration of a period ago, and half a period later it has
         changed the mean velocity into the present one.

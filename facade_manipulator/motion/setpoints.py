@@ -35,8 +35,8 @@ from facade_manipulator.parameters import parameter, settings
 
 CARRIAGES = Carriages._fields
 KEPT_MARGINS = 1000
-EXCESS = 2.0  # of the limits: carriages come later; beyond that a setpoint is wrong
-SHORTEST = 0.02  # s: of an interval below that the positions tell no velocity, for backlash
+TOLERATED = 2.0  # of the limits: carriages come later; beyond that a setpoint is wrong
+SHORTEST = 0.02  # s: in less, backlash alone changes the velocity
 OLDEST = 0.2  # s, age beyond which a setpoint is rejected: it is of no use any more
 EARLIEST = 1.0  # s, how far in the future a setpoint may be meant: beyond that a clock is wrong
 
@@ -140,8 +140,8 @@ class SetpointFollower:
         Lower ones reject no setpoint: the carriages come later.
         """
         self._limiter = PathLimiter(limits, self._period)
-        self._fastest = max(self._fastest, EXCESS * limits.speed)
-        self._hardest = max(self._hardest, EXCESS * limits.acceleration)
+        self._fastest = max(self._fastest, TOLERATED * limits.speed)
+        self._hardest = max(self._hardest, TOLERATED * limits.acceleration)
 
     def reset(self, positions: Triple) -> None:
         """Hold at measured positions [m] and forget the stream."""
@@ -260,7 +260,7 @@ class SetpointFollower:
         return _interpolate(before[1], after[1], time)
 
     def _follow(self, position: Triple, velocity: Triple) -> CarriageMotion:
-        """Go where the target is, as long as there is a way to rest from there."""
+        """Go where the target is, as long as there is a path to rest from there."""
         limiter = self._limiter
         direct = limiter.reach(self._motion, position, velocity)
         try:
