@@ -19,16 +19,13 @@ from facade_manipulator.calibration.findings import (
     report,
 )
 from facade_manipulator.calibration.geometry_fit import identify, Measurements
-from facade_manipulator.calibration.parameter_file import (
-    ALL_NODES,
-    read_geometry,
-    write_parameters,
-)
+from facade_manipulator.calibration.parameter_file import read_geometry
 from facade_manipulator.calibration.tables import parse_table, read_table
 from facade_manipulator.calibration.unknowns import heads, UNKNOWNS, unknowns_named
 from facade_manipulator.calibration.wall_fit import fit_wall, report_wall, touched_points
 from facade_manipulator.errors import CalibrationError, ManipulatorError
 from facade_manipulator.files import atomic_write
+from facade_manipulator.parameter_file import ALL_NODES, write_parameters
 from facade_manipulator.resources import config_path
 
 CARRIAGES, HEAD = ('q1', 'q2', 'q3'), ('x', 'y', 'theta')
@@ -76,8 +73,8 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
         draw_accuracy(options.picture, geometry, found, unknowns)
     if options.output is not None:
         fields = dict.fromkeys(unknown.field for unknown in unknowns)
-        write_parameters(source, options.output, 'geometry', ALL_NODES, {
-            name: getattr(found.geometry, name) for name in fields})
+        write_parameters(source, options.output, ALL_NODES, {
+            'geometry': {name: getattr(found.geometry, name) for name in fields}})
         print(f'{options.output} is written')
 
 
@@ -91,8 +88,8 @@ def calibrate_estimator(options: argparse.Namespace) -> None:
     for line in report_estimator(found):
         print(line)
     if options.output is not None:
-        write_parameters(source, options.output, 'estimate', '/**/compensator', {
-            'mounting': found.mounting, 'delay': found.delay})
+        write_parameters(source, options.output, '/**/compensator', {
+            'estimate': {'mounting': found.mounting, 'delay': found.delay}})
         print(f'{options.output} is written')
 
 
@@ -106,8 +103,8 @@ def calibrate_wall(options: argparse.Namespace) -> None:
         print(line)
     _check_outliers(found.outliers, options)
     if options.output is not None:
-        write_parameters(source, options.output, 'linkage', '/**/ik_service', {
-            'wall_distance': found.distance})
+        write_parameters(source, options.output, '/**/ik_service', {
+            'linkage': {'wall_distance': found.distance}})
         print(f'{options.output} is written')
 
 

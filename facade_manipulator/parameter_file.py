@@ -1,0 +1,100 @@
+"""A parameter file with other values: comments, order and everything else stay as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from pathlib import Path
+from typing import Any
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.files import atomic_write
+
+DIGITS = 7  # behind the point: 0.1 um, 0.1 urad
+ALL_NODES = '/**'
+
+
+def read_parameters(path: Path, node: str) -> dict[str, Any]:
+    """
+    Return what a parameter file gives a node, by section and name; empty for nothing.
+
+    Raises
+    ------
+    ParameterError
+        It cannot be read, or is no parameter file.
+
+    """
+    parameters = (_load(path).get(node) or {}).get('ros__parameters') or {}
+    if not isinstance(parameters, dict):
+        raise ParameterError(f'{path}: ros__parameters of {node} is {parameters!r}, not a table')
+    return parameters
+
+
+def write_parameters(
+    source: Path, target: Path, node: str, sections: Mapping[str, Mapping[str, Any]]
+) -> None:
+    """
+    Write a copy of a parameter file with other values in some sections of one node.
+
+    Parameters
+    ----------
+    source, target : Path
+    node : str
+        Key of the file, such as ``'/**'``.
+    sections : mapping
+        Values by name, by namespace of the parameters, such as ``'geometry'``.
+
+    Raises
+    ------
+    ParameterError
+        If the source cannot be read or the target not be written; nothing is written then.
+
+    """
+    content = _load(source)
+    for section, values in sections.items():
+        place = content
+        for key in (node, 'ros__parameters', section):
+            if not isinstance(place.get(key), dict):
+                place[key] = {}
+            place = place[key]
+        for name, value in values.items():
+            place[name] = _plain(value)
+    try:
+        with atomic_write(target) as draft, draft.open('w', encoding='utf-8') as file:
+            _yaml().dump(content, file)
+    except OSError as error:
+        raise ParameterError(f'{target} cannot be written: {error.strerror or error}') from error
+
+
+def _load(path: Path) -> Any:
+    from ruamel.yaml import YAMLError
+
+    try:
+        content = _yaml().load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, YAMLError) as error:
+        raise ParameterError(f'{path} cannot be read: {error}') from error
+    if not isinstance(content, dict):
+        raise ParameterError(f'{path} is not a parameter file')
+    return content
+
+
+def _yaml() -> Any:
+    """Return what reads and writes YAML with its comments; PyYAML drops them."""
+    from ruamel.yaml import YAML
+
+    yaml = YAML()
+    yaml.preserve_quotes = True
+    yaml.width = math.inf
+    return yaml
+
+
+def _plain(value: Any) -> Any:
+    from ruamel.yaml.comments import CommentedSeq
+
+    if isinstance(value, (int, str)):
+        return value
+    if not isinstance(value, (tuple, list)):
+        return round(float(value), DIGITS)
+    row = CommentedSeq(round(float(element), DIGITS) for element in value)
+    row.fa.set_flow_style()
+    return row
