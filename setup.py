@@ -16,6 +16,7 @@ REQUIRES = [
     'mcap>=1.2,<2',  # the black box's files, which Foxglove and ros2 bag read
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'rich>=13,<16',  # tables in the terminal: demo, monitor, study
+    'ruamel.yaml>=0.17.21,<0.19',  # parameter files that a tool writes keep their comments
     'Pillow>=9,<14',  # the demo's animation
     'matplotlib>=3.6,<4',  # pictures of demo, bench and study
 ]
@@ -27,7 +28,6 @@ EXTRAS = {
     ],
     'study': [
         'scipy>=1.11,<2',  # optimisation over the workspace, least squares of the calibration
-        'ruamel.yaml>=0.17.21,<0.19',  # the calibrated parameter file keeps its comments
     ],
     'test': [
         'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
@@ -71,6 +71,7 @@ setup(
         *(f'{node} = {NAME}.nodes.{node}:main' for node in NODES),
         f'drive_simulator = {NAME}.drives.simulated.__main__:main',
         f'calibrate = {NAME}.calibration.__main__:main',
+        f'commission = {NAME}.commissioning.__main__:main',
         f'demo = {NAME}.demo.__main__:main',
         f'workspace_study = {NAME}.workspace.study:main',
     ]},

@@ -13,6 +13,7 @@ The exception tree: one base, children by what the caller would do about them.
     │   ├── SingularityError
     │   ├── ForceLimitError
     │   └── SetpointLimitError
+    ├── CommissioningError                   do what the message says, then try again
     ├── BusError                             look at the CAN interface
     ├── RecordError                          look at the disk
     └── DriveError                           look at the drive
@@ -82,6 +83,10 @@ class InputError(ManipulatorError):
 
 class CalibrationError(ManipulatorError):
     """Measurements from which nothing can be calibrated; the message names them."""
+
+
+class CommissioningError(ManipulatorError):
+    """A step of commissioning was not done; the message says in what state the machine is."""
 
 
 class LimitError(ManipulatorError):

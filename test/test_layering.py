@@ -33,6 +33,8 @@ ROOMS = {
     'loop': BASE | {'kinematics', 'motion', 'drives.canopen', 'drives.cia402', 'drives.controller',
                     'drives.simulated'},
     'blackbox': BASE | {'files'},
+    'commissioning': BASE | {'files', 'resources', 'parameter_file', 'drives.canopen',
+                             'drives.cia402', 'drives.controller'},
     'simulation': BASE | {'kinematics', 'motion', 'prediction', 'compensation', 'resources'},
 }
 ROS_ROOMS = {'ros', 'nodes', 'demo'}  # these may import everything

@@ -8,6 +8,7 @@ feeds in. An SDO call in the control thread itself would wait for an answer that
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import canopen
 
@@ -53,6 +54,13 @@ class PumpedNetwork(canopen.Network):
                 callback(frame.cob_id, frame.data, frame.stamp)
 
 
+class Patience(NamedTuple):
+    """How long a drive may take for an answer [s], and how often it is asked."""
+
+    timeout: float = RESPONSE_TIMEOUT
+    attempts: int = ATTEMPTS
+
+
 class SdoChannel:
     """
     Objects of one drive.
@@ -65,19 +73,22 @@ class SdoChannel:
         What the operator calls the drive, such as ``'q2'``.
     eds : pathlib.Path or None
         The drive type's object dictionary, which knows the sizes.
+    patience : Patience, optional
 
     """
 
     def __init__(
-        self, network: PumpedNetwork, node_id: int, name: str, eds: Path | None = None
+        self, network: PumpedNetwork, node_id: int, name: str, eds: Path | None = None,
+        patience: Patience | None = None,
     ) -> None:
+        self._patience = patience or Patience()
         self.name = name
         self.node_id = node_id
         dictionary = canopen.import_od(str(eds), node_id) if eds else canopen.ObjectDictionary()
         self._client = canopen.sdo.SdoClient(
             sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
         self._client.network = network
-        self._client.RESPONSE_TIMEOUT = RESPONSE_TIMEOUT
+        self._client.RESPONSE_TIMEOUT = self._patience.timeout
         network.subscribers[self._client.tx_cobid] = [self._receive]
 
     def read(self, index: int, subindex: int) -> bytes:
@@ -115,7 +126,7 @@ class SdoChannel:
 
     def _repeat(self, index: int, subindex: int, transfer):
         """Try again after a lost or foreign answer; an abort is an answer."""
-        for _ in range(ATTEMPTS):
+        for _ in range(self._patience.attempts):
             try:
                 return transfer()
             except canopen.SdoAbortedError as error:
@@ -126,7 +137,8 @@ class SdoChannel:
                 continue
         raise DriveTimeoutError(
             f'{self.name} (node {self.node_id}) does not answer for object '
-            f'{index:04X}h:{subindex:02X} within {ATTEMPTS} × {RESPONSE_TIMEOUT:g} s: '
+            f'{index:04X}h:{subindex:02X} within {self._patience.attempts} × '
+            f'{self._patience.timeout:g} s: '
             'check its power, its node id and the bit rate')
 
     def _receive(self, cob_id: int, data: bytes, stamp: float) -> None:

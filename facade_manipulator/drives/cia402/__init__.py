@@ -18,7 +18,12 @@ from facade_manipulator.drives.cia402.cause import (
 from facade_manipulator.drives.cia402.group import AxisCommand, Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence, HomingState
 from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
-from facade_manipulator.drives.cia402.profile import DriveProfile, load_profile, Quirks
+from facade_manipulator.drives.cia402.profile import (
+    DriveProfile,
+    fitting_profile,
+    load_profile,
+    Quirks,
+)
 from facade_manipulator.drives.cia402.settings import (
     AXIS_NAMES,
     AxisSettings,
@@ -61,6 +66,7 @@ __all__ = [
     'DEFAULT_AXES',
     'DriveProfile',
     'Feedback',
+    'fitting_profile',
     'FOLLOWING_PHASES',
     'Group',
     'GroupSettings',

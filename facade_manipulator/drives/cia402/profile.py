@@ -79,6 +79,8 @@ class DriveProfile:
         Departures from the standard.
     objects : tuple of ProfileObject
         What is written at configure, in this order.
+    vendor_id : int or None
+        Whose drives these are (1018h:1); None for no particular maker's.
 
     """
 
@@ -89,6 +91,7 @@ class DriveProfile:
     homing_methods: tuple[int, ...]
     quirks: Quirks
     objects: tuple[ProfileObject, ...]
+    vendor_id: int | None = None
 
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object that takes a quantity, None if none does."""
@@ -105,7 +108,7 @@ def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile
     Parameters
     ----------
     name : str
-        Name of the file without ``.yaml``.
+        Name of the file without ``.yaml``, or the path of a file outside the package with it.
     directory : path, optional
         Where it and its EDS are; default: the package's ``config/drives``.
 
@@ -128,6 +131,8 @@ def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile
 
 
 def _profile_path(name: str, directory: str | Path | None) -> Path:
+    if name.endswith('.yaml'):
+        return Path(name)
     try:
         folder = config_path('drives') if directory is None else Path(directory)
     except FileNotFoundError as error:
@@ -142,7 +147,7 @@ def _parse(name: str, path: Path, text: str) -> DriveProfile:
 
 def _profile(name: str, path: Path, data: Any) -> DriveProfile:
     _check_keys('the profile', data, {
-        'description', 'eds', 'velocity_unit', 'homing_methods', 'quirks', 'objects'})
+        'description', 'eds', 'velocity_unit', 'homing_methods', 'quirks', 'objects', 'vendor_id'})
     return DriveProfile(
         name=name,
         description=str(data['description']),
@@ -152,7 +157,16 @@ def _profile(name: str, path: Path, data: Any) -> DriveProfile:
                              for m in data['homing_methods']),
         quirks=_quirks(data['quirks']),
         objects=tuple(_object(item) for item in data['objects']),
+        vendor_id=_integer('vendor_id', data['vendor_id'], 0, 2**32 - 1)
+        if 'vendor_id' in data else None,
     )
+
+
+def fitting_profile(vendor_id: int | None) -> str:
+    """Return the name of the package's profile for a maker's CiA 402 drives."""
+    names = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
+    return next((name for name in names if vendor_id is not None
+                 and load_profile(name).vendor_id == vendor_id), 'generic_cia402')
 
 
 def _check_keys(where: str, data: Any, known: set[str]) -> None:

@@ -66,6 +66,8 @@ class LssSlave:
             self.is_selected = data[1] == lss.LssMaster.CONFIGURATION_STATE
         elif command == lss.CS_FAST_SCAN:
             return self._scan(data) if active == UNCONFIGURED and not self.is_selected else None
+        elif command == lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE and active == UNCONFIGURED:
+            return _message(lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE)
         elif lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID <= command <= (
                 lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER):
             return self._select(command - lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID, data)

@@ -4,7 +4,7 @@ import pytest
 import yaml
 
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.cia402.profile import load_profile, QUANTITIES
+from facade_manipulator.drives.cia402.profile import fitting_profile, load_profile, QUANTITIES
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
@@ -123,3 +123,16 @@ def test_a_profile_that_does_not_exist_is_rejected():
 
 def test_quantities_are_described():
     assert all(QUANTITIES.values())
+
+
+def test_a_profile_may_lie_outside_the_package(tmp_path):
+    for name in ('generic_cia402.yaml', 'cia402.eds'):
+        (tmp_path / name).write_text((config_path('drives') / name).read_text())
+    path = (tmp_path / 'generic_cia402.yaml').rename(tmp_path / 'mine.yaml')
+    assert load_profile(str(path)).eds == tmp_path / 'cia402.eds'
+
+
+@pytest.mark.parametrize(('vendor', 'name'), [
+    (0xFB, 'epos4'), (0, 'simulated'), (12345, 'generic_cia402'), (None, 'generic_cia402')])
+def test_the_maker_finds_the_profile(vendor, name):
+    assert fitting_profile(vendor) == name

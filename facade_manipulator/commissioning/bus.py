@@ -1,0 +1,174 @@
+"""The CAN bus of a tool: a thread that receives, and objects, answers and frames for who asks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import threading
+import time
+
+from canopen.lss import LssMaster
+
+from facade_manipulator.drives.canopen import (
+    BusSettings,
+    CanBus,
+    Frame,
+    heartbeat_cob_id,
+    MASTER_NODE_ID,
+    NMT_COB_ID,
+    NmtCommand,
+    open_bus,
+    Patience,
+    PumpedNetwork,
+    SdoChannel,
+    SYNC_COB_ID,
+)
+from facade_manipulator.errors import BusError, DriveStateError, DriveTimeoutError
+
+LISTENING_TIME = 0.6  # s: the longest period of a driver's heartbeat, and something
+_RECEIVING = 0.05
+STORING = Patience(timeout=5.0, attempts=1)  # a second attempt would store what is there then
+
+
+class ToolBus:
+    """
+    The bus while a tool of commissioning has it.
+
+    Parameters
+    ----------
+    settings : BusSettings
+
+    Attributes
+    ----------
+    latest : dict
+        The newest frame by COB-ID.
+
+    Raises
+    ------
+    BusError
+        The interface is missing, down or at another bit rate.
+
+    """
+
+    def __init__(self, settings: BusSettings) -> None:
+        self.settings = settings
+        self.frames = CanBus(open_bus(settings))
+        self.network = PumpedNetwork(self.frames)
+        self.latest: dict[int, Frame] = {}
+        self._collected: list[Frame] = []
+        self._error: BusError | None = None
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='tool bus', daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> ToolBus:
+        return self
+
+    def __exit__(self, *details: object) -> None:
+        self._closing.set()
+        self._thread.join()
+        self.frames.close()
+
+    def _run(self) -> None:
+        while not self._closing.is_set() and self._error is None:
+            try:
+                frame = self.frames.receive(_RECEIVING)
+            except BusError as error:
+                self._error = error
+                return
+            if frame is not None:
+                self.latest[frame.cob_id] = frame
+                self._collected.append(frame)
+                self.network.feed(frame)
+
+    def check(self) -> None:
+        """
+        Check that the bus is there.
+
+        Raises
+        ------
+        BusError
+            It was lost.
+
+        """
+        if self._error is not None:
+            raise self._error
+
+    def send(self, cob_id: int, data: bytes = b'') -> None:
+        """Send a frame; raises a BusError when the bus was lost."""
+        self.check()
+        self.frames.send(cob_id, data)
+
+    def command(self, command: NmtCommand, node_id: int = 0) -> None:
+        """Send a network management command; to all nodes by default."""
+        self.send(NMT_COB_ID, bytes([command, node_id]))
+
+    def collect(self, duration: float) -> list[Frame]:
+        """Wait and return all frames that were received meanwhile."""
+        self._collected.clear()
+        time.sleep(duration)
+        self.check()
+        return list(self._collected)
+
+    def received_since(self, duration: float) -> list[Frame]:
+        """Wait on, and return all frames since `collect` was last called."""
+        time.sleep(duration)
+        self.check()
+        return list(self._collected)
+
+    def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
+        """Wait until a condition holds; return whether it does."""
+        end = time.monotonic() + timeout
+        while not condition():
+            self.check()
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.002)
+        return True
+
+    def objects(self, node_id: int, name: str = '', **details: object) -> SdoChannel:
+        """Return the objects of a drive; `details` are those of `SdoChannel`."""
+        return SdoChannel(self.network, node_id, name or f'node {node_id}', **details)
+
+    def lss(self, timeout: float) -> LssMaster:
+        """Return a master of the layer setting services, with a time-out for each answer [s]."""
+        master = LssMaster()
+        master.network = self.network
+        master.RESPONSE_TIMEOUT = timeout
+        self.network.subscribers[LssMaster.LSS_RX_COBID] = [master.on_message_received]
+        return master
+
+    def reset(self, node_id: int, timeout: float = 5.0) -> None:
+        """
+        Reset a drive and wait until it is back.
+
+        Raises
+        ------
+        DriveTimeoutError
+            It sends no boot-up message.
+
+        """
+        cob_id = heartbeat_cob_id(node_id)
+        self.latest.pop(cob_id, None)
+        self.command(NmtCommand.RESET_NODE, node_id)
+        if not self.wait_for(lambda: cob_id in self.latest, timeout):
+            raise DriveTimeoutError(
+                f'node {node_id} sent no boot-up message within {timeout:g} s of its reset: '
+                'check its power')
+
+    def require_alone(self) -> None:
+        """
+        Listen whether a driver runs on this bus.
+
+        Raises
+        ------
+        DriveStateError
+            One does.
+
+        """
+        received = {frame.cob_id for frame in self.collect(LISTENING_TIME)}
+        signs = {heartbeat_cob_id(MASTER_NODE_ID): f'the heartbeat of node {MASTER_NODE_ID}',
+                 SYNC_COB_ID: 'SYNC'}
+        for cob_id in received & signs.keys():
+            raise DriveStateError(
+                f'{signs[cob_id]} ({cob_id:03X}h) is on {self.frames}: a driver runs on this bus, '
+                'and two masters must not command one drive; end the driver, then try again')

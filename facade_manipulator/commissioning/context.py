@@ -1,0 +1,31 @@
+"""What every command works with: the machine, the operator, the options and the bus."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from facade_manipulator.commissioning.bus import ToolBus
+from facade_manipulator.commissioning.machine import Machine
+from facade_manipulator.commissioning.operator import Operator
+
+
+@dataclass(frozen=True)
+class Context:
+    """A command's machine, operator and options."""
+
+    machine: Machine
+    operator: Operator
+    options: argparse.Namespace
+
+    @contextmanager
+    def bus(self) -> Iterator[ToolBus]:
+        """Lend the bus, on which no driver runs; raises a BusError or DriveStateError."""
+        options = self.options
+        settings = self.machine.bus(
+            interface=options.interface, channel=options.channel, bitrate=options.bitrate)
+        with ToolBus(settings) as bus:
+            bus.require_alone()
+            yield bus

@@ -1,0 +1,149 @@
+"""The machine as its parameter file describes it, and the journal of what was checked on it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from datetime import datetime
+import os
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from facade_manipulator.drives.canopen import BusSettings
+from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, DEFAULT_AXES
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.files import atomic_write
+from facade_manipulator.parameter_file import read_parameters, write_parameters
+from facade_manipulator.resources import config_path
+
+DRIVER = '/**/driver'
+
+
+@dataclass(frozen=True)
+class Machine:
+    """
+    A parameter file and the journal beside it.
+
+    Parameters
+    ----------
+    path : Path
+        It is made of the installed one when something is first written.
+
+    """
+
+    path: Path
+
+    @property
+    def source(self) -> Path:
+        """The file that is read."""
+        return self.path if self.path.exists() else config_path('manipulator.yaml')
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters of the driver by section; raises a ParameterError."""
+        return read_parameters(self.source, DRIVER)
+
+    def axis(self, name: str) -> AxisSettings:
+        """
+        Return the settings of an axis.
+
+        Raises
+        ------
+        ParameterError
+            The file cannot be read, or has values that no axis can have.
+
+        """
+        default = DEFAULT_AXES[AXIS_NAMES.index(name)]
+        defaults = {'node_id': default.node_id, 'home_position': default.home_position}
+        return self._settings(AxisSettings, name, defaults)
+
+    @property
+    def axes(self) -> dict[str, AxisSettings]:
+        """Settings of all axes by name; raises a ParameterError."""
+        return {name: self.axis(name) for name in AXIS_NAMES}
+
+    def bus(self, **changes: Any) -> BusSettings:
+        """Return the bus of the file, with what is not None of `changes`."""
+        given = {name: value for name, value in changes.items() if value is not None}
+        return self._settings(BusSettings, 'bus', {}, given)
+
+    def _settings(self, cls: type, section: str, *layers: Mapping[str, Any]) -> Any:
+        known = {item.name for item in fields(cls)}
+        values = self.parameters.get(section) or {}
+        unknown = values.keys() - known
+        if unknown:
+            raise ParameterError(f'{self.source}: {section} has no parameter {min(unknown)}')
+        before, *after = layers
+        merged = {**before, **values}
+        for layer in after:
+            merged.update(layer)
+        try:
+            return cls(**merged)
+        except (TypeError, ParameterError) as error:
+            raise ParameterError(f'{self.source}: {section}: {error}') from error
+
+    def check_writable(self) -> None:
+        """
+        Check, before drives are changed, that what is found can be written down.
+
+        Raises
+        ------
+        ParameterError
+            The file cannot be read, or neither it nor its folder can be written.
+
+        """
+        self.axes  # noqa: B018 - reads them
+        folder = self.path.resolve().parent
+        if not os.access(folder, os.W_OK):
+            raise ParameterError(
+                f'{self.path} cannot be written, {folder} is missing or protected: nothing was '
+                'done; name another file with --parameters')
+
+    def write(self, sections: Mapping[str, Mapping[str, Any]]) -> None:
+        """
+        Write values of the driver, comments kept, and note in the journal that they were measured.
+
+        Raises
+        ------
+        ParameterError
+            The file is as it was; the message has the lines to write by hand.
+
+        """
+        lines = '; '.join(
+            f'{section}.{name}: {value}' for section, values in sections.items()
+            for name, value in values.items())
+        try:
+            write_parameters(self.source, self.path, DRIVER, sections)
+        except ParameterError as error:
+            raise ParameterError(f'{error}; write by hand under {DRIVER}: {lines}') from error
+        self.note('written', lines)
+
+    def beside(self, suffix: str) -> Path:
+        """Return the path of a file beside the parameter file."""
+        return self.path.with_name(self.path.stem + suffix)
+
+    @property
+    def journal(self) -> list[dict[str, Any]]:
+        """What was done and found, oldest first; raises a ParameterError."""
+        path = self.beside('.journal.yaml')
+        try:
+            entries = yaml.safe_load(path.read_text(encoding='utf-8')) if path.exists() else []
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            raise ParameterError(f'{path} cannot be read: {error}; move it away') from error
+        if not isinstance(entries, list):
+            raise ParameterError(f'{path} is no journal of commissioning; move it away')
+        return entries
+
+    def note(self, check: str, result: str, passed: bool = True, axis: str = '') -> None:
+        """Add to the journal; raises a ParameterError where that cannot be written."""
+        entry = {'date': datetime.now().isoformat(' ', 'seconds'), 'check': check, 'axis': axis,
+                 'passed': passed, 'result': result}
+        path = self.beside('.journal.yaml')
+        try:
+            with atomic_write(path) as draft:
+                draft.write_text(yaml.safe_dump(
+                    [*self.journal, entry], sort_keys=False, allow_unicode=True), 'utf-8')
+        except OSError as error:
+            raise ParameterError(f'{path} cannot be written: {error.strerror}') from error

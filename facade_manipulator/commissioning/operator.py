@@ -1,0 +1,77 @@
+"""The person at the terminal: what is said, what is asked, what is agreed to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from facade_manipulator.errors import CommissioningError
+
+
+class Operator:
+    """
+    Somebody who stands at the machine.
+
+    Parameters
+    ----------
+    agrees : bool
+        Whether every question of yes or no is answered by yes, unattended.
+    console : rich.console.Console, optional
+
+    """
+
+    def __init__(self, agrees: bool = False, console: Console | None = None) -> None:
+        self.agrees = agrees
+        self._console = console or Console(highlight=False, markup=False, soft_wrap=True)
+        if not self._console.is_terminal:
+            self._console.width = 110
+
+    def say(self, text: str = '') -> None:
+        """Print a line."""
+        self._console.print(text)
+
+    def table(self, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+        """Print a table."""
+        table = Table(*columns)
+        for row in rows:
+            table.add_row(*(str(cell) for cell in row))
+        self._console.print(table)
+
+    def agree(self, action: str) -> None:
+        """
+        Say what will be done and wait for a yes.
+
+        Raises
+        ------
+        CommissioningError
+            The answer is another one.
+
+        """
+        self.say(action)
+        if self.agrees:
+            return
+        if self._answer('Do this? [y/N] ').lower() not in ('y', 'yes'):
+            raise CommissioningError('not done, nothing is changed: the answer was not yes')
+
+    def ask(self, question: str, option: str) -> str:
+        """
+        Ask for what only somebody at the machine knows.
+
+        Raises
+        ------
+        CommissioningError
+            Nobody is there: `option` gives it.
+
+        """
+        if self.agrees:
+            raise CommissioningError(f'{question} Nobody is asked with --yes: give {option}')
+        return self._answer(f'{question} ')
+
+    def _answer(self, question: str) -> str:
+        try:
+            return self._console.input(question).strip()
+        except EOFError:
+            raise CommissioningError('not done: the terminal is closed') from None

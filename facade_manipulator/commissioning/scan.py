@@ -1,0 +1,159 @@
+"""Who is on the bus: nodes that answer, nodes that only beat, drives without a node id."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+import struct
+import time
+from typing import NamedTuple
+
+from canopen import lss
+
+from facade_manipulator.commissioning.bus import ToolBus
+from facade_manipulator.drives.canopen import (
+    heartbeat_cob_id,
+    MASTER_NODE_ID,
+    NmtState,
+    sdo_request_cob_id,
+    sdo_response_cob_id,
+    SdoChannel,
+)
+from facade_manipulator.drives.cia402 import fitting_profile
+from facade_manipulator.errors import DriveError, DriveIdentityError
+
+NODE_IDS = range(1, MASTER_NODE_ID)
+_PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
+_ANSWER = 0.25  # s
+_UPLOAD, _ANSWERED = 0x40, 0x43
+_REQUEST = struct.Struct('<BHB4x')
+_RESPONSE = struct.Struct('<BHBI')
+_SERIAL = (0x1018, 4)
+DRIVE_TYPE = 402
+
+
+class Node(NamedTuple):
+    """
+    What a scan found at a node id.
+
+    `serials` has one serial number per answer: more than one is more than one drive. Numbers are
+    None and texts empty where the node did not answer.
+    """
+
+    node_id: int
+    serials: tuple[int, ...]
+    state: str = ''
+    name: str = ''
+    firmware: str = ''
+    device_type: int | None = None
+    vendor_id: int | None = None
+    product_code: int | None = None
+
+    @property
+    def profile(self) -> str:
+        """The drive type that fits; empty for none."""
+        if self.device_type is None or self.device_type & 0xFFFF != DRIVE_TYPE:
+            return ''
+        return fitting_profile(self.vendor_id)
+
+
+def scan(bus: ToolBus) -> list[Node]:
+    """Ask all node ids at once, then each that answered for what it is."""
+    answers = defaultdict(list)
+    for frame in _ask_all(bus):
+        if sdo_response_cob_id(0) < frame.cob_id <= sdo_response_cob_id(127):
+            answers[frame.cob_id - sdo_response_cob_id(0)].append(_serial(frame.data))
+    beating = {cob_id - heartbeat_cob_id(0): frame for cob_id, frame in bus.latest.items()
+               if heartbeat_cob_id(0) < cob_id <= heartbeat_cob_id(127)}
+    return [_describe(bus, node_id, tuple(answers.get(node_id, ())), beating.get(node_id))
+            for node_id in sorted(answers.keys() | beating.keys())]
+
+
+def _ask_all(bus: ToolBus) -> list:
+    bus.collect(0.0)
+    for node_id in NODE_IDS:
+        bus.send(sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
+        time.sleep(_PACE)
+    return bus.received_since(_ANSWER)
+
+
+def _serial(data: bytes) -> int:
+    """Return the serial number of an answer, 0 for a drive that has none."""
+    if len(data) != _RESPONSE.size or data[0] != _ANSWERED:
+        return 0
+    return _RESPONSE.unpack(data)[3]
+
+
+def _describe(bus: ToolBus, node_id: int, serials: tuple[int, ...], beat) -> Node:
+    state = ''
+    if beat is not None and beat.data and beat.data[0] & 0x7F in set(NmtState):
+        state = NmtState(beat.data[0] & 0x7F).name.lower().replace('_', '-')
+    if len(serials) != 1:
+        return Node(node_id, serials, state)
+    drive = bus.objects(node_id)
+    return Node(node_id, serials, state, _text(drive, 0x1008), _text(drive, 0x100A),
+                _number(drive, 0x1000, 0), _number(drive, 0x1018, 1), _number(drive, 0x1018, 2))
+
+
+def _text(drive: SdoChannel, index: int) -> str:
+    try:
+        return drive.read(index, 0).decode('latin-1').strip('\0 ')
+    except DriveError:
+        return ''
+
+
+def _number(drive: SdoChannel, index: int, subindex: int) -> int | None:
+    try:
+        return int.from_bytes(drive.read(index, subindex), 'little')
+    except DriveError:
+        return None
+
+
+def has_unconfigured(bus: ToolBus) -> bool:
+    """Return whether a drive without a node id answers (LSS, identify non-configured slaves)."""
+    bus.collect(0.0)
+    bus.send(lss.LssMaster.LSS_TX_COBID,
+             bytes([lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE]).ljust(8, b'\0'))
+    return any(
+        frame.cob_id == lss.LssMaster.LSS_RX_COBID
+        and frame.data[:1] == bytes([lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE])
+        for frame in bus.received_since(_ANSWER))
+
+
+def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) -> Iterator[str]:
+    """Yield what is wrong with what a scan found; nothing where all is as expected."""
+    found = {node.node_id: node for node in nodes}
+    for node in nodes:
+        if len(node.serials) > 1:
+            serials = ', '.join(str(serial) for serial in sorted(set(node.serials)))
+            yield (f'{len(node.serials)} drives have node id {node.node_id} (serial numbers '
+                   f'{serials}): commission assign')
+        elif not node.serials:
+            yield (f'node {node.node_id} sends heartbeats but answers no SDO: it is stopped, '
+                   'or no drive')
+    if unconfigured:
+        yield 'there is a drive without a node id: commission assign'
+    for name, node_id in expected.items():
+        if node_id not in found:
+            yield (f'{name} (node {node_id} in the parameter file) is silent: check its power, '
+                   'its plug, its node id')
+
+
+def require_one(bus: ToolBus, node_id: int, name: str) -> None:
+    """
+    Check that exactly one drive answers at a node id.
+
+    Raises
+    ------
+    DriveIdentityError
+        More than one answers.
+
+    """
+    bus.collect(0.0)
+    bus.send(sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
+    answers = [frame for frame in bus.received_since(_ANSWER)
+               if frame.cob_id == sdo_response_cob_id(node_id)]
+    if len(answers) > 1:
+        raise DriveIdentityError(
+            f'{len(answers)} drives answer as {name} (node {node_id}): nothing was done; '
+            'commission assign gives each its own node id')

@@ -1,0 +1,28 @@
+"""Fixtures: simulated drives and the tool."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+from commission_rig import CommissionRig
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def _without_pauses(monkeypatch):
+    """Let the library's LSS master go on at once: simulated drives need no pauses."""
+    monkeypatch.setattr('canopen.lss.time', SimpleNamespace(sleep=lambda seconds: None))
+
+
+@pytest.fixture
+def make_rig(tmp_path):
+    """Return what makes a rig from the options of `drive_simulator`."""
+    rigs = []
+
+    def make(*options: str) -> CommissionRig:
+        rigs.append(CommissionRig(tmp_path, *options))
+        return rigs[-1]
+
+    yield make
+    for rig in rigs:
+        rig.close()
