@@ -14,7 +14,7 @@ from concurrent.futures import Future
 from dataclasses import dataclass
 import logging
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from facade_manipulator.drives.canopen import BusSettings, open_bus
 from facade_manipulator.drives.cia402 import AxisSettings
@@ -33,7 +33,6 @@ from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.channel import Channel, ChannelClosedError, Message, VERSION
-from facade_manipulator.loop.state import pack_state, StreamStatus
 from facade_manipulator.motion import (
     HomingGuard,
     MechanismGuard,
@@ -62,6 +61,30 @@ class LoopSetup:
     limits: MotionLimits
     recorder: RecorderSettings
     simulate_drives: bool = False
+
+
+class StreamStatus(NamedTuple):
+    """
+    How the setpoints are followed; see `facade_manipulator.motion.SetpointFollower`.
+
+    Attributes
+    ----------
+    activity : str
+    limited_cycles, brakes : int
+    last_brake : str
+    margins : tuple of float
+        1st and 50th percentile of how early setpoints come [s]; empty before the first.
+    dropped : int
+        States that did not fit into the channel, because the node was busy.
+
+    """
+
+    activity: str = 'holding'
+    limited_cycles: int = 0
+    brakes: int = 0
+    last_brake: str = ''
+    margins: tuple[float, ...] = ()
+    dropped: int = 0
 
 
 class ControlLoop:
@@ -114,11 +137,10 @@ class ControlLoop:
 
     def serve(self) -> None:
         """Do what the node says until it closes, has ended, or is silent while there is power."""
-        snapshot = self.controller.snapshot()
-        axes = tuple(one.axis for one in snapshot.axes)
         try:
             self._channel.send(
-                'ready', VERSION, axes, *self._state(snapshot), must_arrive=True)
+                'ready', VERSION, self.controller.snapshot(), self._stream_status(),
+                must_arrive=True)
             self.controller.observe = self._send_state
             while not self._ends:
                 self._handle(self._channel.receive(LOOK_PERIOD))
@@ -197,15 +219,15 @@ class ControlLoop:
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
         """Send the state of a cycle, in the control thread."""
         try:
-            self._channel.send('state', *self._state(snapshot))
+            self._channel.send('state', snapshot, self._stream_status())
         except ChannelClosedError:
             self.end()
 
-    def _state(self, snapshot: ControllerSnapshot) -> tuple:
+    def _stream_status(self) -> StreamStatus:
         follower = self.follower
-        return pack_state(snapshot, StreamStatus(
+        return StreamStatus(
             follower.activity.value, follower.limited_cycles, follower.brakes,
-            follower.last_rejection, self._margins, self._channel.dropped))
+            follower.last_rejection, self._margins, self._channel.dropped)
 
 
 def _simulate(setup: LoopSetup) -> DriveSimulator:

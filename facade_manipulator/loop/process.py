@@ -18,7 +18,7 @@ import sys
 from threading import Thread
 from typing import Any, Protocol
 
-from facade_manipulator.drives.cia402 import AxisSettings, Cause
+from facade_manipulator.drives.cia402 import Cause
 from facade_manipulator.drives.controller import (
     AxisSnapshot,
     ControllerSnapshot,
@@ -32,8 +32,7 @@ from facade_manipulator.loop.channel import (
     socket_pair,
     VERSION,
 )
-from facade_manipulator.loop.control_loop import LoopSetup
-from facade_manipulator.loop.state import StreamStatus, unpack_state
+from facade_manipulator.loop.control_loop import LoopSetup, StreamStatus
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 
 START_TIMEOUT = 30.0  # s
@@ -107,7 +106,7 @@ class LoopProcess:
             process = self._launch(theirs)
         channel.send('setup', setup)
         try:
-            self._axes, self._first = _receive_ready(channel)
+            first = _receive_ready(channel)
         except ManipulatorError:
             process.kill()
             channel.close()
@@ -117,7 +116,7 @@ class LoopProcess:
         self._unanswered = 0
         self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
         self._closing = False
-        self._decoded = None, self._first
+        self._decoded = None, first
         self._latest: Message | None = None
         self._process, self._channel = process, channel
         Thread(target=self._receive, args=(channel,), name='control loop messages',
@@ -204,7 +203,7 @@ class LoopProcess:
             return self._lost
         latest, (decoded, state) = self._latest, self._decoded
         if latest is not decoded:
-            state = unpack_state(latest.content, self._axes)
+            state = latest.content
             self._decoded = latest, state
         return state
 
@@ -243,7 +242,7 @@ class LoopProcess:
         cause = Cause(f'{reason}; the drives stop because its heartbeat is missing', LOST_REMEDY)
         state = ControllerState.CLOSED if self._closing else ControllerState.LOST
         self._lost = ControllerSnapshot(
-            state, None, tuple(AxisSnapshot(one.name, one.axis) for one in snapshot.axes),
+            state, None, tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes),
             () if self._closing else (cause,), '' if self._closing else LOST_REMEDY), status
         for number in list(self._jobs):
             job = self._jobs.pop(number, None)
@@ -260,8 +259,8 @@ class LoopProcess:
             self._process.kill()
 
 
-def _receive_ready(channel: Channel) -> tuple[tuple[AxisSettings, ...], tuple]:
-    """Wait until a new loop is ready; return the settings of its axes and its first state."""
+def _receive_ready(channel: Channel) -> tuple[ControllerSnapshot, StreamStatus]:
+    """Wait until a new loop is ready; return its first state."""
     try:
         message = channel.receive(START_TIMEOUT)
     except ChannelClosedError:
@@ -272,8 +271,7 @@ def _receive_ready(channel: Channel) -> tuple[tuple[AxisSettings, ...], tuple]:
     if kind != 'ready' or content[0] != VERSION:
         raise ManipulatorError(
             'the process of the control loop did not start: see its output above')
-    _, axes, *state = content
-    return axes, unpack_state(state, axes)
+    return content[1:]
 
 
 def _exit_status(process: Process) -> int | str:

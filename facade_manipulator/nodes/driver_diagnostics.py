@@ -74,7 +74,7 @@ def bus_status(snapshot: ControllerSnapshot) -> DiagnosticStatus:
 def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
     """Say how one drive does; its serial number is the hardware id (REP 107)."""
     values = {
-        'node id': axis.axis.node_id,
+        'node id': axis.node_id,
         'statusword': _hex(axis.statusword),
         'homed': axis.homed,
         'position [m]': axis.position,

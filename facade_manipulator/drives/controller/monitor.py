@@ -90,11 +90,17 @@ class AxisMonitor:
         return self.axis.to_metres(self.status.position_counts) if self.status else None
 
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
-        """Return all that was received, with the target [m] that is commanded meanwhile."""
-        age = now - self.heartbeat_time if self.heartbeat_time else None
+        """Return what was received, with the target [m] that is commanded meanwhile."""
+        axis, status, motion, condition = self.axis, self.status, self.motion, self.condition
         return AxisSnapshot(
-            self.name, self.axis, self.status, self.motion, self.condition, self.homed,
-            self.error_code, self.nmt_state, age, self.missed, self.serial_number, target)
+            self.name, axis.node_id, status and status.statusword,
+            status and axis.to_metres(status.position_counts),
+            motion and axis.speed_to_metres(motion.velocity),
+            condition and axis.to_force(condition.torque),
+            motion and axis.to_metres(motion.following_error_counts),
+            condition and condition.digital_inputs, self.homed, self.error_code,
+            self.heartbeat_time and now - self.heartbeat_time, self.missed, self.serial_number,
+            target)
 
     def forget(self) -> None:
         """Forget what was received, because the bus was gone; the home position is kept."""

@@ -5,14 +5,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen import (
-    BusStatistics,
-    ConditionFrame,
-    describe,
-    MotionFrame,
-    StatusFrame,
-)
-from facade_manipulator.drives.cia402 import AxisSettings, Cause, decode_state, State, Triple
+from facade_manipulator.drives.canopen import BusStatistics, describe
+from facade_manipulator.drives.cia402 import Cause, decode_state, State, Triple
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.errors import DriveStateError
 
@@ -66,19 +60,23 @@ class JointStates(NamedTuple):
 
 class AxisSnapshot(NamedTuple):
     """
-    One axis: the newest frames as received, and their content in SI units; None before the first.
+    One axis, in SI units; what was never received is None.
 
     Attributes
     ----------
     name : str
-    axis : AxisSettings
-        Its node id and units.
-    status, motion, condition : frames or None
-        TPDO1 to TPDO3.
+    node_id : int
+    statusword : int or None
+        6041h.
+    position, velocity, force : float or None
+        Of the carriage along the rail; the force is that of the motor's torque [m, m/s, N].
+    following_error : float or None
+        Demand minus actual position [m].
+    digital_inputs : int or None
+        60FDh.
     homed : bool
     error_code : int
         Last error code, 0 for none.
-    nmt_state : int or None
     heartbeat_age : float or None
         [s]
     missed : int
@@ -91,55 +89,27 @@ class AxisSnapshot(NamedTuple):
     """
 
     name: str
-    axis: AxisSettings
-    status: StatusFrame | None = None
-    motion: MotionFrame | None = None
-    condition: ConditionFrame | None = None
+    node_id: int
+    statusword: int | None = None
+    position: float | None = None
+    velocity: float | None = None
+    force: float | None = None
+    following_error: float | None = None
+    digital_inputs: int | None = None
     homed: bool = False
     error_code: int = 0
-    nmt_state: int | None = None
     heartbeat_age: float | None = None
     missed: int = 0
     serial_number: int | None = None
     target: float | None = None
 
     @property
-    def position(self) -> float | None:
-        """Actual position [m]."""
-        return self.axis.to_metres(self.status.position_counts) if self.status else None
-
-    @property
-    def velocity(self) -> float | None:
-        """Actual velocity [m/s]."""
-        return self.axis.speed_to_metres(self.motion.velocity) if self.motion else None
-
-    @property
-    def force(self) -> float | None:
-        """Force of the carriage along the rail [N], from the motor's torque."""
-        return self.axis.to_force(self.condition.torque) if self.condition else None
-
-    @property
-    def following_error(self) -> float | None:
-        """Demand minus actual position [m]."""
-        return self.axis.to_metres(self.motion.following_error_counts) if self.motion else None
-
-    @property
-    def statusword(self) -> int | None:
-        """Statusword 6041h."""
-        return self.status.statusword if self.status else None
-
-    @property
     def state(self) -> State | None:
         """CiA 402 state, None if the statusword names none."""
         try:
-            return decode_state(self.status.statusword) if self.status else None
+            return None if self.statusword is None else decode_state(self.statusword)
         except DriveStateError:
             return None
-
-    @property
-    def digital_inputs(self) -> int | None:
-        """Digital inputs 60FDh."""
-        return self.condition.digital_inputs if self.condition else None
 
     @property
     def error(self) -> str:
@@ -205,7 +175,8 @@ class ControllerSnapshot(NamedTuple):
 
         An encoder that was not homed counts from anywhere: that is no carriage position.
         """
-        if not self.stamp or not all([axis.homed and axis.status for axis in self.axes]):
+        if not self.stamp or not all(
+                [axis.homed and axis.position is not None for axis in self.axes]):
             return None
         return JointStates(
             self.stamp, tuple([axis.position for axis in self.axes]),

@@ -2,9 +2,8 @@
 
 import pytest
 
-from facade_manipulator.drives.canopen.pdo import ConditionFrame, MotionFrame, StatusFrame
 from facade_manipulator.drives.cia402.cause import Cause
-from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES
 from facade_manipulator.drives.controller.snapshot import (
     AxisSnapshot,
     ControllerSnapshot,
@@ -18,21 +17,17 @@ CAUSES = tuple(Cause(message, 'clear the faults') for message in ('first', 'seco
 def snapshot(*changes, **others):
     """Return a snapshot in which the first axes differ as each of the changes says."""
     axes = [AxisSnapshot(
-        name, axis, StatusFrame(ENABLED, 8, 12345), MotionFrame(-321, 7),
-        ConditionFrame(0, 55, 0), homed=True, nmt_state=5, heartbeat_age=1.0, serial_number=4711)
-        for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True)]
+        name, number, ENABLED, position=0.1, velocity=-0.2, force=5.0, following_error=0.0,
+        digital_inputs=0, homed=True, heartbeat_age=1.0, serial_number=4711)
+        for number, name in enumerate(AXIS_NAMES, 1)]
     for number, change in enumerate(changes):
         axes[number] = axes[number]._replace(**change)
     return ControllerSnapshot(
         ControllerState.ACTIVE, 1000.0, tuple(axes), bus_load=0.1)._replace(**others)
 
 
-def status(statusword=ENABLED, counts=12345):
-    return {'status': StatusFrame(statusword, 8, counts)}
-
-
 def test_the_joints_are_those_of_the_axes():
-    one = snapshot({}, status(counts=-99))
+    one = snapshot({}, {'position': -0.3})
     joints = one.joints()
     assert joints.stamp == 1000.0
     assert joints.positions == tuple(axis.position for axis in one.axes)
@@ -42,30 +37,30 @@ def test_the_joints_are_those_of_the_axes():
 
 
 def test_a_velocity_or_force_never_received_is_0():
-    joints = snapshot({'motion': None}, {'condition': None}).joints()
+    joints = snapshot({'velocity': None}, {'force': None}).joints()
     assert joints.velocities[0] == joints.forces[1] == 0.0
     assert joints.velocities[1] != 0.0
     assert joints.forces[0] != 0.0
 
 
 @pytest.mark.parametrize('one', [
-    snapshot({'homed': False}), snapshot({}, {}, {'status': None}), snapshot(stamp=None)],
+    snapshot({'homed': False}), snapshot({}, {}, {'position': None}), snapshot(stamp=None)],
     ids=['not homed', 'no position', 'no SYNC'])
 def test_where_a_carriage_is_not_known_there_are_no_joints(one):
     assert one.joints() is None
 
 
 @pytest.mark.parametrize('same', [
-    snapshot(status(WITH_TARGET_REACHED)), snapshot({'missed': 7, 'heartbeat_age': 3.0}),
+    snapshot({'statusword': WITH_TARGET_REACHED}), snapshot({'missed': 7, 'heartbeat_age': 3.0}),
     snapshot(stamp=1001.0, bus_load=0.2)], ids=['target', 'counters', 'time'])
 def test_what_is_nothing_new_leaves_the_outcome(same):
     assert same.outcome() == snapshot().outcome()
 
 
 @pytest.mark.parametrize('other', [
-    snapshot(state=ControllerState.HALTED), snapshot(status(FAULT)), snapshot({'homed': False}),
-    snapshot({'error_code': 0x2310}), snapshot({'status': None}), snapshot(causes=CAUSES),
-    snapshot(next_step='activate'), snapshot(bus_error='no such device')])
+    snapshot(state=ControllerState.HALTED), snapshot({'statusword': FAULT}),
+    snapshot({'homed': False}), snapshot({'error_code': 0x2310}), snapshot({'statusword': None}),
+    snapshot(causes=CAUSES), snapshot(next_step='activate'), snapshot(bus_error='no such device')])
 def test_what_is_new_changes_the_outcome(other):
     assert other.outcome() != snapshot().outcome()
 
