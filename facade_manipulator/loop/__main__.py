@@ -20,6 +20,7 @@ def main(descriptor: int) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     logging.basicConfig(format='[%(levelname)s] [control loop]: %(message)s')
+    logging.getLogger('facade_manipulator').setLevel(logging.INFO)
     channel = Channel(socket.socket(fileno=descriptor))
     try:
         message = channel.receive(SETUP_TIMEOUT)

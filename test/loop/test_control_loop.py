@@ -80,6 +80,11 @@ def assert_orderly_end(bench, loop):
     assert states == [State.SWITCH_ON_DISABLED] * 3
 
 
+def test_the_loop_says_once_at_start_how_it_is_scheduled(make_bench, capfd):
+    make_bench().do('configure')
+    assert capfd.readouterr().err.count('[control loop]: the control loop runs with') == 1
+
+
 # --- the node ends, hangs, or is slow
 
 def test_a_node_that_ends_at_full_speed_leaves_carriages_that_ramp_down(make_bench):

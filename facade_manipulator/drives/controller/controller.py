@@ -21,7 +21,10 @@ from facade_manipulator.drives.cia402 import Cause, CLEAR_REMEDY, Phase
 from facade_manipulator.drives.controller import motion_operations, service_operations
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.operation import Operation
-from facade_manipulator.drives.controller.realtime import request_realtime
+from facade_manipulator.drives.controller.realtime import (
+    describe_scheduling,
+    request_realtime,
+)
 from facade_manipulator.drives.controller.service_operations import CLOSING_TIMEOUT
 from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
@@ -146,6 +149,7 @@ class DriveController:
 
     def _run(self) -> None:
         self._rejected = tuple(request_realtime(self._session.settings))
+        _log.info(describe_scheduling())
         while not self._closed:
             try:
                 self._turn()

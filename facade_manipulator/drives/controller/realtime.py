@@ -16,6 +16,8 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
 _SWITCH_INTERVAL = 0.0005
+PERMISSION = ('"ulimit -r" of it: LimitRTPRIO=99 in its systemd service, or "@realtime - '
+              'rtprio 99" in /etc/security/limits.d')
 YOUNG_COLLECTION, FULL_COLLECTION = 1, 2
 
 
@@ -29,15 +31,24 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
     return [message for wanted, ask, value in requests if wanted for message in ask(value)]
 
 
+def describe_scheduling() -> str:
+    """Return in one line how the calling thread is scheduled, and how to do better."""
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    if policy in (os.SCHED_FIFO, os.SCHED_RR):
+        return ('the control loop runs with real-time scheduling, priority '
+                f'{os.sched_getparam(0).sched_priority}')
+    return ('the control loop runs without real-time scheduling: other programs can hold it up '
+            f'until the drives stop; set controller.realtime_priority, which needs {PERMISSION}')
+
+
 def _schedule(priority: int) -> list[str]:
     """Ask for SCHED_FIFO, not for the threads that this one starts: they have no deadline."""
     try:
         os.sched_setscheduler(
             0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
-        return [f'SCHED_FIFO with priority {priority} is rejected ({error.strerror}): grant it '
-                'with "@realtime - rtprio 99" in /etc/security/limits.d, or sudo setcap '
-                'cap_sys_nice+ep on the Python interpreter']
+        return [f'SCHED_FIFO with priority {priority} is rejected ({error.strerror}): it needs '
+                f'{PERMISSION}']
     return []
 
 
@@ -87,6 +98,11 @@ class Collector:
             gc.collect()
             gc.freeze()
             sys.setswitchinterval(min(_SWITCH_INTERVAL, self._before[1]))
+
+    def keep(self) -> None:
+        """Never look again at what lives now; takes no time, and changes nothing when off."""
+        if self._before is not None:
+            gc.freeze()
 
     def stop(self) -> None:
         """Give back; harmless when not in force."""

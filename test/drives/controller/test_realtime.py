@@ -1,13 +1,18 @@
 import ctypes
 import gc
 import os
+import re
 import sys
 import threading
 
 import pytest
 
 from facade_manipulator.drives.controller import realtime
-from facade_manipulator.drives.controller.realtime import Collector, request_realtime
+from facade_manipulator.drives.controller.realtime import (
+    Collector,
+    describe_scheduling,
+    request_realtime,
+)
 from facade_manipulator.drives.controller.settings import ControllerSettings
 
 
@@ -34,6 +39,16 @@ def test_a_granted_priority_says_nothing(monkeypatch):
     assert request_realtime(ControllerSettings(realtime_priority=50)) == []
     assert asked[0][1] == os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
     assert asked[0][2].sched_priority == 50
+
+
+@pytest.mark.parametrize('policy, says', [
+    (os.SCHED_OTHER, 'without real-time scheduling: .* controller.realtime_priority, .*ulimit -r'),
+    (os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 'with real-time scheduling, priority 7'),
+])
+def test_how_the_control_thread_is_scheduled_is_what_the_kernel_says(monkeypatch, policy, says):
+    monkeypatch.setattr(os, 'sched_getscheduler', lambda thread: policy)
+    monkeypatch.setattr(os, 'sched_getparam', lambda thread: os.sched_param(7))
+    assert re.search(says, describe_scheduling())
 
 
 def test_what_the_control_thread_starts_has_no_priority():
@@ -94,6 +109,20 @@ def test_the_collector_takes_over_and_gives_back(collector):
     collector.stop()
     collector.stop()
     assert (gc.isenabled(), sys.getswitchinterval()) == before
+
+
+def test_what_lives_when_the_cycle_begins_is_never_looked_at_again(collector):
+    collector.start()
+    made = [[number] for number in range(10_000)]
+    collector.keep()
+    assert gc.get_freeze_count() > len(made)
+    assert len(gc.get_objects()) < len(made)
+
+
+def test_a_collector_that_is_not_in_force_keeps_nothing(collector):
+    before = gc.get_freeze_count()
+    collector.keep()
+    assert gc.get_freeze_count() == before
 
 
 def test_garbage_is_collected_now_and_then_in_the_slack(collector, monkeypatch):
