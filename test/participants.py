@@ -3,8 +3,9 @@ Let ROS participants join and leave while the drives move, as `ros2 topic echo` 
 
 ``python test/participants.py --count 100`` (`. .venv/environment` first) starts a driver with
 simulated drives, streams setpoints to it at 100 Hz, lets participants come and go, and prints what
-the driver's control loop missed beside what a bare timer loop of the same period missed meanwhile.
-ROS_AUTOMATIC_DISCOVERY_RANGE and FASTDDS_BUILTIN_TRANSPORTS act as they do for any ROS process.
+the driver's control loop missed beside what a bare timer loop of the same period missed meanwhile,
+and how often the program that streams stood still itself. ``--settings`` names the discovery and
+transport to try; ``subnet`` sends multicast: ``unshare -n`` and ``ip link set lo up`` keep it in.
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ import time
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE.parent))
-os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
 
 import rclpy  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
@@ -28,9 +28,20 @@ from std_msgs.msg import Bool  # noqa: E402
 
 from facade_manipulator.ros.client import ManipulatorClient  # noqa: E402
 from facade_manipulator.ros.conversions import node_time, stamp  # noqa: E402
-from facade_manipulator.ros.runtime import LATEST  # noqa: E402
+from facade_manipulator.ros.runtime import LATEST, RELIABLE  # noqa: E402
 
+SETTINGS = {
+    'localhost': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
+    'loopback.xml': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
+                     'FASTRTPS_DEFAULT_PROFILES_FILE': str(HERE.parent / 'config/loopback.xml')},
+    'subnet': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
+    'subnet, UDP': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+                    'FASTDDS_BUILTIN_TRANSPORTS': 'UDPv4'},
+    'static peer': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
+                    'ROS_STATIC_PEERS': '127.0.0.1'},
+}
 PERIOD, AHEAD = 0.01, 0.06
+STALL = 0.25  # s: Fast DDS's are of 0.333 s
 HOME, AMPLITUDE, FREQUENCY = (-0.1, 0.1, 0.0), 0.03, 0.5
 COUNTERS = ('cycles', 'missed cycles', 'late commands', 'skipped SYNCs', 'lateness below 20 ms',
             'lateness below 50 ms', 'lateness below 100 ms', 'lateness beyond')
@@ -73,18 +84,38 @@ def visit(count: int, pause: float) -> None:
         context.try_shutdown()
 
 
-def hurry(process: subprocess.Popen, priority: int) -> None:
-    """Let a process, or the loop that it has started, take the processor before other programs."""
+def hurry(pid: int, priority: int) -> None:
+    """Let a process run before other programs, and what it has started before it."""
     if not priority:
         return
-    started = Path(f'/proc/{process.pid}/task/{process.pid}/children').read_text().split()
-    for thread in Path(f'/proc/{(started or [process.pid])[0]}/task').iterdir():
-        os.sched_setscheduler(int(thread.name), os.SCHED_FIFO, os.sched_param(priority))
+    for thread in Path(f'/proc/{pid}/task').iterdir():
+        os.sched_setscheduler(
+            int(thread.name), os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    for child in Path(f'/proc/{pid}/task/{pid}/children').read_text().split():
+        hurry(int(child), priority + 1)
 
 
 def start(*arguments: str, **details) -> subprocess.Popen:
     """Start a python process."""
     return subprocess.Popen([sys.executable, *arguments], **details)
+
+
+class Pauses:
+    """Notes how often something that happens again and again stood still."""
+
+    def __init__(self) -> None:
+        self._last = math.inf
+        self._found: list[float] = []
+
+    def happens(self) -> None:
+        """Note that it happens now."""
+        now = time.monotonic()
+        if now - self._last > STALL:
+            self._found.append(now - self._last)
+        self._last = now
+
+    def __str__(self) -> str:
+        return f'{len(self._found)} times, worst {1e3 * max(self._found, default=0.0):.0f} ms'
 
 
 class Streamer:
@@ -95,6 +126,9 @@ class Streamer:
         self._publisher = self._node.create_publisher(JointState, 'joint_setpoints', LATEST)
         self._begin = 0.0
         self._timer = None
+        self.pauses, self.driver_pauses = Pauses(), Pauses()
+        self._node.create_subscription(
+            JointState, 'joint_states', lambda _: self.driver_pauses.happens(), RELIABLE)
 
     def start(self) -> None:
         """Begin to send."""
@@ -110,6 +144,7 @@ class Streamer:
             name=('q1', 'q2', 'q3'), position=[q + shift for q in HOME], velocity=[speed] * 3)
         message.header.stamp = stamp(now)
         self._publisher.publish(message)
+        self.pauses.happens()
 
     def values(self, component: str) -> dict[str, str]:
         """Return a component's newest values in /diagnostics."""
@@ -117,20 +152,20 @@ class Streamer:
         return {item.key: item.value for item in self._client.component(component).status.values}
 
 
-def measure(driver: subprocess.Popen, options: argparse.Namespace) -> bool:
+def measure(options: argparse.Namespace) -> bool:
     """Measure and print; return whether the drives went on."""
     client = ManipulatorClient()
     streamer = Streamer(client)
-    client.wait_until(client.driver_state, 'the driver', 30.0)
-    hurry(driver, options.priority)
+    client.wait_until(lambda: client.component('driver: operation'), 'the driver', 30.0)
     client.configure()
     client.home()
     client.activate()
+    hurry(os.getpid(), options.priority)  # and the driver above it, and its loop above that
     streamer.start()
     client.spin(1.0)
     before, braked = streamer.values('driver: bus'), streamer.values('driver: operation')['brakes']
     timer = start(__file__, '--timer', stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    hurry(timer, options.priority)
+    hurry(timer.pid, options.priority and options.priority + 2)
     visitors = start(__file__, '--visit', '--count', str(options.count),
                      '--pause', str(options.pause))
     while visitors.poll() is None:
@@ -138,11 +173,14 @@ def measure(driver: subprocess.Popen, options: argparse.Namespace) -> bool:
     after, operation = streamer.values('driver: bus'), streamer.values('driver: operation')
     bare, worst = timer.communicate(input='')[0].split()
     state = client.driver_state()
-    print(f'{options.count} participants came and went; the driver is {state}'
+    counts = [int(after[name]) - int(before[name]) for name in COUNTERS]
+    print(f'{options.settings}: {options.count} participants came and went; the driver is {state}'
           + (f': {operation["cause"]}' if operation['cause'] else ''))
-    print(', '.join(f'{name} {int(after[name]) - int(before[name])}' for name in COUNTERS)
+    print(', '.join(f'{name} {count}' for name, count in zip(COUNTERS, counts, strict=True))
           + f', brakes {int(operation["brakes"]) - int(braked)}; '
-          f'a bare timer loop missed {bare} periods, worst {worst} ms')
+          f'a bare timer loop missed {bare} periods, worst {worst} ms; '
+          f'setpoints paused {streamer.pauses}, joint_states {streamer.driver_pauses}; '
+          f'load {os.getloadavg()[0]:.1f}')
     client.close()
     return state == 'active'
 
@@ -152,6 +190,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--count', type=int, default=20)
     parser.add_argument('--pause', type=float, default=0.4, help='how long each stays [s]')
+    parser.add_argument('--settings', choices=SETTINGS, default='localhost')
     parser.add_argument('--priority', type=int, default=0, help='SCHED_FIFO, against other load')
     parser.add_argument('--timer', action='store_true', help=argparse.SUPPRESS)
     parser.add_argument('--visit', action='store_true', help=argparse.SUPPRESS)
@@ -163,11 +202,12 @@ def main() -> int:
         visit(options.count, options.pause)
         return 0
     os.environ.setdefault('ROS_DOMAIN_ID', str(os.getpid() % 100))
+    os.environ.update(SETTINGS[options.settings])
     driver = start('-m', 'facade_manipulator.nodes.driver', '--ros-args', '-p',
                    'simulate_drives:=true')
     rclpy.init()
     try:
-        return 0 if measure(driver, options) else 1
+        return 0 if measure(options) else 1
     finally:
         driver.terminate()
         driver.wait(20.0)
