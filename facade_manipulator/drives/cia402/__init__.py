@@ -16,7 +16,12 @@ from facade_manipulator.drives.cia402.cause import (
     TARGET_REMEDY,
 )
 from facade_manipulator.drives.cia402.group import AxisCommand, Group, GroupSettings
-from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence, HomingState
+from facade_manipulator.drives.cia402.homing import (
+    AxisHoming,
+    HomingSequence,
+    HomingState,
+    METHODS_AT_PRESENT_POSITION,
+)
 from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
 from facade_manipulator.drives.cia402.profile import (
     DriveProfile,
@@ -75,6 +80,7 @@ __all__ = [
     'INT32_MAX',
     'INT32_MIN',
     'load_profile',
+    'METHODS_AT_PRESENT_POSITION',
     'Mode',
     'Phase',
     'POWERED_STATES',

@@ -31,8 +31,9 @@ class Feedback(NamedTuple):
         Whether the carriage stands still.
     error_code : int
         Last error code of an emergency message or of 603F; 0 for none.
-    at_home : bool
-        Whether the actual position is that of the home position.
+    home_error : float
+        While homing: how far the actual position is from the home position [m], 0 where that is
+        as exact as the homing method.
 
     """
 
@@ -40,7 +41,7 @@ class Feedback(NamedTuple):
     mode: int = Mode.CYCLIC_SYNCHRONOUS_POSITION
     at_rest: bool = True
     error_code: int = 0
-    at_home: bool = False
+    home_error: float = 0.0
 
 
 class Step(NamedTuple):

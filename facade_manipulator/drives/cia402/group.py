@@ -147,19 +147,20 @@ class Group:
         self._require('deactivate', Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED)
         self._begin(plans.DISABLE, now)
 
-    def halt(self, now: float) -> None:
+    def halt(self, now: float) -> bool:
         """
-        Come to rest and hold there; a homing is given up and the power switched off.
+        Come to rest and hold there; what was not done yet is given up and the power switched off.
 
-        Raises
-        ------
-        DriveStateError
-            Nothing moves.
-
+        Not done yet are a homing, and an activation that was not confirmed: whoever asked learns
+        that it was cancelled, so that no power may stay on. Returns False where this changes
+        nothing: without power, and while the power goes off or all is stopping already.
         """
-        self._require('halt', Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED,
-                      Phase.HOMING)
-        self._begin(plans.END_HOMING if self.phase is Phase.HOMING else plans.HALT, now)
+        plan = plans.HALTS.get(self.phase)
+        if self.phase is Phase.RUNNING and not self.is_settled:
+            plan = plans.DISABLE
+        if plan is not None:
+            self._begin(plan, now)
+        return plan is not None
 
     def reset(self, now: float) -> None:
         """
@@ -226,8 +227,9 @@ class Group:
             self._begin(plans.STOP, now)
 
     def cut_power(self, now: float) -> None:
-        """Take the power off for good, before the drives are left alone; ends in stopped."""
-        self._begin(plans.CUT_POWER, now)
+        """Take the power off for good, but of nothing that moves; ends in stopped."""
+        is_off = self.phase is Phase.OFF
+        self._begin(plans.CUT_POWER if is_off else plans.STOP_AND_CUT_POWER, now)
 
     def restart_step(self, now: float) -> None:
         """Begin the present step again: nothing could be sent or received for a while."""

@@ -5,6 +5,7 @@ A drive that was homed before still shows "homing attained". Success therefore c
 the bit was seen clear first, and a homing error only once the drive has had time to take it back.
 Methods 35 and 37 take the present position as home within one cycle, so that the bit may never be
 seen clear: with them it counts as well that the position has become that of the home position.
+Whatever the method: a drive that says success somewhere else than at its home position has failed.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ class AxisHoming:
         self.state = HomingState.WAITING
         self._timeout = timeout
         self._started: float | None = None
-        self._cycles = 0
+        self._cycles = self._cycles_elsewhere = 0
         self._seen_clear = False
 
     def watch(self, feedback: Feedback) -> None:
@@ -67,7 +68,8 @@ class AxisHoming:
         Raises
         ------
         DriveFaultError
-            The drive reports a homing error.
+            The drive reports a homing error, or success at another position than the home
+            position.
         DriveTimeoutError
             It takes too long.
 
@@ -77,6 +79,9 @@ class AxisHoming:
         self._begin(now)
         self._cycles += 1
         if self._has_succeeded(feedback):
+            if feedback.home_error:
+                self._wait_for_position(feedback)
+                return Controlword.HOMING_START
             self.state = HomingState.HOMED
             return 0
         self._require_progress(feedback.statusword, now)
@@ -86,9 +91,17 @@ class AxisHoming:
         shown = feedback.statusword & _OUTCOME == _SUCCESS
         self._seen_clear = (
             self._seen_clear or not feedback.statusword & Status.HOMING_ATTAINED)
-        is_there = (self._needs_no_motion and feedback.at_home
+        is_there = (self._needs_no_motion and not feedback.home_error
                     and self._cycles > SETTLING_CYCLES)
         return shown and (self._seen_clear or is_there)
+
+    def _wait_for_position(self, feedback: Feedback) -> None:
+        """Give the position a few cycles to become that of the home position."""
+        self._cycles_elsewhere += 1
+        if self._cycles_elsewhere > SETTLING_CYCLES:
+            raise DriveFaultError(
+                f'{self.name}: homing ended {feedback.home_error:+.4g} m from the configured '
+                'home_position: check homing method and home offset of the drive (607Ch)')
 
     def _begin(self, now: float) -> None:
         if self._started is None:

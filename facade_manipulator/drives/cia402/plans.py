@@ -55,10 +55,20 @@ FOLLOW = _plan((Phase.RUNNING, (steps.FOLLOW,)))
 END_HOMING = _plan((Phase.DISABLING, (steps.END_HOMING, steps.FOLLOW))) + POWER_DOWN
 HOME = _plan(
     (Phase.ENABLING, steps.power_on(Mode.HOMING)), (Phase.HOMING, (steps.HOME,))) + END_HOMING
+GIVE_UP_ENABLING = _plan((Phase.DISABLING, (steps.POWER_OFF,))) + OFF
 STOP = _plan((Phase.STOPPING, (steps.QUICK_STOP,)), (Phase.STOPPED, (steps.STAY_STOPPED,)))
 CUT_POWER = _plan((Phase.STOPPED, (steps.CUT_POWER,)))
 STOP_AND_CUT_POWER = _plan((Phase.STOPPING, (steps.QUICK_STOP, steps.CUT_POWER))) + CUT_POWER
 RESET = _plan((Phase.RESETTING, steps.RESET_FAULT)) + OFF
+# what a halt begins in each phase; in the others nothing is commanded to move
+HALTS = {
+    Phase.ENABLING: GIVE_UP_ENABLING,
+    Phase.HOLDING: DISABLE,
+    Phase.RUNNING: HALT,
+    Phase.RAMPING: HALT,
+    Phase.HALTED: HALT,
+    Phase.HOMING: END_HOMING,
+}
 
 
 def enable_plan(hold_cycles: int) -> Plan:

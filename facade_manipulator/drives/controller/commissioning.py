@@ -219,7 +219,7 @@ class Commissioning:
         try:
             verify_objects(drive.objects, self._writes(drive))
         except DriveObjectError:
-            drive.monitor.homed = False
+            drive.monitor.distrust()
             raise
 
     def _reset(self) -> None:

@@ -202,6 +202,9 @@ class DriveController:
             except Exception as error:
                 future.set_exception(error)
                 raise
+            if self._operation is not None and not operation.interrupts:
+                future.set_result(message)  # it had nothing to do
+                continue
             self._fail(DriveStateError(f'cancelled by {operation.name}'))
             self._operation, self._future = operation, future
             if message is not None:

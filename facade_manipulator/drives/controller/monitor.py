@@ -29,15 +29,19 @@ from facade_manipulator.drives.cia402 import (
     Cause,
     CONFIGURE_REMEDY,
     Feedback,
+    METHODS_AT_PRESENT_POSITION,
+    Mode,
     Status,
 )
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import AxisSnapshot
 
 SYNC_TOLERANCE = 0.001
-HOME_TOLERANCE = 2  # counts
-JUMP_MARGIN = 2.0
+HOME_TOLERANCE = 2  # counts, where the drive takes the present position as home
+HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 JUMP_NOISE = 0.001  # m
+JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
+JUMP_JITTER = 0.5  # of the way since the last answer, for a SYNC that came early or late
 _NOTHING_RECEIVED = StatusFrame(0, 0, 0)
 
 
@@ -72,12 +76,15 @@ class AxisMonitor:
         self.missed_in_a_row = 0
         self._settings = settings
         self._home_counts = axis.to_counts(axis.home_position)
+        self._home_tolerance = _home_tolerance(axis, settings.period)
+        self._is_trusted = True
         # in the drive's own units, so that a cycle converts nothing
         counts_per_metre = abs(axis.counts_per_metre)
         self._rest_speed = counts_per_metre * axis.velocity_units_per_count * settings.rest_speed
         self._least_jump = counts_per_metre * _jump_bound(axis, settings.period)
         self._supervised_since: float | None = None
         self._status_time = 0.0
+        self._speed = 0.0  # counts/s, since the answer before the last
 
     @property
     def title(self) -> str:
@@ -108,6 +115,19 @@ class AxisMonitor:
         self.nmt_state = self.heartbeat_time = None
         self.is_fresh = False
 
+    def begin_homing(self) -> None:
+        """From now on the position is unknown, and what is said of it counts again."""
+        self.homed, self._is_trusted = False, True
+
+    def end_homing(self, homed: bool) -> None:
+        """Note whether the axis is homed; it is not if its position has been lost meanwhile."""
+        self.homed = homed and self._is_trusted
+        self._speed = 0.0  # the step to the home position was none of the carriage
+
+    def distrust(self) -> None:
+        """Note that the position is lost, until the axis is homed again."""
+        self.homed = self._is_trusted = False
+
     def begin_supervision(self, now: float) -> None:
         """From now on silence is a fault."""
         self._supervised_since = now
@@ -121,22 +141,26 @@ class AxisMonitor:
         """
         Take state, mode and position; fresh if they answer the newest SYNC.
 
-        Returns why all must stop if a homed carriage seems to have moved faster than it can.
+        Returns why all must stop if the speed of a homed carriage seems to have changed faster
+        than it can.
 
         """
         before, self.status = self.status, decode_tpdo1(data)
         elapsed, self._status_time = time - self._status_time, time
         self.is_fresh = time >= sync_time - SYNC_TOLERANCE
-        if before is None or not self.homed:
+        if before is None:
+            self._speed = 0.0
             return None
-        counts = abs(self.status.position_counts - before.position_counts)
-        if counts <= self._least_jump:
+        elapsed = max(elapsed, self._settings.period)
+        counts = self.status.position_counts - before.position_counts
+        expected, self._speed = self._speed * elapsed, counts / elapsed
+        if not self.homed or abs(counts - expected) <= self._least_jump:
             return None
-        jump = abs(self.axis.to_metres(counts))
-        bound = _jump_bound(self.axis, max(elapsed, self._settings.period))
+        jump = abs(self.axis.to_metres(counts - expected))
+        bound = _jump_bound(self.axis, elapsed) + JUMP_JITTER * abs(self.axis.to_metres(expected))
         if jump <= bound:
             return None
-        self.homed = False
+        self.distrust()
         return self._supervised(
             f'{self.title}: the position has jumped by {jump:.4g} m, bound {bound:.4g} m: it can '
             'no longer be trusted', remedy='clear the faults, home, then activate',
@@ -160,7 +184,8 @@ class AxisMonitor:
             return None
         self.error_code = code
         meaning = fault(code)
-        self.homed = self.homed and not meaning.home_again
+        if meaning.home_again:
+            self.distrust()
         return self._supervised(
             f'{self.title}: {describe(code)}', remedy=meaning.remedy,
             cut_power=meaning.reaction is Reaction.DISABLE_ALL)
@@ -193,9 +218,13 @@ class AxisMonitor:
         self.is_fresh = False
         status = self.status or _NOTHING_RECEIVED
         at_rest = self.motion is not None and abs(self.motion.velocity) < self._rest_speed
-        return Feedback(
-            status.statusword, status.mode, at_rest, self.error_code,
-            abs(status.position_counts - self._home_counts) <= HOME_TOLERANCE)
+        home_error = self._home_error(status) if status.mode == Mode.HOMING else 0.0
+        return Feedback(status.statusword, status.mode, at_rest, self.error_code, home_error)
+
+    def _home_error(self, status: StatusFrame) -> float:
+        """Return how far the carriage is from its home position [m], 0 if it is there."""
+        counts = status.position_counts - self._home_counts
+        return self.axis.to_metres(counts) if abs(counts) > self._home_tolerance else 0.0
 
     def silence(self, now: float) -> Cause | None:
         """Return why all must stop because of what was not received, None if all was."""
@@ -216,7 +245,7 @@ class AxisMonitor:
 
     def _boot(self) -> Cause | None:
         self.boot_ups += 1
-        self.homed = False
+        self.distrust()
         return self._supervised(
             f'{self.title} has restarted by itself and has lost its position',
             remedy=CONFIGURE_REMEDY + ', home, then activate', configure_again=True,
@@ -242,5 +271,15 @@ def silences(monitors: Sequence[AxisMonitor], read_until: float) -> list[Cause]:
 
 
 def _jump_bound(axis: AxisSettings, elapsed: float) -> float:
-    """Return how far a carriage can seem to move in a time [m]."""
-    return JUMP_NOISE + JUMP_MARGIN * axis.max_speed * elapsed
+    """Return how far from where its speed leads a carriage may be after a time [m]."""
+    acceleration = max(axis.max_acceleration, axis.stop_deceleration)
+    return JUMP_NOISE + JUMP_MARGIN * acceleration * elapsed ** 2
+
+
+def _home_tolerance(axis: AxisSettings, period: float) -> float:
+    """Return how exactly a carriage that is homed stands at its home position [counts]."""
+    if axis.homing_method in METHODS_AT_PRESENT_POSITION:
+        return HOME_TOLERANCE
+    speed = axis.homing_zero_speed
+    braking = speed * period + speed ** 2 / (2.0 * axis.homing_acceleration)
+    return abs(axis.to_counts(HOME_NOISE + braking))

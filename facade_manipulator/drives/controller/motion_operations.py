@@ -68,23 +68,24 @@ class Deactivate(Operation):
 
 
 class Halt(Operation):
-    """Come to rest on the path and hold; a homing is given up."""
+    """Come to rest on the path and hold; a homing or an activation is given up."""
 
     state = ControllerState.HALTING
     interrupts = True
-    _was_homing = False
+    _given_up = 'The activation'
 
     def begin(self, now: float) -> str | None:
-        """Begin to ramp down."""
-        self._was_homing = self.group.phase is Phase.HOMING
-        self.group.halt(now)
-        return None
+        """Begin to ramp down; where nothing is commanded to move, nothing is cancelled."""
+        if self.group.phase is Phase.HOMING:
+            self._given_up = 'Homing'
+        self.interrupts = self.group.halt(now)
+        return None if self.interrupts else 'The power is off or going off: nothing moves on.'
 
     def poll(self, now: float) -> str | None:
         """Wait until nothing moves."""
         self.require_not_stopped()
-        if self._was_homing:
-            return 'Homing is given up; the power is off.' if self.session.is_off else None
+        if self.session.is_off:
+            return f'{self._given_up} is given up; the power is off.'
         done = self.session.has_done(Phase.HALTED)
         return 'The carriages stand still and hold: activate to go on.' if done else None
 
@@ -104,7 +105,7 @@ class Home(Operation):
             for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
         group.home(sequence, now)
         for monitor in session.monitors:
-            monitor.homed = False
+            monitor.begin_homing()
         return None
 
     def poll(self, now: float) -> str | None:
@@ -117,7 +118,7 @@ class Home(Operation):
         """Note which axes are homed, not before their positions have settled, and report."""
         for homed, monitor in zip(
                 self.group.homing.homed, self.session.monitors, strict=True):
-            monitor.homed = homed
+            monitor.end_homing(homed)
         return 'Homing: ' + ', '.join(
             f'{monitor.name} is homed, at {monitor.position:.4f} m' if monitor.homed else
             f'{monitor.name} is not homed' for monitor in self.session.monitors) + '.'

@@ -30,7 +30,7 @@ class Operation:
     """
 
     state: ClassVar[ControllerState]
-    interrupts: ClassVar[bool] = False
+    interrupts = False
     outlives_bus: ClassVar[bool] = False
 
     def __init__(self, session: Session) -> None:

@@ -18,6 +18,7 @@ from facade_manipulator.errors import (
 )
 
 CLOSING_TIMEOUT = 3.0
+STOP_AND_CUT = 2  # steps: what still moves is stopped before it loses its power
 MAX_BAD_CYCLES = 0.001  # of all
 
 
@@ -69,7 +70,7 @@ class Cleanup(Operation):
         if self.group.is_powered:
             raise DriveStateError('cleanup is not possible while powered: deactivate first')
         self.group.cut_power(now)
-        self._deadline = now + self.session.settings.step_timeout
+        self._deadline = now + STOP_AND_CUT * self.session.settings.step_timeout
         return None
 
     def poll(self, now: float) -> str | None:
@@ -201,7 +202,7 @@ class Close(Operation):
             return self._finish()
         if not self._cutting and (session.group.phase in (Phase.OFF, Phase.STOPPED) or late):
             self._cutting = True
-            self._deadline = now + session.settings.step_timeout
+            self._deadline = now + STOP_AND_CUT * session.settings.step_timeout
             session.group.cut_power(now)
         elif self._cutting and (session.has_done(Phase.STOPPED) or late):
             return self._finish()

@@ -84,6 +84,7 @@ def running() -> Drives:
     drives = switched_off()
     drives.group.enable(drives.now)
     drives.until(Phase.RUNNING)
+    drives.cycle()
     return drives
 
 
@@ -258,6 +259,53 @@ def test_a_halt_gives_homing_up_and_powers_off():
     assert drives.group.cause is None
 
 
+# --- a halt
+
+@situations
+def test_a_halt_is_always_accepted_and_nothing_moves_after_it(situation):
+    drives = SITUATIONS[situation]()
+    drives.at_rest = True
+    drives.group.halt(drives.now)
+    drives.cycle(50)
+    assert drives.group.phase in (Phase.OFF, Phase.HALTED)
+    assert drives.group.cause is None
+    assert len({*drives.states}) == 1
+
+
+@pytest.mark.parametrize('situation', ['enabling', 'holding'])
+def test_a_halt_gives_an_activation_up_and_powers_off(situation):
+    drives = SITUATIONS[situation]()
+    drives.group.halt(drives.now)
+    drives.until(Phase.OFF)
+    drives.cycle(2)
+    assert drives.group.is_settled
+    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
+
+
+@pytest.mark.parametrize('cycles', range(30))
+def test_a_halt_in_any_cycle_of_an_activation_powers_off_or_finds_it_done(cycles):
+    """No activation that was not confirmed may leave power on."""
+    drives = switched_off()
+    drives.group.enable(drives.now)
+    drives.cycle(cycles)
+    was_done = drives.group.phase is Phase.RUNNING and drives.group.is_settled
+    drives.group.halt(drives.now)
+    drives.cycle(20)
+    assert drives.group.phase is (Phase.HALTED if was_done else Phase.OFF)
+
+
+@pytest.mark.parametrize('stop', [
+    lambda group, now: group.stop(Cause('enough'), now), lambda group, now: group.reset(now)])
+def test_a_halt_changes_nothing_of_a_stop_or_a_reset(stop):
+    drives = running()
+    drives.group.stop(Cause('first'), drives.now)
+    drives.until(Phase.STOPPED)
+    stop(drives.group, drives.now)
+    before = drives.group.phase
+    drives.group.halt(drives.now)
+    assert drives.group.phase is before
+
+
 # --- any doubt about one stops all
 
 @situations
@@ -330,6 +378,31 @@ def test_a_cause_that_asks_for_it_cuts_the_power_once_the_carriages_stand():
     drives.cycle(5)
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
     assert drives.group.phase is Phase.STOPPED
+
+
+@pytest.mark.parametrize('is_stopping', [True, False])
+def test_the_power_is_never_cut_before_the_carriages_stand(is_stopping):
+    drives = running()
+    drives.at_rest = False
+    if is_stopping:
+        drives.group.stop(Cause('enough'), drives.now)
+        drives.cycle(5)
+    drives.group.cut_power(drives.now)
+    drives.cycle(5)
+    assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
+    drives.at_rest = True
+    drives.until(Phase.STOPPED)
+    drives.cycle(5)
+    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
+    assert drives.group.is_settled
+
+
+def test_carriages_that_never_seem_to_stand_lose_their_power_after_the_time_out():
+    drives = running()
+    drives.at_rest = False
+    drives.group.cut_power(drives.now)
+    drives.cycle(150)
+    assert drives.states == [State.SWITCH_ON_DISABLED] * 3
 
 
 def test_a_later_cause_may_still_cut_the_power():

@@ -19,10 +19,27 @@ FAILED = 0x0027 | Status.HOMING_ERROR
 START = Controlword.HOMING_START
 
 
-def run(homing: AxisHoming, statuswords, period: float = 0.01):
+def run(homing: AxisHoming, statuswords, home_error: float = 0.0, period: float = 0.01):
     return [
-        homing.advance(Feedback(word), period * number)
+        homing.advance(Feedback(word, home_error=home_error), period * number)
         for number, word in enumerate(statuswords)]
+
+
+@pytest.mark.parametrize('method', [17, 35, 37])
+def test_success_at_another_position_than_the_home_position_is_a_failure(method):
+    homing = AxisHoming('q1', timeout=1.0, method=method)
+    homing.watch(Feedback(IDLE))
+    with pytest.raises(DriveFaultError, match=r'q1: homing ended \+0.1 m from the configured'):
+        run(homing, [UNDER_WAY] + [SUCCESS] * (SETTLING_CYCLES + 1), home_error=0.1)
+    assert homing.state is HomingState.UNDER_WAY
+
+
+def test_a_position_that_follows_the_success_a_cycle_later_is_waited_for():
+    homing = AxisHoming('q1', timeout=1.0)
+    homing.watch(Feedback(IDLE))
+    run(homing, [UNDER_WAY, SUCCESS], home_error=0.1)
+    assert run(homing, [SUCCESS]) == [0]
+    assert homing.state is HomingState.HOMED
 
 
 def test_homing_raises_bit_4_until_the_drive_reports_success():
@@ -55,8 +72,8 @@ def test_a_method_without_motion_may_be_over_before_anybody_sees_the_bit_clear(m
     homing = AxisHoming('q1', timeout=1.0, method=method)
     homing.watch(Feedback(SUCCESS))
     for cycle in range(SETTLING_CYCLES):
-        assert homing.advance(Feedback(SUCCESS, at_home=True), 0.01 * cycle) == START
-    assert homing.advance(Feedback(SUCCESS, at_home=True), 0.1) == 0
+        assert homing.advance(Feedback(SUCCESS), 0.01 * cycle) == START
+    assert homing.advance(Feedback(SUCCESS), 0.1) == 0
     assert homing.state is HomingState.HOMED
 
 
@@ -64,7 +81,7 @@ def test_a_method_without_motion_is_not_over_while_the_position_is_another():
     homing = AxisHoming('q1', timeout=0.5, method=37)
     homing.watch(Feedback(SUCCESS))
     with pytest.raises(DriveTimeoutError):
-        run(homing, [SUCCESS] * 100)
+        run(homing, [SUCCESS] * 100, home_error=0.1)
 
 
 @pytest.mark.parametrize('word', [

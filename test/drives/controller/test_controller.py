@@ -79,6 +79,30 @@ def test_halt_holds_the_carriages_and_activate_goes_on(rig):
     wait_until(lambda: abs(rig.carriages[0] - held) > 0.005, 'motion after the halt')
 
 
+@pytest.mark.parametrize('cycles', [0, 1, 2, 4, 8, 12])
+def test_a_halt_while_activating_is_accepted_and_powers_off(make_rig, cycles):
+    rig = make_rig(settings=replace(SETTINGS, hold_cycles=30))
+    inactive(rig)
+    activation = rig.controller.activate()
+    rig.cycles(cycles)
+    assert rig.do('halt') == 'The activation is given up; the power is off.'
+    with pytest.raises(DriveStateError, match='cancelled by halt'):
+        activation.result(PATIENCE)
+    assert rig.state is ControllerState.INACTIVE
+    assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
+    rig.do('activate')
+
+
+def test_a_halt_where_nothing_moves_is_accepted_and_cancels_nothing(rig):
+    inactive(rig)
+    assert 'nothing moves on' in rig.do('halt')
+    rig.controller.stop('enough')
+    rig.until_stopped()
+    clearing = rig.controller.clear_faults()
+    assert rig.rejection('halt') is None
+    assert 'cleared' in clearing.result(PATIENCE)
+
+
 def test_close_powers_off_in_order(rig):
     moving(rig)
     rig.controller.close()

@@ -9,7 +9,7 @@ import pytest
 from support import wait_until
 
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
-from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.cia402.states import Mode, State
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveFaultError, DriveStateError, LimitError
 
@@ -91,3 +91,38 @@ def test_a_fault_while_homing_stops_all(make_rig):
 def test_homing_again_does_not_take_the_old_success_for_the_new(rig):
     inactive(rig)
     assert 'is not homed' not in rig.do('home')
+
+
+@pytest.mark.parametrize('code', [0x7380, 0x7392, 0xFF02])
+def test_a_position_that_is_lost_before_homing_has_ended_is_not_homed(make_rig, code):
+    """The drive says homed, then that its encoder failed, and only then the last rank is done."""
+    axes = tuple(replace(axis, homing_rank=rank) for axis, rank in zip(
+        (*DEFAULT_AXES[:2], slow_homing()[2]), (1, 1, 2), strict=True))
+    rig = make_rig(axes=axes)
+    rig.do('configure')
+    homing = rig.controller.home()
+    wait_until(lambda: rig.controller._session.group.homing is not None and
+               rig.controller._session.group.homing.homed == (True, True, False), 'two axes')
+    rig.forge(0x080 + 1, code.to_bytes(2, 'little') + bytes(6))
+    with pytest.raises(DriveFaultError, match='q1 is not homed, q2 is homed'):
+        homing.result(PATIENCE)
+    assert rig.controller.snapshot().unhomed == ('q1', 'q3')
+    rig.until_stopped()
+    rig.do('clear_faults')
+    assert 'q1 and q3 must be homed' in rig.rejection('activate')
+
+
+def test_a_drive_that_is_homed_at_another_place_than_configured_is_not_homed(rig):
+    rig.do('configure')
+    with rig.simulator.access() as drives:
+        homed_by = drives[0].axis.modes[Mode.HOMING]
+        finish = homed_by._finish
+
+        def finish_elsewhere(position):
+            finish(position)
+            drives[0].axis.reference.offset += 43_000
+
+        homed_by._finish = finish_elsewhere
+    with pytest.raises(DriveFaultError, match=r'q1: homing ended \+0.1 m from the configured'):
+        rig.do('home')
+    assert rig.controller.snapshot().unhomed == ('q1',)

@@ -13,7 +13,7 @@ from support import wait_until
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
-from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.cia402.states import Controlword, State
 from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveStateError, LimitError
@@ -104,6 +104,16 @@ def test_a_position_that_jumps_is_not_believed_and_asks_for_home(rig):
     wait_until(lambda: {*rig.drive_states} <= off, 'power off')
     assert rig.controller.snapshot().unhomed == ('q3',)
     rig.do('clear_faults', 'home')
+
+
+@pytest.mark.parametrize('slip', [0.0126, -0.004])
+def test_a_slip_of_the_encoder_at_standstill_is_not_believed(rig, slip):
+    at_rest(rig)
+    with rig.simulator.access() as drives:
+        drives[2].axis.reference.offset += round(slip * DEFAULT_AXES[2].counts_per_metre)
+    rig.until_stopped()
+    assert 'q3 (node 3): the position has jumped by' in rig.controller.snapshot().cause
+    assert rig.controller.snapshot().unhomed == ('q3',)
 
 
 def test_an_undefined_statusword_stops_all(rig):
@@ -240,3 +250,52 @@ def test_a_fourth_clearing_within_a_minute_is_rejected(rig):
     rig.controller.stop('again')
     rig.until_stopped()
     assert 'possible in' in rig.rejection('clear_faults')
+
+
+# --- the power goes off when nothing moves
+
+WEAK = tuple(replace(axis, stop_deceleration=0.5) for axis in DEFAULT_AXES)
+FAST = 0.3  # m/s
+
+
+def moving_fast(rig):
+    rig.source.speed = FAST
+    at_rest(rig)
+    wait_until(lambda: min(axis.velocity for axis in rig.controller.snapshot().axes) > 0.9 * FAST,
+               'speed')
+
+
+def speeds_without_power(frames):
+    """Return the speed [m/s] of each carriage when it was first told to disable the voltage."""
+    speeds, found = {}, {}
+    for message in frames:
+        node = message.arbitration_id & 0x7F
+        if message.arbitration_id == pdo.TPDO2.cob_id(node):
+            speeds[node] = pdo.decode_tpdo2(bytes(message.data)).velocity
+        elif message.arbitration_id == pdo.RPDO1.cob_id(node):
+            word = pdo.decode_rpdo1(bytes(message.data)).controlword
+            if word == Controlword.DISABLE_VOLTAGE:
+                found.setdefault(node, DEFAULT_AXES[0].speed_to_metres(speeds[node]))
+    return found
+
+
+def stop_and_clean_up(rig):
+    rig.controller.stop('enough')
+    rig.until(ControllerState.STOPPED)
+    rig.do('cleanup')
+
+
+def fail_to_ramp_down(rig):
+    rig.source.hold = lambda: None
+    rig.controller.close()
+
+
+@pytest.mark.parametrize('end', [stop_and_clean_up, fail_to_ramp_down])
+def test_the_power_is_not_cut_while_the_carriages_still_brake(make_rig, end):
+    rig = make_rig(axes=WEAK, settings=replace(SETTINGS, ramp_timeout=10.0))
+    moving_fast(rig)
+    rig.frames()
+    end(rig)
+    speeds = speeds_without_power(rig.frames())
+    assert {*speeds} == {1, 2, 3}
+    assert max(map(abs, speeds.values())) < 0.01
