@@ -52,6 +52,12 @@ def parameter(default: Any, description: str, **info: Any) -> Any:
     return field(default=default, metadata={METADATA_KEY: ParameterInfo(description, **info)})
 
 
+def inherited(base: type, name: str, default: Any) -> Any:
+    """Declare a parameter of a base class again, with another default."""
+    metadata = next(item.metadata for item in fields(base) if item.name == name)
+    return field(default=default, metadata=metadata)
+
+
 def settings(cls: type[Class]) -> type[Class]:
     """
     Make a class a frozen dataclass that checks its parameters whenever one is made.

@@ -15,8 +15,8 @@ from facade_manipulator.compensation.compensator import (
 )
 from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
 from facade_manipulator.compensation.correction import CorrectionMode
-from facade_manipulator.compensation.feasibility import SuspensionSettings
 from facade_manipulator.compensation.pressing import PressMode
+from facade_manipulator.compensation.suspension import GRAVITY, SuspensionSettings
 from facade_manipulator.compensation.workspace_limit import WorkspaceLimit
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     'CorrectionMode',
     'DEFAULTS',
     'FrictionSettings',
+    'GRAVITY',
     'PressMode',
     'SuspensionSettings',
 ]

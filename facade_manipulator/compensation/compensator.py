@@ -20,10 +20,11 @@ from facade_manipulator.compensation.correction import (
     FADE_ACCELERATION,
     LONGEST_PAUSE,
 )
-from facade_manipulator.compensation.feasibility import obstacle, SuspensionSettings
+from facade_manipulator.compensation.feasibility import obstacle
 from facade_manipulator.compensation.following import Following, FollowingSettings
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.lateral import LateralSettings
+from facade_manipulator.compensation.suspension import SuspensionSettings
 from facade_manipulator.compensation.tracker import Tracker
 from facade_manipulator.compensation.workspace_limit import WorkspaceLimit, WorkspaceLimitSettings
 from facade_manipulator.kinematics import (
@@ -38,7 +39,7 @@ from facade_manipulator.kinematics import (
     ZERO_POSE,
     ZERO_TWIST,
 )
-from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings
+from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings, Triple
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction import EstimateGate, EstimateSettings, PredictionSettings
 
@@ -231,6 +232,13 @@ class Compensator:
         self.correction.add_estimate(self._gate.check(now, stamp, pose, variances))
 
     @property
+    def sway_energy(self) -> Triple | None:
+        """Energy of the gondola's swing in x, y and yaw [J], None if its mass is not known."""
+        if self._suspension.mass == 0.0:
+            return None
+        return self._suspension.energy(self.contact.pressing.sway.swing)
+
+    @property
     def obstacle(self) -> str:
         """Why the desired force cannot be had at the goal, by statics; empty if it can."""
         if self.goal is None:
@@ -254,11 +262,11 @@ class Compensator:
                 not -LONGEST_INTERVAL <= time - self._last.time <= LONGEST_PAUSE):
             self._last = None  # the clock was set: begin again
         aim = time + self.following.lag
-        disturbance = self.correction.at(now, aim).position
+        disturbance = self.correction.at(now, aim)
         if self.goal is None:
             return None
         if self._last is None or self.following.is_off_path(now):
-            self._initialise(now, aim, disturbance)
+            self._initialise(now, aim, disturbance.position)
         elif self.goal != self._planned_goal:
             self._reference.retarget(aim, self.goal)
         self._planned_goal = self.goal
@@ -266,14 +274,15 @@ class Compensator:
         return self._last
 
     def _corrected(
-        self, now: float, time: float, reference: Pose, disturbance: Pose
+        self, now: float, time: float, reference: Pose, rail: MotionState
     ) -> CorrectedPose:
         interval, saturation_error = 0.0, ZERO_POSE
         if self._last is not None:
             interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
             saturation_error = self._last.saturation_error
         shifted = self.contact.shift(
-            now, time, interval, reference, saturation_error, disturbance)
+            now, time, interval, reference, saturation_error, rail)
+        disturbance = rail.position
         wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
         inside = self._workspace_limit.saturate(tracked, math.tan(disturbance.theta))

@@ -13,7 +13,7 @@ from facade_manipulator.compensation.lateral import (
 )
 from facade_manipulator.compensation.pressing import Pressing
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import add, Pose, Wrench
+from facade_manipulator.kinematics import add, MotionState, Pose, Wrench
 
 FUTURE_TOLERANCE = 0.02  # s
 CLOCK_STEP = 2.0  # s, a measurement older than that means that the clock was set back
@@ -80,7 +80,7 @@ class Contact:
 
     def shift(
         self, now: float, time: float, interval: float, reference: Pose, saturation_error: Pose,
-        rail: Pose,
+        rail: MotionState,
     ) -> Pose:
         """
         Return the reference with what the contact adds.
@@ -93,7 +93,7 @@ class Contact:
             Where the head should be on the wall.
         saturation_error : Pose
             By how much each axis was held back at the workspace limit.
-        rail : Pose
+        rail : MotionState
             Disturbance of the gondola.
 
         """

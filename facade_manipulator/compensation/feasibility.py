@@ -5,39 +5,8 @@ from __future__ import annotations
 import math
 
 from facade_manipulator.compensation.impedance import ImpedanceSettings
+from facade_manipulator.compensation.suspension import SuspensionSettings
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.parameters import parameter, settings
-
-GRAVITY = 9.81
-
-
-@settings
-class SuspensionSettings:
-    """How the gondola hangs, to check a press beforehand."""
-
-    mass: float = parameter(
-        0.0, 'Mass of the gondola; 0 if it is not known, then no press is checked', unit='kg',
-        minimum=0.0, maximum=1e5)
-    cable_length: float = parameter(
-        30.0, 'Free length of the cables', unit='m', minimum=1.0, maximum=500.0)
-    cable_distance: float = parameter(
-        1.2, 'Distance of the two cables', unit='m', minimum=0.1, maximum=20.0)
-    guide_stiffness: float = parameter(
-        0.0, 'Stiffness of the guide that keeps the gondola at the wall', unit='N/m',
-        minimum=0.0, maximum=1e6)
-    guide_lever: float = parameter(
-        0.0, 'Distance of either end of the guide from the middle', unit='m', minimum=0.0,
-        maximum=10.0)
-
-    def push_back(self, force: float) -> float:
-        """Return how far a force [N] pushes the gondola off the wall [m]."""
-        return force / (self.mass * GRAVITY / self.cable_length + self.guide_stiffness)
-
-    def yaw(self, force: float, x: float) -> float:
-        """Return how far a force [N] at a place x [m] along the rail turns the gondola [rad]."""
-        half = 0.5 * self.cable_distance
-        cables = self.mass * GRAVITY * half ** 2 / self.cable_length
-        return force * abs(x) / (cables + self.guide_stiffness * self.guide_lever ** 2)
 
 
 def obstacle(

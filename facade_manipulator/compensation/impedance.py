@@ -37,6 +37,9 @@ class ImpedanceSettings:
     most_yaw: float = parameter(
         0.087, 'Yaw of the gondola beyond which the force is reduced', unit='rad',
         minimum=0.01, maximum=1.0)
+    most_sway: float = parameter(
+        0.25, 'Sway of the gondola along the wall beyond which the force is reduced', unit='m',
+        minimum=0.01, maximum=2.0)
 
 
 @settings

@@ -16,14 +16,14 @@ from facade_manipulator.compensation.contact_stiffness import ContactStiffness
 from facade_manipulator.compensation.force_law import ForceLaw
 from facade_manipulator.compensation.force_watch import ForceWatch, OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.compensation.sway_watch import SwayWatch
+from facade_manipulator.kinematics import MotionState, Pose
 
 FIRST_SHARE = 0.1  # of the desired force, with which the ramp begins
 TOUCH = 1.5  # N, three times a sensor's usual noise
 LOST_AFTER = 1.0  # s without touch, after which the wall is looked for again
 TOUCH_SHARE = 0.25  # of the desired force, by which a touch in search of the wall may miss it
 LATENCY = 0.07  # s, usual from a force to the head's answer
-ENVELOPE_TIME = 10.0  # s, in which the envelope of the gondola's yaw decays
 NEGLIGIBLE = 1e-9  # m or rad
 
 
@@ -61,9 +61,8 @@ class Pressing:
         Why the head waits off the wall now, and why it was retracted last; empty for nothing.
     desired : float
         Force of the moment [N], 0 without contact.
-    push_back, yaw_envelope : float
-        By how much the gondola is further off the wall than before the touch [m], and how far
-        it has yawed lately [rad].
+    sway : SwayWatch
+        How the gondola takes it.
 
     """
 
@@ -80,9 +79,7 @@ class Pressing:
         self._progress = 0.0
         self._untouched = 0.0
         self._is_blocked = False
-        self.yaw_envelope = 0.0
-        self.push_back = 0.0
-        self._mean_distance = self._distance_before = 0.0
+        self.sway = SwayWatch()
         if press.enabled:
             self.mode = PressMode.RETRACTED
             self.y.begin(-press.retreat)
@@ -104,7 +101,7 @@ class Pressing:
             self.stiffness.add(stamp, self.y.force, self.y.offset_then)
 
     def step(
-        self, now: float, time: float, interval: float, saturation_error: Pose, rail: Pose
+        self, now: float, time: float, interval: float, saturation_error: Pose, rail: MotionState
     ) -> None:
         """
         Move the offsets on to a time.
@@ -115,23 +112,15 @@ class Pressing:
             Present time, the time that the offsets are for, and the time since the last step [s].
         saturation_error : Pose
             By how much each axis is held back at the workspace limit: its offset stops there.
-        rail : Pose
+        rail : MotionState
             Disturbance of the gondola.
 
         """
-        self._note_gondola(interval, rail)
+        self.sway.note(interval, rail, self.mode in IN_CONTACT)
         fresh = now - self.watch.stamp <= OLDEST_WRENCH
         self._change_mode(fresh, interval)
         self._move_y(time, interval, saturation_error.y, fresh)
         self._move_theta(time, interval, saturation_error.theta, fresh)
-
-    def _note_gondola(self, interval: float, rail: Pose) -> None:
-        decay = math.exp(-interval / ENVELOPE_TIME)
-        self.yaw_envelope = max(abs(rail.theta), self.yaw_envelope * decay)
-        self._mean_distance += (1.0 - decay) * (rail.y - self._mean_distance)
-        if self.mode not in IN_CONTACT:
-            self._distance_before = self._mean_distance
-        self.push_back = self._distance_before - self._mean_distance
 
     def _change_mode(self, fresh: bool, interval: float) -> None:
         if not self.press.enabled:
@@ -170,11 +159,7 @@ class Pressing:
         """Return what the head has to wait for off the wall, empty for nothing."""
         if not fresh and self.mode is not PressMode.SEARCHING:  # there it stands still
             return f'no contact_wrench for {OLDEST_WRENCH:g} s'
-        bound = self.press.most_yaw * (1.0 if self.mode is PressMode.RETRACTED else 2.0)
-        if self.yaw_envelope > bound:
-            return (f'the gondola yaws by {math.degrees(self.yaw_envelope):.1f} deg, bound '
-                    f'{math.degrees(bound):.1f} deg')
-        return ''
+        return self.sway.obstacle(self.press, 1.0 if self.mode is PressMode.RETRACTED else 2.0)
 
     def _retract(self, reason: str, latched: bool) -> None:
         if not self._latched:
@@ -220,12 +205,11 @@ class Pressing:
             self.mode = PressMode.HOLDING
 
     def _wanted_force(self) -> float:
-        """Return the force of the moment: ramp, guard against the gondola's yaw, stiffness."""
+        """Return the force of the moment: ramp, guard against the gondola's sway, stiffness."""
         share = min(self._progress if self.mode is PressMode.RAISING else 1.0, 1.0)
         smooth = 0.5 - 0.5 * math.cos(math.pi * share)
-        beyond = self.yaw_envelope / self.press.most_yaw - 1.0
-        guard = min(max(1.0 - beyond, FIRST_SHARE), 1.0)
-        wanted = self.press.force * (FIRST_SHARE + (1.0 - FIRST_SHARE) * smooth) * guard
+        ramp = FIRST_SHARE + (1.0 - FIRST_SHARE) * smooth
+        wanted = self.press.force * ramp * self.sway.share(self.press)
         return wanted - self.press.stiffness * self.y.offset
 
     def _velocity(self, time: float, fresh: bool) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -128,6 +128,7 @@ class CompensatorReport:
     def _contact_values(self) -> dict:
         contact = self._compensator.contact
         pressing, watch = contact.pressing, contact.pressing.watch
+        sway, energy = pressing.sway, self._compensator.sway_energy
         return {
             'force on the wall [N]': pressing.y.measured,
             'desired force [N]': pressing.press.force,
@@ -137,11 +138,17 @@ class CompensatorReport:
             'share off the wall of 10 s [%]': 100.0 * watch.share_off,
             'stiffness of the contact [N/mm]': 1e-3 * pressing.stiffness.value,
             'moment on the wall [N m]': pressing.theta.measured,
-            'push-back of the gondola [mm]': 1e3 * pressing.push_back,
-            'yaw of the gondola, envelope [deg]': math.degrees(pressing.yaw_envelope),
+            'push-back of the gondola [mm]': 1e3 * sway.push_back,
+            'sway of the gondola, envelope': millimetres(sway.envelope),
+            'energy of the sway': _joules(energy) if energy else 'suspension.mass is not known',
             'retracted last because': pressing.last_reason or 'never',
             'shift of the goal': millimetres(contact.present),
         }
+
+
+def _joules(energy: Sequence[float]) -> str:
+    return ', '.join(
+        f'{axis} {value:.2f} J' for axis, value in zip(Pose._fields, energy, strict=True))
 
 
 def millimetres(pose: Pose) -> str:

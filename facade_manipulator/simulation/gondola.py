@@ -21,12 +21,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from facade_manipulator.compensation import GRAVITY, SuspensionSettings
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.parameters import inherited, parameter, settings
 from facade_manipulator.simulation.interpolation import catmull_rom
 from facade_manipulator.simulation.wind import Wind, WindSettings
 
-GRAVITY = 9.81
 AIR_DENSITY = 1.2
 STEP = 0.01
 BLOCK = 100
@@ -35,11 +35,9 @@ YAW, VERTICAL = 4, 5
 
 
 @settings
-class GondolaSettings:
+class GondolaSettings(SuspensionSettings):
     """The gondola and its cables."""
 
-    cable_length: float = parameter(
-        30.0, 'Free length of the cables', unit='m', minimum=1.0, maximum=500.0)
     mass: float = parameter(500.0, 'Mass', unit='kg', minimum=10.0, maximum=1e4)
     body_height: float = parameter(
         0.9, 'Centre of gravity below the lower end of the cables', unit='m', minimum=0.05,
@@ -48,18 +46,10 @@ class GondolaSettings:
         0.9, 'Rail below the lower end of the cables', unit='m', minimum=0.0, maximum=10.0)
     gyration_radius: float = parameter(
         0.6, 'Radius of gyration about horizontal axes', unit='m', minimum=0.05, maximum=10.0)
-    yaw_radius: float = parameter(
-        0.7, 'Radius of gyration about the vertical axis', unit='m', minimum=0.05, maximum=10.0)
-    cable_distance: float = parameter(
-        1.2, 'Distance of the two cables', unit='m', minimum=0.1, maximum=20.0)
     cable_stiffness: float = parameter(
         4e6, 'EA of both cables together', unit='N', minimum=1e4, maximum=1e9)
-    guide_stiffness: float = parameter(
-        600.0, 'Stiffness of the guide that keeps the gondola at the wall', unit='N/m',
-        minimum=0.0, maximum=1e6)
-    guide_lever: float = parameter(
-        0.6, 'Distance of either end of the guide from the middle; 0 for one guide there',
-        unit='m', minimum=0.0, maximum=10.0)
+    guide_stiffness: float = inherited(SuspensionSettings, 'guide_stiffness', 600.0)
+    guide_lever: float = inherited(SuspensionSettings, 'guide_lever', 0.6)
     rail_offset: float = parameter(
         0.0, 'Distance of the rail from the plane of the cables, towards the wall', unit='m',
         minimum=-2.0, maximum=2.0)
@@ -192,13 +182,13 @@ def modes(settings: GondolaSettings) -> Modes:
     """Return the modes of a gondola."""
     frequencies = np.zeros(6)
     participation, output = np.zeros((4, 6)), np.zeros((3, 6))
-    for axis, stiffness in enumerate((0.0, settings.guide_stiffness)):
+    for axis, stiffness in enumerate(settings.stiffness[:2]):
         pair = slice(2 * axis, 2 * axis + 2)
         frequencies[pair], shapes = _double_pendulum(settings, stiffness)
         participation[axis, pair] = np.array([1.0, settings.body_height]) @ shapes
         output[axis, pair] = np.array([1.0, settings.rail_height]) @ shapes
-    inertia = settings.mass * settings.yaw_radius ** 2
-    frequencies[YAW] = math.sqrt(yaw_stiffness(settings) / inertia)
+    inertia = settings.inertia[2]
+    frequencies[YAW] = math.sqrt(settings.stiffness[2] / inertia)
     frequencies[VERTICAL] = math.sqrt(
         settings.cable_stiffness / (settings.cable_length * settings.mass))
     shape = 1.0 / math.sqrt(inertia)
@@ -208,13 +198,6 @@ def modes(settings: GondolaSettings) -> Modes:
     return Modes(frequencies, settings.damping_ratio, participation, output)
 
 
-def yaw_stiffness(settings: GondolaSettings) -> float:
-    """Return by how much cables and guide together turn back [N m/rad]."""
-    half = 0.5 * settings.cable_distance
-    cables = settings.mass * GRAVITY * half ** 2 / settings.cable_length
-    return cables + settings.guide_stiffness * settings.guide_lever ** 2
-
-
 def _double_pendulum(
     settings: GondolaSettings, stiffness: float
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -222,7 +205,7 @@ def _double_pendulum(
     m, h = settings.mass, settings.body_height
     mass = np.array([
         [m, m * h], [m * h, m * (settings.gyration_radius ** 2 + h * h)]])
-    spring = np.diag([m * GRAVITY / settings.cable_length + stiffness, m * GRAVITY * h])
+    spring = np.diag([stiffness, m * GRAVITY * h])
     root = np.linalg.cholesky(mass)
     left = np.linalg.solve(root, spring)
     squares, vectors = np.linalg.eigh(np.linalg.solve(root, left.T))

@@ -9,12 +9,12 @@ from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpe
 from facade_manipulator.compensation.lateral import LateralSettings
 from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.kinematics import Pose, Wrench, ZERO_POSE, ZERO_STATE
 
 NOW = 1000.0
 PRESSED = Wrench(3.0, -30.0, 0.5)
 REFERENCE = Pose(0.1, 0.25, 0.3)
-NO_ERROR = STILL = Pose(0.0, 0.0, 0.0)
+NO_ERROR, STILL = ZERO_POSE, ZERO_STATE
 
 
 def contact():

@@ -1,14 +1,15 @@
 """What a press does in the end is known beforehand."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 import math
 
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
-from facade_manipulator.compensation.feasibility import obstacle, SuspensionSettings
+from facade_manipulator.compensation.feasibility import obstacle
 from facade_manipulator.compensation.impedance import ImpedanceSettings
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.compensation.suspension import SuspensionSettings
+from facade_manipulator.kinematics import Geometry, MotionState, Pose
 from facade_manipulator.simulation.gondola import GondolaSettings
 from facade_manipulator.simulation.reaction import ModalReaction
 
@@ -47,6 +48,19 @@ def test_it_is_what_the_simulated_gondola_does(suspension):
         move((0.0, -30.0, -3.0))
     assert reaction.pose.y == pytest.approx(-suspension.push_back(30.0), rel=1e-3)
     assert reaction.pose.theta == pytest.approx(-suspension.yaw(30.0, 0.1), rel=1e-3)
+
+
+@pytest.mark.parametrize('suspension', [GUIDED, replace(FREE, cable_length=30.0)])
+def test_the_energy_of_a_swing_is_that_of_the_simulated_modes(suspension):
+    reaction = ModalReaction(GondolaSettings(  # its centre of gravity just below the cables
+        **{**asdict(suspension), 'mass': 500.0}, rail_height=0.05, body_height=0.05,
+        gyration_radius=0.05))
+    move = reaction.stepper(0.01)
+    for k in range(1000):
+        move((10.0, -30.0, -3.0) if k < 300 else (0.0, 0.0, 0.0))
+        if k % 100 == 99:
+            energies = suspension.energy(MotionState(reaction.pose, reaction.velocity))
+            assert sum(energies) == pytest.approx(reaction.energy, rel=0.03)
 
 
 def test_the_compensator_knows_it_as_soon_as_it_has_the_goal():

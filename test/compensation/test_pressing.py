@@ -10,7 +10,7 @@ import pytest
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.pressing import Pressing, PressMode
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Pose, ZERO_POSE
+from facade_manipulator.kinematics import MotionState, Pose, ZERO_POSE, ZERO_STATE, ZERO_TWIST
 
 SETTINGS = ImpedanceSettings(enabled=True)
 TURNING = YawImpedanceSettings(enabled=True)
@@ -36,7 +36,7 @@ def sound(_, force):
 
 def press(
     stiffness, duration=30.0, settings=SETTINGS, wall=lambda time: WALL, sensor=sound,
-    saturation_error=ZERO_POSE, rail=ZERO_POSE, pressing=None,
+    saturation_error=ZERO_POSE, rail=ZERO_STATE, pressing=None,
 ):
     """Press on a wall; `sensor` takes time and force, returns what it tells or None."""
     pressing = pressing or Pressing(settings, STANDING)
@@ -177,19 +177,23 @@ def test_a_fault_lasts_until_pressing_is_switched_off_and_on():
     assert pressing.mode is PressMode.HOLDING
 
 
-def test_a_gondola_that_yaws_far_is_pressed_less_and_one_that_yaws_farther_not_at_all():
+@pytest.mark.parametrize(('most', 'reason'), [
+    (Pose(0.0, 0.0, SETTINGS.most_yaw), 'the gondola yaws by 12.5 deg'),
+    (Pose(-SETTINGS.most_sway, 0.0, 0.0), 'the gondola sways along the wall by 625 mm')])
+def test_a_gondola_that_sways_far_is_pressed_less_and_one_that_sways_farther_not_at_all(
+        most, reason):
+    def swaying(share):
+        return MotionState(Pose(*(share * amount for amount in most)), ZERO_TWIST)
+
     calm, restless = (
-        press(600.0, rail=Pose(0.0, 0.0, share * SETTINGS.most_yaw)).forces[-100:].mean()
-        for share in (0.99, 0.0))
-    assert calm == pytest.approx(restless, rel=0.02)
+        press(600.0, rail=swaying(share)).forces[-100:].mean() for share in (0.0, 0.99))
+    assert restless == pytest.approx(calm, rel=0.02)
     pressing = press(600.0).pressing
-    far = Pose(0.0, 0.0, 1.5 * SETTINGS.most_yaw)
-    less = press(600.0, duration=5.0, pressing=pressing, rail=far)
+    less = press(600.0, duration=5.0, pressing=pressing, rail=swaying(1.5))
     assert less.forces[-50:].mean() == pytest.approx(0.5 * SETTINGS.force, rel=0.05)
-    farther = Pose(0.0, 0.0, 2.5 * SETTINGS.most_yaw)
-    run = press(600.0, duration=5.0, pressing=pressing, rail=farther)
+    run = press(600.0, duration=5.0, pressing=pressing, rail=swaying(2.5))
     assert run.pressing.mode is PressMode.RETRACTED
-    assert 'the gondola yaws by 12.5 deg' in run.pressing.reason
+    assert reason in run.pressing.reason
 
 
 def test_with_stiffness_the_goal_pulls_back():
@@ -220,7 +224,7 @@ def test_the_yaw_turns_until_the_wall_makes_no_moment(alone):
     pressing = Pressing(replace(SETTINGS, enabled=not alone), TURNING)
     for k in range(3000):
         now = k * PERIOD
-        pressing.step(now, now + HORIZON * PERIOD, PERIOD, ZERO_POSE, ZERO_POSE)
+        pressing.step(now, now + HORIZON * PERIOD, PERIOD, ZERO_POSE, ZERO_STATE)
         force = 600.0 * max(pressing.y.offset - WALL, 0.0)
         moment = 13.5 * (pressing.theta.offset - 0.05) if force else 0.0
         pressing.add_measurement(now, force + 1e-6 * (k % 7), moment, is_repeated=False)

@@ -212,7 +212,7 @@ def wrench(now, frame='end_effector', force=-10.0):
 def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros):
     neighbours = Neighbours(ros, **{
         'impedance.enabled': True, 'impedance.force': 10.0, 'impedance.retreat': 0.015,
-        'impedance.ramp_time': 1.0})
+        'impedance.ramp_time': 1.0, 'suspension.mass': 500.0})
     sensor = neighbours.node.create_publisher(
         WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
 
@@ -227,8 +227,10 @@ def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros):
     pressed = 0.24 + 10.0 / 600.0
     neighbours.until_corrected(lambda pose: abs(pose.y - pressed) < 1e-3, 'the desired force')
     ros.until(lambda: any(
-        status.name.endswith('compensator: contact') for message in neighbours.diagnostics
-        for status in message.status), 'the contact in the diagnostics')
+        value.key == 'energy of the sway' and value.value.endswith(' J')
+        for message in neighbours.diagnostics for status in message.status
+        if status.name.endswith('compensator: contact') for value in status.values),
+        'the energy of the sway in the diagnostics of the contact')
 
 
 def test_the_slip_on_the_wall_is_brought_back(ros):

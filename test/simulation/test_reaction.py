@@ -8,7 +8,7 @@ import pytest
 
 from facade_manipulator.kinematics import Pose, Twist, Wrench, ZERO_POSE
 from facade_manipulator.simulation.facade import Facade, FacadeSettings, NO_CONTACT
-from facade_manipulator.simulation.gondola import GondolaSettings, GRAVITY, yaw_stiffness
+from facade_manipulator.simulation.gondola import GondolaSettings, GRAVITY
 from facade_manipulator.simulation.reaction import ModalReaction, PressedGondola
 
 SETTINGS = GondolaSettings()
@@ -88,15 +88,15 @@ def test_a_steady_press_pushes_it_back_by_force_over_stiffness_and_tilts_it(sett
 def test_a_press_beside_the_middle_turns_it_until_cables_and_guide_hold():
     moment = 30.0 * 0.1
     _, poses = swing(replace(SETTINGS, damping_ratio=0.5), lambda _: (0.0, 0.0, moment), 100.0)
-    assert poses[-1, 2] == pytest.approx(moment / yaw_stiffness(SETTINGS), rel=1e-3)
-    assert yaw_stiffness(SETTINGS) == pytest.approx(
+    assert poses[-1, 2] == pytest.approx(moment / SETTINGS.stiffness[2], rel=1e-3)
+    assert SETTINGS.stiffness[2] == pytest.approx(
         500.0 * GRAVITY * 0.36 / 30.0 + 600.0 * 0.36)
 
 
 def test_a_rail_before_the_cables_makes_a_moment_of_friction_and_moves_when_it_yaws():
     settings = replace(SETTINGS, rail_offset=0.4, damping_ratio=0.5)
     _, poses = swing(settings, lambda _: (10.0, 0.0, 0.0), 200.0)
-    yaw = -4.0 / yaw_stiffness(settings)
+    yaw = -4.0 / settings.stiffness[2]
     _, central = swing(replace(settings, rail_offset=0.0), lambda _: (10.0, 0.0, 0.0), 200.0)
     assert poses[-1, 2] == pytest.approx(yaw, rel=1e-3)
     assert poses[-1, 0] - central[-1, 0] == pytest.approx(-0.4 * yaw, rel=1e-3)
