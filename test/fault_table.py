@@ -1,7 +1,8 @@
 """
 The fault table of the drives, proved row by row in every situation, with its reaction times.
 
-``python test/fault_table.py --repeat 5`` prints them; `test_fault_matrix` runs each case once.
+``python test/fault_table.py --repeat 5`` prints them, and what happens where the node or the loop
+ends, hangs or sends nonsense; `test_fault_matrix` and `test_channel_faults` run each case once.
 With ``--interface socketcan --channel vcan0``, as root of a network namespace or as
 ``python test/socketcan/vcan.py -- python test/fault_table.py …``, the bus is the kernel's.
 """
@@ -22,6 +23,8 @@ HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), *(str(HERE / name) for name in ('helpers', 'socketcan'))]
 
 import can  # noqa: E402
+import channel_faults  # noqa: E402
+from channel_faults import Reaction  # noqa: E402
 from drive_rig import PATIENCE  # noqa: E402
 from fault_rig import enables, EXACT, OneRig, SITUATIONS, Spoil, StreamRig  # noqa: E402
 import link  # noqa: E402
@@ -397,6 +400,18 @@ def table(results: dict[tuple[str, str], list[float]]) -> str:
     return '\n'.join(lines)
 
 
+def channel_table(reactions: dict[str, list[Reaction]]) -> str:
+    """Return what happened between node and loop as a table in Markdown."""
+    lines = ['| what happens | slower after [ms] | at rest after [ms] | a gap changed by [mm] |',
+             '|---|---|---|---|']
+    for name, found in reactions.items():
+        times = ([each for one in found if (each := getattr(one, what)) is not None]
+                 for what in ('slower', 'at_rest'))
+        cells = [*map(_cell, times), _cell([one.gap_change for one in found])]
+        lines.append(f'| {name} | ' + ' | '.join(cells) + ' |')
+    return '\n'.join(lines)
+
+
 def _cell(times: list[float]) -> str:
     if not times:
         return '–'
@@ -407,10 +422,14 @@ def main() -> int:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--repeat', type=int, default=5, help='how often each case is proved')
+    parser.add_argument('--node-only', action='store_true', help='what happens to the node alone')
     parser.add_argument('--interface', default='virtual', help='of python-can')
     parser.add_argument('--channel', default='faults', help='such as vcan0')
     options = parser.parse_args()
-    print(table(measure(options.repeat, interface=options.interface, channel=options.channel)))
+    print(channel_table(channel_faults.measure(options.repeat)))
+    if not options.node_only:
+        print(table(measure(
+            options.repeat, interface=options.interface, channel=options.channel)))
     return 0
 
 
