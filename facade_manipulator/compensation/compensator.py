@@ -21,7 +21,7 @@ from facade_manipulator.compensation.correction import (
     LONGEST_PAUSE,
 )
 from facade_manipulator.compensation.feasibility import obstacle
-from facade_manipulator.compensation.following import Following, FollowingSettings
+from facade_manipulator.compensation.following import Following
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.lateral import LateralSettings
 from facade_manipulator.compensation.suspension import SuspensionSettings
@@ -105,7 +105,6 @@ class CompensatorSettings(NamedTuple):
     correction: CorrectionSettings = CorrectionSettings()
     reference: ReferenceSettings = ReferenceSettings()
     workspace_limit: WorkspaceLimitSettings = WorkspaceLimitSettings()
-    following: FollowingSettings = FollowingSettings()
     lateral: LateralSettings = LateralSettings()
     impedance: ImpedanceSettings = ImpedanceSettings()
     yaw_impedance: YawImpedanceSettings = YawImpedanceSettings()
@@ -141,7 +140,7 @@ class Compensator:
         self.correction = Correction(settings.correction, settings.prediction)
         self.contact = Contact(
             settings.lateral, settings.impedance, settings.yaw_impedance)
-        self.following = Following(settings.following)
+        self.following = Following()
         self.goal: Pose | None = None
         self.initialisations = 0
         self._suspension = settings.suspension
@@ -162,7 +161,7 @@ class Compensator:
             'yaw_impedance': partial(setattr, self.contact.pressing, 'turn'),
             **{name: partial(setattr, part, 'settings') for name, part in (
                 ('correction', self.correction), ('reference', self._reference),
-                ('following', self.following), ('lateral', self.contact.lateral))},
+                ('lateral', self.contact.lateral))},
         }
 
     def change(self, part: str, settings: Any) -> None:

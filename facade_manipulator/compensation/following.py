@@ -7,33 +7,20 @@ import math
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion import TimedBuffer
-from facade_manipulator.parameters import parameter, settings
 
 CLOCK_STEP = 2.0  # s, a pose older than that means that the clock was set back
-LARGEST_YAW_ERROR = 0.035  # rad, beyond which the head is not following
+LARGEST_ERROR, LARGEST_YAW_ERROR = 0.02, 0.035  # m, rad: beyond, the head is not following
+PATIENCE = 0.5  # s of not following, after which the path begins again at the head
 ARM = 0.35  # m, weighs yaw against displacement
 LEAST_SPEED = 0.02  # m/s, below which the lag drowns in noise
 LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
 GREATEST_LAG = 0.05  # s, that is compensated: a greater one is no lag but a fault
 
 
-@settings
-class FollowingSettings:
-    """When the head counts as not following."""
-
-    distance: float = parameter(
-        0.02, 'Distance of the head from its path beyond which it is not following', unit='m',
-        minimum=1e-3, maximum=1.0)
-    patience: float = parameter(
-        0.5, 'Time of not following after which the path begins again at the head', unit='s',
-        minimum=0.05, maximum=10.0)
-
-
 class Following:
     """Compare where the head is with what was published for that instant."""
 
-    def __init__(self, settings: FollowingSettings) -> None:
-        self.settings = settings
+    def __init__(self) -> None:
         self._path: TimedBuffer[Pose] = TimedBuffer()
         self._head: tuple[float, Pose] | None = None
         self._followed_at = -math.inf
@@ -67,21 +54,21 @@ class Following:
             self._followed_at = stamp
             return
         error = difference(planned.position, head)
-        if math.hypot(error.x, error.y) < self.settings.distance and (
+        if math.hypot(error.x, error.y) < LARGEST_ERROR and (
                 abs(error.theta) < LARGEST_YAW_ERROR):
             self._followed_at = stamp
             self._measure_lag(interval, error, planned.velocity)
 
     def head(self, now: float) -> Pose | None:
         """Return where the head is, None if that is not known any more."""
-        if self._head is None or now - self._head[0] >= self.settings.patience:
+        if self._head is None or now - self._head[0] >= PATIENCE:
             return None
         return self._head[1]
 
     def is_off_path(self, now: float) -> bool:
         """Return whether the head's pose is known but does not follow."""
         return self.head(now) is not None and (
-            self._head[0] - self._followed_at > self.settings.patience)
+            self._head[0] - self._followed_at > PATIENCE)
 
     @property
     def lag(self) -> float:

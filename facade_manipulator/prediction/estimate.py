@@ -13,6 +13,8 @@ from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.mounting import rail_pose
 
 UNITS = ('m', 'm', 'rad')
+OLDEST_ESTIMATE = 0.3  # s: an older one is stale
+LARGEST = (2.0, 2.0, 0.6)  # m, m, rad: several times what the head can correct
 FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks keep within
 # A change from one estimate to the next beyond this and what speed explains is a jump.
 JUMP = (0.03, 0.03, 0.03)  # m, m, rad
@@ -23,15 +25,8 @@ LEARNING_PERIOD = 0.015  # s, well below what a gondola needs to move: 3 Hz lose
 
 @settings
 class EstimateSettings:
-    """What an estimate of the disturbance may look like."""
+    """How noisy the estimates of the disturbance are, and of what and when they are."""
 
-    longest_age: float = parameter(
-        0.3, 'Age beyond which an estimate is stale', unit='s', minimum=0.01, maximum=10.0)
-    largest_displacement: float = parameter(
-        2.0, 'Largest displacement in x or y', unit='m', minimum=0.01,
-        maximum=100.0)
-    largest_yaw: float = parameter(
-        0.6, 'Largest yaw', unit='rad', minimum=0.01, maximum=math.pi)
     position_noise: float = parameter(
         1e-3, 'Standard deviation in x and y where the message has none', unit='m',
         minimum=1e-5, maximum=1.0)
@@ -78,8 +73,6 @@ class EstimateGate:
             self._last = None
         self.settings = settings
         self._mounting = Pose(*settings.mounting)
-        self._largest = (
-            settings.largest_displacement, settings.largest_displacement, settings.largest_yaw)
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
         self._message_variances: tuple[float, ...] | None = None
         return is_another
@@ -127,10 +120,10 @@ class EstimateGate:
             variances.theta))
 
     def _check_values(self, pose: Pose) -> None:
-        if all(map(le, map(abs, pose), self._largest)):
+        if all(map(le, map(abs, pose), LARGEST)):
             return
         for name, value, bound, unit in zip(
-                Pose._fields, pose, self._largest, UNITS, strict=True):
+                Pose._fields, pose, LARGEST, UNITS, strict=True):
             if not math.isfinite(value):
                 raise InputError.not_finite(f'disturbance {name}', value)
             if abs(value) > bound:
@@ -139,8 +132,8 @@ class EstimateGate:
                     f'±{bound:g} {unit}')
 
     def _check_age(self, age: float) -> None:
-        if age > self.settings.longest_age:
-            raise InputError.stale('disturbance', age, self.settings.longest_age)
+        if age > OLDEST_ESTIMATE:
+            raise InputError.stale('disturbance', age, OLDEST_ESTIMATE)
         if age < -FUTURE_TOLERANCE:
             raise InputError.from_future('disturbance', -age, FUTURE_TOLERANCE)
 

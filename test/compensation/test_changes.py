@@ -50,7 +50,6 @@ CHANGES = {
     'correction': {'fade_time': 1.0},
     'reference': {'speed': (0.1, 0.1, 0.1)},
     'workspace_limit': {'margin': 0.05},
-    'following': {'patience': 1.0},
     'lateral': {'range': 0.01},
     'impedance': {'stiffness': 50.0},
     'yaw_impedance': {'stiffness': 5.0},
@@ -72,7 +71,7 @@ def test_a_change_of_any_part_moves_the_head_without_a_jump(part):
 
 def test_other_bounds_of_the_estimate_forget_nothing():
     course = Course().run(8.0)
-    course.compensator.change('estimate', replace(DEFAULTS.estimate, largest_yaw=0.3))
+    course.compensator.change('estimate', replace(DEFAULTS.estimate, yaw_noise=0.01))
     course.run(PERIOD)
     assert course.compensator.correction.mode is CorrectionMode.ACTIVE
 

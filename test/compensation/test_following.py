@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.following import Following, FollowingSettings, GREATEST_LAG
-from facade_manipulator.errors import InputError, ParameterError
+from facade_manipulator.compensation.following import Following, GREATEST_LAG
+from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
 
 PERIOD = 0.01
@@ -18,7 +18,7 @@ def course(time):
 
 
 def run(duration, head):
-    following = Following(FollowingSettings())
+    following = Following()
     following.begin(1000.0)
     for now in np.arange(1000.0, 1000.0 + duration, PERIOD):
         following.publish(now + 0.06, course(now + 0.06))
@@ -39,15 +39,16 @@ def test_a_lag_beyond_belief_is_bounded():
 
 
 def test_a_head_that_stands_where_it_should_has_no_lag():
-    following = Following(FollowingSettings())
+    following = Following()
     for k in range(300):
         following.publish(1000.06 + k * PERIOD, Pose(0.0, 0.25, 0.0))
         following.add_head(1000.0 + k * PERIOD, Pose(1e-4, 0.25, 0.0))
     assert following.lag == 0.0
 
 
-def test_what_is_published_again_for_the_same_times_is_what_the_head_follows():
-    following = Following(FollowingSettings(patience=0.1))
+def test_what_is_published_again_for_the_same_times_is_what_the_head_follows(monkeypatch):
+    monkeypatch.setattr('facade_manipulator.compensation.following.PATIENCE', 0.1)
+    following = Following()
     following.begin(1000.0)
     for time in np.arange(1000.0, 1001.0, PERIOD):
         following.publish(time, Pose(1.0, 0.25, 0.0))
@@ -82,8 +83,3 @@ def test_a_head_out_of_order_is_rejected():
     following, now = run(0.1, course)
     with pytest.raises(InputError, match='older'):
         following.add_head(now - 0.05, course(now))
-
-
-def test_settings_out_of_range_are_rejected():
-    with pytest.raises(ParameterError, match='patience'):
-        FollowingSettings(patience=0.0)

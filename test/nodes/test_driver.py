@@ -199,8 +199,7 @@ def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(be
 
 
 def test_the_last_minute_before_a_fault_is_written_down(ros, tmp_path):
-    bench = Bench(ros, Parameter('recorder.directory', value=str(tmp_path)),
-                  Parameter('recorder.aftermath', value=0.1))
+    bench = Bench(ros, Parameter('recorder.directory', value=str(tmp_path)))
     bench.bring_up()
     bench.node._loop.disturb(0, 'inject_fault', 0x7320)
     bench.ros.until(lambda: list(tmp_path.glob('drive_fault_*.zip')), 'the record')

@@ -124,7 +124,7 @@ def test_other_variances_or_bounds_are_accepted_from_the_next_estimate_on():
 
 
 @pytest.mark.parametrize('change', [
-    {'longest_age': 0.0}, {'position_noise': math.nan}, {'largest_yaw': 4.0}, {'yaw_noise': -1.0}])
+    {'position_noise': math.nan}, {'yaw_noise': -1.0}, {'delay': 1.0}])
 def test_settings_out_of_range_are_rejected(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         replace(SETTINGS, **change)

@@ -56,4 +56,4 @@ def test_after_a_change_of_the_delay_no_estimate_is_out_of_order():
     gate.check(10.0, 9.95, ZERO_POSE)
     assert gate.change_settings(EstimateSettings(delay=0.1))
     gate.check(10.0, 9.97, ZERO_POSE)
-    assert not gate.change_settings(EstimateSettings(delay=0.1, largest_yaw=0.2))
+    assert not gate.change_settings(EstimateSettings(delay=0.1, yaw_noise=0.01))

@@ -17,6 +17,7 @@ from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 
+MAX_BUS_LOAD = 0.5  # of the bus: SDO, EMCY and repeated frames need room as well
 _HEARTBEAT_BYTES = 1
 _SDO_BYTES = 8
 _FASTEST_SDO = 200.0  # exchanges per second that a drive and a worker thread manage at best
@@ -66,13 +67,13 @@ def check_bus_load(settings: ControllerSettings, bitrate: int) -> float:
     Raises
     ------
     ParameterError
-        It is above `ControllerSettings.max_bus_load`.
+        It is above `MAX_BUS_LOAD`.
 
     """
     load = bus_load(settings, bitrate)
-    if load > settings.max_bus_load:
+    if load > MAX_BUS_LOAD:
         raise ParameterError(
             f'bus load = {100 * load:.0f} % at {settings.rate} Hz and {bitrate} bit/s is '
-            f'above its bound {100 * settings.max_bus_load:.0f} %: lower the rate or raise the '
+            f'above its bound {100 * MAX_BUS_LOAD:.0f} %: lower the rate or raise the '
             'bit rate')
     return load

@@ -39,6 +39,7 @@ from facade_manipulator.drives.controller.snapshot import AxisSnapshot
 SYNC_TOLERANCE = 0.001
 HOME_TOLERANCE = 2  # counts, where the drive takes the present position as home
 HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
+REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 JUMP_NOISE = 0.001  # m
 JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
 JUMP_JITTER = 0.5  # of the way since the last answer, for a SYNC that came early or late
@@ -80,7 +81,7 @@ class AxisMonitor:
         self._is_trusted = True
         # in the drive's own units, so that a cycle converts nothing
         counts_per_metre = abs(axis.counts_per_metre)
-        self._rest_speed = counts_per_metre * axis.velocity_units_per_count * settings.rest_speed
+        self._rest_speed = counts_per_metre * axis.velocity_units_per_count * REST_SPEED
         self._least_jump = counts_per_metre * _jump_bound(axis, settings.period)
         self._supervised_since: float | None = None
         self._status_time = 0.0

@@ -26,6 +26,7 @@ from facade_manipulator.errors import InputError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.parameters import parameter, settings
 
+FRAME_RATE = 2000  # Hz, that the record has room for: 1 Mbit/s at half load
 _RECORD = struct.Struct('<dHB8s')
 _PATTERN = 'drive_fault_*.zip'
 _log = logging.getLogger(__name__)
@@ -40,15 +41,10 @@ class RecorderSettings:
     duration: float = parameter(
         60.0, 'How long before a fault the record begins', unit='s', minimum=1.0, maximum=600.0,
         read_only=True)
-    aftermath: float = parameter(
-        1.0, 'How long after a fault the record goes on', unit='s', minimum=0.0, maximum=10.0,
-        read_only=True)
-    frame_rate: int = parameter(
-        2000, 'Frames per second that the record has room for', unit='Hz', minimum=10,
-        maximum=10_000, read_only=True)
     max_files: int = parameter(
         10, 'Records to keep; the oldest goes when there are more', minimum=1, maximum=1000,
         read_only=True)
+    aftermath: float = 1.0  # s, for which the record goes on after a fault; tests shorten it
 
 
 class Recorded(NamedTuple):
@@ -168,7 +164,7 @@ class FaultRecorder:
         self._settings = settings
         self._axes = axes
         self._channel = channel
-        self._ring = FrameRing(round(settings.duration * settings.frame_rate))
+        self._ring = FrameRing(round(settings.duration * FRAME_RATE))
         self.add = self._ring.add  # keeps a frame: called for each that is received or sent
         self._causes: tuple[Cause | str, ...] = ()
         self._due: float | None = None

@@ -14,9 +14,6 @@ class ControllerSettings:
     rate: int = parameter(
         100, 'Cycles per second; a whole number of milliseconds each', unit='Hz',
         minimum=10, maximum=500, read_only=True)
-    max_bus_load: float = parameter(
-        0.5, 'Share of the bus that a configuration may use', minimum=0.01, maximum=1.0,
-        read_only=True)
     reset_nodes: bool = parameter(
         True, 'Whether configure resets the drives, so that nothing old is left in them',
         read_only=True)
@@ -38,29 +35,12 @@ class ControllerSettings:
     ramp_timeout: float = parameter(
         5.0, 'Longest time to come to rest on the path', unit='s', minimum=0.1, maximum=30.0,
         read_only=True)
-    hold_cycles: int = parameter(
-        20, 'Cycles that the carriages hold after power-on before they follow',
-        minimum=1, maximum=1000, read_only=True)
     max_missed_cycles: int = parameter(
         3, 'Missed cycles in a row of one axis that stop all', minimum=1, maximum=10,
         read_only=True)
-    rest_speed: float = parameter(
-        0.002, 'Speed below which a carriage is at rest', unit='m/s', minimum=1e-5, maximum=0.1,
-        read_only=True)
-    step_margin: float = parameter(
-        1.1, 'Largest step of a target per cycle, as a multiple of max_speed',
-        minimum=1.0, maximum=3.0, read_only=True)
     drive_lag: float = parameter(
         0.0, 'How far the carriages lag behind the interpolated target', unit='s',
         minimum=0.0, maximum=0.5, read_only=True)
-    max_resets_per_minute: int = parameter(
-        3, 'Fault resets allowed within a minute', minimum=1, maximum=3, read_only=True)
-    reopen_after: float = parameter(
-        1.0, 'How long a reopened bus must be healthy', unit='s', minimum=0.1, maximum=10.0,
-        read_only=True)
-    own_garbage_collection: bool = parameter(
-        True, "Whether the control thread runs the process's garbage collector, in its slack",
-        read_only=True)
     realtime_priority: int = parameter(
         0, 'SCHED_FIFO priority of the control thread; 0 leaves it to the normal scheduler',
         minimum=0, maximum=99, read_only=True)
@@ -69,6 +49,11 @@ class ControllerSettings:
     cpu: int = parameter(
         -1, 'CPU that the control thread is bound to; -1 leaves it free',
         minimum=-1, maximum=1023, read_only=True)
+
+    # fixed: only tests have a reason to change them
+    hold_cycles: int = 20  # that the carriages hold after power-on before they follow
+    reopen_after: float = 1.0  # s, for which a reopened bus must be healthy
+    own_garbage_collection: bool = True  # the control thread runs the collector, in its slack
 
     def __post_init__(self) -> None:
         if 1000 % self.rate:
@@ -89,4 +74,4 @@ class ControllerSettings:
     def group(self) -> GroupSettings:
         """What of it the state machine of the group needs."""
         return GroupSettings(
-            self.step_timeout, self.ramp_timeout, self.hold_cycles, self.max_resets_per_minute)
+            self.step_timeout, self.ramp_timeout, self.hold_cycles)

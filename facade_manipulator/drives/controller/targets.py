@@ -27,6 +27,7 @@ from facade_manipulator.errors import InputError, LimitError, SetpointLimitError
 
 _AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
 ROUNDING = 1e-9
+STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
 MAX_SLIP = 0.005  # m, from where the carriage was when power came
 
 
@@ -105,7 +106,7 @@ class Targets:
         self.positions: Triple | None = None
         self._axes = axes
         self._largest_steps = tuple(
-            settings.step_margin * axis.max_speed * settings.period for axis in axes)
+            STEP_MARGIN * axis.max_speed * settings.period for axis in axes)
         self._phase = Phase.OFF
 
     def track(self, command: AxisCommand, actual: tuple[int, ...]) -> None:

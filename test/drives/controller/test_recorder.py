@@ -58,7 +58,7 @@ def test_the_table_has_a_row_per_sync_with_what_was_known():
 
 def recorder(folder, **details) -> FaultRecorder:
     settings = RecorderSettings(
-        directory=str(folder), duration=1.0, frame_rate=100, aftermath=0.5, **details)
+        directory=str(folder), duration=1.0, aftermath=0.5, **details)
     return FaultRecorder(settings, DEFAULT_AXES)
 
 

@@ -14,6 +14,7 @@ from facade_manipulator.drives.controller.targets import (
     MAX_SLIP,
     MechanismChecks,
     require_inside,
+    STEP_MARGIN,
     Targets,
 )
 from facade_manipulator.errors import (
@@ -28,7 +29,7 @@ CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
 OFF, ON, HOMING = AxisCommand(0x00, CSP), AxisCommand(0x0F, CSP), AxisCommand(0x1F, Mode.HOMING)
 HERE = (-43_000, 43_000, 0)
 SETTINGS = ControllerSettings()
-LARGEST_STEP = SETTINGS.step_margin * 0.6 * SETTINGS.period
+LARGEST_STEP = STEP_MARGIN * 0.6 * SETTINGS.period
 
 
 def targets(source=None, check=lambda positions: None) -> Targets:
