@@ -213,8 +213,24 @@ class Compensator:
             If it is out of the workspace even in still air; the goal before stays.
 
         """
-        self._mechanism.certify(goal, self.settings.min_conditioning)
+        self.require_inside(goal)
         self.goal = goal
+
+    def drop_goal(self) -> None:
+        """Publish nothing more; the next goal begins where the head is."""
+        self.goal = self._planned_goal = self._last = None
+
+    def require_inside(self, goal: Pose) -> None:
+        """
+        Check a goal.
+
+        Raises
+        ------
+        LimitError
+            It is out of the workspace even in still air.
+
+        """
+        self._mechanism.certify(goal, self.settings.min_conditioning)
 
     def add_estimate(
         self, now: float, stamp: float, pose: Pose, variances: Sequence[float]

@@ -27,6 +27,7 @@ from facade_manipulator.ros import (
     accept_old_names,
     declare,
     DiagnosticsPublisher,
+    DriverWatch,
     END_EFFECTOR,
     estimate_codec,
     FACADE,
@@ -44,6 +45,8 @@ from facade_manipulator.ros import (
     run,
     seconds,
 )
+
+LOG_PAUSE = 10.0  # s, of a supervisor that sends goals all the time
 
 
 @settings
@@ -76,6 +79,8 @@ class CompensatorNode(Node):
         self._compensator = Compensator(geometry, self.settings)
         self._rejections = Rejections(self)
         self._report = CompensatorReport(self._compensator)
+        self._goal: tuple[float, Pose] | None = None  # the newest, and when it came
+        self._driver = DriverWatch(self, self._choose_goal)
         self.corrected = PoseStream(self, 'corrected_pose', RAIL, LATEST)
         self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
         self._disturbance_codec = estimate_codec('disturbance', FACADE)
@@ -116,9 +121,28 @@ class CompensatorNode(Node):
             require_frame(message.header.frame_id, FACADE, 'goal_pose')
             goal = planar_pose(message.pose, 'goal_pose')
             try:
-                self._compensator.set_goal(goal)
+                self._compensator.require_inside(goal)
             except LimitError as error:
                 self._rejections.add(error, 'goal_pose')
+                return
+            self._goal = node_time(self), goal
+            self._choose_goal()
+
+    def _choose_goal(self) -> None:
+        """Follow the newest goal unless it came before the drives were activated."""
+        if self._goal is None:
+            return
+        time, goal = self._goal
+        if self._driver.may_move(time):
+            self._compensator.set_goal(goal)
+        else:
+            self._compensator.drop_goal()
+            self.get_logger().warning(
+                'goal_pose is not followed, the drives are '
+                f'{self._driver.status.state}: send it again once they are active',
+                throttle_duration_sec=LOG_PAUSE)
+            if not self._driver.is_idle:  # it can never be followed
+                self._goal = None
 
     def _receive_disturbance(self, data: bytes) -> None:
         with self._rejections:

@@ -39,7 +39,9 @@ from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
     finding_status,
+    next_step,
     operation_status,
+    StatusPublisher,
 )
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
@@ -100,6 +102,7 @@ class DriverNode(ManagedNode):
         self._was_stopped = False
         self._last_failure = ''
         self._published_outcome: tuple = ()
+        self._status = StatusPublisher(self)
         self._setpoint_codec, self._states_codec = setpoint_codec(), states_codec()
         self._offer()
 
@@ -117,7 +120,12 @@ class DriverNode(ManagedNode):
         """Say how a request ended, in the log and in /diagnostics."""
         super().report(success, message)
         self._last_failure = '' if success else message
+        self._publish_status()
         self._diagnostics.publish()
+
+    def _publish_status(self) -> None:
+        self._status.publish(
+            self._loop.snapshot(), self._loop.stream_status().activity, self._last_failure)
 
     def close(self) -> None:
         """Ramp down, power off, leave the bus; ends the loop's process."""
@@ -254,6 +262,7 @@ class DriverNode(ManagedNode):
         self._software_stop.watch(self._settings.software_stop_timeout)
         snapshot = self._loop.snapshot()
         self._log_stop(snapshot)
+        self._publish_status()
         if snapshot.state not in ACTIVE_STATES:
             self.fall_back(to_unconfigured=self._loop.is_lost)
         outcome = snapshot.outcome(), self._last_failure
@@ -265,7 +274,7 @@ class DriverNode(ManagedNode):
         is_stopped = snapshot.state in (ControllerState.STOPPED, ControllerState.LOST)
         if is_stopped and not self._was_stopped:
             self._drive_faults += 1
-            self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
+            self.get_logger().error(f'{snapshot.cause}; next: {next_step(snapshot)}')
         self._was_stopped = is_stopped
 
     def _publish_joint_states(self) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.node import Node
 
 from facade_manipulator.drives.cia402 import State
 from facade_manipulator.drives.controller import (
@@ -15,7 +17,13 @@ from facade_manipulator.drives.controller import (
     LATENESS_BOUNDS,
 )
 from facade_manipulator.loop import StreamStatus
-from facade_manipulator.ros import diagnostic_status
+from facade_manipulator.ros import (
+    diagnostic_status,
+    DRIVER_STATUS,
+    DriverStatus,
+    LATCHED,
+    node_time,
+)
 
 STATE_LEVELS = {
     ControllerState.STOPPED: 'error',
@@ -24,7 +32,42 @@ STATE_LEVELS = {
     ControllerState.HALTED: 'warn',
     ControllerState.HALTING: 'warn',
 }
+NEXT_STEPS = {
+    ControllerState.UNCONFIGURED: 'configure, home, activate',
+    ControllerState.INACTIVE: 'activate',
+    ControllerState.HALTED: 'clear_faults',
+}
 FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
+
+
+def next_step(snapshot: ControllerSnapshot) -> str:
+    """Return what the operator does so that the drives follow setpoints, '' if they do."""
+    if snapshot.state is ControllerState.INACTIVE and snapshot.unhomed:
+        return 'home, activate'
+    return snapshot.next_step or NEXT_STEPS.get(snapshot.state, '')
+
+
+class StatusPublisher:
+    """Publish driver/status when what the drives do has changed."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
+        self._active_since = math.inf
+        self._published: tuple = ()
+
+    def publish(self, snapshot: ControllerSnapshot, activity: str, last_failure: str) -> None:
+        """Publish if it is another than last published."""
+        if snapshot.state is not ControllerState.ACTIVE:
+            self._active_since = math.inf
+        elif math.isinf(self._active_since):
+            self._active_since = node_time(self._node)
+        status = DriverStatus(
+            snapshot.state.value, activity, next_step(snapshot), self._active_since)
+        present = status, *_outcome(snapshot, last_failure)
+        if present != self._published:
+            self._published = present
+            self._publisher.publish(status.to_message(*present[1:]))
 
 
 def operation_status(
@@ -36,7 +79,7 @@ def operation_status(
         'state': snapshot.state.value,
         'activity': stream.activity,
         'cause': snapshot.cause,
-        'next step': snapshot.next_step,
+        'next step': next_step(snapshot),
         'further causes': '; '.join(snapshot.further_causes),
         'notes': '; '.join(snapshot.notes),
         'not homed': ', '.join(snapshot.unhomed),
@@ -47,8 +90,7 @@ def operation_status(
         **_margins(stream.margins),
         **counters,
     }
-    level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
-    return diagnostic_status('operation', level, _message(snapshot, last_failure), values)
+    return diagnostic_status('operation', *_outcome(snapshot, last_failure), values)
 
 
 def bus_status(snapshot: ControllerSnapshot) -> DiagnosticStatus:
@@ -103,10 +145,15 @@ def finding_status(finding: Finding) -> DiagnosticStatus:
     return diagnostic_status(finding.name, level, finding.message, {})
 
 
-def _message(snapshot: ControllerSnapshot, last_failure: str) -> str:
+def _outcome(snapshot: ControllerSnapshot, last_failure: str) -> tuple[str, str]:
+    """Return level and message: what the drives do, why, what was rejected, what comes next."""
+    level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
+    doing, following = snapshot.state.value, next_step(snapshot)
     if snapshot.cause:
-        return f'{snapshot.state.value}: {snapshot.cause}; next: {snapshot.next_step}'
-    return f'{snapshot.state.value}; {last_failure}' if last_failure else snapshot.state.value
+        return level, f'{doing}: {snapshot.cause}; next: {following}'
+    if last_failure:
+        return level, f'{doing}; {last_failure}'
+    return level, f'{doing}; next: {following}' if following else doing
 
 
 def _margins(margins: tuple[float, ...]) -> dict[str, float]:

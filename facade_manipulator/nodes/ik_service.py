@@ -31,6 +31,7 @@ from facade_manipulator.ros import (
     declare,
     diagnostic_status,
     DiagnosticsPublisher,
+    DriverWatch,
     LATCHED,
     LATEST,
     node_time,
@@ -71,11 +72,14 @@ class IkServiceNode(Node):
                     lambda settings: self._approach.change_settings(settings)))
         self._last_goal_time = -math.inf
         self._rejections = Rejections(self)
-        self._outcome = ('ok', 'no goal yet')
+        self._rejected = ''
+        self._waiting: tuple[float, Pose] | None = None  # a goal, and when it came
+        self._published_outcome: tuple[str, str] | None = None
         self._setpoint_count = 0
         self._head: Pose | None = None
         self._goal_codec = pose_codec('corrected_pose', RAIL)
         self._states_codec, self._setpoint_codec = states_codec(), setpoint_codec()
+        self._driver = DriverWatch(self, self._change_driver)
         self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
         self.heads = PoseStream(self, 'end_effector_pose', RAIL, RELIABLE)
         self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
@@ -105,7 +109,20 @@ class IkServiceNode(Node):
         except ManipulatorError as error:
             self._approach.end()
             self._rejections.add(error)
-            self._set_outcome('error', str(error))
+            self._rejected = str(error)
+            self._publish_outcome()
+
+    def _change_driver(self) -> None:
+        """Lead no goal on that came before the drives were activated."""
+        self._rejected = ''
+        if self._driver.is_idle:
+            self._approach.end()
+        elif self._waiting is not None:
+            (came, pose), self._waiting = self._waiting, None
+            if self._driver.may_move(came):
+                with self._ending_at_rejection():
+                    self._go_to(node_time(self), pose)
+        self._publish_outcome()
 
     def _receive_goal(self, data: bytes) -> None:
         with self._ending_at_rejection():
@@ -121,6 +138,10 @@ class IkServiceNode(Node):
 
     def _go_to(self, time: float, pose: Pose) -> None:
         """Follow a goal of a stream; approach one that comes alone."""
+        if self._driver.is_idle:
+            self._mechanism.certify(pose, self.settings.min_conditioning)
+            self._waiting = node_time(self), pose
+            return
         pause = time - self._last_goal_time
         self._last_goal_time = time
         if self._head is None or pause <= STREAM_GAP:
@@ -145,7 +166,8 @@ class IkServiceNode(Node):
         self._setpoint_count += 1
         self._setpoints.publish(self._setpoint_codec.write(
             setpoint.time, setpoint.position + setpoint.velocity))
-        self._set_outcome('ok', 'following the goals')
+        self._rejected = ''
+        self._publish_outcome()
 
     def _receive_joint_states(self, data: bytes) -> None:
         self._head = None
@@ -179,19 +201,29 @@ class IkServiceNode(Node):
         start = planar_pose(request.start.pose, 'start')
         return certified_path(self._mechanism, self.settings, start, goal, request.tolerance)
 
-    def _set_outcome(self, level: str, message: str) -> None:
-        if self._outcome != (level, message):
-            self._outcome = (level, message)
-            self._publish_outcome()
-
     def _publish_outcome(self) -> None:
-        self._status.publish(self._outcome_status())
-        self._diagnostics.publish_change()
+        if self._outcome() != self._published_outcome:
+            self._published_outcome = self._outcome()
+            self._status.publish(self._outcome_status())
+            self._diagnostics.publish_change()
+
+    def _outcome(self) -> tuple[str, str]:
+        """Return level and message of what the machine does with the goals."""
+        driver = self._driver.status
+        if self._rejected:
+            return 'error', self._rejected
+        if self._driver.is_idle:
+            following = f'; next: {driver.next_step}' if driver.next_step else ''
+            return 'warn', f'no goal is followed: the drives are {driver.state}{following}'
+        if driver is not None and self._last_goal_time < driver.active_since:
+            return 'ok', 'holding: no goal since the drives were activated'
+        if driver is not None and driver.activity == 'holding':
+            return 'ok', 'holding: no goal comes'
+        return 'ok', 'following the goals' if self._setpoint_count else 'no goal yet'
 
     def _outcome_status(self) -> DiagnosticStatus:
-        level, message = self._outcome
         values = {'setpoints': self._setpoint_count, **self._rejections.values()}
-        return diagnostic_status('goal', level, message, values)
+        return diagnostic_status('goal', *self._outcome(), values)
 
     def _components(self) -> list[DiagnosticStatus]:
         return [self._outcome_status()]

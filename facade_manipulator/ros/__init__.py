@@ -32,6 +32,7 @@ from facade_manipulator.ros.conversions import (
 from facade_manipulator.ros.deferred import Deferred, DeferredReplies
 from facade_manipulator.ros.definitions import message_definition, type_name
 from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
+from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus, DriverWatch
 from facade_manipulator.ros.known_parameters import require_known_parameters
 from facade_manipulator.ros.lifecycle import ManagedNode
 from facade_manipulator.ros.parameter_reader import ParameterReader
@@ -50,6 +51,9 @@ __all__ = [
     'DeferredReplies',
     'diagnostic_status',
     'DiagnosticsPublisher',
+    'DRIVER_STATUS',
+    'DriverStatus',
+    'DriverWatch',
     'END_EFFECTOR',
     'estimate_codec',
     'FACADE',

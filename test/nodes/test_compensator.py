@@ -3,7 +3,7 @@
 import math
 import signal
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import (
     PointStamped,
     PoseStamped,
@@ -26,7 +26,8 @@ from facade_manipulator.ros.conversions import (
     seconds,
     stamp,
 )
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
+from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
 
 GOAL = Pose(0.03, 0.25, 0.02)
 DISTURBANCE = Pose(0.05, 0.01, 0.02)
@@ -38,7 +39,7 @@ class Neighbours:
     def __init__(self, ros, **parameters):
         self.ros = ros
         parameters = {'correction.fade_time': 0.3, **parameters}
-        ros.add(CompensatorNode(parameter_overrides=[
+        self.compensator = ros.add(CompensatorNode(parameter_overrides=[
             Parameter(name, value=value) for name, value in parameters.items()]))
         self.node = ros.node()
         self.disturbance = Pose(*DISTURBANCE)
@@ -200,6 +201,45 @@ def test_the_course_begins_at_the_head(neighbours):
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
     first = planar_pose(neighbours.corrected[0].pose, 'pose')
     assert near(first, head, 0.01)
+
+
+def test_motion_after_activation_begins_with_a_goal_that_came_after_it(neighbours):
+    driver = neighbours.node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
+    ros = neighbours.ros
+
+    def publish(status):
+        driver.publish(status.to_message('ok', status.state))
+        ros.until(lambda: neighbours.compensator._driver.status == status, status.state)
+
+    publish(DriverStatus('inactive', 'holding', 'activate'))
+    neighbours.send_goal()
+    ros.until(lambda: neighbours.compensator._goal, 'the goal')
+    publish(DriverStatus('active', 'holding', '', neighbours.now()))
+    neighbours.start_estimator()
+    ros.until(lambda: neighbours.value('age of the estimate [ms]') not in (None, 'inf'), 'time')
+    assert neighbours.corrected == []
+    neighbours.send_goal()
+    ros.until(lambda: neighbours.corrected, 'a corrected pose')
+    publish(DriverStatus('halted', 'holding', 'clear_faults'))
+    neighbours.corrected.clear()
+    publish(DriverStatus('active', 'holding', '', neighbours.now()))
+    ros.until(lambda: neighbours.value('corrected poses'), 'diagnostics')
+    count, told = len(neighbours.corrected), len(neighbours.diagnostics)
+    ros.until(lambda: len(neighbours.diagnostics) > told + 1, 'time')
+    assert len(neighbours.corrected) == count <= 1
+
+
+def test_a_goal_right_after_the_activation_is_not_lost(neighbours):
+    """It may come before the driver's status does, which another process publishes."""
+    driver = neighbours.node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
+    idle = DriverStatus('activating', 'holding', '')
+    driver.publish(idle.to_message('ok', ''))
+    neighbours.ros.until(lambda: neighbours.compensator._driver.status == idle, 'the driver')
+    since = neighbours.now()
+    neighbours.send_goal()
+    neighbours.ros.until(lambda: neighbours.compensator._goal, 'the goal')
+    driver.publish(DriverStatus('active', 'holding', '', since).to_message('ok', ''))
+    neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
 
 
 def wrench(now, frame='end_effector', force=-10.0):

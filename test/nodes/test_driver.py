@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -21,7 +22,8 @@ from facade_manipulator.drives.simulated.drive import SimulatedIdentity
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import stamp
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
+from facade_manipulator.ros.driver_watch import DriverStatus
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
 
 HOME = (-0.1, 0.1, 0.0)
 PARTICIPANTS = Path(__file__).resolve().parents[1] / 'participants.py'
@@ -113,6 +115,39 @@ def test_the_drives_follow_a_stream_of_setpoints_and_joint_states_tell_where_the
     assert bench.state() == 'unconfigured'
 
 
+def test_the_driver_says_what_it_does_and_what_comes_next_at_every_change(bench):
+    statuses = bench.ros.collect(bench.operator, DiagnosticStatus, 'driver/status', LATCHED)
+
+    def newest():
+        return DriverStatus.from_message(statuses[-1]) if statuses else None
+
+    def until(state, next_step):
+        bench.ros.until(lambda: newest() and (newest().state, newest().next_step)
+                        == (state, next_step), f'{state}, not {newest()}')
+
+    until('unconfigured', 'configure, home, activate')
+    bench.change(Transition.TRANSITION_CONFIGURE)
+    until('inactive', 'home, activate')
+    bench.ask('home')
+    until('inactive', 'activate')
+    assert not newest().is_active
+    before = bench.now()
+    bench.change(Transition.TRANSITION_ACTIVATE)
+    after = bench.now()
+    until('active', '')
+    assert before <= newest().active_since <= after
+    bench.stream_to(0.02)
+    assert 'following' in {DriverStatus.from_message(status).activity for status in statuses}
+    bench.ask('halt')
+    until('halted', 'clear_faults')
+    bench.ask('clear_faults')
+    until('active', '')
+    assert newest().active_since > after
+    bench.node._loop.disturb(1, 'inject_fault', 0x8611)
+    bench.ros.until(lambda: newest().state == 'stopped', 'the stop')
+    assert statuses[-1].level == DiagnosticStatus.ERROR and 'q2' in statuses[-1].message
+
+
 def test_nothing_moves_before_the_operator_activates(bench):
     bench.change(Transition.TRANSITION_CONFIGURE)
     assert bench.states == []  # not homed: nobody knows where the carriages are
@@ -126,8 +161,10 @@ def test_nothing_moves_before_the_operator_activates(bench):
 
 def test_activation_is_rejected_before_homing_and_says_so(bench):
     assert bench.change(Transition.TRANSITION_CONFIGURE)
+    statuses = bench.ros.collect(bench.operator, DiagnosticStatus, 'driver/status', LATCHED)
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     assert 'home' in bench.message()
+    bench.ros.until(lambda: 'activate is not possible' in statuses[-1].message, 'the reason')
     assert bench.state() == 'inactive'
 
 

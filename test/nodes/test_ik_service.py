@@ -18,6 +18,7 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.ros.conversions import planar_pose, pose_stamped, seconds, stamp
+from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 GEOMETRY = Geometry()
@@ -207,6 +208,67 @@ def test_every_rejected_request_is_published_with_its_limit_and_the_stamp_of_its
     assert values[0] == {
         'goal stamp': '12.250000000', 'reason': 'unreachable', 'quantity': values[0]['quantity'],
         'value': '0.4', 'bound': '0.352', 'unit': 'm'}
+
+
+@pytest.fixture
+def driver(bench):
+    """Give what publishes what the driver is doing, and waits until it is known."""
+    publisher = bench.tester.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
+
+    def publish(state, activity='holding', next_step='', since=math.inf):
+        status = DriverStatus(state, activity, next_step, since)
+        publisher.publish(status.to_message('ok', state))
+        bench.until(lambda: bench.node._driver.status == status, state)
+
+    return publish
+
+
+def test_the_status_says_what_the_machine_does(bench, driver):
+    def until(message, level):
+        bench.until(lambda: (bench.statuses[-1].message, bench.statuses[-1].level)
+                    == (message, level), f'{message}, not {bench.statuses[-1].message}')
+
+    driver('unconfigured', next_step='configure')
+    until('no goal is followed: the drives are unconfigured; next: configure',
+          DiagnosticStatus.WARN)
+    bench.goals.publish(rail(MIDDLE, bench.now()))
+    driver('stopped', next_step='clear_faults, activate')
+    until('no goal is followed: the drives are stopped; next: clear_faults, activate',
+          DiagnosticStatus.WARN)
+    assert bench.setpoints == []
+    driver('active', since=bench.now())
+    until('holding: no goal since the drives were activated', DiagnosticStatus.OK)
+    bench.goals.publish(rail(MIDDLE, bench.now()))
+    bench.until(lambda: bench.setpoints, 'a setpoint')
+    driver('active', 'following', since=bench.now() - 1.0)
+    until('following the goals', DiagnosticStatus.OK)
+    driver('active', 'holding', since=bench.now() - 1.0)
+    until('holding: no goal comes', DiagnosticStatus.OK)
+
+
+def test_a_goal_from_before_the_activation_moves_nothing(bench, driver):
+    start = Pose(-0.05, 0.25, 0.0)
+    bench.states.publish(JointState(
+        name=['q1', 'q2', 'q3'], position=inverse_kinematics(GEOMETRY, start)))
+    bench.until(lambda: bench.heads, 'end_effector_pose')
+    driver('inactive')
+    bench.goals.publish(rail(MIDDLE))
+    bench.until(lambda: bench.node._waiting, 'the goal')
+    driver('active', since=bench.now())
+    assert bench.node._approaching.is_canceled()
+    bench.goals.publish(rail(MIDDLE))
+    bench.until(lambda: bench.setpoints, 'a setpoint')
+    driver('stopped')
+    bench.until(bench.node._approaching.is_canceled, 'the end of the approach')
+
+
+def test_a_goal_right_after_the_activation_is_approached(bench, driver):
+    driver('activating')
+    since = bench.now()
+    bench.goals.publish(rail(MIDDLE))
+    bench.until(lambda: bench.node._waiting, 'the goal')
+    driver('active', since=since)
+    bench.until(lambda: bench.setpoints, 'a setpoint')
 
 
 def test_a_live_change_of_the_conditioning_bound_takes_effect(bench):

@@ -1,0 +1,31 @@
+"""driver/status: what the driver is doing, and which goals may move the carriages."""
+
+import math
+
+import pytest
+
+from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus, DriverWatch
+from facade_manipulator.ros.runtime import LATCHED
+
+ACTIVE = DriverStatus('active', 'holding', '', 1795320000.123456)
+IDLE = DriverStatus('inactive', 'holding', 'activate')
+
+
+@pytest.mark.parametrize('status', [ACTIVE, IDLE])
+def test_a_status_comes_back_as_it_was_sent(status):
+    assert DriverStatus.from_message(status.to_message('ok', 'a message')) == status
+
+
+def test_goals_may_move_from_the_activation_on(ros):
+    node, changes = ros.node(), []
+    publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
+    watch = DriverWatch(node, lambda: changes.append(watch.status))
+    assert watch.may_move(0.0) and not watch.is_idle  # nothing is known of a driver
+    publisher.publish(IDLE.to_message('ok', 'inactive'))
+    ros.until(lambda: changes == [IDLE], 'the first status')
+    assert watch.is_idle and not watch.may_move(math.nextafter(math.inf, 0.0))
+    publisher.publish(ACTIVE.to_message('ok', 'active'))
+    ros.until(lambda: len(changes) == 2, 'the second status')
+    assert not watch.is_idle
+    assert watch.may_move(ACTIVE.active_since)
+    assert not watch.may_move(ACTIVE.active_since - 0.001)
