@@ -127,22 +127,21 @@ class CompensatorNode(Node):
                 return
             self._goal = node_time(self), goal
             self._choose_goal()
+            if self._driver.is_idle:
+                self.get_logger().warning(
+                    f'goal_pose is not followed, the drives are {self._driver.status.state}: '
+                    'send it again once they are active', throttle_duration_sec=LOG_PAUSE)
 
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it came before the drives were activated."""
         if self._goal is None:
             return
-        time, goal = self._goal
-        if self._driver.may_move(time):
-            self._compensator.set_goal(goal)
+        came, goal = self._goal
+        if self._driver.may_move(came):
+            with self._rejections:  # its bounds may have been changed meanwhile
+                self._compensator.set_goal(goal)
         else:
             self._compensator.drop_goal()
-            self.get_logger().warning(
-                'goal_pose is not followed, the drives are '
-                f'{self._driver.status.state}: send it again once they are active',
-                throttle_duration_sec=LOG_PAUSE)
-            if not self._driver.is_idle:  # it can never be followed
-                self._goal = None
 
     def _receive_disturbance(self, data: bytes) -> None:
         with self._rejections:

@@ -70,7 +70,7 @@ class IkServiceNode(Node):
         self._approach = Approach(
             declare(self, ReferenceSettings, 'approach',
                     lambda settings: self._approach.change_settings(settings)))
-        self._last_goal_time = -math.inf
+        self._last_goal_time = self._approached_at = -math.inf
         self._rejections = Rejections(self)
         self._rejected = ''
         self._waiting: tuple[float, Pose] | None = None  # a goal, and when it came
@@ -115,11 +115,12 @@ class IkServiceNode(Node):
     def _change_driver(self) -> None:
         """Lead no goal on that came before the drives were activated."""
         self._rejected = ''
-        if self._driver.is_idle:
+        if not self._driver.may_move(self._approached_at):
             self._approach.end()
-        elif self._waiting is not None:
-            (came, pose), self._waiting = self._waiting, None
+        if self._waiting is not None:
+            came, pose = self._waiting
             if self._driver.may_move(came):
+                self._waiting = None
                 with self._ending_at_rejection():
                     self._go_to(node_time(self), pose)
         self._publish_outcome()
@@ -149,7 +150,8 @@ class IkServiceNode(Node):
             self._follow(time, pose)
             return
         self._mechanism.certify(pose, self.settings.min_conditioning)
-        self._approach.begin(node_time(self) + LEAD, self._head, pose)
+        self._approached_at = node_time(self)
+        self._approach.begin(self._approached_at + LEAD, self._head, pose)
         self._approaching.reset()
 
     def _continue_approach(self) -> None:

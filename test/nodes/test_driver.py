@@ -164,7 +164,8 @@ def test_activation_is_rejected_before_homing_and_says_so(bench):
     statuses = bench.ros.collect(bench.operator, DiagnosticStatus, 'driver/status', LATCHED)
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     assert 'home' in bench.message()
-    bench.ros.until(lambda: 'activate is not possible' in statuses[-1].message, 'the reason')
+    bench.ros.until(lambda: any(
+        'activate is not possible' in status.message for status in statuses), 'the reason')
     assert bench.state() == 'inactive'
 
 
