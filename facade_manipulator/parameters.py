@@ -8,6 +8,7 @@ parameters (`facade_manipulator.ros.parameters`).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 import math
 from typing import Any, TypeVar
@@ -79,6 +80,32 @@ def settings(cls: type[Class]) -> type[Class]:
 
     cls.__post_init__ = check
     return dataclass(frozen=True)(cls)
+
+
+def settings_from(
+    cls: type[Class], values: Mapping[str, Any], prefix: str = ''
+) -> Class:
+    """
+    Make settings of a node's parameters; what they do not name has its default.
+
+    Parameters
+    ----------
+    cls : type
+        A class made by `settings`.
+    values : mapping
+        Parameters of the node by their full names.
+    prefix : str
+        Namespace of the settings, such as ``'geometry'``.
+
+    Raises
+    ------
+    ParameterError
+        As `check_parameters` does.
+
+    """
+    names = {f'{prefix}.{item.name}' if prefix else item.name: item.name for item in fields(cls)}
+    return cls(**{names[name]: tuple(value) if isinstance(value, list) else value
+                  for name, value in values.items() if name in names})
 
 
 def check_parameters(instance: Any) -> None:

@@ -35,6 +35,8 @@ ROOMS = {
     'blackbox': BASE | {'files'},
     'commissioning': BASE | {'files', 'resources', 'parameter_file', 'drives.canopen',
                              'drives.cia402', 'drives.controller'},
+    'replay': BASE | {'blackbox', 'compensation', 'drives.canopen', 'drives.cia402',
+                      'drives.controller', 'files', 'kinematics', 'loop', 'motion'},
     'simulation': BASE | {'kinematics', 'motion', 'prediction', 'compensation', 'resources'},
 }
 ROS_ROOMS = {'ros', 'nodes', 'demo'}  # these may import everything

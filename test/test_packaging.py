@@ -25,7 +25,7 @@ AGREED = {
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
     'demo', 'monitor', 'workspace_study', 'calibrate',
-    'calibration_recorder', 'commission', 'recorder',
+    'calibration_recorder', 'commission', 'recorder', 'replay',
 }
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mpl_toolkits': 'matplotlib', 'PIL': 'pillow', 'yaml': 'pyyaml',

@@ -8,6 +8,13 @@ bounds what the files take of the disk.
 from facade_manipulator.blackbox.can_frames import CAN_TOPIC, frame_bytes
 from facade_manipulator.blackbox.can_listener import CanListener
 from facade_manipulator.blackbox.mcap_file import RecordedTopic, write_mcap
+from facade_manipulator.blackbox.recording import (
+    PARAMETERS,
+    read_recording,
+    Received,
+    RecordedRun,
+    SUMMARY,
+)
 from facade_manipulator.blackbox.ring import Kept, MessageRing
 from facade_manipulator.blackbox.settings import BlackBoxSettings
 from facade_manipulator.blackbox.shelf import Shelf
@@ -21,7 +28,12 @@ __all__ = [
     'frame_bytes',
     'Kept',
     'MessageRing',
+    'PARAMETERS',
+    'read_recording',
+    'Received',
+    'RecordedRun',
     'RecordTrigger',
     'Shelf',
+    'SUMMARY',
     'write_mcap',
 ]

@@ -69,7 +69,7 @@ class MessageRing:
                 if not messages:
                     break
 
-    def copy(self) -> list[Kept]:
-        """Return the messages, oldest first; before them the last one of every topic that went."""
+    def copy(self) -> tuple[list[Kept], list[Kept]]:
+        """Return the last message of every topic among those that went, and what is kept."""
         with self._lock:
-            return [*sorted(self._last.values()), *self._messages]
+            return sorted(self._last.values()), list(self._messages)

@@ -11,6 +11,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from importlib.metadata import version
 import os
+from pathlib import Path
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -29,9 +30,11 @@ from facade_manipulator.blackbox import (
     CanListener,
     Kept,
     MessageRing,
+    PARAMETERS,
     RecordedTopic,
     RecordTrigger,
     Shelf,
+    SUMMARY,
     write_mcap,
 )
 from facade_manipulator.ros import (
@@ -173,21 +176,23 @@ class RecorderNode(Node):
 
     def _record(self, reasons: tuple[str, ...]) -> Future:
         """Write what is kept, in the writer's thread."""
-        job = self._writer.submit(self._write, self._ring.copy(), reasons)
+        job = self._writer.submit(self._write, *self._ring.copy(), reasons)
         job.add_done_callback(self._note)
         return job
 
-    def _write(self, messages: list[Kept], reasons: tuple[str, ...]):
-        now = time.time()
+    def _write(self, before: list[Kept], kept: list[Kept], reasons: tuple[str, ...]) -> Path:
+        now, present = time.time(), time.monotonic()
+        epoch = now - present
         metadata = {
-            'black box': {
+            SUMMARY: {
                 'reasons': '\n'.join(reasons), 'namespace': self.get_namespace(),
-                'version': version(NAME), 'begins': f'{self._settings.duration:g} s before'},
-            **{f'parameters of {name}': reader.as_text()
+                'version': version(NAME),
+                'begin': f'{epoch + (kept[0].time if kept else present):.6f}'},
+            **{f'{PARAMETERS}{name}': reader.as_text()
                for name, reader in self._readers.items() if reader.values}}
         return self._shelf.write(now, partial(
-            write_mcap, topics=self._topics, messages=messages,
-            epoch=now - time.monotonic(), metadata=metadata))
+            write_mcap, topics=self._topics, messages=[*before, *kept], epoch=epoch,
+            metadata=metadata))
 
     def _note(self, job: Future) -> None:
         error = job.exception()

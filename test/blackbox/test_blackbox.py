@@ -40,10 +40,10 @@ def test_a_ring_keeps_the_newest_within_time_and_memory_and_the_last_of_each_top
         ring.add(*added[-1])
     assert ring.size <= capacity
     assert ring.span <= duration + 1e-9
-    copy, total = ring.copy(), len(added)
-    assert ring.size in [
-        sum(len(one.data) + OVERHEAD for one in added[total - n:]) for n in range(total + 1)
-        if copy == [*last_of_each(added[:total - n]), *added[total - n:]]]
+    before, kept = ring.copy()
+    gone = len(added) - len(kept)
+    assert (before, kept) == (last_of_each(added[:gone]), added[gone:])
+    assert ring.size == sum(len(one.data) + OVERHEAD for one in kept)
 
 
 def last_of_each(added):

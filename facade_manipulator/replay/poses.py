@@ -1,0 +1,171 @@
+"""Compensator and inverse kinematics fed with what was recorded, and what comes out of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from heapq import merge
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from facade_manipulator.blackbox import Received, RecordedRun
+from facade_manipulator.compensation import Compensator, CompensatorSettings, DEFAULTS
+from facade_manipulator.errors import ManipulatorError, RecordError
+from facade_manipulator.kinematics import Geometry, Pose, Wrench
+from facade_manipulator.motion import GoalSettings, SetpointStream
+from facade_manipulator.parameters import settings_from
+
+SETTLING = 20.0  # s: what the compensator learnt before the recording it has to learn again
+CARRIAGES = ('q1', 'q2', 'q3')
+VARIANCES = (0, 7, 35)  # of x, y and yaw in a covariance
+
+
+class Comparison(NamedTuple):
+    """
+    What was recorded and what the replay made of the same input.
+
+    Attributes
+    ----------
+    times : numpy.ndarray, shape (n,)
+        Stamps [s].
+    recorded, replayed : numpy.ndarray, shape (n, 3)
+        x, y, θ of poses or q1, q2, q3 of setpoints [m, rad].
+    settled : numpy.ndarray of bool, shape (n,)
+        Where the two should be alike.
+    rejections : list of str
+        What the replay rejected.
+
+    """
+
+    times: np.ndarray
+    recorded: np.ndarray
+    replayed: np.ndarray
+    settled: np.ndarray
+    rejections: list[str]
+
+    @classmethod
+    def of(
+        cls, pairs: list[tuple], settled_at: float, rejections: list[str]
+    ) -> Comparison:
+        """Compare time, recorded and replayed value of each, from a time on [s]."""
+        times = np.array([pair[0] for pair in pairs])
+        recorded, replayed = (
+            np.array([pair[column] for pair in pairs]).reshape(-1, 3) for column in (1, 2))
+        return cls(times, recorded, replayed, times >= settled_at, rejections)
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Replayed minus recorded where they should be alike, shape (m, 3)."""
+        return (self.replayed - self.recorded)[self.settled]
+
+
+def seconds(stamp: Any) -> float:
+    """Return a message's stamp [s]."""
+    return stamp.sec + 1e-9 * stamp.nanosec
+
+
+def planar(pose: Any) -> Pose:
+    """Return a pose message in the plane of the mechanism [m, rad]."""
+    turn = pose.orientation
+    return Pose(pose.position.x, pose.position.y, 2.0 * math.atan2(turn.z, turn.w))
+
+
+def carriages(message: Any) -> list[float]:
+    """Return the positions of q1, q2, q3 in a JointState [m]."""
+    order = dict(zip(message.name, message.position, strict=True))
+    return [order[name] for name in CARRIAGES]
+
+
+def geometry_of(run: RecordedRun, node: str) -> Geometry:
+    """
+    Return the mechanism of a node's recorded parameters.
+
+    Raises
+    ------
+    RecordError
+        If they are not in the recording.
+
+    """
+    if node not in run.parameters:
+        raise RecordError(f'the parameters of {node} are not in the recording: it had not '
+                          'answered the recorder yet')
+    return settings_from(Geometry, run.parameters[node], 'geometry')
+
+
+def replay_poses(run: RecordedRun) -> Comparison:
+    """
+    Correct the recorded goals by the recorded disturbance.
+
+    The compensator runs at the instants at which it ran; it is not told what it had learnt before
+    the recording, so the first `SETTLING` seconds do not count.
+    """
+    geometry, values = geometry_of(run, 'compensator'), run.parameters['compensator']
+    compensator = Compensator(geometry, CompensatorSettings(**{
+        part: settings_from(type(default), values, '' if part == 'compensation' else part)
+        for part, default in DEFAULTS._asdict().items()}))
+    horizon = compensator.settings.horizon
+    ticks = [Received(seconds(one.message.header.stamp) - horizon, one.message)
+             for one in run.topics['corrected_pose']]
+    rejections: list[str] = []
+    pairs = []
+    for now, topic, message in _in_order(run, ticks):
+        if topic:
+            _attempt(lambda: INPUTS[topic](compensator, now, message), rejections)  # noqa: B023
+            continue
+        corrected = compensator.update(now)
+        if corrected is not None:
+            pairs.append((corrected.time, planar(message.pose), corrected.pose))
+    return Comparison.of(pairs, run.begin + SETTLING, rejections)
+
+
+def replay_setpoints(run: RecordedRun) -> Comparison:
+    """Turn the recorded corrected poses into setpoints; every one should be as it was."""
+    stream = SetpointStream(
+        geometry_of(run, 'ik_service'),
+        settings_from(GoalSettings, run.parameters['ik_service']))
+    recorded = {_key(one.message): carriages(one.message)
+                for one in run.topics['joint_setpoints']}
+    rejections: list[str] = []
+    pairs = []
+    for _, message in run.topics['corrected_pose']:
+        time = seconds(message.header.stamp)
+        setpoint = _attempt(
+            lambda: stream.setpoint(time, planar(message.pose)), rejections)  # noqa: B023
+        if setpoint is not None and _key(message) in recorded:
+            pairs.append((time, recorded[_key(message)], setpoint.position))
+    return Comparison.of(pairs, run.begin, rejections)
+
+
+def _key(message: Any) -> tuple[int, int]:
+    return message.header.stamp.sec, message.header.stamp.nanosec
+
+
+INPUTS: dict[str, Callable[[Compensator, float, Any], None]] = {
+    'goal_pose': lambda compensator, _, message: compensator.set_goal(planar(message.pose)),
+    'disturbance': lambda compensator, now, message: compensator.add_estimate(
+        now, seconds(message.header.stamp), planar(message.pose.pose),
+        [message.pose.covariance[index] for index in VARIANCES]),
+    'end_effector_pose': lambda compensator, _, message: compensator.following.add_head(
+        seconds(message.header.stamp), planar(message.pose)),
+    'contact_wrench': lambda compensator, now, message: compensator.contact.add_wrench(
+        now, seconds(message.header.stamp), Wrench(
+            message.wrench.force.x, message.wrench.force.y, message.wrench.torque.z)),
+    'lateral_offset': lambda compensator, now, message: compensator.contact.add_lateral_offset(
+        now, seconds(message.header.stamp), message.point.x),
+}
+
+
+def _in_order(run: RecordedRun, ticks: list[Received]) -> Iterator[tuple[float, str, Any]]:
+    """Yield time, topic ('' for a tick of the compensator) and message of everything."""
+    streams = [[(one.time, topic, one.message) for one in run.topics[topic]] for topic in INPUTS]
+    streams.append([(one.time, '', one.message) for one in ticks])
+    return merge(*streams, key=lambda item: item[0])
+
+
+def _attempt(action: Callable[[], Any], rejections: list[str]) -> Any:
+    try:
+        return action()
+    except ManipulatorError as error:
+        rejections.append(str(error))
+        return None

@@ -1,0 +1,294 @@
+"""The time before a stop once more, on simulated drives and at the pace of then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future
+from dataclasses import replace
+import re
+import time
+from typing import Any, NamedTuple
+
+from facade_manipulator.blackbox import RecordedRun
+from facade_manipulator.drives.canopen import BusSettings
+from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.controller import (
+    ACTIVE_STATES,
+    ControllerSettings,
+    ControllerSnapshot,
+    ControllerState,
+    RecorderSettings,
+)
+from facade_manipulator.errors import ManipulatorError, RecordError
+from facade_manipulator.kinematics import Carriages, mechanism_of
+from facade_manipulator.loop import LoopProcess, LoopSetup
+from facade_manipulator.motion import (
+    Approach,
+    GoalSettings,
+    MotionLimits,
+    ReferenceSettings,
+    Setpoint,
+    SetpointStream,
+    StreamSettings,
+)
+from facade_manipulator.parameters import settings_from
+from facade_manipulator.replay.poses import carriages, geometry_of, seconds
+
+PERIOD = 0.01  # s
+LEAD = 0.06  # s, by which setpoints of the approach come before their time
+REQUEST_TIMEOUT = 30.0  # s
+AFTERMATH = 2.0  # s: how long after the recording a stop may still come
+SILENCE = 0.3  # s without a word of a drive while the others go on
+HEARTBEAT_TIMEOUT = 0.5  # s: no carriage depends on it here, and no computer is in time for sure
+OPERATION = 'driver: operation'
+STOPPED = frozenset({ControllerState.STOPPED.value, ControllerState.BUS_LOST.value,
+                     ControllerState.LOST.value})
+EMERGENCY, TPDO1, HEARTBEAT = 0x080, 0x180, 0x700  # COB-ID less the node id
+MASTER_IS_MISSING = 0x8130  # a consequence of a stop, never its cause
+
+
+class DriveFault(NamedTuple):
+    """What a drive did at a time [s], and how a simulated drive is made to do it."""
+
+    time: float
+    axis: int
+    description: str
+    method: str
+    arguments: tuple[Any, ...] = ()
+
+
+class Stop(NamedTuple):
+    """When [s] and why the drives stopped; the time is that of the recording."""
+
+    time: float
+    cause: str
+
+
+class StopReplay(NamedTuple):
+    """
+    How the recorded stop and the replayed one compare.
+
+    Attributes
+    ----------
+    recorded, replayed : Stop or None
+        None where nothing stopped.
+    faults : list of DriveFault
+        What the simulated drives were made to do.
+    rejections : list of str
+        Setpoints that the driver rejected.
+
+    """
+
+    recorded: Stop | None
+    replayed: Stop | None
+    faults: list[DriveFault]
+    rejections: list[str]
+
+    @property
+    def is_alike(self) -> bool:
+        """Return whether both stopped for the same cause, its numbers apart, or neither did."""
+        ours, theirs = (stop and re.sub(r'[\d.]+', '#', stop.cause)
+                        for stop in (self.replayed, self.recorded))
+        return ours == theirs
+
+
+def recorded_stop(run: RecordedRun) -> Stop | None:
+    """Return the first stop that the driver's diagnostics tell within the recording."""
+    moved = False
+    for received in run.topics['/diagnostics']:
+        for status in received.message.status:
+            values = {item.key: item.value for item in status.values}
+            if not status.name.endswith(OPERATION) or received.time < run.begin:
+                continue
+            if moved and values.get('state') in STOPPED:
+                return Stop(received.time, values.get('cause', status.message))
+            moved |= values.get('state') not in STOPPED
+    return None
+
+
+def drive_faults(run: RecordedRun) -> list[DriveFault]:
+    """
+    Return what drives did that a drive in order does not do, in the order of time.
+
+    Read from the frames on the bus; without them from the driver's diagnostics.
+    """
+    nodes = [run.parameters['driver'][f'{name}.node_id'] for name in AXIS_NAMES]
+    found = _faults_on_bus(run, nodes) if run.topics['can_frames'] else _faults_told(run)
+    first: dict[tuple[int, str], DriveFault] = {}
+    for fault in sorted(found, key=lambda fault: fault.time):
+        first.setdefault((fault.axis, fault.description), fault)
+    return list(first.values())
+
+
+def _faults_on_bus(run: RecordedRun, nodes: list[int]) -> Iterator[DriveFault]:
+    last = dict.fromkeys(nodes, run.begin)
+    for stamp, frame in run.topics['can_frames']:
+        node = frame.id & 0x7F
+        if node not in nodes or stamp < run.begin:
+            continue
+        kind, axis, data = frame.id - node, nodes.index(node), bytes(frame.data[:frame.dlc])
+        if kind in (TPDO1, HEARTBEAT):
+            last[node] = stamp
+        if kind == EMERGENCY:
+            yield from _errors(stamp, axis, int.from_bytes(data[:2], 'little'))
+        elif kind == HEARTBEAT and data == b'\0':
+            yield DriveFault(stamp, axis, 'restarts', 'reboot')
+    newest = max(last.values())
+    for axis, node in enumerate(nodes):
+        if newest - last[node] > SILENCE:
+            yield _silence(last[node], axis)
+
+
+def _faults_told(run: RecordedRun) -> Iterator[DriveFault]:
+    for received in run.topics['/diagnostics']:
+        for status in received.message.status:
+            name = status.name.rpartition('driver: ')[2]
+            if name not in AXIS_NAMES or received.time < run.begin:
+                continue
+            values = {item.key: item.value for item in status.values}
+            axis = AXIS_NAMES.index(name)
+            if code := re.fullmatch(r'([0-9A-F]+)h', values.get('error code', '')):
+                yield from _errors(received.time, axis, int(code[1], 16))
+            age = re.fullmatch(r'[\d.]+', values.get('heartbeat age [s]', ''))
+            if age and float(age[0]) > SILENCE:
+                yield _silence(received.time - float(age[0]), axis)
+
+
+def _errors(time: float, axis: int, code: int) -> Iterator[DriveFault]:
+    if code not in (0, MASTER_IS_MISSING):
+        yield DriveFault(time, axis, f'reports error {code:04X}h', 'inject_fault', (code,))
+
+
+def _silence(time: float, axis: int) -> DriveFault:
+    return DriveFault(time, axis, 'falls silent', '__setattr__', ('is_silent', True))
+
+
+def replay_stop(run: RecordedRun, duration: float) -> StopReplay:
+    """
+    Let simulated drives follow the recorded setpoints and fail as the recorded ones did.
+
+    Takes as long as it took then: the control loop is the real one, in its own process.
+
+    Parameters
+    ----------
+    run : RecordedRun
+    duration : float
+        How long before the stop, or the end of the recording, it begins [s].
+
+    Raises
+    ------
+    RecordError
+        If there is no setpoint in that time.
+    ManipulatorError
+        If the simulated drives cannot be brought to where the recording begins.
+
+    """
+    stop = recorded_stop(run)
+    begin = (stop.time if stop else run.end) - duration
+    setpoints = [one for one in run.topics['joint_setpoints'] if one.time >= begin]
+    if not setpoints:
+        raise RecordError(f'no joint_setpoints within {duration:g} s before the stop')
+    begin = setpoints[0].time
+    faults = [fault for fault in drive_faults(run) if fault.time >= begin]
+    rejections: list[str] = []
+    rig = _Rig(_setup(run), rejections)
+    try:
+        rig.approach(Carriages(*carriages(setpoints[0].message)))
+        replayed = rig.play(begin, _actions(run, rig, setpoints, faults), run.end + AFTERMATH)
+    finally:
+        rig.loop.close()
+    return StopReplay(stop, replayed, faults, rejections)
+
+
+def _setup(run: RecordedRun) -> LoopSetup:
+    geometry, values = geometry_of(run, 'driver'), run.parameters['driver']
+    controller = replace(settings_from(ControllerSettings, values, 'controller'),
+                         heartbeat_timeout=HEARTBEAT_TIMEOUT)
+    axes = tuple(settings_from(AxisSettings, values, name) for name in AXIS_NAMES)
+    return LoopSetup(
+        geometry, controller, axes, BusSettings(interface='virtual'),
+        settings_from(StreamSettings, values, 'stream'),
+        settings_from(MotionLimits, values, 'limits'), RecorderSettings(), simulate_drives=True)
+
+
+def _actions(
+    run: RecordedRun, rig: _Rig, setpoints: list, faults: list[DriveFault]
+) -> list[tuple[float, Callable[[float], None]]]:
+    """Return what is to be done at which time of the recording; each is told the time's shift."""
+    actions: list[tuple[float, Callable[[float], None]]] = [
+        (one.time, lambda shift, message=one.message: rig.loop.send_setpoint(Setpoint(
+            seconds(message.header.stamp) + shift, tuple(carriages(message)),
+            tuple(message.velocity)))) for one in setpoints]
+    actions += [
+        (fault.time, lambda _, fault=fault: rig.loop.disturb(
+            fault.axis, fault.method, *fault.arguments)) for fault in faults]
+    actions += [
+        (one.time, lambda _: rig.loop.stop('software_stop was set'))
+        for one in run.topics['software_stop']
+        if one.message.data and one.time >= setpoints[0].time]
+    return sorted(actions, key=lambda action: action[0])
+
+
+class _Rig:
+    """A control loop with simulated drives, powered and fed."""
+
+    def __init__(self, setup: LoopSetup, rejections: list[str]) -> None:
+        self._geometry = setup.geometry
+        self.loop = LoopProcess(setup, lambda _, message: rejections.append(message))
+        for request in ('configure', 'home', 'activate'):
+            self._await(self.loop.request(request))
+
+    def _await(self, job: Future) -> None:
+        end = time.monotonic() + REQUEST_TIMEOUT
+        while not job.done():
+            if time.monotonic() > end:
+                raise ManipulatorError(
+                    f'the simulated drives were not ready within {REQUEST_TIMEOUT:g} s')
+            self._pause()
+        job.result()
+
+    def _pause(self) -> None:
+        self.loop.feed()
+        time.sleep(PERIOD)
+
+    def _snapshot(self) -> ControllerSnapshot:
+        return self.loop.snapshot()
+
+    def approach(self, target: Carriages) -> None:
+        """Move the carriages to where the recording begins, at the speed of an approach."""
+        mechanism = mechanism_of(self._geometry)
+        here = Carriages(*(one.position for one in self._snapshot().axes))
+        path, stream = Approach(ReferenceSettings()), SetpointStream(
+            self._geometry, GoalSettings())
+        path.begin(time.time() + LEAD, *(
+            mechanism.forward_kinematics(place) for place in (here, target)))
+        while (pose := path.pose(time.time() + LEAD)) is not None:
+            self.loop.send_setpoint(stream.setpoint(time.time() + LEAD, pose))
+            self._pause()
+            self._require_power()
+
+    def _require_power(self) -> None:
+        snapshot = self._snapshot()
+        if snapshot.state not in ACTIVE_STATES:
+            raise ManipulatorError(
+                f'the simulated drives stopped on the way to the beginning: {snapshot.cause}')
+
+    def play(
+        self, begin: float, actions: list[tuple[float, Callable[[float], None]]], end: float
+    ) -> Stop | None:
+        """Do the actions at their time; return when and why the drives stopped."""
+        shift = time.time() + LEAD - begin
+        remaining = iter([*actions, (end, lambda _: None)])
+        due, action = next(remaining)
+        while True:
+            now = time.time() - shift
+            while due <= now:
+                action(shift)
+                due, action = next(remaining, (None, None))
+                if due is None:
+                    return None
+            snapshot = self._snapshot()
+            if snapshot.state not in ACTIVE_STATES:
+                return Stop(now, snapshot.cause)
+            self.loop.feed()
+            time.sleep(max(0.0, min(PERIOD, due - now)))
