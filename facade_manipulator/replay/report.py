@@ -76,8 +76,8 @@ def _stop(run: RecordedRun, stop: StopReplay | None) -> Iterator[str]:
     if stop is None:
         yield 'Not replayed.'
         return
-    yield f'- recorded: {_told(run, stop.recorded)}'
-    yield f'- replayed: {_told(run, stop.replayed)}'
+    yield f'- recorded: {_when_and_why(run, stop.recorded)}'
+    yield f'- replayed: {_when_and_why(run, stop.replayed)}'
     yield '- the simulated drives were made to do: ' + ('; '.join(
         f'{CARRIAGES[fault.axis]} {fault.description} at {fault.time - run.begin:.2f} s'
         for fault in stop.faults) or 'nothing, the recording shows no fault of a drive')
@@ -91,7 +91,7 @@ def _stop(run: RecordedRun, stop: StopReplay | None) -> Iterator[str]:
     yield from _rejections('the driver rejected', stop.rejections)
 
 
-def _told(run: RecordedRun, stop: Stop | None) -> str:
+def _when_and_why(run: RecordedRun, stop: Stop | None) -> str:
     return f'at {stop.time - run.begin:.2f} s: {stop.cause}' if stop else 'no stop'
 
 

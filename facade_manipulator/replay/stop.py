@@ -93,7 +93,7 @@ class StopReplay(NamedTuple):
 
 
 def recorded_stop(run: RecordedRun) -> Stop | None:
-    """Return the first stop that the driver's diagnostics tell within the recording."""
+    """Return the first stop that the driver's diagnostics name within the recording."""
     moved = False
     for received in run.topics['/diagnostics']:
         for status in received.message.status:
@@ -113,7 +113,7 @@ def drive_faults(run: RecordedRun) -> list[DriveFault]:
     Read from the frames on the bus; without them from the driver's diagnostics.
     """
     nodes = [run.parameters['driver'][f'{name}.node_id'] for name in AXIS_NAMES]
-    found = _faults_on_bus(run, nodes) if run.topics['can_frames'] else _faults_told(run)
+    found = _faults_on_bus(run, nodes) if run.topics['can_frames'] else _faults_in_diagnostics(run)
     first: dict[tuple[int, str], DriveFault] = {}
     for fault in sorted(found, key=lambda fault: fault.time):
         first.setdefault((fault.axis, fault.description), fault)
@@ -139,7 +139,7 @@ def _faults_on_bus(run: RecordedRun, nodes: list[int]) -> Iterator[DriveFault]:
             yield _silence(last[node], axis)
 
 
-def _faults_told(run: RecordedRun) -> Iterator[DriveFault]:
+def _faults_in_diagnostics(run: RecordedRun) -> Iterator[DriveFault]:
     for received in run.topics['/diagnostics']:
         for status in received.message.status:
             name = status.name.rpartition('driver: ')[2]
@@ -214,7 +214,7 @@ def _setup(run: RecordedRun) -> LoopSetup:
 def _actions(
     run: RecordedRun, rig: _Rig, setpoints: list, faults: list[DriveFault]
 ) -> list[tuple[float, Callable[[float], None]]]:
-    """Return what is to be done at which time of the recording; each is told the time's shift."""
+    """Return what is to be done at which time of the recording; each receives the time's shift."""
     actions: list[tuple[float, Callable[[float], None]]] = [
         (one.time, lambda shift, message=one.message: rig.loop.send_setpoint(Setpoint(
             seconds(message.header.stamp) + shift, tuple(carriages(message)),
