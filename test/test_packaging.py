@@ -28,8 +28,8 @@ EXECUTABLES = {
     'calibration_recorder', 'commission', 'recorder', 'replay',
 }
 DISTRIBUTION_OF = {
-    'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib', 'PIL': 'pillow', 'yaml': 'pyyaml',
-    'ruamel': 'ruamel.yaml'}
+    'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',
+    'PIL': 'pillow', 'yaml': 'pyyaml', 'ruamel': 'ruamel.yaml'}
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 
 

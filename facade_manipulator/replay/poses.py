@@ -97,8 +97,8 @@ def replay_poses(run: RecordedRun) -> Comparison:
     """
     Correct the recorded goals by the recorded disturbance.
 
-    The compensator runs at the instants at which it ran; it does not know what it had learnt before
-    the recording, so the first `SETTLING` seconds do not count.
+    The compensator runs at the instants at which it ran. It does not know what it had learnt
+    before the recording, so the first `SETTLING` seconds do not count.
     """
     geometry, values = geometry_of(run, 'compensator'), run.parameters['compensator']
     compensator = Compensator(geometry, CompensatorSettings(**{
