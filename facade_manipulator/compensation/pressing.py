@@ -16,6 +16,7 @@ from facade_manipulator.compensation.contact_stiffness import ContactStiffness
 from facade_manipulator.compensation.force_law import ForceLaw
 from facade_manipulator.compensation.force_watch import ForceWatch, OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
+from facade_manipulator.compensation.latency_check import LatencyCheck, MOST_LATENCY
 from facade_manipulator.compensation.sway_watch import SwayWatch
 from facade_manipulator.kinematics import MotionState, Pose
 
@@ -56,6 +57,8 @@ class Pressing:
     stiffness : ContactStiffness
     watch : ForceWatch
         Finds what is wrong and keeps the figures.
+    latency : LatencyCheck
+        Finds a force that is late with fresh stamps.
     mode : PressMode
     reason, last_reason : str
         Why the head waits off the wall now, and why it was retracted last; empty for nothing.
@@ -72,6 +75,7 @@ class Pressing:
         self.y, self.theta = ForceLaw(), ForceLaw()
         self.stiffness = ContactStiffness(press.contact_stiffness)
         self.watch = ForceWatch()
+        self.latency = LatencyCheck()
         self.mode = PressMode.OFF
         self.reason = self.last_reason = ''
         self.desired = 0.0
@@ -99,6 +103,8 @@ class Pressing:
         if self.press.enabled or self.turn.enabled:
             self.watch.add(stamp, force, self.desired, self.stiffness.value, is_repeated)
             self.stiffness.add(stamp, self.y.force, self.y.offset_then)
+        if self.mode is PressMode.HOLDING:
+            self.latency.add(stamp, self.y.force, self.y.offset_then)
 
     def step(
         self, now: float, time: float, interval: float, saturation_error: Pose, rail: MotionState
@@ -143,6 +149,9 @@ class Pressing:
         if self.y.offset <= -self._furthest_back and self.y.force > TOUCH + self.desired:
             return (f'{self.y.force:.1f} N are measured {1e3 * self._furthest_back:.0f} mm before '
                     'the goal, where nothing should touch: is the zero of contact_wrench wrong?')
+        if self.latency.latency > MOST_LATENCY:
+            return (f'contact_wrench answers at least {self.latency.latency:.2f} s late, bound '
+                    f'{MOST_LATENCY:g} s, and its stamps do not say so')
         return self.watch.fault(self.press.force, self.desired, self.mode in IN_CONTACT)
 
     @property
@@ -180,6 +189,7 @@ class Pressing:
             self.reason = f'{self.y.force:.1f} N are measured before the wall is looked for'
             return
         self.watch.begin()
+        self.latency.begin()
         self.stiffness = ContactStiffness(self.press.contact_stiffness)
         self.reason = ''
         self._enter(PressMode.SEARCHING)
@@ -202,6 +212,7 @@ class Pressing:
             self.stiffness.add_rising(self.desired, self.y.force, self.y.offset_then)
         if self._progress >= 1.0:
             self.stiffness.finish()
+            self.latency.begin()
             self.mode = PressMode.HOLDING
 
     def _wanted_force(self) -> float:
@@ -221,7 +232,11 @@ class Pressing:
         if self.watch.chatters(self.desired):
             self.stiffness.stiffen()
         self.desired = self._wanted_force()
-        velocity = self.y.velocity(self.desired, self.stiffness.value, time)
+        wave, rate = 0.0, 0.0
+        if self.mode is PressMode.HOLDING:
+            wave, rate = self.latency.modulation(time, self.desired)
+        stiffness = self.stiffness.value
+        velocity = self.y.velocity(self.desired + wave, stiffness, time) + rate / stiffness
         if self.y.force < TOUCH:  # the wall may be touched any moment
             allowed = TOUCH_SHARE * press.force / (self.stiffness.value * LATENCY)
             velocity = min(velocity, allowed)

@@ -1,5 +1,6 @@
 """Pressing on walls of any stiffness: gently, as desired, or not at all and saying why."""
 
+from collections import deque
 from dataclasses import replace
 import math
 from typing import NamedTuple
@@ -59,6 +60,13 @@ def stuck(time, force):
 
 def sways(time):
     return WALL + 5e-4 * math.sin(math.tau * 0.3 * time)
+
+
+def restless(time):
+    """Return a wall that moves by what the prediction leaves over."""
+    return WALL + sum(
+        amplitude * math.sin(math.tau * frequency * time + phase)
+        for amplitude, frequency, phase in ((2e-4, 0.3, 0.0), (1e-4, 0.9, 1.0), (1e-4, 2.3, 2.0)))
 
 
 @pytest.mark.parametrize('stiffness', [400.0, 600.0, 2e3, 1e4, 1e5])
@@ -149,6 +157,44 @@ def test_a_broken_sensor_makes_the_head_retract_no_faster_than_it_came_and_say_w
     assert run.offsets[-1] <= -SETTINGS.retreat
     assert run.forces.max() < 1.6 * SETTINGS.force
     assert abs(np.diff(run.offsets)).max() <= SETTINGS.speed * PERIOD + 1e-12
+
+
+def late_from(begin, latency):
+    """Return a sensor that gives old forces with fresh stamps from a time [s] on."""
+    past = deque(maxlen=1 + round(latency / PERIOD))
+
+    def sensor(time, force):
+        past.append(force)
+        return past[0] if time > begin else force
+
+    return sensor
+
+
+@pytest.mark.parametrize('latency', [0.15, 0.2, 0.25])
+@pytest.mark.parametrize('stiffness', [300.0, 600.0, 2e3])
+def test_a_force_that_is_late_with_fresh_stamps_makes_the_head_retract_and_say_so(
+        stiffness, latency):
+    run = press(stiffness, wall=restless, sensor=late_from(25.0, latency), duration=60.0)
+    assert run.pressing.mode is PressMode.RETRACTED
+    assert 's late, bound 0.08 s' in run.pressing.reason
+    assert run.forces.max() < 1.6 * SETTINGS.force
+
+
+@pytest.mark.parametrize('stiffness', [300.0, 600.0, 2e3, 5e3])
+def test_a_force_that_is_as_late_as_its_stamps_say_is_trusted(stiffness):
+    run = press(stiffness, wall=restless, duration=50.0)
+    assert run.pressing.mode is PressMode.HOLDING
+    assert run.pressing.latency.latency < 0.02
+
+
+def test_after_a_late_force_pressing_can_be_switched_off_and_on():
+    pressing = press(600.0, sensor=late_from(0.0, 0.25), duration=40.0).pressing
+    assert pressing.mode is PressMode.RETRACTED
+    pressing.press = replace(SETTINGS, enabled=False)
+    press(600.0, duration=3.0, pressing=pressing)
+    pressing.press = SETTINGS
+    press(600.0, pressing=pressing)
+    assert pressing.mode is PressMode.HOLDING
 
 
 def test_in_search_of_the_wall_it_stands_still_without_measurements():
