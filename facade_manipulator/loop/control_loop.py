@@ -3,8 +3,12 @@ The control loop's process: drives, bus and mechanism, and the messages that rea
 
 Two threads do the work. The control thread of `DriveController` turns the cycle and sends one
 state a cycle; nothing that the node does or fails to do can make it wait. The thread that calls
-`serve` receives the node's messages and watches that the node is alive. No ROS in here: whatever
-a middleware does with the interpreter's lock, it does in another process.
+`serve` receives the node's messages and watches that the node is alive. They are two because
+python-can waits for frames inside its interfaces, most of which offer nothing that could be waited
+for together with the channel; and because a message, whatever is in it, is then decoded without
+real-time priority (18 us of processor for a setpoint) and delays the cycle by the interpreter's
+switch interval at most. No ROS in here: whatever a middleware does with the interpreter's lock, it
+does in another process.
 """
 
 from __future__ import annotations
