@@ -19,7 +19,13 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from facade_manipulator.kinematics import Pose  # noqa: E402
-from facade_manipulator.prediction import make_predictor, PredictionSettings  # noqa: E402
+from facade_manipulator.prediction import (  # noqa: E402
+    DisturbancePredictor,
+    Estimate,
+    EstimateMean,
+    PredictionSettings,
+    Variances,
+)
 from facade_manipulator.simulation.gondola import Gondola, GondolaSettings  # noqa: E402
 from facade_manipulator.simulation.sway import Sway, SwaySettings  # noqa: E402
 from facade_manipulator.simulation.wind import Wind, WindSettings  # noqa: E402
@@ -29,6 +35,7 @@ STARTS = 20.0  # s
 FLOOR = 0.5  # of the noise, that may be passed on whatever comes
 INSIDE = (0.90, 0.99)  # share of errors within two standard deviations
 STEP = 0.01  # s
+PERIOD = 0.09  # s, in which errors change little
 Motion = Callable[[float], Pose]
 
 
@@ -147,18 +154,22 @@ def estimates(case: Case, motion: Motion, seconds: float, seed: int) -> Iterator
 
 def soak(case: Case, seconds: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return errors by noise, errors by standard deviation, and the motion by noise."""
-    motion, predictor = case.motion(seed), make_predictor(PredictionSettings())
-    variances, errors, scores, truths = Pose(*(case.noise * DEVIATIONS) ** 2), [], [], []
+    motion, mean = case.motion(seed), EstimateMean()
+    predictor = DisturbancePredictor(PredictionSettings())
+    noise, found, aims = case.noise * DEVIATIONS, [], STARTS
+    variances = Variances(*(noise ** 2).tolist())
     for stamp, values in estimates(case, motion, seconds, seed):
-        if values is not None:
-            predictor.update(stamp, Pose(*values.tolist()), variances)
-        if stamp > STARTS:
+        estimate = None if values is None else mean.add(
+            Estimate(stamp, Pose(*values.tolist()), variances))
+        if estimate is not None:
+            predictor.update(*estimate)
+        if stamp > aims:
+            aims += PERIOD
             aim = stamp + case.latency + 0.07
-            error = np.subtract(predictor.predict(aim).position, motion(aim))
-            errors.append(error / (case.noise * DEVIATIONS))
-            scores.append(error / predictor.deviations(aim))
-            truths.append(np.divide(motion(aim), case.noise * DEVIATIONS))
-    return np.array(errors), np.array(scores), np.array(truths)
+            there = np.array(motion(aim))
+            error = predictor.predict(aim).position - there
+            found.append((error / noise, error / predictor.deviations(aim), there / noise))
+    return tuple(np.array(found).swapaxes(0, 1))
 
 
 def judge(name: str, case: Case, seconds: float, seed: int) -> bool:

@@ -24,9 +24,9 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction import (
+    DisturbancePredictor,
     Estimate,
     EstimateMean,
-    make_predictor,
     PredictionSettings,
 )
 
@@ -69,14 +69,14 @@ class Correction:
     Attributes
     ----------
     mode : CorrectionMode
-    predictor : Predictor
+    predictor : DisturbancePredictor
 
     """
 
     def __init__(self, settings: CorrectionSettings, prediction: PredictionSettings) -> None:
         self.settings = settings
         self._prediction = prediction
-        self.predictor = make_predictor(prediction)
+        self.predictor = DisturbancePredictor(prediction)
         self._mean = EstimateMean()
         self.enabled = settings.enabled
         self.mode = CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
@@ -106,7 +106,7 @@ class Correction:
     def learn_again(self) -> None:
         """Forget every estimate: the correction fades out, and in again."""
         self._change(mode=CorrectionMode.NO_ESTIMATE)
-        self.predictor = make_predictor(self._prediction)
+        self.predictor = DisturbancePredictor(self._prediction)
 
     def tare(self, now: float) -> Pose:
         """

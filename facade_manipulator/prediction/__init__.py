@@ -1,9 +1,9 @@
 """
 Prediction of the disturbance: its estimates in, its state of motion at a later time out.
 
-`EstimateGate` rejects estimates that cannot be true. `make_predictor` gives what predicts from
-those that remain, each with its stamp and the variances of its noise: position and velocity of the
-rail in the façade's frame at any time, and how far off they may be.
+`EstimateGate` rejects estimates that cannot be true. `DisturbancePredictor` predicts from those
+that remain, each with its stamp and the variances of its noise: position and velocity of the rail
+in the façade's frame at any time, and how far off they may be.
 """
 
 from facade_manipulator.prediction.estimate import (
@@ -13,10 +13,8 @@ from facade_manipulator.prediction.estimate import (
     EstimateSettings,
     Variances,
 )
-from facade_manipulator.prediction.models import make_predictor, Predictor
 from facade_manipulator.prediction.mounting import estimator_motion, rail_pose
-from facade_manipulator.prediction.predictor import DisturbancePredictor
-from facade_manipulator.prediction.settings import PredictionSettings
+from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
 
 __all__ = [
     'DisturbancePredictor',
@@ -25,9 +23,7 @@ __all__ = [
     'EstimateMean',
     'EstimateSettings',
     'estimator_motion',
-    'make_predictor',
     'PredictionSettings',
-    'Predictor',
     'rail_pose',
     'Variances',
 ]

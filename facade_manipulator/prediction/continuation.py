@@ -7,9 +7,13 @@ For each horizon τ the move m = d(t + τ) − level is forecast as Wᵀφ(t). W
 
 where G = ∫ φ φᵀ dt and M = ∫ φ mᵀ dt are what was seen, forgotten exponentially, and the rest is a
 prior in place of a ridge: λ seconds of sway of acceleration s and of noise of density r. This is
-the mean of a Bayesian regression whose prior was learnt from made-up data. Relatives in the
-prediction of heave and tremor are autoregressive models and BMFLC; this one has neither a
-recursion nor frequencies to adapt, so that nothing in it can become unstable.
+the mean of a Bayesian regression whose prior was learnt from made-up data.
+
+How soon the prior should fade depends on the motion: tones are soon known exactly, gusts never
+are. So there are two solutions, one of a prior that fades quickly and one of a prior that lasts;
+W is between them, where the forecasts of the last seconds were best. Relatives in the prediction
+of heave and tremor are autoregressive models and BMFLC; this one has neither a recursion nor
+frequencies to adapt, so that nothing in it can become unstable.
 
 References
 ----------
@@ -17,6 +21,8 @@ G. Chevillon, "Direct multi-step estimation and forecasting", Journal of Economi
 (2007) 746-785, https://doi.org/10.1111/j.1467-6419.2007.00518.x.
 A. E. Hoerl, R. W. Kennard, "Ridge regression", Technometrics 12 (1970) 55-67,
 https://doi.org/10.1080/00401706.1970.10488634.
+L. Breiman, "Stacked regressions", Machine Learning 24 (1996) 49-64,
+https://doi.org/10.1007/BF00117832.
 K. C. Veluvolu, W. T. Ang, "Estimation of physiological tremor from accelerometers for real-time
 applications", Sensors 11 (2011) 3020-3036, https://doi.org/10.3390/s110303020.
 """
@@ -29,20 +35,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.prediction.filters import FEATURES
+from facade_manipulator.prediction.filters import FEATURES, REGRESSORS
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
-PRIOR_TIME = 2.0  # s after which as much was learnt as the prior says
-PRIOR_POWER = 3  # with which its share falls
+PRIOR_TIME = 2.8  # s after which as much was learnt as the prior says
+PRIOR_POWERS = np.array((12.0, 1.5))[:, None]  # with which its share falls: quickly, slowly
 MOST_PRIOR = 100.0  # s
-START_SHARE = 0.5  # of the time learnt, the memory at first: filters begin at rest
+DECAY_PRIOR = 0.1  # of the prior's time, that holds the decays at 0
+LEAST_DECAY_PRIOR = 1e-9  # s: decays that are over are forgotten, too
+START_SHARE = 0.7  # of the time learnt, the memory at first
 SCORE_TIME = 5.0  # s, time constant with which errors are forgotten
-KINDS = 3  # of forecasts
 UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
+LEAST_STEP = 1e-18  # m² or rad², between two solutions that are one
 LONGEST_STEP = 0.15  # s between estimates, beyond which the motion between is not known
+_DECAYS = np.arange(FEATURES, REGRESSORS)
+FULL, MEAN, FINAL, RIGHT, STEP = range(5)  # what is scored: errors, and steps between solutions
 
 
-class FilterSample(NamedTuple):
+class Sample(NamedTuple):
     """
     What was known at an estimate.
 
@@ -50,10 +60,9 @@ class FilterSample(NamedTuple):
     ----------
     stamp, interval : float
         [s], the interval since the estimate before.
-    values : numpy.ndarray, shape (axes,)
-    features : numpy.ndarray, shape (axes, FEATURES)
-    level : numpy.ndarray, shape (axes,)
-    forecasts : numpy.ndarray, shape (kinds, axes, HORIZONS)
+    values, level, mean : numpy.ndarray, shape (axes,)
+    regressors : numpy.ndarray, shape (axes, REGRESSORS)
+    forecast : numpy.ndarray, shape (axes, HORIZONS)
         Positions that were predicted then.
 
     """
@@ -61,96 +70,93 @@ class FilterSample(NamedTuple):
     stamp: float
     interval: float
     values: np.ndarray
-    features: np.ndarray
     level: np.ndarray
-    forecasts: np.ndarray
+    mean: np.ndarray
+    regressors: np.ndarray
+    forecast: np.ndarray
 
 
 class Continuation:
     """
-    Learnt weights of the features for every axis and some horizons.
+    Learnt weights of the regressors for every axis and some horizons.
 
     Parameters
     ----------
     axes : int
-    horizons : slice
+    chosen : slice
         Of `HORIZONS`; the longest decides how late all are learnt.
     memory : float
         Time constant of forgetting [s].
 
     Attributes
     ----------
-    chosen : slice
-        The horizons.
-    weights : numpy.ndarray, shape (axes, FEATURES, horizons)
-    errors : numpy.ndarray, shape (kinds, axes, horizons)
-        Mean squares of the forecasts' errors, without the estimates' noise.
+    weights : numpy.ndarray, shape (axes, REGRESSORS, horizons)
+    variances : numpy.ndarray, shape (axes, horizons)
+        Of the predictions' errors.
+    share : numpy.ndarray, shape (axes, horizons)
+        Of the forecast that is worth more than the mean.
 
     """
 
-    def __init__(self, axes: int, horizons: slice, memory: float) -> None:
-        self.chosen, self._horizons, self._memory = horizons, HORIZONS[horizons], memory
-        self._samples: deque[FilterSample] = deque()
-        self._features = np.zeros((axes, FEATURES, FEATURES))
-        self._moves = np.zeros((axes, FEATURES, len(self._horizons)))
-        self._learnt = np.zeros(axes)
-        self._elapsed = 0.0
-        self.weights = np.zeros_like(self._moves)
-        self.errors = np.full((KINDS, axes, len(self._horizons)), UNKNOWN)
+    def __init__(self, axes: int, chosen: slice, memory: float) -> None:
+        self.chosen, self._horizons, self._memory = chosen, HORIZONS[chosen], memory
+        self._samples: deque[Sample] = deque()
+        self._squares = np.zeros((axes, REGRESSORS, REGRESSORS))
+        self._moves = np.zeros((axes, REGRESSORS, len(self._horizons)))
+        self._learnt = self._elapsed = 0.0
+        self._scores = np.zeros((5, axes, len(self._horizons)))
+        self._scores[[FULL, MEAN, FINAL]] = UNKNOWN
 
-    def add(self, sample: FilterSample) -> None:
+    def add(self, sample: Sample) -> None:
         """Keep a sample until all that it forecast has come."""
         self._samples.append(sample)
 
-    def weaken(self, share: np.ndarray) -> None:
-        """Let what was learnt count for a share of its time: it was learnt of weaker motion."""
-        self._learnt *= share
-
     def learn(self, noise: np.ndarray) -> None:
         """Learn from the samples of which every horizon has passed, and forget them."""
-        if not self._samples:
-            return
         stamps = np.array([sample.stamp for sample in self._samples])
         count = int(np.searchsorted(stamps, stamps[-1] - self._horizons[-1] + 1e-6))
         if not count:
             return
-        values = np.stack([sample.values for sample in self._samples])
+        values = np.stack([sample.values for sample in self._samples], axis=1)
         later = stamps[:count, None] + self._horizons
         after = np.clip(np.searchsorted(stamps, later), 1, len(stamps) - 1)
-        steps = (stamps[after] - stamps[after - 1])[..., None]
-        share = (later - stamps[after - 1])[..., None] / steps
-        came = (1.0 - share) * values[after - 1] + share * values[after]
-        noise = ((1.0 - share) ** 2 + share ** 2) * noise
-        samples = [self._samples.popleft() for _ in range(count)]
-        intervals = np.minimum([sample.interval for sample in samples], LONGEST_STEP)
-        weights = intervals * (steps[..., 0] <= LONGEST_STEP).all(axis=1)
-        self._regress(samples, came.transpose(2, 0, 1), weights, float(intervals.sum()))
-        self._score(samples, came, noise, weights)
-
-    def _regress(
-        self, samples: list[FilterSample], came: np.ndarray, weights: np.ndarray, duration: float
-    ) -> None:
+        steps = stamps[after] - stamps[after - 1]
+        share = (later - stamps[after - 1]) / steps
+        came = (1.0 - share) * values[:, after - 1] + share * values[:, after]
+        spread = ((1.0 - share) ** 2 + share ** 2) * noise[:, None, None]
+        _, intervals, _, level, mean, regressors, forecast = (
+            np.array(part) for part in zip(
+                *(self._samples.popleft() for _ in range(count)), strict=True))
+        intervals = np.minimum(intervals, LONGEST_STEP)
+        duration = float(intervals.sum())
         self._elapsed += duration
+        weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
+        level, mean = level.T[..., None], mean.T[..., None]
+        regressors, forecast = regressors.swapaxes(0, 1), forecast.swapaxes(0, 1)
+        self._score(came, spread, weights, level + regressors @ self._solutions, (
+            level + regressors @ self.weights, mean, forecast[..., self.chosen]))
         kept = math.exp(-duration / min(START_SHARE * self._elapsed, self._memory))
-        features = np.stack([sample.features for sample in samples], axis=1)
-        levels = np.stack([sample.level for sample in samples], axis=1)
-        weighted = (features * weights[:, None]).swapaxes(1, 2)
-        self._features = kept * self._features + weighted @ features
-        self._moves = kept * self._moves + weighted @ (came - levels[..., None])
+        weighted = (regressors * weights[:, None]).swapaxes(1, 2)
+        self._squares = kept * self._squares + weighted @ regressors
+        self._moves = kept * self._moves + weighted @ (came - level)
         self._learnt = kept * self._learnt + weights.sum()
 
     def _score(
-        self, samples: list[FilterSample], came: np.ndarray, noise: np.ndarray, weights: np.ndarray
+        self, came: np.ndarray, spread: np.ndarray, weights: np.ndarray, solutions: np.ndarray,
+        forecasts: tuple[np.ndarray, ...],
     ) -> None:
-        forecasts = np.stack([sample.forecasts for sample in samples])[..., self.chosen]
-        squares = (forecasts - came.swapaxes(1, 2)[:, None]) ** 2 - noise.swapaxes(1, 2)[:, None]
+        """Score by what came what has not learnt of it yet."""
+        quick, slow = solutions
+        scores = np.stack((
+            *((forecast - came) ** 2 - spread for forecast in forecasts),
+            (quick - slow) * (came - slow), (quick - slow) ** 2))
         known = max(weights.sum(), 1e-9)
-        mean = (weights @ squares.reshape(len(weights), -1)).reshape(self.errors.shape) / known
-        self.errors += known / min(SCORE_TIME, self._elapsed) * (mean - self.errors)
+        self._scores += known / min(SCORE_TIME, self._elapsed) * (
+            np.einsum('c,kach->kah', weights / known, scores) - self._scores)
 
     def solve(self, strength: np.ndarray, noise: np.ndarray) -> None:
         """
-        Find the weights.
+        Find the weights, and how good they are.
 
         Parameters
         ----------
@@ -161,15 +167,25 @@ class Continuation:
 
         """
         sway, white = sway_moments(), noise_moments()
-        share = PRIOR_TIME / np.maximum(self._learnt, 1e-3)
-        prior = np.minimum(share ** PRIOR_POWER, MOST_PRIOR)
-        s, r = (prior * strength)[:, None, None], (prior * noise)[:, None, None]
-        self.weights = np.linalg.solve(
-            self._features + s * sway.features + r * white.features,
-            self._moves + s * sway.moves[:, self.chosen] + r * white.moves[:, self.chosen])
+        share = PRIOR_TIME / max(self._learnt, 1e-3)
+        prior = np.minimum(share ** PRIOR_POWERS, MOST_PRIOR)
+        s, r = (prior * strength)[..., None, None], (prior * noise)[..., None, None]
+        squares, moves = np.stack([self._squares] * 2), np.stack([self._moves] * 2)
+        squares[..., :FEATURES, :FEATURES] += s * sway.features + r * white.features
+        moves[..., :FEATURES, :] += (
+            s * sway.moves[:, self.chosen] + r * white.moves[:, self.chosen])
+        squares[..., _DECAYS, _DECAYS] += np.maximum(DECAY_PRIOR * prior, LEAST_DECAY_PRIOR)[
+            ..., None]
+        self._solutions = np.linalg.solve(squares, moves)
+        quick, slow = self._solutions
+        trust = np.clip(self._scores[RIGHT] / (self._scores[STEP] + LEAST_STEP), 0.0, 1.0)
+        self.weights = slow + trust[:, None] * (quick - slow)
+        full, mean, self.variances = np.maximum(
+            self._scores[:RIGHT], self.noise_gain() * noise[:, None])
+        self.share = np.minimum(mean / full, 1.0)
 
     def noise_gain(self) -> np.ndarray:
         """Return the variance of predictions by the density of noise [1/s], (axes, horizons)."""
-        white, weights = noise_moments(), self.weights
+        white, weights = noise_moments(), self.weights[:, :FEATURES]
         crossed = white.features @ weights - 2.0 * white.moves[:, self.chosen]
         return white.level + (weights * crossed).sum(axis=1)

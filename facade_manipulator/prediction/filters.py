@@ -12,6 +12,10 @@ where D = s³ + 2 s² + 2 s + 1.
 The filter is kept as its modes ż = λ (z − y); each estimate stands for the interval before it,
 whatever that is, so stamps may jitter. |z| is at most twice the largest |y|, whatever comes.
 
+Filters that begin at rest differ from those that have always run by a decay exp(λ t) of each mode.
+The slow ones take 20 s, so regressors of that form are beside the features: what is learnt is not
+spoilt by the beginning.
+
 References
 ----------
 R. E. Kalman, R. S. Bucy, "New results in linear filtering and prediction theory", Journal of
@@ -25,6 +29,8 @@ import numpy as np
 BANDWIDTHS = np.array((0.8, 2.0, 4.0, 8.0))  # rad/s
 LEVEL = 2  # the filter whose position the features are relative to
 FEATURES = 3 * len(BANDWIDTHS) - 1
+_DECAYS = [0, 2, 3, 4, 6, 7]  # parts of modes: of the two slowest filters, less what is always 0
+REGRESSORS = FEATURES + len(_DECAYS)
 ACCELERATION = 3 * LEVEL + 1  # index of the level filter's a/ω² in the features
 
 _POLES = np.array((-1.0, np.exp(2j * np.pi / 3.0)))  # the third is the conjugate of the second
@@ -35,32 +41,6 @@ _RESIDUES = np.array([
     for pole in _POLES])
 _STATES = _RESIDUES * np.array((1.0, 2.0))[:, None] / -_POLES[:, None]  # by mode, real part
 _RATES = BANDWIDTHS[:, None] * _POLES
-_KEPT = np.delete(np.arange(FEATURES + 1), 3 * LEVEL)
-
-
-class FilterBank:
-    """
-    The filters of several axes.
-
-    Parameters
-    ----------
-    values : numpy.ndarray, shape (axes,)
-        First estimates; the filters begin at rest there.
-
-    """
-
-    def __init__(self, values: np.ndarray) -> None:
-        self._modes = np.tile(values[:, None, None] + 0j, (1, len(BANDWIDTHS), len(_POLES)))
-
-    def update(self, interval: float, values: np.ndarray) -> None:
-        """Go on over an interval [s] to new estimates."""
-        decay = np.exp(interval * _RATES)
-        self._modes *= decay
-        self._modes += (1.0 - decay) * values[:, None, None]
-
-    def states(self) -> np.ndarray:
-        """Return p, v/ω and a/ω² of every filter [m or rad], shape (axes, bandwidths, 3)."""
-        return (self._modes @ _STATES).real
 
 
 def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -70,6 +50,7 @@ def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Parameters
     ----------
     states : numpy.ndarray, shape (..., bandwidths, 3)
+        p, v/ω and a/ω² of every filter [m or rad].
 
     Returns
     -------
@@ -78,10 +59,9 @@ def features(states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         The position that was taken from all others.
 
     """
-    level = states[..., LEVEL, 0].copy()
-    relative = states.copy()
-    relative[..., 0] -= level[..., None]
-    return relative.reshape(*level.shape, -1)[..., _KEPT], level
+    level = states[..., LEVEL, 0]
+    relative = states - level[..., None, None] * np.array((1.0, 0.0, 0.0))
+    return np.delete(relative.reshape(*level.shape, -1), 3 * LEVEL, axis=-1), level
 
 
 def response(frequencies: np.ndarray) -> np.ndarray:
@@ -89,3 +69,47 @@ def response(frequencies: np.ndarray) -> np.ndarray:
     s = 2j * np.pi * frequencies[:, None] / BANDWIDTHS
     numerators = np.stack([np.polyval(row, s) for row in _NUMERATORS], axis=-1)
     return numerators / np.polyval(_DENOMINATOR, s)[..., None]
+
+
+def mode_states(modes: np.ndarray) -> np.ndarray:
+    """Return the states that modes, shape (..., bandwidths, 2), make up."""
+    return (modes @ _STATES).real
+
+
+_PARTS = np.eye(2 * _RATES.size).view(complex).reshape(-1, *_RATES.shape)
+_SEEN = np.column_stack(features(mode_states(_PARTS)))  # by the modes' real and imaginary parts
+
+
+class FilterBank:
+    """
+    The filters of several axes, at rest at 0.
+
+    Parameters
+    ----------
+    axes : int
+
+    Attributes
+    ----------
+    modes : numpy.ndarray, shape (axes + 1, bandwidths, 2)
+        The last are no axis: they were 1 in the beginning and decay.
+
+    """
+
+    def __init__(self, axes: int) -> None:
+        self.modes = np.zeros((axes + 1, *_RATES.shape), complex)
+        self.modes[-1] = 1.0
+
+    def update(self, interval: float, values: np.ndarray) -> None:
+        """Go on over an interval [s] to new estimates."""
+        decay = np.exp(interval * _RATES)
+        self.modes *= decay
+        self.modes[:-1] += (1.0 - decay) * values[:, None, None]
+
+    def regressors(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return features and decays, shape (axes, REGRESSORS), and the level, shape (axes,)."""
+        parts = self.modes.view(float).reshape(len(self.modes), -1)
+        seen = parts[:-1] @ _SEEN
+        found = np.empty((len(seen), REGRESSORS))
+        found[:, :FEATURES] = seen[:, :FEATURES]
+        found[:, FEATURES:] = parts[-1, _DECAYS]
+        return found, seen[:, FEATURES]

@@ -14,17 +14,16 @@ import math
 import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
-from facade_manipulator.prediction.continuation import Continuation, FilterSample, UNKNOWN
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.prediction.continuation import Continuation, Sample
 from facade_manipulator.prediction.filters import (
     ACCELERATION,
     BANDWIDTHS,
-    FEATURES,
-    features,
     FilterBank,
     LEVEL,
+    REGRESSORS,
 )
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
-from facade_manipulator.prediction.settings import PredictionSettings
 
 LONGEST_GAP = 1.1  # s without estimates, after which everything is learnt again
 LEARNING_PERIOD = 0.14  # s
@@ -38,18 +37,38 @@ MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
 BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
 OUTLIER = 8.0  # standard deviations
+BELIEVED = 3  # outliers in a row, of which the last is none
+SHIFT_PAUSE = 1.0  # s between jumps of the origin: filters shrink faster than it can grow
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
 NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones at once
 FAR_TURN = 4  # every fourth learning is that of the far horizons
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
     ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
-FULL, MEAN, FINAL = range(3)  # kinds of forecasts: learnt, mean alone, and as it is given
 
 # A cubic spline through the moves: 1, t, t², t³ and a cubic from each inner horizon but the outer
 _KNOTS = HORIZONS[2:-2]
 _POWERS = np.arange(4.0)
 _SPLINE = np.linalg.inv(np.hstack([
-    HORIZONS[:, None] ** _POWERS, np.maximum(HORIZONS[:, None] - _KNOTS, 0.0) ** 3]))
+    HORIZONS[:, None] ** _POWERS, np.maximum(HORIZONS[:, None] - _KNOTS, 0.0) ** 3])).T
+
+
+@settings
+class PredictionSettings:
+    """Settings of the disturbance's prediction."""
+
+    memory: float = parameter(
+        60.0, 'Time constant with which what was learnt is forgotten', unit='s', minimum=5.0,
+        maximum=600.0)
+    evaluation_horizon: float = parameter(
+        0.12, 'Time ahead for which the standard deviation is published', unit='s',
+        minimum=0.02, maximum=0.6)
+    speed: tuple[float, ...] = parameter(
+        (2.0, 2.0, 2.0), 'Speed beyond which no motion is predicted: x, y, theta',
+        unit='m/s, rad/s', minimum=1e-3, maximum=100.0, elements=Pose._fields)
+    acceleration: tuple[float, ...] = parameter(
+        (1.0, 0.7, 1.4),
+        'Acceleration beyond which a motion is compensated in part: x, y, theta',
+        unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0, elements=Pose._fields)
 
 
 class DisturbancePredictor:
@@ -92,18 +111,21 @@ class DisturbancePredictor:
         measured, noise = np.array(values), np.array(variances)
         if self.stamp is None or not 0.0 < stamp - self.stamp <= LONGEST_GAP:
             self._start(stamp, measured, noise)
+            interval = self._interval
         else:
             interval = stamp - self.stamp
-            measured = self._plausible(interval, measured, noise)
-            self._bridge(interval, measured)
             self._interval += min(interval / (stamp - self.since), 1.0) * (
                 interval - self._interval)
-            self._go_on(stamp, interval, measured, noise)
+            self._follow(stamp, interval, measured, noise)
+        self.stamp = stamp
+        self._go_on(interval, noise)
 
     def predict(self, time: float) -> MotionState:
         """Return the disturbance to compensate at a time, of the past or the future [s]."""
         ahead = time - self.stamp
-        position, velocity = self._at(min(max(ahead, 0.0), HORIZONS[-1]))
+        known = min(max(ahead, 0.0), HORIZONS[-1])
+        position = self._origin + self._final @ _basis(known)
+        velocity = self._final @ _slopes(known)
         if ahead > HORIZONS[-1]:
             decay = math.exp((HORIZONS[-1] - ahead) / HOLD_TIME)
             position = position + HOLD_TIME * (1.0 - decay) * velocity
@@ -117,99 +139,98 @@ class DisturbancePredictor:
             math.sqrt(np.interp(ahead, HORIZONS, variances)) for variances in self._variances])
 
     def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
+        """Begin at rest where the gondola is, which is the origin of everything that is kept."""
         axes = len(measured)
-        self.since = self._next_learning = stamp
-        self._interval = FIRST_INTERVAL
-        self._bank, self._mean = FilterBank(measured), measured
-        self._near, self._far = self._continuations = [
+        self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
+        self._interval, self._learnings = FIRST_INTERVAL, 0
+        self._origin, self._shifted = measured, np.full(axes, -math.inf)
+        self._bank = FilterBank(axes)
+        self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
-        self._learnings = 0
-        self._peak, self._learnt_peak, self._bend, self._suspected = np.zeros((4, axes))
-        self._weights = np.zeros((axes, FEATURES, len(HORIZONS)))
-        self._variances = np.full((axes, len(HORIZONS)), UNKNOWN)
-        self._share = np.ones((axes, len(HORIZONS)))
+        self._values, self._mean, self._peak, self._bend, self._suspicions = np.zeros((5, axes))
+        self._weights = np.zeros((axes, REGRESSORS, len(HORIZONS)))
+        self._variances, self._share = np.zeros((2, axes, len(HORIZONS)))
         for continuation in self._continuations:
-            self._solve(continuation, noise * self._interval)
-        self._go_on(stamp, self._interval, measured, noise)
+            self._solve(continuation, noise)
 
-    def _plausible(self, interval: float, measured: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """Return an estimate with the prediction in place of outliers; a second one is true."""
-        ahead = min(interval, HORIZONS[-1])
-        expected, _ = self._at(ahead)
-        index = int(np.searchsorted(HORIZONS, ahead))
-        bound = OUTLIER ** 2 * (self._variances[:, index] + noise)
-        suspected = (measured - expected) ** 2 > bound
-        suspected &= interval <= HORIZONS[-1]  # after longer gaps anything may be true
-        outliers = suspected & ~self._suspected.astype(bool)
-        self._suspected = suspected
-        return np.where(outliers, expected, measured)
-
-    def _bridge(self, interval: float, measured: np.ndarray) -> None:
-        """Lead the filters to an estimate; a gap along the prediction, corrected to end there."""
-        steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
-        error = measured - self._at(min(interval, HORIZONS[-1]))[0]
-        for share in np.arange(1, steps) / steps:
-            between = self._at(min(share * interval, HORIZONS[-1]))[0]
-            self._bank.update(interval / steps, between + share ** 2 * error)
-        self._bank.update(interval / steps, measured)
-
-    def _go_on(
+    def _follow(
         self, stamp: float, interval: float, measured: np.ndarray, noise: np.ndarray
     ) -> None:
+        """
+        Lead the filters to an estimate; a gap along the prediction, corrected to end there.
+
+        Outliers are taken for what was predicted. The third in a row is true: not the gondola has
+        jumped, but what the estimator measures from, and all that is kept with it.
+        """
+        ahead = min(interval, HORIZONS[-1])
+        expected = self._full @ _basis(ahead)
+        error = measured - self._origin - expected
+        known = self._variances[:, np.searchsorted(HORIZONS, ahead)]
+        suspected = (error ** 2 > OUTLIER ** 2 * (known + noise)) & (interval <= HORIZONS[-1])
+        self._suspicions = suspected * (self._suspicions + 1.0)
+        if suspected.any():
+            jumped = (self._suspicions == BELIEVED) & (stamp - self._shifted > SHIFT_PAUSE)
+            self._origin = self._origin + np.where(jumped, error, 0.0)
+            self._shifted = np.where(jumped, stamp, self._shifted)
+            error[jumped | suspected & (self._suspicions < BELIEVED)] = 0.0
+        steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
+        for share in np.arange(1, steps) / steps:
+            between = self._full @ _basis(min(share * interval, HORIZONS[-1]))
+            self._bank.update(interval / steps, between + share ** 2 * error)
+        self._values = expected + error
+        self._bank.update(interval / steps, self._values)
+
+    def _go_on(self, interval: float, noise: np.ndarray) -> None:
         """Predict from the filters as they are, and keep what to learn from."""
-        self.stamp = stamp
-        seen, level = features(self._bank.states())
+        seen, level = self._bank.regressors()
         floor = noise * (self._interval * ACCELERATION_NOISE)
         self._peak = np.maximum(
             math.exp(-interval / PEAK_TIME) * self._peak,
             BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
-        if stamp > self._next_learning - SAME_TIME:
-            self._next_learning = stamp + LEARNING_PERIOD
-            self._learn(noise, floor)
-        self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (measured - self._mean)
-        forecasts = self._forecast(interval, seen, level)
-        self._coefficients = forecasts[FINAL] @ _SPLINE.T
-        sample = FilterSample(stamp, interval, measured, seen, level, forecasts)
+        if self.stamp > self._next_learning - SAME_TIME:
+            self._next_learning = self.stamp + LEARNING_PERIOD
+            self._learn(noise)
+        self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (
+            self._values - self._mean)
+        full = (seen[:, None] @ self._weights)[:, 0]
+        full = level[:, None] + np.minimum(np.maximum(full, -self._reach), self._reach)
+        final = self._drawn(interval, full)
+        self._full, self._final = full @ _SPLINE, final @ _SPLINE
+        sample = Sample(self.stamp, interval, self._values, level, self._mean, seen, final)
         for continuation in self._continuations:
             continuation.add(sample)
 
-    def _learn(self, noise: np.ndarray, floor: np.ndarray) -> None:
-        """Let near and far horizons learn in turn; what weaker motion has shown fades."""
-        share = np.minimum((floor + self._learnt_peak) / (floor + self._peak), 1.0)
-        self._learnt_peak = self._peak
-        for continuation in self._continuations:
-            continuation.weaken(share)
+    def _learn(self, noise: np.ndarray) -> None:
+        """Let near and far horizons learn in turn."""
         self._learnings += 1
-        learner = self._near if self._learnings % FAR_TURN else self._far
+        near, far = self._continuations
+        learner = near if self._learnings % FAR_TURN else far
         learner.learn(noise)
-        self._solve(learner, noise * self._interval)
+        self._solve(learner, noise)
 
-    def _solve(self, learner: Continuation, density: np.ndarray) -> None:
+    def _solve(self, learner: Continuation, noise: np.ndarray) -> None:
         """Take what one group of horizons has learnt, and how well it did."""
-        learner.solve(PEAK_SHARE * self._peak, density)
+        learner.solve(PEAK_SHARE * self._peak, noise * self._interval)
         self._weights[..., learner.chosen] = learner.weights
-        full, mean, final = np.maximum(
-            learner.errors, learner.noise_gain() * density[:, None])
-        self._variances[:, learner.chosen] = final
-        self._share[:, learner.chosen] = np.minimum(mean / full, 1.0)
+        self._variances[:, learner.chosen] = learner.variances
+        self._share[:, learner.chosen] = learner.share
 
-    def _forecast(self, interval: float, seen: np.ndarray, level: np.ndarray) -> np.ndarray:
-        """Return the positions at the horizons: as learnt, the mean, and what is given."""
-        forecasts = np.empty((3, *self._share.shape))
-        moves = (seen[:, None] @ self._weights)[:, 0]
-        forecasts[FULL] = level[:, None] + np.minimum(np.maximum(moves, -self._reach), self._reach)
-        full, mean = forecasts[FULL], self._mean[:, None]
-        forecasts[MEAN] = mean
+    def _drawn(self, interval: float, full: np.ndarray) -> np.ndarray:
+        """Return positions drawn towards the mean that bend sharply or are no better than it."""
         bend = np.abs(full[:, 0] - 2.0 * full[:, 1] + full[:, 2]) / HORIZONS[0] ** 2
         self._bend = np.maximum(math.exp(-interval / BEND_TIME) * self._bend, bend)
         room = np.minimum(self._acceleration / np.maximum(self._bend, 1e-9), 1.0)
         room *= np.minimum(room / LEAST_ROOM, 1.0)
-        forecasts[FINAL] = mean + room[:, None] * self._share * (full - mean)
-        return forecasts
+        mean = self._mean[:, None]
+        return mean + room[:, None] * self._share * (full - mean)
 
-    def _at(self, ahead: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return position and velocity on the spline at a time after the last estimate [s]."""
-        after = np.maximum(ahead - _KNOTS, 0.0)
-        basis = np.concatenate((ahead ** _POWERS, after ** 3))
-        slopes = np.array((0.0, 1.0, 2.0 * ahead, 3.0 * ahead * ahead, *(3.0 * after ** 2)))
-        return self._coefficients @ basis, self._coefficients @ slopes
+
+def _basis(ahead: float) -> np.ndarray:
+    """Return what a spline's coefficients are to be multiplied by at a time [s]."""
+    return np.concatenate((ahead ** _POWERS, np.maximum(ahead - _KNOTS, 0.0) ** 3))
+
+
+def _slopes(ahead: float) -> np.ndarray:
+    """Return the derivative of the basis [1/s]."""
+    return np.concatenate((
+        (0.0, 1.0, 2.0 * ahead, 3.0 * ahead ** 2), 3.0 * np.maximum(ahead - _KNOTS, 0.0) ** 2))

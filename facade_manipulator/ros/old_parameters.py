@@ -45,8 +45,8 @@ REMOVED = {
                               'approach_speed', 'speed', 'longest_age')))
        for name in names},
     **{f'prediction.{name}': 'is no longer used: the prediction learns by itself' for name in (
-        'jerk_noise', 'cable_length', 'frequencies', 'gusts', 'offset_drift', 'frequency_drift',
-        'mean_time', 'decisiveness', 'window', 'bandwidth', 'longest_gap')},
+        'model', 'jerk_noise', 'cable_length', 'frequencies', 'gusts', 'offset_drift',
+        'frequency_drift', 'mean_time', 'decisiveness', 'window', 'bandwidth', 'longest_gap')},
     # ik_service
     'path_spacing': 'is fixed at 0.005 m now, where a request names no tolerance',
     'longest_path': 'is fixed at 10000 poses now',

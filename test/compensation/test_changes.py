@@ -101,7 +101,7 @@ def test_another_prediction_learns_anew_and_is_trusted_again():
     course = Course().run(8.0)
     correction = course.compensator.correction
     assert correction.mode is CorrectionMode.ACTIVE
-    course.compensator.change('prediction', replace(DEFAULTS.prediction, model='none'))
+    course.compensator.change('prediction', replace(DEFAULTS.prediction, memory=30.0))
     assert correction.mode is not CorrectionMode.ACTIVE
     course.run(2.0)
     assert correction.mode is CorrectionMode.ACTIVE

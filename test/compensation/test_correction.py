@@ -13,8 +13,8 @@ from facade_manipulator.compensation.correction import (
 from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
+from facade_manipulator.prediction import PredictionSettings
 from facade_manipulator.prediction.estimate import Estimate
-from facade_manipulator.prediction.predictor import PredictionSettings
 
 PERIOD = 0.01
 HORIZON = 0.06
@@ -100,10 +100,10 @@ def test_a_silent_estimator_fades_the_correction_out_and_its_return_brings_it_ba
 
 
 def test_a_short_silence_is_bridged_by_the_prediction():
-    run = Run().go(10.0)
+    run = Run().go(15.0)
     run.go(0.4, heard=False)
     assert run.correction.mode is CorrectionMode.ACTIVE
-    assert abs(run.error()) == pytest.approx(0.0, abs=6e-3)
+    assert abs(run.error()) == pytest.approx(0.0, abs=4e-3)
     run.go(1.0)
     assert_no_step(run)
 

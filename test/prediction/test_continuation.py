@@ -6,18 +6,21 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are, solve_discrete_are
 
-from facade_manipulator.prediction.continuation import Continuation, FilterSample
+from facade_manipulator.prediction.continuation import Continuation, Sample
 from facade_manipulator.prediction.filters import (
     BANDWIDTHS,
     FEATURES,
     features,
     FilterBank,
+    mode_states,
+    REGRESSORS,
     response,
 )
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
 MOTION = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
 SEEN = np.array([[1.0, 0.0, 0.0]])
+SLOW = [1, 2, 4, 5]  # features of the two slowest filters alone: v/ω and a/ω²
 
 
 def textbook_response(bandwidth, frequency):
@@ -55,20 +58,36 @@ def textbook_states(bandwidth, interval, values):
 def test_step_by_step_they_are_the_discrete_filter_of_fast_estimates():
     times = np.arange(0.0, 6.0, 0.002)
     values = 0.1 * np.sin(0.9 * times) + 0.02 * np.sin(3.1 * times + 1.0)
-    bank = FilterBank(values[:1])
-    for value in values[1:]:
+    bank = FilterBank(1)
+    for value in values[1:] - values[0]:
         bank.update(0.002, np.array([value]))
-    expected = [textbook_states(bandwidth, 0.002, values) for bandwidth in BANDWIDTHS]
-    assert bank.states()[0] == pytest.approx(np.array(expected), abs=5e-4)
+    expected = [textbook_states(bandwidth, 0.002, values - values[0]) for bandwidth in BANDWIDTHS]
+    assert mode_states(bank.modes)[0] == pytest.approx(np.array(expected), abs=5e-4)
 
 
 def test_an_interval_may_be_of_any_length():
     """Many short steps towards one value are one long step."""
-    once, often = FilterBank(np.zeros(1)), FilterBank(np.zeros(1))
+    once, often = FilterBank(1), FilterBank(1)
     once.update(0.5, np.ones(1))
     for _ in range(50):
         often.update(0.01, np.ones(1))
-    assert once.states() == pytest.approx(often.states(), abs=1e-12)
+    assert once.modes == pytest.approx(often.modes, abs=1e-12)
+
+
+def test_decays_and_features_together_are_those_of_filters_that_always_ran():
+    """What differs between filters of one motion, begun at different times, is in the decays."""
+    times = np.arange(0.0, 20.0, 0.02)
+    values = 0.1 * np.sin(0.9 * times) + 0.02 * np.sin(3.1 * times + 1.0)
+    early, late, found = FilterBank(1), FilterBank(1), []
+    for k, value in enumerate(values):
+        early.update(0.02, np.array([value]))
+        if times[k] >= 8.0:
+            late.update(0.02, np.array([value]))
+            (seen, _), (fresh, _) = early.regressors(), late.regressors()
+            found.append([*(seen - fresh)[0, SLOW], *fresh[0, FEATURES:]])
+    differences, decays = np.hsplit(np.array(found), [len(SLOW)])
+    left = np.linalg.lstsq(decays, differences, rcond=None)[1]
+    assert (left < 1e-6 * (differences ** 2).sum(axis=0)).all()
 
 
 def test_a_constant_added_to_the_motion_is_in_the_level_alone():
@@ -82,11 +101,11 @@ def test_a_constant_added_to_the_motion_is_in_the_level_alone():
 
 def test_the_moments_of_noise_are_those_of_noise():
     interval, random = 0.02, np.random.default_rng(1)
-    bank, seen = FilterBank(np.zeros(400)), []
+    bank, seen = FilterBank(400), []
     for k in range(1500):
         bank.update(interval, random.standard_normal(400))
         if k > 900 and k % 20 == 0:
-            seen.append(features(bank.states())[0])
+            seen.append(bank.regressors()[0][:, :FEATURES])
     seen = np.concatenate(seen)
     found = np.diag(seen.T @ seen / len(seen))
     assert found == pytest.approx(interval * np.diag(noise_moments().features), rel=0.15)
@@ -103,16 +122,18 @@ def learnt(seconds, weights, random, gap=None, noise=0.0):
     """Let moves that follow from the features be learnt; return what is found."""
     near = slice(0, 4)
     continuation = Continuation(1, near, 1e3)
+    continuation.solve(np.full(1, 1e-9), np.full(1, 1e-9))
     level, stamp, past = np.zeros(1), 0.0, []
     while stamp < seconds:
         stamp += 0.05
-        state = random.standard_normal((1, FEATURES))
+        state = np.zeros((1, REGRESSORS))
+        state[0, :FEATURES] = random.standard_normal(FEATURES)
         past.append(state)
         came = np.zeros(1)
         if len(past) > 4:
-            came = past[-5][0] @ weights + noise * random.standard_normal(1)
-        forecasts = np.zeros((3, 1, len(HORIZONS)))
-        continuation.add(FilterSample(stamp, 0.05, came, state, level, forecasts))
+            came = past[-5][0, :FEATURES] @ weights + noise * random.standard_normal(1)
+        forecast = np.zeros((1, len(HORIZONS)))
+        continuation.add(Sample(stamp, 0.05, came, level, level, state, forecast))
         continuation.learn(np.full(1, noise ** 2))
     continuation.solve(np.full(1, 1e-9), np.full(1, 1e-9))
     return continuation
@@ -122,14 +143,14 @@ def test_moves_that_follow_from_the_features_are_learnt():
     random = np.random.default_rng(0)
     weights = random.standard_normal((FEATURES, 1))
     found = learnt(60.0, weights, random)
-    assert found.weights[0, :, 3] == pytest.approx(weights[:, 0], abs=1e-3)
+    assert found.weights[0, :FEATURES, 3] == pytest.approx(weights[:, 0], abs=1e-3)
     assert np.abs(found.weights[0, :, 0]).max() < 0.5
-    assert found.errors[0, 0, 3] == pytest.approx((weights ** 2).sum(), rel=0.5)
+    assert found.variances[0, 3] == pytest.approx((weights ** 2).sum(), rel=0.5)
 
 
 def test_noise_in_what_came_is_no_error_of_the_forecasts():
     found = learnt(200.0, np.zeros((FEATURES, 1)), np.random.default_rng(0), noise=0.1)
-    assert abs(found.errors).max() < 0.4 * 0.1 ** 2
+    assert found.variances.max() < 0.4 * 0.1 ** 2
 
 
 def test_what_nothing_was_learnt_of_is_as_the_prior_says():
@@ -137,18 +158,18 @@ def test_what_nothing_was_learnt_of_is_as_the_prior_says():
     continuation.solve(np.ones(1), np.full(1, 1e-12))
     sway = sway_moments()
     expected = np.linalg.lstsq(sway.features, sway.moves[:, :4], rcond=None)[0]
-    assert sway.features @ continuation.weights[0] == pytest.approx(
+    assert sway.features @ continuation.weights[0, :FEATURES] == pytest.approx(
         sway.features @ expected, rel=1e-2, abs=1e-4)
 
 
 def test_the_gain_of_noise_is_that_of_the_weights():
     continuation = Continuation(1, slice(0, 4), 20.0)
     continuation.solve(np.ones(1), np.full(1, 1e-3))
-    random, bank, errors = np.random.default_rng(2), FilterBank(np.zeros(500)), []
+    random, bank, errors = np.random.default_rng(2), FilterBank(500), []
     for k in range(800):
         bank.update(0.02, random.standard_normal(500))
         if k > 500 and k % 20 == 0:
-            seen, level = features(bank.states())
-            errors.append(level[:, None] + seen @ continuation.weights[0])
+            seen, level = bank.regressors()
+            errors.append(level[:, None] + seen[:, :FEATURES] @ continuation.weights[0, :FEATURES])
     found = np.square(errors).mean(axis=(0, 1))
     assert found == pytest.approx(0.02 * continuation.noise_gain()[0], rel=0.15)

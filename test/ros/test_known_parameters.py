@@ -110,8 +110,8 @@ def test_all_nodes_of_the_package_are_known():
     ('driver', ('-p', 'controller.rate:=300'), 'could not start: controller.rate = 300 Hz'),
     ('compensator', ('-p', 'reference.speed:=[1.0, 2.0]'),
      'could not start: reference.speed has 2 elements, expected 3'),
-    ('compensator', ('-p', 'prediction.model:=ball'),
-     "could not start: prediction.model = 'ball' is none of"),
+    ('compensator', ('-p', 'prediction.memory:=1.0'),
+     'could not start: prediction.memory = 1 s is below'),
     ('ik_service', ('-p', 'geometry.link_lenght:=0.3'), "'geometry.link_length'"),
 ])
 def test_a_wrong_parameter_ends_the_start_with_one_message_and_status_2(

@@ -139,7 +139,7 @@ def test_what_the_compensator_does_may_be_changed_while_it_runs(ros):
     ('correction.enabled', False, 'read-only'),
     ('reference.speed', [0.1, 0.1], 'speed has 2 elements, expected 3'),
     ('reference.jerk', [1.0, 1.0, -1.0], 'jerk = -1'),
-    ('prediction.model', 'crystal ball', 'is none of'),
+    ('prediction.memory', 1.0, 'prediction.memory = 1 s'),
     ('correction.fade_time', 0.0, 'correction.fade_time'),
 ])
 def test_a_wrong_live_change_of_the_compensator_is_rejected(ros, name, value, reason):

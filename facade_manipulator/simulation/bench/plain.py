@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist, ZERO_POSE, ZERO_TWIST
-from facade_manipulator.prediction.settings import PredictionSettings
 
+HORIZON = 0.12  # s, by which the plainest comes late
 LONGEST_GAP = 3.0  # s without estimates, after which everything begins again
 VELOCITY_TIME = 0.1  # s
 FIRST_VELOCITY = 0.3  # m/s or rad/s, standard deviation
@@ -17,17 +17,9 @@ JERK_DENSITY = 0.01  # m²/s⁵ or rad²/s⁵
 
 
 class HeldPrediction:
-    """
-    The disturbance is taken as it was when last seen: it comes one horizon late.
+    """The disturbance is taken as it was when last seen: it comes one horizon late."""
 
-    Parameters
-    ----------
-    settings : PredictionSettings
-
-    """
-
-    def __init__(self, settings: PredictionSettings) -> None:
-        self.settings = settings
+    def __init__(self) -> None:
         self.stamp: float | None = None
         self.since: float | None = None
         self._position, self._velocity = ZERO_POSE, ZERO_TWIST
@@ -49,20 +41,13 @@ class HeldPrediction:
 
     def predict(self, time: float) -> MotionState:
         """Return where the disturbance was one horizon before a time [s], as far as seen."""
-        late = time - self.settings.evaluation_horizon - self.stamp
-        place = (p + late * v for p, v in zip(self._position, self._velocity, strict=True))
-        return MotionState(Pose(*place), self._velocity)
+        late = time - HORIZON - self.stamp
+        position = (p + late * v for p, v in zip(self._position, self._velocity, strict=True))
+        return MotionState(Pose(*position), self._velocity)
 
 
 class AccelerationPrediction(HeldPrediction):
-    """
-    Place, velocity and acceleration of each axis, driven by white jerk.
-
-    Parameters
-    ----------
-    settings : PredictionSettings
-
-    """
+    """Position, velocity and acceleration of each axis, driven by white jerk."""
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
         """Learn from an estimate of a stamp [s]."""
