@@ -139,7 +139,7 @@ def test_what_the_compensator_does_may_be_changed_while_it_runs(ros):
     ('correction.enabled', False, 'read-only'),
     ('reference.speed', [0.1, 0.1], 'speed has 2 elements, expected 3'),
     ('reference.jerk', [1.0, 1.0, -1.0], 'jerk = -1'),
-    ('prediction.memory', 1.0, 'prediction.memory = 1 s'),
+    ('prediction.memory', 1.0, 'prediction.memory out of range'),
     ('correction.fade_time', 0.0, 'correction.fade_time'),
 ])
 def test_a_wrong_live_change_of_the_compensator_is_rejected(ros, name, value, reason):
@@ -148,6 +148,12 @@ def test_a_wrong_live_change_of_the_compensator_is_rejected(ros, name, value, re
     result = node.set_parameters([Parameter(name, value=value)])[0]
     assert not result.successful and reason in result.reason
     assert node.get_parameter(name).value == before
+
+
+def test_a_file_of_the_release_before_may_choose_its_prediction(ros):
+    node = ros.add(CompensatorNode(
+        parameter_overrides=[Parameter('prediction.model', value='oscillations')]))
+    assert not node.has_parameter('prediction.model')
 
 
 def test_a_workspace_limit_that_leaves_no_workspace_is_rejected(ros):
