@@ -31,6 +31,9 @@ from facade_manipulator.drives.canopen.pdo import (
     decode_tpdo3,
     DISABLED,
     heartbeat_cob_id,
+    KNOWN_OBJECTS,
+    make_pdo,
+    MappedObject,
     MASTER_NODE_ID,
     MotionFrame,
     NMT_COB_ID,
@@ -41,7 +44,7 @@ from facade_manipulator.drives.canopen.pdo import (
     sdo_response_cob_id,
     StatusFrame,
     SYNC_COB_ID,
-    UNUSED_PDOS,
+    unused_pdos,
 )
 from facade_manipulator.drives.canopen.sdo import (
     Patience,
@@ -70,6 +73,9 @@ __all__ = [
     'Frame',
     'heartbeat_cob_id',
     'is_error_reset',
+    'KNOWN_OBJECTS',
+    'make_pdo',
+    'MappedObject',
     'MASTER_NODE_ID',
     'MotionFrame',
     'NMT_COB_ID',
@@ -91,5 +97,5 @@ __all__ = [
     'SdoChannel',
     'StatusFrame',
     'SYNC_COB_ID',
-    'UNUSED_PDOS',
+    'unused_pdos',
 ]

@@ -1,7 +1,8 @@
 """
-The fixed PDO map, from which the codecs and the drives' configuration are both derived.
+PDOs, from which the codecs and the drives' configuration are both derived.
 
-TPDO and RPDO are seen from the drive: the master encodes RPDO1 and decodes TPDO1 to TPDO3.
+TPDO and RPDO are seen from the drive: the master encodes RPDOs and decodes TPDOs. Which objects
+they carry belongs to the drive type; `PDO_MAP` is what a drive with free mapping gets.
 
 References
 ----------
@@ -11,6 +12,7 @@ CiA 301, process data objects: communication parameters 1400h/1800h, mapping 160
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 import struct
@@ -111,6 +113,19 @@ class Pdo:
         """Packer of the data bytes."""
         return struct.Struct('<' + ''.join(item.code for item in self.content))
 
+    @cached_property
+    def indices(self) -> tuple[int, ...]:
+        """Indices of the objects in it, in order."""
+        return tuple(item.index for item in self.content)
+
+    def carries(self, indices: frozenset[int]) -> bool:
+        """Return whether any of some objects is in it."""
+        return not indices.isdisjoint(self.indices)
+
+    def encode(self, values: Mapping[int, int]) -> bytes:
+        """Build the data bytes of values by their objects' indices, each within its range."""
+        return self.codec.pack(*[values[index] for index in self.indices])
+
     @property
     def communication_index(self) -> int:
         """Index of the communication parameter."""
@@ -183,14 +198,35 @@ TPDO3 = Pdo('TPDO3', 3, True, 10, (
     MappedObject(0x603F, 0, 'H'), MappedObject(0x6077, 0, 'h'), MappedObject(0x60FD, 0, 'I')))
 
 PDO_MAP = (RPDO1, TPDO1, TPDO2, TPDO3)
-UNUSED_PDOS = (
-    Pdo('RPDO2', 2, False), Pdo('RPDO3', 3, False), Pdo('RPDO4', 4, False),
-    Pdo('TPDO4', 4, True),
-)
+COMMANDS = frozenset(RPDO1.indices)
+STATUS, MOTION, CONDITION = (frozenset(one.indices) for one in (TPDO1, TPDO2, TPDO3))
+KNOWN_OBJECTS = {item.index: item for one in PDO_MAP for item in one.content}
+CONDITION_TRANSMISSION = 10
+_NUMBERS = range(1, 5)
+
+
+def make_pdo(name: str, content: tuple[MappedObject, ...]) -> Pdo:
+    """Return the PDO of a name, such as ``'TPDO2'``, sent as often as its content asks for."""
+    is_transmitted = name.startswith('T')
+    is_slow = is_transmitted and not any(
+        item.index in STATUS | MOTION for item in content)
+    return Pdo(name, int(name[-1]), is_transmitted,
+               CONDITION_TRANSMISSION if is_slow else 1, content)
+
+
+def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
+    """Return the PDOs, of the four of each direction, that are to be switched off."""
+    names = {pdo.name for pdo in used}
+    return tuple(
+        Pdo(name, number, direction == 'T') for direction in 'RT' for number in _NUMBERS
+        if (name := f'{direction}PDO{number}') not in names)
+
+
+UNUSED_PDOS = unused_pdos(PDO_MAP)
 
 
 class TargetFrame(NamedTuple):
-    """RPDO1: what the master commands."""
+    """What the master commands."""
 
     controlword: int
     mode: int
@@ -198,7 +234,7 @@ class TargetFrame(NamedTuple):
 
 
 class StatusFrame(NamedTuple):
-    """TPDO1: state, mode and actual position."""
+    """State, mode and actual position."""
 
     statusword: int
     mode: int
@@ -206,18 +242,22 @@ class StatusFrame(NamedTuple):
 
 
 class MotionFrame(NamedTuple):
-    """TPDO2: actual velocity in the drive's velocity unit, and following error."""
+    """Actual velocity in the drive's velocity unit, and following error; None if not mapped."""
 
-    velocity: int
-    following_error_counts: int
+    velocity: int | None
+    following_error_counts: int | None
 
 
 class ConditionFrame(NamedTuple):
-    """TPDO3: error code, torque in thousandths of the rated torque, digital inputs 60FD."""
+    """
+    Error code, torque in thousandths of the rated torque, digital inputs 60FD.
 
-    error_code: int
-    torque: int
-    digital_inputs: int
+    None if not mapped.
+    """
+
+    error_code: int | None
+    torque: int | None
+    digital_inputs: int | None
 
 
 _encode_rpdo1 = RPDO1.codec.pack

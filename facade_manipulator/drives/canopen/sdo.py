@@ -7,7 +7,9 @@ feeds in. An SDO call in the control thread itself would wait for an answer that
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+import time
 from typing import NamedTuple
 
 import canopen
@@ -61,6 +63,17 @@ class Patience(NamedTuple):
     attempts: int = ATTEMPTS
 
 
+class _BoundedClient(canopen.sdo.SdoClient):
+    """A client that asks for nothing after its deadline: segments may never come to an end."""
+
+    deadline = math.inf
+
+    def send_request(self, request: bytes) -> None:
+        if time.monotonic() > self.deadline:
+            raise canopen.SdoCommunicationError('the deadline has passed')
+        super().send_request(request)
+
+
 class SdoChannel:
     """
     Objects of one drive.
@@ -75,6 +88,11 @@ class SdoChannel:
         The drive type's object dictionary, which knows the sizes.
     patience : Patience, optional
 
+    Attributes
+    ----------
+    deadline : float
+        Time [s] on the monotonic clock after which nothing is asked any more.
+
     """
 
     def __init__(
@@ -85,11 +103,20 @@ class SdoChannel:
         self.name = name
         self.node_id = node_id
         dictionary = canopen.import_od(str(eds), node_id) if eds else canopen.ObjectDictionary()
-        self._client = canopen.sdo.SdoClient(
+        self._client = _BoundedClient(
             sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
         self._client.network = network
         self._client.RESPONSE_TIMEOUT = self._patience.timeout
         network.subscribers[self._client.tx_cobid] = [self._receive]
+
+    @property
+    def deadline(self) -> float:
+        """When to ask for nothing any more."""
+        return self._client.deadline
+
+    @deadline.setter
+    def deadline(self, value: float) -> None:
+        self._client.deadline = value
 
     def read(self, index: int, subindex: int) -> bytes:
         """
@@ -134,7 +161,11 @@ class SdoChannel:
                     f'{self.name} (node {self.node_id}) rejects object '
                     f'{index:04X}h:{subindex:02X}: {_abort_text(error)}', error.code) from error
             except canopen.SdoCommunicationError:
-                continue
+                if time.monotonic() > self.deadline:
+                    raise DriveTimeoutError(
+                        f'{self.name} (node {self.node_id}) was still busy with object '
+                        f'{index:04X}h:{subindex:02X} when the time for this request was over: '
+                        'it answers too slowly, or without an end') from None
         raise DriveTimeoutError(
             f'{self.name} (node {self.node_id}) does not answer for object '
             f'{index:04X}h:{subindex:02X} within {self._patience.attempts} × '

@@ -1,5 +1,5 @@
 """
-Drive types as data: which objects are written, which homing methods exist, which quirks.
+Drive types as data: process data, objects that are written, homing methods, units, quirks.
 
 A further CiA 402 drive is one more file in ``config/drives``, not code.
 """
@@ -13,6 +13,14 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from facade_manipulator.drives.canopen import (
+    KNOWN_OBJECTS,
+    make_pdo,
+    MappedObject,
+    Pdo,
+    pdo,
+    PDO_MAP,
+)
 from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
@@ -27,7 +35,7 @@ QUANTITIES = {
     'min_position': 'lower end of the stroke with its margin, in counts',
     'max_position': 'upper end of the stroke with its margin, in counts',
     'max_velocity': 'speed limit in velocity units',
-    'max_motor_speed': 'speed limit of the motor in velocity units',
+    'max_motor_speed': 'speed limit of the motor in motor speed units',
     'max_acceleration': 'acceleration limit in velocity units/s',
     'interpolation_period': 'period of the SYNC in ms',
     'homing_method': 'homing method of the axis',
@@ -37,6 +45,10 @@ QUANTITIES = {
     'home_position': 'position of the home position in counts',
     'homing_current_threshold': 'motor current in mA that means a hard stop',
 }
+
+
+MOST_BYTES = 8  # of a CAN frame
+_CODES = {8: 'B', 16: 'H', 32: 'I'}
 
 
 class ProfileObject(NamedTuple):
@@ -71,8 +83,9 @@ class DriveProfile:
         What an operator reads.
     eds : pathlib.Path
         Its electronic data sheet.
-    velocity_unit : str
-        Key of `facade_manipulator.drives.cia402.units.VELOCITY_UNITS`.
+    velocity_unit, motor_speed_unit : str
+        Keys of `facade_manipulator.drives.cia402.units.VELOCITY_UNITS`; that of 6080h differs
+        between makers.
     homing_methods : tuple of int
         Homing methods that it supports.
     quirks : Quirks
@@ -81,6 +94,8 @@ class DriveProfile:
         What is written at configure, in this order.
     vendor_id : int or None
         Whose drives these are (1018h:1); None for no particular maker's.
+    pdos : tuple of Pdo
+        The process data in use.
 
     """
 
@@ -88,10 +103,12 @@ class DriveProfile:
     description: str
     eds: Path
     velocity_unit: str
+    motor_speed_unit: str
     homing_methods: tuple[int, ...]
     quirks: Quirks
     objects: tuple[ProfileObject, ...]
     vendor_id: int | None = None
+    pdos: tuple[Pdo, ...] = PDO_MAP
 
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object that takes a quantity, None if none does."""
@@ -146,19 +163,20 @@ def _parse(name: str, path: Path, text: str) -> DriveProfile:
 
 
 def _profile(name: str, path: Path, data: Any) -> DriveProfile:
-    _check_keys('the profile', data, {
-        'description', 'eds', 'velocity_unit', 'homing_methods', 'quirks', 'objects', 'vendor_id'})
+    _check_keys('the profile', data, {item.name for item in fields(DriveProfile)} - {'name'})
     return DriveProfile(
         name=name,
         description=str(data['description']),
         eds=_eds(path.parent / str(data['eds'])),
-        velocity_unit=_velocity_unit(data['velocity_unit']),
+        velocity_unit=_velocity_unit(data, 'velocity_unit', data['velocity_unit']),
+        motor_speed_unit=_velocity_unit(data, 'motor_speed_unit', data['velocity_unit']),
         homing_methods=tuple(_integer('a homing method', m, -128, 127)
                              for m in data['homing_methods']),
         quirks=_quirks(data['quirks']),
         objects=tuple(_object(item) for item in data['objects']),
         vendor_id=_integer('vendor_id', data['vendor_id'], 0, 2**32 - 1)
         if 'vendor_id' in data else None,
+        pdos=_pdos(data['pdos']) if 'pdos' in data else PDO_MAP,
     )
 
 
@@ -183,10 +201,44 @@ def _eds(path: Path) -> Path:
     return path
 
 
-def _velocity_unit(unit: Any) -> str:
+def _velocity_unit(data: dict, name: str, default: Any) -> str:
+    unit = data.get(name, default)
     if unit not in VELOCITY_UNITS:
-        raise ValueError(f'velocity_unit = {unit} is none of {", ".join(VELOCITY_UNITS)}')
+        raise ValueError(f'{name} = {unit} is none of {", ".join(VELOCITY_UNITS)}')
     return unit
+
+
+def _pdos(data: Any) -> tuple[Pdo, ...]:
+    """Return the PDOs of a table; together they must carry what no drive can do without."""
+    _check_keys('pdos', data, {f'{direction}PDO{n}' for direction in 'RT' for n in range(1, 5)})
+    pdos = tuple(
+        make_pdo(name, tuple(_mapped(name, item) for item in content))
+        for name, content in data.items())
+    for one in pdos:
+        if one.codec.size > MOST_BYTES:
+            raise ValueError(f'{one.name} has {one.codec.size} bytes, bound {MOST_BYTES}')
+    for kind, needed in (('RPDO', pdo.COMMANDS), ('TPDO', pdo.STATUS)):
+        carried = {index for one in pdos if one.name.startswith(kind) for index in one.indices}
+        for index in sorted(needed - carried):
+            raise ValueError(f'no {kind} carries object {index:04X}, which every drive needs')
+    return pdos
+
+
+def _mapped(name: str, data: Any) -> MappedObject:
+    """Return an object in a PDO: a known one by its index, any other one with its length."""
+    if isinstance(data, dict):
+        _check_keys(f'an object of {name}', data, {'index', 'subindex', 'bits'})
+        if data['bits'] not in _CODES:
+            raise ValueError(f'an object of {name} has {data["bits"]} bits, not 8, 16 or 32')
+        return MappedObject(
+            _integer('index', data['index'], 0x1000, 0xFFFF),
+            _integer('subindex', data['subindex'], 0, 254), _CODES[data['bits']])
+    known = [index for index in KNOWN_OBJECTS if (index in pdo.COMMANDS) == name.startswith('R')]
+    if data not in known:
+        raise ValueError(
+            f'{name} carries {data!r}, which is none of '
+            f'{", ".join(f"0x{index:04X}" for index in known)}: state index, subindex and bits')
+    return KNOWN_OBJECTS[data]
 
 
 def _quirks(data: Any) -> Quirks:

@@ -10,11 +10,14 @@ from facade_manipulator.parameters import parameter, settings
 
 INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
 
-# velocity units of a drive in revolutions of the motor per second; None stands for counts/s
+# velocity units of a drive: what they count, and how many of them are one of it per second
 VELOCITY_UNITS = {
-    'counts_per_second': None,
-    'rpm': 60.0,
-    'milli_rpm': 60.0e3,
+    'counts_per_second': ('count', 1.0),
+    'rpm': ('revolution', 60.0),
+    'milli_rpm': ('revolution', 60.0e3),
+    'millimetres_per_second': ('metre', 1e3),
+    'micrometres_per_second': ('metre', 1e6),
+    'tenth_micrometres_per_second': ('metre', 1e7),
 }
 
 
@@ -65,8 +68,10 @@ class AxisScale:
     @cached_property
     def velocity_units_per_count(self) -> float:
         """Velocity units of the drive per count/s, likewise for accelerations per count/s²."""
-        factor = VELOCITY_UNITS[self.velocity_unit]
-        return 1.0 if factor is None else factor / self.counts_per_revolution
+        counted, factor = VELOCITY_UNITS[self.velocity_unit]
+        counts = {'count': 1.0, 'revolution': self.counts_per_revolution,
+                  'metre': abs(self.counts_per_metre)}
+        return factor / counts[counted]
 
     @cached_property
     def force_per_torque_unit(self) -> float:

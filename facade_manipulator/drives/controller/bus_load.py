@@ -10,9 +10,11 @@ times", Control Engineering Practice 3(8), 1995: longest frame with stuff bits.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from math import ceil
 
 from facade_manipulator.drives.canopen import Pdo, PDO_MAP
+from facade_manipulator.drives.canopen import pdo as process_data
 from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
@@ -22,7 +24,7 @@ _HEARTBEAT_BYTES = 1
 _SDO_BYTES = 8
 _FASTEST_SDO = 200.0  # exchanges per second that a drive and a worker thread manage at best
 _HIGHEST_FULL_RATE = 200  # Hz
-_REDUCED_RATES = {'TPDO2': 50, 'TPDO3': 10}  # Hz, in faster cycles
+_REDUCED_RATES = {True: 50, False: 10}  # Hz, in faster cycles: with motion in it, without
 
 
 def frame_bits(length: int) -> int:
@@ -38,29 +40,35 @@ def transmission_type(pdo: Pdo, rate: int) -> int:
     velocity and condition are then sent at about 50 Hz and 10 Hz.
 
     """
-    if rate <= _HIGHEST_FULL_RATE or pdo.name not in _REDUCED_RATES:
+    is_needed = not pdo.is_transmitted or pdo.carries(process_data.STATUS)
+    if rate <= _HIGHEST_FULL_RATE or is_needed:
         return pdo.transmission
-    return ceil(rate / _REDUCED_RATES[pdo.name])
+    return ceil(rate / _REDUCED_RATES[pdo.carries(process_data.MOTION)])
 
 
-def bus_load(settings: ControllerSettings, bitrate: int) -> float:
+def bus_load(
+    settings: ControllerSettings, bitrate: int,
+    maps: tuple[Iterable[Pdo], ...] = (PDO_MAP,) * len(AXIS_NAMES),
+) -> float:
     """
     Return the worst-case share of the bus that the cyclic traffic takes.
 
     SYNC, the PDOs of all axes, all heartbeats, and SDO exchanges as fast as they can be.
 
     """
-    axes = len(AXIS_NAMES)
-    process_data = sum(
-        axes * frame_bits(pdo.codec.size) / transmission_type(pdo, settings.rate)
-        for pdo in PDO_MAP)
-    cyclic = settings.rate * (frame_bits(0) + process_data)
-    heartbeats = (axes + 1) / settings.heartbeat_period * frame_bits(_HEARTBEAT_BYTES)
+    answers = sum(
+        frame_bits(pdo.codec.size) / transmission_type(pdo, settings.rate)
+        for pdos in maps for pdo in pdos)
+    cyclic = settings.rate * (frame_bits(0) + answers)
+    heartbeats = (len(maps) + 1) / settings.heartbeat_period * frame_bits(_HEARTBEAT_BYTES)
     sdo = min(settings.rate, _FASTEST_SDO) * 2 * frame_bits(_SDO_BYTES)
     return (cyclic + heartbeats + sdo) / bitrate
 
 
-def check_bus_load(settings: ControllerSettings, bitrate: int) -> float:
+def check_bus_load(
+    settings: ControllerSettings, bitrate: int,
+    maps: tuple[Iterable[Pdo], ...] = (PDO_MAP,) * len(AXIS_NAMES),
+) -> float:
     """
     Return the load.
 
@@ -70,7 +78,7 @@ def check_bus_load(settings: ControllerSettings, bitrate: int) -> float:
         It is above `MAX_BUS_LOAD`.
 
     """
-    load = bus_load(settings, bitrate)
+    load = bus_load(settings, bitrate, maps)
     if load > MAX_BUS_LOAD:
         raise ParameterError(
             f'bus load = {100 * load:.0f} % at {settings.rate} Hz and {bitrate} bit/s is '

@@ -17,12 +17,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 import threading
 import time
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from facade_manipulator.drives.canopen import CanBus, NMT_COB_ID, NmtCommand, NmtState
 from facade_manipulator.drives.cia402 import DriveProfile
 from facade_manipulator.drives.controller.configuration import (
     check_identity,
+    compare_objects,
     object_writes,
     Objects,
     pdo_writes,
@@ -39,6 +40,9 @@ from facade_manipulator.errors import (
     DriveStateError,
     DriveTimeoutError,
 )
+
+JOB_TIMEOUT = 30.0  # s, for all that is asked of the drives by SDO in one request
+Result = TypeVar('Result')
 
 
 def send_nmt(bus: CanBus, command: NmtCommand, node_id: int) -> None:
@@ -137,6 +141,7 @@ class Commissioning:
             The bus is gone.
 
         """
+        self._limit_time()
         try:
             notes = self._configure_once()
         except DriveError:
@@ -155,9 +160,31 @@ class Commissioning:
         for drive in self._drives:
             self._command(NmtCommand.ENTER_PRE_OPERATIONAL, drive)
         self._check_identities()
-        notes = [note for drive in self._drives for note in self._write(drive)]
+        notes = self._of_each(self._write)
         self._start()
-        return notes
+        return [note for of_drive in notes for note in of_drive]
+
+    def _of_each(self, look: Callable[[Drive], Result]) -> list[Result]:
+        """
+        Return what is found at each drive.
+
+        Raises
+        ------
+        DriveError
+            What is wrong with all drives, rather than with the first.
+
+        """
+        results, errors = [], []
+        for drive in self._drives:
+            try:
+                results.append(look(drive))
+            except DriveError as error:
+                errors.append(error)
+        if len(errors) > 1:
+            raise DriveError('; '.join(map(str, errors))) from errors[0]
+        if errors:
+            raise errors[0]
+        return results
 
     def _unexpected_boot_ups(self) -> list[AxisMonitor]:
         allowed = 1 if self._settings.reset_nodes else 0
@@ -176,16 +203,37 @@ class Commissioning:
             The bus is gone.
 
         """
+        self._limit_time()
+        self._leave_stopped()
         self._check_identities()
-        for drive in self._drives:
-            self._verify(drive)
+        self._of_each(self._verify)
         self._start()
 
-    def inspect(self) -> list[Finding]:
-        """Look at identity, objects and answer time of each drive, and change nothing."""
+    def _limit_time(self) -> None:
+        """Let a drive that answers for ever, or late each time, end the job as a silent one."""
+        for drive in self._drives:
+            drive.objects.deadline = time.monotonic() + JOB_TIMEOUT
+
+    def _leave_stopped(self) -> None:
+        """Make nodes that somebody has stopped pre-operational: stopped ones have no SDO."""
+        for drive in self._drives:
+            if drive.monitor.nmt_state == NmtState.STOPPED:
+                self._command(NmtCommand.ENTER_PRE_OPERATIONAL, drive)
+        self._wait(lambda m: m.nmt_state != NmtState.STOPPED, self._settings.step_timeout,
+                   'stays in the NMT state stopped, as its heartbeat says')
+
+    def inspect(self, is_configured: bool = True) -> list[Finding]:
+        """
+        Look at identity, objects and answer time of each drive, and change nothing.
+
+        Before drives are configured, only what they lack counts.
+
+        """
+        self._limit_time()
+        inspect = self._inspect_objects if is_configured else self._inspect_new
         return [finding for drive in self._drives for finding in (
             self._find(drive, 'identity', self._inspect_identity),
-            self._find(drive, 'objects', self._inspect_objects))]
+            self._find(drive, 'objects', inspect))]
 
     def _find(self, drive: Drive, what: str, look: Callable[[Drive], str]) -> Finding:
         name = f'{drive.monitor.name} {what}'
@@ -209,6 +257,14 @@ class Commissioning:
         checked = sum(1 for write in writes if write.compared)
         return f'{drive.monitor.title} has {checked} objects as configured'
 
+    def _inspect_new(self, drive: Drive) -> str:
+        found = compare_objects(drive.objects, self._writes(drive))
+        if found.lacking:
+            raise DriveObjectError('; '.join(found.lacking))
+        objects = ', '.join(str(write) for write, _ in found.different)
+        return (f'{drive.monitor.title} has all objects; configure will change '
+                f'{len(found.different)} of them: {objects or "none"}')
+
     @property
     def _serials(self) -> dict[int, str]:
         """Axes by configured serial number."""
@@ -224,7 +280,7 @@ class Commissioning:
 
     def _reset(self) -> None:
         for drive in self._drives:
-            drive.monitor.boot_ups = 0
+            drive.monitor.boot_ups = drive.monitor.error_code = 0
         if not self._settings.reset_nodes:
             return
         for drive in self._drives:
@@ -234,14 +290,16 @@ class Commissioning:
                    'the bit rate of the bus')
 
     def _check_identities(self) -> None:
-        for drive in self._drives:
-            found = read_identity(drive.objects)
-            check_identity(drive.monitor.name, found, drive.monitor.axis, self._serials)
-            drive.monitor.serial_number = found.serial_number
+        self._of_each(self._check_identity)
+
+    def _check_identity(self, drive: Drive) -> None:
+        found = read_identity(drive.objects)
+        check_identity(drive.monitor.name, found, drive.monitor.axis, self._serials)
+        drive.monitor.serial_number = found.serial_number
 
     def _write(self, drive: Drive) -> list[str]:
         notes = write_objects(drive.objects, self._writes(drive))
-        if not drive.monitor.axis.serial_number:
+        if drive.monitor.serial_number and not drive.monitor.axis.serial_number:
             notes.append(
                 f'{drive.monitor.title} accepts any drive: set its serial_number, now '
                 f'{drive.monitor.serial_number}, so that swapped axes are found')
@@ -250,7 +308,7 @@ class Commissioning:
     def _writes(self, drive: Drive) -> list:
         axis = drive.monitor.axis
         return (object_writes(drive.profile, axis, self._settings)
-                + pdo_writes(axis.node_id, self._settings.rate))
+                + pdo_writes(axis.node_id, self._settings.rate, drive.profile.pdos))
 
     def _start(self) -> None:
         for drive in self._drives:

@@ -1,8 +1,9 @@
 """
 What is written to a drive at configure, and how it is proved: identity, objects, PDO map.
 
-Every object is read back. A mismatch rejects the drive and names the object; an object that the
-drive's profile calls optional and the drive does not know is skipped and reported.
+Every object is read back. What a drive rejects counts only where it then reads back another value:
+an object may be constant, and right. A mismatch rejects the drive, and the message names them all;
+an object that the drive's profile calls optional and the drive does not know is skipped.
 
 References
 ----------
@@ -14,6 +15,7 @@ IEC 61800-7-201 (CiA 402-2): the objects 6xxxh.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 from facade_manipulator.drives.canopen import (
@@ -22,7 +24,7 @@ from facade_manipulator.drives.canopen import (
     Pdo,
     PDO_MAP,
     SdoAbortError,
-    UNUSED_PDOS,
+    unused_pdos,
 )
 from facade_manipulator.drives.cia402 import AxisSettings, DriveProfile
 from facade_manipulator.drives.controller.bus_load import transmission_type
@@ -38,6 +40,7 @@ class Objects(Protocol):
 
     name: str
     node_id: int
+    deadline: float  # s on the monotonic clock: what takes longer is a time-out
 
     def read(self, index: int, subindex: int) -> bytes:
         """Read an object and wait for the answer."""
@@ -77,15 +80,17 @@ class Write(NamedTuple):
 
 
 class Identity(NamedTuple):
-    """What a drive says it is: 1000h and 1018h:1, 2, 4."""
+    """What a drive says it is: 1000h and 1018h:1, 2, 4; None for what it does not say."""
 
     device_type: int
     vendor_id: int
-    product_code: int
-    serial_number: int
+    product_code: int | None
+    serial_number: int | None
 
 
-def quantities(axis: AxisSettings, settings: ControllerSettings) -> dict[str, int]:
+def quantities(
+    axis: AxisSettings, settings: ControllerSettings, motor_speed_unit: str | None = None
+) -> dict[str, int]:
     """
     Return the values that a profile's objects may ask for, in the drive's units.
 
@@ -94,21 +99,24 @@ def quantities(axis: AxisSettings, settings: ControllerSettings) -> dict[str, in
     axis : AxisSettings
         With the velocity unit of the drive's profile.
     settings : ControllerSettings
+    motor_speed_unit : str, optional
+        Unit of 6080h; default: the velocity unit.
 
     """
+    motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
     ends = sorted(axis.to_counts(end) for end in (
         axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin))
     speed = {
         name: axis.magnitude_to_units(value) for name, value in (
             ('quick_stop_deceleration', axis.stop_deceleration),
             ('max_velocity', axis.max_speed),
-            ('max_motor_speed', axis.max_speed),
             ('max_acceleration', axis.max_acceleration),
             ('homing_switch_speed', axis.homing_speed),
             ('homing_zero_speed', axis.homing_zero_speed),
             ('homing_acceleration', axis.homing_acceleration))}
     return {
         **speed,
+        'max_motor_speed': motor.magnitude_to_units(axis.max_speed),
         'master_heartbeat': MASTER_NODE_ID << 16 | _milliseconds(settings.heartbeat_timeout),
         'heartbeat_time': _milliseconds(settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
@@ -139,7 +147,7 @@ def object_writes(
         raise ParameterError(
             f'homing_method = {axis.homing_method} of node {axis.node_id} is none that the drive '
             f'type {profile.name} supports: {known}')
-    values = quantities(axis, settings)
+    values = quantities(axis, settings, profile.motor_speed_unit)
     return [
         Write(item.index, item.subindex,
               values[item.value] if isinstance(item.value, str) else item.value,
@@ -147,10 +155,10 @@ def object_writes(
         for item in profile.objects]
 
 
-def pdo_writes(node_id: int, rate: int) -> list[Write]:
-    """Return the writes of the PDO map: the unused ones off, each used one set up in order."""
-    unused = [write for pdo in UNUSED_PDOS for write in _off(pdo, node_id)]
-    return unused + [write for pdo in PDO_MAP for write in _set_up(pdo, node_id, rate)]
+def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = PDO_MAP) -> list[Write]:
+    """Return the writes of a PDO map: the unused ones off, each used one set up in order."""
+    unused = [write for pdo in unused_pdos(pdos) for write in _off(pdo, node_id)]
+    return unused + [write for pdo in pdos for write in _set_up(pdo, node_id, rate)]
 
 
 def _off(pdo: Pdo, node_id: int) -> list[Write]:
@@ -173,10 +181,20 @@ def _set_up(pdo: Pdo, node_id: int, rate: int) -> Iterator[Write]:
 
 
 def read_identity(drive: Objects) -> Identity:
-    """Read what a drive says it is."""
-    return Identity(*(
+    """Read what a drive says it is; of the identity only the vendor must be there (CiA 301)."""
+    device_type, vendor_id = (
         int.from_bytes(drive.read(index, subindex), 'little')
-        for index, subindex in ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4))))
+        for index, subindex in ((0x1000, 0), (0x1018, 1)))
+    return Identity(device_type, vendor_id, *(_read_optional(drive, 0x1018, n) for n in (2, 4)))
+
+
+def _read_optional(drive: Objects, index: int, subindex: int) -> int | None:
+    try:
+        return int.from_bytes(drive.read(index, subindex), 'little')
+    except SdoAbortError as error:
+        if not error.is_absent:
+            raise
+    return None
 
 
 def check_identity(
@@ -207,6 +225,9 @@ def check_identity(
             'this is no drive')
     for field in ('vendor_id', 'product_code', 'serial_number'):
         actual, configured = getattr(found, field), getattr(axis, field)
+        if configured and actual is None:
+            raise DriveIdentityError(
+                f'{where}: the drive has no {field}: set the configured {configured} to 0')
         if configured and actual != configured:
             owner = serials.get(actual) if field == 'serial_number' else None
             reason = (f'this is the drive of {owner}, the axes are swapped' if owner else
@@ -227,21 +248,22 @@ def write_objects(drive: Objects, writes: list[Write]) -> list[str]:
     Raises
     ------
     DriveObjectError
-        The drive rejects an object, or reads back another value.
+        The drive reads back another value of an object, or rejects it; the message names all.
     DriveTimeoutError
         It does not answer.
 
     """
-    skipped = []
+    rejections: dict[tuple[int, int], str] = {}
     for write in writes:
         try:
-            _write(drive, write)
-        except SdoAbortError as error:
-            if write.required or not error.is_absent:
-                raise
-            skipped.append(f'{drive.name} has no object {write}, which is optional')
-    verify_objects(drive, writes)
-    return skipped
+            drive.write(write.index, write.subindex, _encoded(drive, write))
+        except DriveObjectError as error:
+            rejections.setdefault((write.index, write.subindex), str(error))
+    found = compare_objects(drive, writes)
+    _require_no(found.lacking + [
+        f'{message}: {rejections[key]}' if (key := write[:2]) in rejections else message
+        for write, message in found.different])
+    return [f'{drive.name} has no object {write}, which is optional' for write in found.skipped]
 
 
 def verify_objects(drive: Objects, writes: list[Write]) -> None:
@@ -251,40 +273,87 @@ def verify_objects(drive: Objects, writes: list[Write]) -> None:
     Raises
     ------
     DriveObjectError
-        A drive rejects an object, or reads back another value.
+        A drive rejects an object, or reads back another value; the message names all.
     DriveTimeoutError
         It does not answer.
 
     """
+    found = compare_objects(drive, writes)
+    _require_no(found.lacking + [message for _, message in found.different])
+
+
+class Comparison(NamedTuple):
+    """
+    What is not as it is to be written.
+
+    Attributes
+    ----------
+    lacking : list of str
+        What writing does not help: no such object, or one too small for the value.
+    different : list of (Write, str)
+        Objects of another value, with a message.
+    skipped : list of Write
+        Optional objects that the drive does not have.
+
+    """
+
+    lacking: list[str]
+    different: list[tuple[Write, str]]
+    skipped: list[Write]
+
+
+def compare_objects(drive: Objects, writes: list[Write]) -> Comparison:
+    """
+    Read objects and compare them with what is to be written.
+
+    Raises
+    ------
+    DriveTimeoutError
+        The drive does not answer.
+
+    """
+    found = Comparison([], [], [])
     for write in writes:
         if not write.compared:
             continue
         try:
-            _verify(drive, write)
+            difference = _difference(drive, write)
         except SdoAbortError as error:
-            if write.required or not error.is_absent:
-                raise
+            if error.is_absent and not write.required:
+                found.skipped.append(write)
+            else:
+                found.lacking.append(str(error))
+        except DriveObjectError as error:
+            found.lacking.append(str(error))
+        else:
+            found.different.extend([(write, difference)] if difference else [])
+    return found
 
 
-def _write(drive: Objects, write: Write) -> None:
+def _require_no(problems: list[str]) -> None:
+    if problems:
+        raise DriveObjectError('; '.join(problems))
+
+
+def _encoded(drive: Objects, write: Write) -> bytes:
     size = _size(drive, write)
     value = write.value % (1 << 8 * size)
     if value != write.value and value - (1 << 8 * size) != write.value:
         raise DriveObjectError(
             f'{drive.name} (node {drive.node_id}): {write.value} does not fit into the '
             f'{size} bytes of object {write}')
-    drive.write(write.index, write.subindex, value.to_bytes(size, 'little'))
+    return value.to_bytes(size, 'little')
 
 
-def _verify(drive: Objects, write: Write) -> None:
-    size = _size(drive, write)
-    mask = write.compared & ((1 << 8 * size) - 1)
-    data = drive.read(write.index, write.subindex)[:size]
-    expected = write.value % (1 << 8 * size)
-    found = int.from_bytes(data, 'little')
-    if (found ^ expected) & mask:
-        raise DriveObjectError(
-            f'{drive.name} (node {drive.node_id}): object {write} reads back as {found} '
+def _difference(drive: Objects, write: Write) -> str:
+    """Return how an object differs from what is to be written, ``''`` if it does not."""
+    data = _encoded(drive, write)
+    mask = write.compared & ((1 << 8 * len(data)) - 1)
+    expected = int.from_bytes(data, 'little')
+    found = int.from_bytes(drive.read(write.index, write.subindex)[:len(data)], 'little')
+    if not (found ^ expected) & mask:
+        return ''
+    return (f'{drive.name} (node {drive.node_id}): object {write} reads back as {found} '
             f'({found:X}h) instead of {expected} ({expected:X}h)')
 
 

@@ -93,7 +93,6 @@ class CyclicExchange:
         self._unsent = 0
         self._pumped = self._read_until = time.monotonic()
         self._taken_out: set[str] = set()
-        self._command_ids = tuple(pdo.RPDO1.cob_id(m.axis.node_id) for m in monitors)
         self._routes = self._make_routes()
         bus.listen_to(tuple(self._routes))
 
@@ -108,12 +107,8 @@ class CyclicExchange:
     def _routes_of(self, monitor: AxisMonitor) -> dict:
         node = monitor.axis.node_id
         return {
-            pdo.TPDO1.cob_id(node): (pdo.TPDO1.codec.size, lambda frame: self._stop_for(
-                monitor.receive_tpdo1(frame.data, frame.time, self.clock.sync_time))),
-            pdo.TPDO2.cob_id(node): (
-                pdo.TPDO2.codec.size, lambda frame: monitor.receive_tpdo2(frame.data)),
-            pdo.TPDO3.cob_id(node): (
-                pdo.TPDO3.codec.size, lambda frame: monitor.receive_tpdo3(frame.data)),
+            **{tpdo.cob_id(node): (tpdo.codec.size, self._tpdo_receiver(monitor, tpdo))
+               for tpdo in monitor.tpdos},
             pdo.emergency_cob_id(node): (
                 _EMERGENCY_LENGTH, lambda frame: self._stop_for(
                     monitor.receive_emergency(frame.data))),
@@ -121,6 +116,10 @@ class CyclicExchange:
                 1, lambda frame: self._on_heartbeat(monitor, frame)),
             pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed),
         }
+
+    def _tpdo_receiver(self, monitor: AxisMonitor, tpdo: pdo.Pdo) -> Callable[[Frame], None]:
+        return lambda frame: self._stop_for(
+            monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time))
 
     def _dispatch(self, frame: Frame) -> None:
         length, receive = self._routes.get(frame.cob_id, (None, None))
@@ -301,9 +300,10 @@ class CyclicExchange:
         self._send(pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
 
     def _send_commands(self, commands: tuple[AxisCommand, ...]) -> None:
-        for cob_id, command, target in zip(
-                self._command_ids, commands, self._targets.counts, strict=True):
-            self._send(cob_id, pdo.encode_rpdo1(command.controlword, command.mode, target))
+        for monitor, command, target in zip(
+                self._monitors, commands, self._targets.counts, strict=True):
+            for cob_id, data in monitor.encode(command, target):
+                self._send(cob_id, data)
 
     def _send(self, cob_id: int, data: bytes = b'') -> None:
         """Send a frame; a queue that is full now may be free in the next cycle."""

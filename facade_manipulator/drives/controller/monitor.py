@@ -7,23 +7,24 @@ there. Times are on the monotonic clock [s]. What was never received is None.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from facade_manipulator.drives.canopen import (
     ConditionFrame,
     decode_emergency,
-    decode_tpdo1,
-    decode_tpdo2,
-    decode_tpdo3,
     describe,
     fault,
     is_error_reset,
     MotionFrame,
     NmtState,
+    Pdo,
+    pdo,
+    PDO_MAP,
     Reaction,
     StatusFrame,
 )
 from facade_manipulator.drives.cia402 import (
+    AxisCommand,
     AxisSettings,
     BUS_REMEDY,
     Cause,
@@ -43,7 +44,11 @@ REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 JUMP_NOISE = 0.001  # m
 JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
 JUMP_JITTER = 0.5  # of the way since the last answer, for a SYNC that came early or late
+STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
+VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
+ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
 _NOTHING_RECEIVED = StatusFrame(0, 0, 0)
+_NO_MOTION, _NO_CONDITION = MotionFrame(None, None), ConditionFrame(None, None, None)
 
 
 class AxisMonitor:
@@ -57,18 +62,37 @@ class AxisMonitor:
     axis : AxisSettings
         With the velocity unit of the drive's profile.
     settings : ControllerSettings
+    pdos : tuple of Pdo
+        The drive's process data.
+
+    Attributes
+    ----------
+    silent_tpdos : set of str
+        Which TPDOs have not come yet since supervision has begun.
 
     """
 
-    def __init__(self, name: str, axis: AxisSettings, settings: ControllerSettings) -> None:
+    def __init__(
+        self, name: str, axis: AxisSettings, settings: ControllerSettings,
+        pdos: tuple[Pdo, ...] = PDO_MAP,
+    ) -> None:
         self.name = name
         self.axis = axis
+        self.tpdos = tuple(one for one in pdos if one.is_transmitted)
+        self.silent_tpdos: set[str] = set()
+        self._rpdos = tuple(
+            (one.cob_id(axis.node_id), one) for one in pdos if not one.is_transmitted)
+        self._answers = frozenset(one.name for one in self.tpdos if one.carries(pdo.STATUS))
+        self._unanswered = set(self._answers)
+        self._values: dict[int, int] = {}
+        self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
         self.status: StatusFrame | None = None
         self.motion: MotionFrame | None = None
         self.condition: ConditionFrame | None = None
         self.nmt_state: int | None = None
         self.heartbeat_time: float | None = None
         self.boot_ups = 0
+        self.has_restarted = False  # since it was configured: it would not know what RPDOs mean
         self.error_code = 0
         self.serial_number: int | None = None
         self.homed = False
@@ -99,20 +123,22 @@ class AxisMonitor:
 
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return what was received, with the target [m] that is commanded meanwhile."""
-        axis, status, motion, condition = self.axis, self.status, self.motion, self.condition
+        axis, status = self.axis, self.status
+        motion, condition = self.motion or _NO_MOTION, self.condition or _NO_CONDITION
         return AxisSnapshot(
             self.name, axis.node_id, status and status.statusword,
             status and axis.to_metres(status.position_counts),
-            motion and axis.speed_to_metres(motion.velocity),
-            condition and axis.to_force(condition.torque),
-            motion and axis.to_metres(motion.following_error_counts),
-            condition and condition.digital_inputs, self.homed, self.error_code,
+            _converted(axis.speed_to_metres, motion.velocity),
+            _converted(axis.to_force, condition.torque),
+            _converted(axis.to_metres, motion.following_error_counts),
+            condition.digital_inputs, self.homed, self.error_code,
             self.heartbeat_time and now - self.heartbeat_time, self.missed, self.serial_number,
             target)
 
     def forget(self) -> None:
         """Forget what was received, because the bus was gone; the home position is kept."""
         self.status = self.motion = self.condition = None
+        self._values.clear()
         self.nmt_state = self.heartbeat_time = None
         self.is_fresh = False
 
@@ -132,29 +158,62 @@ class AxisMonitor:
     def begin_supervision(self, now: float) -> None:
         """From now on silence is a fault."""
         self._supervised_since = now
+        self.has_restarted = False
         self.missed_in_a_row = 0
+        self.silent_tpdos = {one.name for one in self.tpdos}
 
     def end_supervision(self) -> None:
         """From now on silence, a boot-up and a fault mean nothing."""
         self._supervised_since = None
 
-    def receive_tpdo1(self, data: bytes, time: float, sync_time: float) -> Cause | None:
-        """
-        Take state, mode and position; fresh if they answer the newest SYNC.
+    def encode(self, command: AxisCommand, target: int) -> list[tuple[int, bytes]]:
+        """Return COB-ID and data of the RPDOs that carry a command and a target [counts]."""
+        if self.has_restarted:
+            return []
+        values = {0x6040: command.controlword, 0x6060: command.mode, 0x607A: target}
+        return [(cob_id, rpdo.encode(values)) for cob_id, rpdo in self._rpdos]
 
-        Returns why all must stop if the speed of a homed carriage seems to have changed faster
-        than it can.
+    def receive_tpdo(
+        self, tpdo: Pdo, data: bytes, time: float, sync_time: float
+    ) -> Cause | None:
+        """Receive process data; return why all must stop because of them, if they must."""
+        values = self._values
+        values.update(zip(tpdo.indices, tpdo.unpack(data), strict=True))
+        self.silent_tpdos.discard(tpdo.name)
+        if tpdo.carries(pdo.MOTION):
+            self.motion = MotionFrame(values.get(VELOCITY), values.get(FOLLOWING_ERROR))
+        if tpdo.carries(pdo.CONDITION):
+            self._receive_condition()
+        if tpdo.name not in self._answers:
+            return None
+        if time >= sync_time - SYNC_TOLERANCE:
+            self._unanswered.discard(tpdo.name)
+        self.is_fresh = not self._unanswered
+        if len(values.keys() & pdo.STATUS) < len(pdo.STATUS):
+            return None
+        before, self.status = self.status, StatusFrame(
+            values[STATUSWORD], values[MODE], values[POSITION])
+        if POSITION not in tpdo.indices:
+            return None
+        return self._receive_position(before, time)
+
+    def _receive_position(self, before: StatusFrame | None, time: float) -> Cause | None:
+        """
+        Return why all must stop because of a position, if they must.
+
+        The speed of a homed carriage must not seem to have changed faster than it can.
 
         """
-        before, self.status = self.status, decode_tpdo1(data)
         elapsed, self._status_time = time - self._status_time, time
-        self.is_fresh = time >= sync_time - SYNC_TOLERANCE
         if before is None:
             self._speed = 0.0
             return None
         elapsed = max(elapsed, self._settings.period)
         counts = self.status.position_counts - before.position_counts
         expected, self._speed = self._speed * elapsed, counts / elapsed
+        if not self._sends_velocity:
+            self._values[VELOCITY] = round(self._speed * self.axis.velocity_units_per_count)
+            self.motion = MotionFrame(self._values[VELOCITY], self._values.get(FOLLOWING_ERROR))
         if not self.homed or abs(counts - expected) <= self._least_jump:
             return None
         jump = abs(self.axis.to_metres(counts - expected))
@@ -167,15 +226,13 @@ class AxisMonitor:
             'no longer be trusted', remedy='clear the faults, home, then activate',
             cut_power=True)
 
-    def receive_tpdo2(self, data: bytes) -> None:
-        """Receive velocity and following error."""
-        self.motion = decode_tpdo2(data)
-
-    def receive_tpdo3(self, data: bytes) -> None:
+    def _receive_condition(self) -> None:
         """Receive error code, torque and inputs."""
-        self.condition = decode_tpdo3(data)
+        values = self._values
+        self.condition = ConditionFrame(
+            values.get(ERROR_CODE), values.get(TORQUE), values.get(INPUTS))
         if self.status is not None and self.status.statusword & Status.FAULT:
-            self.error_code = self.error_code or self.condition.error_code
+            self.error_code = self.error_code or self.condition.error_code or 0
 
     def receive_emergency(self, data: bytes) -> Cause | None:
         """Receive an emergency message; return why all must stop, None if an error is gone."""
@@ -217,8 +274,10 @@ class AxisMonitor:
             self.missed += 1
             self.missed_in_a_row += 1
         self.is_fresh = False
+        self._unanswered = set(self._answers)
         status = self.status or _NOTHING_RECEIVED
-        at_rest = self.motion is not None and abs(self.motion.velocity) < self._rest_speed
+        velocity = self.motion.velocity if self.motion else None
+        at_rest = velocity is not None and abs(velocity) < self._rest_speed
         home_error = self._home_error(status) if status.mode == Mode.HOMING else 0.0
         return Feedback(status.statusword, status.mode, at_rest, self.error_code, home_error)
 
@@ -247,6 +306,7 @@ class AxisMonitor:
     def _boot(self) -> Cause | None:
         self.boot_ups += 1
         self.distrust()
+        self.has_restarted = self._supervised_since is not None
         return self._supervised(
             f'{self.title} has restarted by itself and has lost its position',
             remedy=CONFIGURE_REMEDY + ', home, then activate', configure_again=True,
@@ -269,6 +329,11 @@ def silences(monitors: Sequence[AxisMonitor], read_until: float) -> list[Cause]:
     if len(causes) == len(monitors):
         return [Cause(f'no drive answers any more: {causes[0].message}', BUS_REMEDY)]
     return causes
+
+
+def _converted(convert: Callable[[int], float], value: int | None) -> float | None:
+    """Return a value in SI units, None for one that the drive does not send."""
+    return None if value is None else convert(value)
 
 
 def _jump_bound(axis: AxisSettings, elapsed: float) -> float:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 import csv
+from dataclasses import replace
 import io
 from itertools import count
 import logging
@@ -21,7 +22,7 @@ from typing import NamedTuple
 import zipfile
 
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, Cause
+from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, Cause, load_profile
 from facade_manipulator.errors import InputError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.parameters import parameter, settings
@@ -95,33 +96,30 @@ def candump_lines(frames: Iterable[Recorded], channel: str) -> Iterator[str]:
         yield f'({stamp:.6f}) {channel} {cob_id:03X}#{data.hex().upper()}\n'
 
 
-# values of a frame in the table: name, and how an axis turns the raw value into it
-_COLUMNS: dict[str, tuple[tuple[str, Callable[[AxisSettings, int], object]], ...]] = {
-    'RPDO1': (
-        ('controlword', lambda axis, raw: f'{raw:04X}h'),
-        ('commanded mode', lambda axis, raw: raw),
-        ('target [m]', lambda axis, raw: f'{axis.to_metres(raw):.6f}')),
-    'TPDO1': (
-        ('statusword', lambda axis, raw: f'{raw:04X}h'),
-        ('mode', lambda axis, raw: raw),
-        ('position [m]', lambda axis, raw: f'{axis.to_metres(raw):.6f}')),
-    'TPDO2': (
-        ('velocity [m/s]', lambda axis, raw: f'{axis.speed_to_metres(raw):.5f}'),
-        ('following error [m]', lambda axis, raw: f'{axis.to_metres(raw):.6f}')),
-    'TPDO3': (
-        ('error code', lambda axis, raw: f'{raw:04X}h'),
-        ('force [N]', lambda axis, raw: f'{axis.to_force(raw):.1f}'),
-        ('inputs', lambda axis, raw: f'{raw:08X}h')),
+# columns of the table by mapped object: name, and how an axis turns the raw value into it
+_COLUMNS: dict[int, tuple[str, Callable[[AxisSettings, int], object]]] = {
+    0x6040: ('controlword', lambda axis, raw: f'{raw:04X}h'),
+    0x6060: ('commanded mode', lambda axis, raw: raw),
+    0x607A: ('target [m]', lambda axis, raw: f'{axis.to_metres(raw):.6f}'),
+    0x6041: ('statusword', lambda axis, raw: f'{raw:04X}h'),
+    0x6061: ('mode', lambda axis, raw: raw),
+    0x6064: ('position [m]', lambda axis, raw: f'{axis.to_metres(raw):.6f}'),
+    0x606C: ('velocity [m/s]', lambda axis, raw: f'{axis.speed_to_metres(raw):.5f}'),
+    0x60F4: ('following error [m]', lambda axis, raw: f'{axis.to_metres(raw):.6f}'),
+    0x603F: ('error code', lambda axis, raw: f'{raw:04X}h'),
+    0x6077: ('force [N]', lambda axis, raw: f'{axis.to_force(raw):.1f}'),
+    0x60FD: ('inputs', lambda axis, raw: f'{raw:08X}h'),
 }
 
 
 def axis_table(frames: Iterable[Recorded], axes: tuple[AxisSettings, ...]) -> str:
     """Return a CSV table with a row per SYNC: what each axis was last commanded and last sent."""
-    names = [f'{axis} {name}' for axis in AXIS_NAMES
-             for columns in _COLUMNS.values() for name, _ in columns]
-    sources = {
-        one.cob_id(axis.node_id): (name, axis, one) for one in pdo.PDO_MAP
-        for name, axis in zip(AXIS_NAMES, axes, strict=True)}
+    names = [f'{axis} {name}' for axis in AXIS_NAMES for name, _ in _COLUMNS.values()]
+    sources = {}
+    for name, axis in zip(AXIS_NAMES, axes, strict=True):
+        profile = load_profile(axis.profile)
+        axis = replace(axis, velocity_unit=profile.velocity_unit)
+        sources.update({one.cob_id(axis.node_id): (name, axis, one) for one in profile.pdos})
     text = io.StringIO()
     writer = csv.DictWriter(text, ['time [s]', *names], lineterminator='\n')
     writer.writeheader()
@@ -139,9 +137,12 @@ def _values(name: str, axis: AxisSettings, source: pdo.Pdo, data: bytes) -> dict
         raw = source.unpack(data)
     except InputError:
         return {}
-    return {
-        f'{name} {column}': convert(axis, value)
-        for (column, convert), value in zip(_COLUMNS[source.name], raw, strict=True)}
+    found = {}
+    for index, value in zip(source.indices, raw, strict=True):
+        if index in _COLUMNS:
+            column, convert = _COLUMNS[index]
+            found[f'{name} {column}'] = convert(axis, value)
+    return found
 
 
 class FaultRecorder:

@@ -19,6 +19,7 @@ from facade_manipulator.errors import (
 
 CLOSING_TIMEOUT = 3.0
 STOP_AND_CUT = 2  # steps: what still moves is stopped before it loses its power
+SLOWEST = 20  # cycles in which each TPDO comes once
 MAX_BAD_CYCLES = 0.001  # of all
 
 
@@ -27,6 +28,7 @@ class Configure(Operation):
 
     state = ControllerState.CONFIGURING
     _job: Future | None = None
+    _deadline = 0.0
 
     def begin(self, now: float) -> str | None:
         """Open the bus; the worker does the rest."""
@@ -45,11 +47,18 @@ class Configure(Operation):
         if session.group is None:
             session.notes = tuple(result_of(self._job))
             session.start_cycle(now)
+            settings = session.settings
+            self._deadline = now + settings.step_timeout + SLOWEST * settings.period
         if session.is_stopped:
             if session.group.needs_configuration:
                 raise DriveTimeoutError(str(session.group.cause))
             return f'The drives are configured, but stopped: {session.group.cause}.'
-        return 'The drives are configured; the power is off.' if session.is_off else None
+        if session.silent_tpdos and now > self._deadline:
+            raise DriveTimeoutError(
+                f'{", ".join(session.silent_tpdos)} did not come in answer to SYNC: '
+                'correct pdos in the profile of the drive')
+        is_done = session.is_off and not session.silent_tpdos
+        return 'The drives are configured; the power is off.' if is_done else None
 
     def give_up(self) -> None:
         """Close the bus again."""
@@ -136,21 +145,34 @@ class SelfTest(Operation):
     state = ControllerState.TESTING
     name = 'self_test'
     _job: Future | None = None
+    _is_first = False
 
     def begin(self, now: float) -> None:
-        """Let the worker ask the drives."""
+        """Let the worker ask the drives; on a bus that is not open, for this test alone."""
         session = self.session
-        if self.group.is_powered:
+        if session.is_powered:
             raise DriveStateError('self_test is not possible while powered: deactivate first')
         if session.lost is not None:
             raise BusError(f'self_test is not possible, the bus is lost: {session.lost.message}')
-        self._job = session.worker.submit(session.connection.commissioning.inspect)
+        self._is_first = session.connection is None
+        if self._is_first:
+            session.open()
+            session.connection.exchange.transmits = False
+        self._job = session.worker.submit(
+            session.connection.commissioning.inspect, not self._is_first)
 
     def poll(self, now: float) -> list[Finding] | None:
         """Add what this side knows to what the drives said."""
         if not self._job.done():
             return None
-        return [*result_of(self._job), self._bus(), self._cycle(), self._stop()]
+        findings = [*result_of(self._job), self._bus(), self._cycle(), self._stop()]
+        self.give_up()
+        return findings
+
+    def give_up(self) -> None:
+        """Close the bus if it was opened for the test."""
+        if self._is_first:
+            self.session.let_go()
 
     def _bus(self) -> Finding:
         bus = self.session.connection.bus.statistics

@@ -18,6 +18,7 @@ from facade_manipulator.drives.canopen import (
     CanBus,
     Condition,
     NmtCommand,
+    sdo_request_cob_id,
     SdoChannel,
 )
 from facade_manipulator.drives.cia402 import (
@@ -44,6 +45,7 @@ from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, Co
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
 from facade_manipulator.errors import BusError, DriveStateError
 
+FORGET_MASTER_HEARTBEAT = bytes.fromhex('2316100100000000')  # 1016h:01 = 0, answer not awaited
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
 _NO_TARGETS = (None, None, None)
 
@@ -119,8 +121,9 @@ class Session:
     ) -> None:
         check_axes(axes)
         self.settings = settings
-        self.bus_load = check_bus_load(settings, bus.bitrate)
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
+        self.bus_load = check_bus_load(
+            settings, bus.bitrate, tuple(profile.pdos for profile in self._profiles))
         self.axes = tuple(
             replace(axis, velocity_unit=profile.velocity_unit)
             for axis, profile in zip(axes, self._profiles, strict=True))
@@ -139,8 +142,9 @@ class Session:
         self.lost: LostBus | None = None
         self.notes: tuple[str, ...] = ()
         self.monitors = tuple(
-            AxisMonitor(name, axis, self.settings)
-            for name, axis in zip(AXIS_NAMES, self.axes, strict=True))
+            AxisMonitor(name, axis, self.settings, profile.pdos)
+            for name, axis, profile in zip(
+                AXIS_NAMES, self.axes, self._profiles, strict=True))
 
     @property
     def is_powered(self) -> bool:
@@ -167,6 +171,12 @@ class Session:
     def unhomed(self) -> list[str]:
         """Names of the axes that must be homed."""
         return [monitor.name for monitor in self.monitors if not monitor.homed]
+
+    @property
+    def silent_tpdos(self) -> list[str]:
+        """Process data that have not come yet since the cycle was started."""
+        return [f'{name} of {monitor.title}'
+                for monitor in self.monitors for name in sorted(monitor.silent_tpdos)]
 
     def has_done(self, phase: Phase) -> bool:
         """Return whether all drives are where a phase wants them."""
@@ -249,14 +259,22 @@ class Session:
         if self.connection is not None:
             self.connection.exchange.stop()
             self._leave_operational()
+        self.let_go()
+
+    def let_go(self) -> None:
+        """Close the bus without a word to the drives, forget everything."""
+        if self.connection is not None:
             self.connection.close()
         self.collector.stop()
         self._forget()
 
     def _leave_operational(self) -> None:
+        """Let the drives miss nobody from now on, so that none reports a lost master."""
         try:
             for axis in self.axes:
                 send_nmt(self.connection.bus, NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
+                self.connection.bus.send(
+                    sdo_request_cob_id(axis.node_id), FORGET_MASTER_HEARTBEAT)
         except BusError:
             pass  # the drives notice the missing heartbeat by themselves
 

@@ -10,6 +10,7 @@ IEC 61800-7-201 (CiA 402-2): finite state automaton, option codes 6007h, 605Ah, 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 import math
 
 from canopen import SdoAbortedError
@@ -83,6 +84,8 @@ class SimulatedAxis:
         self._motor = motor
         self._quirks = profile.quirks
         self._units = scale.velocity_units_per_count
+        self._motor_speed_units = replace(
+            scale, velocity_unit=profile.motor_speed_unit).velocity_units_per_count
         self._report = report
         self._supervision = SimulatedSupervision(store, motor, report)
         self.reference = Reference(motor)
@@ -279,7 +282,8 @@ class SimulatedAxis:
 
     def _limits(self) -> tuple[float, float]:
         values = self._values
-        speed = min(values[0x607F, 0], values[0x6080, 0]) / self._units
+        speed = min(values[0x607F, 0] / self._units,
+                    values[0x6080, 0] / self._motor_speed_units)
         acceleration = max(values[0x60C5, 0] / self._units, 1.0)
         if self._stop is not None:
             acceleration = math.inf

@@ -136,3 +136,45 @@ def test_a_profile_may_lie_outside_the_package(tmp_path):
     (0xFB, 'epos4'), (0, 'simulated'), (12345, 'generic_cia402'), (None, 'generic_cia402')])
 def test_the_maker_finds_the_profile(vendor, name):
     assert fitting_profile(vendor) == name
+
+
+# --- process data
+
+@pytest.mark.parametrize('name', NAMES)
+def test_the_profiles_of_the_package_state_the_map_of_a_drive_with_free_mapping(name):
+    assert load_profile(name).pdos == pdo.PDO_MAP
+
+
+def test_a_profile_without_process_data_has_the_map_of_a_drive_with_free_mapping(tmp_path):
+    data = entry('simulated')
+    del data['pdos'], data['motor_speed_unit']
+    write(tmp_path, data)
+    profile = load_profile('mine', tmp_path)
+    assert profile.pdos == pdo.PDO_MAP
+    assert profile.motor_speed_unit == profile.velocity_unit
+
+
+def test_an_object_of_no_use_keeps_its_place_in_a_constant_mapping(tmp_path):
+    write(tmp_path, entry('simulated', pdos={
+        'RPDO3': [0x6040, 0x6060, 0x607A],
+        'TPDO1': [{'index': 0x2000, 'subindex': 3, 'bits': 8}, 0x6041, 0x6061, 0x6064]}))
+    rpdo, tpdo = load_profile('mine', tmp_path).pdos
+    assert (rpdo.number, rpdo.is_transmitted, rpdo.communication_index) == (3, False, 0x1402)
+    assert tpdo.content[0].mapping == 0x20000308
+    assert tpdo.unpack(bytes([9, 0x37, 2, 8, 1, 0, 0, 0])) == (9, 0x237, 8, 1)
+
+
+@pytest.mark.parametrize('changes, message', [
+    ({'TPDO1': [0x6041, 0x6061]}, 'no TPDO carries object 6064'),
+    ({'RPDO1': [0x6040, 0x607A]}, 'no RPDO carries object 6060'),
+    ({'RPDO1': [0x6040, 0x6060, 0x607A, 0x6064]}, 'RPDO1 carries 24676, which is none of 0x6040'),
+    ({'TPDO2': [0x2000]}, 'state index, subindex and bits'),
+    ({'TPDO2': [{'index': 0x2000, 'subindex': 0, 'bits': 7}]}, 'has 7 bits, not 8, 16 or 32'),
+    ({'TPDO5': []}, 'pdos has the unknown entry TPDO5'),
+    ({'TPDO1': [0x6041, 0x6061, 0x6064, 0x6077]}, 'TPDO1 has 9 bytes, bound 8'),
+])
+def test_process_data_that_cannot_be_are_rejected_with_the_reason(tmp_path, changes, message):
+    pdos = entry('simulated')['pdos']
+    write(tmp_path, entry('simulated', pdos=pdos | changes))
+    with pytest.raises(ParameterError, match=message):
+        load_profile('mine', tmp_path)

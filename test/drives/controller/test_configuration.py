@@ -42,6 +42,7 @@ class Objects:
     def __init__(self) -> None:
         self.values = {}
         self.rejected = {}
+        self.constant = {}
         self.kept = {}
         self.silent = False
         self.written = []
@@ -52,6 +53,8 @@ class Objects:
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         self._require(index, subindex)
+        if (index, subindex) in self.constant:
+            raise SdoAbortError('it is read-only', self.constant[index, subindex])
         self.written.append((index, subindex))
         self.values[index, subindex] = data
 
@@ -103,6 +106,41 @@ def test_an_optional_object_that_is_rejected_for_another_reason_is_not_skipped(d
         write_objects(drive, [Write(0x60C5, 0, 1, required=False)])
 
 
+def test_an_object_that_cannot_be_written_is_accepted_where_its_value_is_right(drive):
+    drive.constant[0x6065, 0] = READ_ONLY
+    drive.values[0x6065, 0] = (17280).to_bytes(4, 'little')
+    assert write_objects(drive, [Write(0x6065, 0, 17280)]) == []
+    with pytest.raises(DriveObjectError, match='6065h:00 reads back as 17280 .* instead of 7 .*'):
+        write_objects(drive, [Write(0x6065, 0, 7)])
+
+
+def test_all_that_is_wrong_is_named_at_once(drive):
+    drive.rejected[0x60C5, 0] = ABSENT
+    drive.constant[0x6065, 0] = READ_ONLY
+    drive.kept[0x607F, 0] = (100).to_bytes(4, 'little')
+    with pytest.raises(DriveObjectError) as rejection:
+        write_objects(drive, [
+            Write(0x60C5, 0, 1), Write(0x6065, 0, 2), Write(0x6060, 0, 300, size=1),
+            Write(0x607F, 0, 4), Write(0x6080, 0, 5)])
+    for problem in ('60C5h:00', '6065h:00 reads back as 0', '300 does not fit',
+                    '607Fh:00 reads back as 100'):
+        assert problem in str(rejection.value)
+    assert '6080h' not in str(rejection.value)
+    assert (0x6080, 0) in drive.values
+
+
+def test_a_constant_mapping_is_accepted_where_it_is_right(drive):
+    for pdo in PDO_MAP:
+        for index, subindex, value, size in pdo.configure_writes(2):
+            if index == pdo.mapping_index:
+                drive.values[index, subindex] = value.to_bytes(size, 'little')
+                drive.constant[index, subindex] = READ_ONLY
+    write_objects(drive, pdo_writes(2, 100))
+    drive.values[0x1A01, 1] = (0x60640020).to_bytes(4, 'little')
+    with pytest.raises(DriveObjectError, match='1A01h:01 reads back as'):
+        write_objects(drive, pdo_writes(2, 100))
+
+
 def test_a_silent_drive_is_a_time_out(drive):
     drive.silent = True
     with pytest.raises(DriveTimeoutError):
@@ -149,6 +187,16 @@ def test_the_safety_objects_have_the_values_of_the_settings():
     assert values['heartbeat_time'] == 50
     assert values['interpolation_period'] == 10
     assert values['following_error_window'] == round(0.02 * 430_000)
+
+
+@pytest.mark.parametrize('unit, value', [
+    ('rpm', 0.5 / 0.02 * 4.3 * 60.0), ('micrometres_per_second', 0.5e6),
+    ('tenth_micrometres_per_second', 5e6), (None, 0.5 * 430_000)])
+@pytest.mark.parametrize('direction', [1, -1])
+def test_the_speed_of_the_motor_is_in_the_unit_of_its_profile(unit, value, direction):
+    values = quantities(AxisSettings(max_speed=0.5, direction=direction), SETTINGS, unit)
+    assert values['max_motor_speed'] == round(value)
+    assert values['max_velocity'] == round(0.5 * 430_000)
 
 
 @given(st.sampled_from([1, -1]), st.floats(-1.0, 0.4), st.floats(0.01, 1.0))
@@ -217,6 +265,19 @@ def test_the_identity_is_read_from_the_objects_of_cia_301(drive):
             ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 4)), GENUINE, strict=True):
         drive.values[index, subindex] = value.to_bytes(4, 'little')
     assert read_identity(drive) == GENUINE
+
+
+def test_of_the_identity_only_the_vendor_must_be_there(drive):
+    drive.values[0x1000, 0], drive.values[0x1018, 1] = b'\x92\x01\x02\x00', b'\xfb\0\0\0'
+    drive.rejected[0x1018, 2] = drive.rejected[0x1018, 4] = ABSENT
+    found = read_identity(drive)
+    assert found == Identity(0x00020192, 0xFB, None, None)
+    check_identity('q2', found, AxisSettings(node_id=2), {})
+    with pytest.raises(DriveIdentityError, match='has no product_code: set the configured 7 to 0'):
+        check_identity('q2', found, AXIS, SERIALS)
+    drive.rejected[0x1018, 1] = ABSENT
+    with pytest.raises(SdoAbortError):
+        read_identity(drive)
 
 
 def test_the_configured_drive_is_accepted():

@@ -1,0 +1,153 @@
+"""Drives whose process data and objects are not those of the package's own profiles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from canopen import SdoAbortedError
+from drive_rig import MOVING
+import pytest
+from support import wait_until
+import yaml
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.simulated.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.drives.simulated.motor import SimulationSettings
+from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
+from facade_manipulator.resources import config_path
+
+READ_ONLY = 0x06010002
+MAPS = {
+    'one of the least': {
+        'RPDO1': [0x6040, 0x6060, 0x607A], 'TPDO1': [0x6041, 0x6061, 0x6064]},
+    'that of CiA 402': {
+        'RPDO2': [0x6040, 0x6060], 'RPDO3': [0x6040, 0x607A],
+        'TPDO2': [0x6041, 0x6061], 'TPDO3': [0x6041, 0x6064]},
+    'with an object of no use': {
+        'RPDO1': [0x607A, 0x6040, 0x6060],
+        'TPDO4': [0x6064, {'index': 0x1001, 'subindex': 0, 'bits': 8}, 0x6061, 0x6041],
+        'TPDO1': [0x606C]},
+}
+UNMAPPED = (0x606C, 0x60F4, 0x603F, 0x6077)
+
+
+def axes_with(directory, **changes):
+    """Return axes with a profile of their own."""
+    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
+    data.update(eds=str(config_path('drives/cia402.eds')), **changes)
+    path = directory / 'mine.yaml'
+    path.write_text(yaml.safe_dump(data, sort_keys=False))
+    return tuple(replace(axis, profile=str(path)) for axis in DEFAULT_AXES)
+
+
+def move(rig):
+    """Home, activate and move for a while; the drives end without power."""
+    rig.do('configure', 'home')
+    rig.source.speed = MOVING
+    rig.do('activate')
+    wait_until(lambda: rig.controller.snapshot().axes[1].position > 0.12, 'motion')
+    wait_until(lambda: 0.5 * MOVING < rig.controller.snapshot().axes[1].velocity < 2.0 * MOVING,
+               'its velocity')
+    rig.do('deactivate')
+
+
+@pytest.mark.parametrize('name', MAPS)
+def test_drives_with_another_map_are_configured_homed_and_moved(make_rig, tmp_path, name):
+    lacks = UNMAPPED if 'least' in name else ()
+    axes = axes_with(tmp_path, pdos=MAPS[name])
+    rig = make_rig(axes=axes, drives=simulated_drives(
+        axes, SimulationSettings(missing_objects=lacks)))
+    move(rig)
+    assert rig.state is ControllerState.INACTIVE
+    assert [rig.controller.snapshot().axes[0].force,
+            rig.controller.snapshot().axes[0].following_error] == [None, None]
+
+
+def make_constant(drive: SimulatedDrive, profile: str) -> None:
+    """Let a drive have its mapping, and let nobody change it."""
+    def reject(*_):
+        raise SdoAbortedError(READ_ONLY)
+
+    objects = drive.objects
+    for one in load_profile(profile).pdos:
+        for index, subindex, value, _ in one.configure_writes(drive.node_id):
+            if index == one.mapping_index:
+                objects.defaults[index, subindex] = objects.values[index, subindex] = value
+                objects.writers[index, subindex] = reject
+
+
+def test_a_constant_mapping_is_accepted_where_it_is_the_profiles(make_rig, tmp_path):
+    axes = axes_with(tmp_path)
+    drives = simulated_drives(axes)
+    for drive in drives:
+        make_constant(drive, axes[0].profile)
+    rig = make_rig(axes=axes, drives=drives)
+    move(rig)
+    with rig.simulator.access():
+        drives[2].objects.defaults[0x1A00, 3] = 0x606C0020
+    rig.do('cleanup')
+    with pytest.raises(DriveObjectError) as rejection:
+        rig.do('configure')
+    assert '1A00h:03 reads back as 1617690656' in str(rejection.value)
+    assert 'read only' in str(rejection.value)
+
+
+def spoil(rig):
+    """Let two drives lack, or insist on, several objects."""
+    with rig.simulator.access() as drives:
+        for drive, keys in ((drives[0], [(0x6065, 0), (0x607F, 0)]), (drives[2], [(0x6085, 0)])):
+            for key in keys:
+                drive.objects.writers[key] = lambda *_: (_ for _ in ()).throw(
+                    SdoAbortedError(READ_ONLY))
+
+
+def test_all_that_is_wrong_with_all_drives_is_said_at_once(rig):
+    spoil(rig)
+    message = rig.rejection('configure')
+    for place in ('q1 (node 1): object 6065h:00', 'q1 (node 1): object 607Fh:00',
+                  'q3 (node 3): object 6085h:00'):
+        assert place in message
+    assert 'q2' not in message
+
+
+def test_before_drives_are_configured_the_self_test_says_what_they_lack(make_rig, tmp_path):
+    axes = axes_with(tmp_path)
+    drives = simulated_drives(axes, SimulationSettings(missing_objects=(0x6065, 0x60F4)))
+    rig = make_rig(axes=axes, drives=drives)
+    findings = {finding.name: finding for finding in rig.do('self_test')}
+    assert findings['q1 identity'].passed
+    assert not findings['q1 objects'].passed
+    assert '6065h:00' in findings['q1 objects'].message
+    assert rig.state is ControllerState.UNCONFIGURED
+    assert 'q1 (node 1) rejects object 6065h:00' in rig.rejection('configure')
+
+
+def test_before_drives_are_configured_the_self_test_changes_nothing(rig):
+    rig.frames()
+    findings = {finding.name: finding for finding in rig.do('self_test')}
+    assert findings['q2 objects'].passed
+    assert 'configure will change' in findings['q2 objects'].message
+    frames = rig.frames()
+    assert {frame.arbitration_id for frame in frames if frame.arbitration_id < 0x580} == set()
+    assert {frame.data[0] & 0xE0 for frame in frames if 0x600 < frame.arbitration_id < 0x680} <= {
+        0x40, 0x60, 0x80}  # upload, its segments, abort: no download
+    assert 0x77F not in {frame.arbitration_id for frame in frames}
+    rig.do('configure')
+
+
+def silence(drive: SimulatedDrive, cob_id: int) -> None:
+    """Let a drive keep one of its TPDOs to itself."""
+    answer = drive.receive
+    drive.receive = lambda *frame: [
+        (sent, data) for sent, data in answer(*frame) if sent != cob_id]
+
+
+def test_process_data_that_do_not_come_are_named_at_configure(rig):
+    with rig.simulator.access() as drives:
+        silence(drives[1], pdo.TPDO3.cob_id(2))
+    with pytest.raises(DriveTimeoutError, match=r'TPDO3 of q2 \(node 2\) did not come'):
+        rig.do('configure')
+    assert rig.state is ControllerState.UNCONFIGURED
