@@ -282,7 +282,7 @@ def verify_objects(drive: Objects, writes: list[Write]) -> None:
     _require_no(found.lacking + [message for _, message in found.different])
 
 
-class Comparison(NamedTuple):
+class Deviations(NamedTuple):
     """
     What is not as it is to be written.
 
@@ -302,7 +302,7 @@ class Comparison(NamedTuple):
     skipped: list[Write]
 
 
-def compare_objects(drive: Objects, writes: list[Write]) -> Comparison:
+def compare_objects(drive: Objects, writes: list[Write]) -> Deviations:
     """
     Read objects and compare them with what is to be written.
 
@@ -312,7 +312,7 @@ def compare_objects(drive: Objects, writes: list[Write]) -> Comparison:
         The drive does not answer.
 
     """
-    found = Comparison([], [], [])
+    found = Deviations([], [], [])
     for write in writes:
         if not write.compared:
             continue
