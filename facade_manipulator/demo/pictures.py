@@ -31,20 +31,32 @@ TOO_SHORT = 'too short for figures: no goal stood long enough'
 
 
 def draw_time_courses(path: Path, course: TimeCourse, axes: dict[str, dict]) -> None:
-    """Draw goal, disturbance and error on the wall over the run, with the summary's figures."""
-    figure = Figure(figsize=(10, 9), layout='constrained')
-    panels = figure.subplots(3, 1, sharex=True)
-    for i, (panel, result) in enumerate(zip(panels, axes.values(), strict=True)):
-        draw_course(panel, course.times, SCALES[i] * course.uncompensated[:, i],
-                    SCALES[i] * course.errors[:, i])
-        goals = SCALES[i] * course.goals[:, i]
-        panel.plot(course.times, goals - goals[0], color=GOAL, lw=1.0, ls='--',
-                   label='goal, from its first position')
-        label(panel, '', TITLES[i])
-        panel.set_title(_figures(result, i), loc='left', fontsize=10)
-    panels[0].legend(loc='upper right', ncols=3, frameon=False, bbox_to_anchor=(1.0, 1.2))
-    panels[-1].set_xlabel('time since the first goal [s]')
-    figure.suptitle('The head on the wall while the gondola sways', fontsize=13)
+    """
+    Draw the error on the wall over the run, with and without, and alone on a scale of its own.
+
+    It is that from the head's path to the goal; with the summary's figures.
+    """
+    figure = Figure(figsize=(13, 9), layout='constrained')
+    panels = figure.subplots(3, 2, sharex=True, width_ratios=(1.2, 1.0))
+    without, errors = course.carried(course.references), course.heads - course.references
+    for i, (pair, result) in enumerate(zip(panels, axes.values(), strict=True)):
+        draw_course(pair[0], course.times, SCALES[i] * without[:, i], SCALES[i] * errors[:, i])
+        pair[1].plot(course.times, SCALES[i] * errors[:, i], color=WITH, lw=0.8)
+        for panel in pair:
+            panel.fill_between(
+                course.times, 0.0, 1.0, ~course.settled, transform=panel.get_xaxis_transform(),
+                color=GOAL, alpha=0.12, lw=0.0, label='on the way to the next goal')
+            label(panel, '', TITLES[i])
+        if course.settled.any():
+            most = 1.5 * SCALES[i] * np.abs(errors[course.settled, i]).max()
+            pair[1].set_ylim(-most, most)
+        pair[0].set_title(_figures(result, i), loc='left', fontsize=10)
+    panels[0, 1].set_title('the error alone, magnified', loc='left', fontsize=10)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
+                  frameon=False)
+    for panel in panels[-1]:
+        panel.set_xlabel('time since the first goal [s]')
+    figure.suptitle('How far the head is from where it should be on the wall', fontsize=13)
     save(figure, path)
 
 
@@ -52,7 +64,7 @@ def draw_spectrum(path: Path, course: TimeCourse) -> None:
     """Draw amplitudes and attenuation against the frequency, of each axis."""
     times = np.linspace(course.times[0], course.times[-1], len(course.times))
     settled = np.interp(times, course.times, course.settled) > 0.5
-    swaying = course.disturbance_at(course.goals.mean(axis=0))  # a goal's step makes it no jump
+    swaying = course.carried(course.goals.mean(axis=0))  # a goal's step makes it no jump
     figure = Figure(figsize=(13, 7), layout='constrained')
     panels = figure.subplots(2, 3, sharex=True, sharey='row')
     for i, title in enumerate(TITLES):
@@ -82,7 +94,7 @@ def draw_paths(path: Path, course: TimeCourse) -> None:
     wide, *close = figure.subplot_mosaic(
         [['wide', 'wide'], ['without', 'with']], height_ratios=(1.0, 1.1)).values()
     wide.plot(*(1e3 * course.heads[:, :2].T), color=WITH, lw=0.5, alpha=0.5,
-              label='head, goals included')
+              label='head, on its way')
     counts = course.settled
     draw_path(wide, course.heads[counts], course.errors[counts], course.uncompensated[counts])
     wide.set_title('on the wall' if counts.any() else TOO_SHORT, fontsize=10)

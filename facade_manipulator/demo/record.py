@@ -11,7 +11,8 @@ import numpy as np
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
-from facade_manipulator.kinematics import compose, invert, Pose, Wrench
+from facade_manipulator.kinematics import compose, invert, Pose, subtract, Wrench
+from facade_manipulator.motion import TimedBuffer
 from facade_manipulator.ros import planar_pose, planar_wrench, RELIABLE, seconds
 from facade_manipulator.simulation import Facade
 
@@ -23,12 +24,17 @@ GOAL_STEP = 1e-6
 
 
 class RunSample(NamedTuple):
-    """One moment: stamp [s], head on the wall, its error, and the error without compensation."""
+    """
+    One moment: stamp [s], head on the wall, its error, and the error without compensation.
+
+    `reference` is where on its path to the goal the head should be; the goal where none is known.
+    """
 
     time: float
     head: Pose
     error: Pose
     uncompensated: Pose
+    reference: Pose
 
 
 class TimeCourse(NamedTuple):
@@ -39,7 +45,7 @@ class TimeCourse(NamedTuple):
     ----------
     times : numpy.ndarray, shape (n,)
         Since the first goal [s].
-    heads, errors, uncompensated : numpy.ndarray, shape (n, 3)
+    heads, errors, uncompensated, references : numpy.ndarray, shape (n, 3)
     settled : numpy.ndarray of bool, shape (n,)
         Whether the goal had stood for long enough to count.
 
@@ -49,6 +55,7 @@ class TimeCourse(NamedTuple):
     heads: np.ndarray
     errors: np.ndarray
     uncompensated: np.ndarray
+    references: np.ndarray
     settled: np.ndarray
 
     @property
@@ -61,9 +68,11 @@ class TimeCourse(NamedTuple):
         return [compose(Pose(*carried), invert(Pose(*goal)))
                 for carried, goal in zip(self.goals + self.uncompensated, self.goals, strict=True)]
 
-    def disturbance_at(self, point: np.ndarray) -> np.ndarray:
-        """Return the error without compensation of a goal that stands all the time, (n, 3)."""
-        return np.array([compose(rail, Pose(*point)) for rail in self.rails()]) - point
+    def carried(self, points: np.ndarray) -> np.ndarray:
+        """Return how far the gondola carries points on the wall, shape (n, 3) or (3,)."""
+        points = np.broadcast_to(points, self.heads.shape)
+        return np.array([compose(rail, Pose(*point)) for rail, point in zip(
+            self.rails(), points, strict=True)]) - points
 
 
 class Thinned:
@@ -105,9 +114,12 @@ class Recorder:
         self._newest: deque[RunSample] = deque(maxlen=NEWEST)
         self._whole = Thinned()
         self._wrenches: deque[tuple[float, Wrench]] = deque(maxlen=NEWEST)
+        self._references: TimedBuffer[Pose] = TimedBuffer()
         for part in PARTS:
             node.create_subscription(
                 PoseStamped, f'gondola_simulator/{part}', self._receiver(part), RELIABLE)
+        node.create_subscription(
+            PoseStamped, 'compensator/reference', self._receive_reference, RELIABLE)
         node.create_subscription(
             WrenchStamped, 'contact_wrench', self._receive_wrench, qos_profile_sensor_data)
 
@@ -139,11 +151,11 @@ class Recorder:
     def _course(self, samples: Iterable[RunSample]) -> TimeCourse:
         rows = list(samples)
         times = np.array([sample.time for sample in rows]) - (self._begin or 0.0)
-        heads, errors, uncompensated = (
+        heads, errors, uncompensated, references = (
             np.array([getattr(sample, part) for sample in rows]).reshape(-1, 3)
             for part in RunSample._fields[1:])
-        return TimeCourse(times, heads, errors, uncompensated,
-                      settled(times, heads - errors, self._settling_time))
+        return TimeCourse(times, heads, errors, uncompensated, references,
+                          settled(times, heads - errors, self._settling_time))
 
     def _receiver(self, part: str) -> Callable[[PoseStamped], None]:
         return lambda message: self._receive(part, message)
@@ -153,7 +165,9 @@ class Recorder:
         parts = self._waiting.setdefault(time, {})
         parts[part] = planar_pose(message.pose, part)
         if len(parts) == len(PARTS):
-            self._add(RunSample(time, *(parts[name] for name in PARTS)))
+            head, error, uncompensated = (parts[name] for name in PARTS)
+            self._add(RunSample(time, head, error, uncompensated,
+                                self._reference(time) or subtract(head, error)))
             del self._waiting[time]
         elif len(self._waiting) > LONGEST_WAIT:
             del self._waiting[next(iter(self._waiting))]
@@ -165,6 +179,18 @@ class Recorder:
             self._begin = sample.time
         self._newest.append(sample)
         self._whole.append(sample)
+
+    def _receive_reference(self, message: PoseStamped) -> None:
+        self._references.append(
+            seconds(message.header.stamp), planar_pose(message.pose, 'reference'))
+
+    def _reference(self, time: float) -> Pose | None:
+        before, after = self._references.around(time)
+        if before is None or after is None:
+            return before and before[1]
+        (begin, a), (end, b) = before, after
+        share = (time - begin) / (end - begin)
+        return Pose(*(p + share * (q - p) for p, q in zip(a, b, strict=True)))
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
         self._wrenches.append((seconds(message.header.stamp), planar_wrench(message)))
