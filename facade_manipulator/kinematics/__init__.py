@@ -13,11 +13,6 @@ from facade_manipulator.kinematics.certify import (
     check_carriages,
     MIN_CONDITIONING,
 )
-from facade_manipulator.kinematics.conditioning import (
-    check_characteristic_length,
-    local_conditioning_index,
-    squared_index,
-)
 from facade_manipulator.kinematics.forward import forward_kinematics
 from facade_manipulator.kinematics.geometry import (
     Carriages,
@@ -31,10 +26,13 @@ from facade_manipulator.kinematics.inverse import inverse_kinematics, links
 from facade_manipulator.kinematics.jacobian import (
     branch_number,
     carriage_velocity,
+    check_characteristic_length,
     end_effector_force,
     jacobian,
+    local_conditioning_index,
     parallel_singularity,
     platform_velocity,
+    squared_index,
 )
 from facade_manipulator.kinematics.linkage import JointPoints, joints, Point
 from facade_manipulator.kinematics.mechanism import Mechanism, mechanism_of

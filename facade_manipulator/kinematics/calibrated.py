@@ -1,24 +1,19 @@
 """
 Kinematics of the mechanism as it was made: unlike links and halves, rail, tool and screws.
 
-The platform's middle joint P slides above A3. With p = Q1 − Q3 and r = Q2 − Q3 on the rail, the
-heights u1 = y − b1 s and u2 = y + b2 s and the projections s1 = p + b1 c and s2 = b2 c − r, the
-links close where s1² + u1² = l1² and s2² + u2² = l2². That leaves, as for equal lengths,
-y² = α + β c and y s = γ + δ c and so a cubic in c = cos θ.
-
 Inverse kinematics is closed. Forward kinematics begins at the nominal pose and takes Newton steps
-on the links until they vanish. Where these lead to no pose of the machine's branch, every root of
-the cubic is tried.
+on the links until they vanish. Where these lead to no pose of the machine's branch, every assembly
+mode is tried.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import atan2, cos, hypot, isfinite, sin, sqrt
+from math import cos, isfinite, sin, sqrt
 
 import numpy as np
 
 from facade_manipulator.errors import LimitError, UnreachableError
+from facade_manipulator.kinematics.assembly import closing, Lengths, Mode, modes, newton
 from facade_manipulator.kinematics.certify import (
     behind_rail,
     check_gap,
@@ -42,16 +37,12 @@ from facade_manipulator.kinematics.modes import WorkingMode
 from facade_manipulator.kinematics.planar import compose, invert, relative
 from facade_manipulator.kinematics.screw import Screw
 
-CONVERGED = 1e-8  # such a Newton step leaves its square
-STEPS = 20
 TAKE_UP_SPEED = 0.002  # m/s, below which a carriage does not rest on either flank of its screw
-_ROOT_TOLERANCE = 1e-6  # double roots split by √eps
-_SAME = 1e-7
 
 
 class CalibratedMechanism:
     """
-    The mechanism that was measured; `Mechanism` says what its methods answer.
+    The mechanism that was measured.
 
     Parameters
     ----------
@@ -61,10 +52,10 @@ class CalibratedMechanism:
 
     def __init__(self, geometry: Geometry) -> None:
         self.geometry = geometry
-        self._length1, self._length2 = (
-            geometry.link_length + error for error in geometry.link_errors)
-        self._half1, self._half2 = (
-            geometry.platform_half_length + error for error in geometry.platform_errors)
+        self._lengths = Lengths(
+            *(geometry.link_length + error for error in geometry.link_errors),
+            *(geometry.platform_half_length + error for error in geometry.platform_errors))
+        self._length1, self._length2, self._half1, self._half2 = self._lengths
         self._rail = Pose(0.0, 0.0, geometry.rail_angle)
         self._tool = Pose(*geometry.tool)
         self._platform_on_tool = invert(self._tool)
@@ -104,9 +95,8 @@ class CalibratedMechanism:
 
     def assembly_modes(self, carriages: Carriages) -> list[Pose]:
         """All real poses of the head, the platform's y descending."""
-        actual = self._checked_on_rail(carriages)
-        modes = sorted(self._modes(actual), key=lambda mode: (-mode.y, abs(mode.theta)))
-        return [self.head(mode) for mode in modes]
+        q1, q2, q3 = self._checked_on_rail(carriages)
+        return [self.head(Pose(q3, *mode)) for mode in modes(self._lengths, q1 - q3, q2 - q3)]
 
     def jacobian(self, pose: Pose) -> np.ndarray:
         """Jacobian from rates of the head to carriage rates, shape (3, 3)."""
@@ -209,86 +199,24 @@ class CalibratedMechanism:
 
     def _assembled(self, actual: Carriages) -> Pose:
         """Return the platform's pose on the machine's branch for carriages on the rail."""
+        q1, q2, q3 = actual
+        between = q1 - q3, q2 - q3
         try:
-            found = self._newton(actual, forward_kinematics(self.geometry, actual))
+            _, y, theta = forward_kinematics(self.geometry, actual)
+            found = newton(self._lengths, *between, y, theta)
         except LimitError:
             found = None
-        if found is not None and self._on_branch(actual, found):
-            return found
-        for mode in self._modes(actual):
-            if self._on_branch(actual, mode):
-                return mode
+        if found is not None and self._on_branch(between, found):
+            return Pose(q3, *found)
+        for mode in modes(self._lengths, *between):
+            if self._on_branch(between, mode):
+                return Pose(q3, *mode)
         forward_kinematics(self.geometry, actual)  # it has the plainer words, if it rejects too
         raise UnreachableError('assembly modes on the branch', 0, 1, '', 'below')
 
-    def _newton(self, actual: Carriages, start: Pose) -> Pose | None:
-        """Return where Newton's method on the closure converges; None if it does not."""
-        x, y, theta = start
-        for _ in range(STEPS):
-            at = self._closing(actual, y, theta)
-            sine, cosine, u1, u2, s1, s2 = at
-            number = self._branch_number(at) * (self._half1 + self._half2)
-            if number == 0.0:
-                return None
-            miss1 = s1 * s1 + u1 * u1 - self._length1 ** 2
-            miss2 = s2 * s2 + u2 * u2 - self._length2 ** 2
-            turn1 = self._half1 * (u1 * cosine + s1 * sine)
-            turn2 = self._half2 * (u2 * cosine - s2 * sine)
-            dy = -(miss1 * turn2 + miss2 * turn1) / number
-            dtheta = (miss1 * u2 - miss2 * u1) / number
-            y, theta = y + dy, theta + dtheta
-            if abs(dy) + abs(dtheta) <= CONVERGED:
-                return Pose(x, y, theta)
-        return None
-
-    def _closing(self, actual: Carriages, y: float, theta: float) -> Links:
-        """Return the links of carriages and a pose, whether they have their lengths or not."""
-        q1, q2, q3 = actual
-        sine, cosine = sin(theta), cos(theta)
-        return (sine, cosine, y - self._half1 * sine, y + self._half2 * sine,
-                q1 - q3 + self._half1 * cosine, self._half2 * cosine + q3 - q2)
-
-    def _on_branch(self, actual: Carriages, platform: Pose) -> bool:
-        at = self._closing(actual, platform.y, platform.theta)
-        return platform.y > 0.0 and at[4] > 0.0 and at[5] > 0.0 and self._branch_number(at) > 0.0
-
-    def _modes(self, actual: Carriages) -> Iterator[Pose]:
-        """Yield every pose of the platform in which the links can be joined, once."""
-        found: list[Pose] = []
-        for y, theta in self._candidates(actual):
-            mode = self._newton(actual, Pose(actual.q3, y, theta)) or Pose(actual.q3, y, theta)
-            if self._closes(actual, mode) and not any(_same(mode, other) for other in found):
-                found.append(mode)
-                yield mode
-
-    def _candidates(self, actual: Carriages) -> Iterator[tuple[float, float]]:
-        """Yield approximate (y, θ) of every root of the cubic, mirrors included."""
-        half1, half2 = self._half1, self._half2
-        p, r = actual.q1 - actual.q3, actual.q2 - actual.q3
-        sum_, rest1 = half1 + half2, self._length1 ** 2 - half1 ** 2 - p * p
-        rest2 = self._length2 ** 2 - half2 ** 2 - r * r
-        alpha, beta = (half2 * rest1 + half1 * rest2) / sum_, 2.0 * half1 * half2 * (r - p) / sum_
-        gamma, delta = (rest2 - rest1) / (2.0 * sum_), (half2 * r + half1 * p) / sum_
-        for root in np.roots([
-                beta, alpha + delta * delta, 2.0 * gamma * delta - beta, gamma * gamma - alpha]):
-            if abs(root.imag) > _ROOT_TOLERANCE or abs(root.real) > 1.0 + _ROOT_TOLERANCE:
-                continue
-            cosine = max(-1.0, min(1.0, float(root.real)))
-            y, sine = sqrt(max(0.0, alpha + beta * cosine)), sqrt(1.0 - cosine * cosine)
-            if gamma + delta * cosine < 0.0:
-                sine = -sine
-            yield y, atan2(sine, cosine)
-            yield -y, atan2(-sine, cosine)
-
-    def _closes(self, actual: Carriages, platform: Pose) -> bool:
-        _, _, u1, u2, s1, s2 = self._closing(actual, platform.y, platform.theta)
-        misses = hypot(u1, s1) - self._length1, hypot(u2, s2) - self._length2
-        return max(map(abs, misses)) <= 1e-10
-
-
-def _same(a: Pose, b: Pose) -> bool:
-    turn = a.theta - b.theta
-    return abs(a.y - b.y) + abs(sin(turn)) + abs(1.0 - cos(turn)) < _SAME
+    def _on_branch(self, between: tuple[float, float], mode: Mode) -> bool:
+        at = closing(self._lengths, *between, *mode)
+        return mode[0] > 0.0 and at[4] > 0.0 and at[5] > 0.0 and self._branch_number(at) > 0.0
 
 
 def _squared_index(y1: float, t1: float, y2: float, t2: float, length: float) -> float:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from math import sqrt
 
 from facade_manipulator.errors import CarriageGapError, SingularityError, StrokeLimitError
-from facade_manipulator.kinematics.conditioning import squared_index
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
 from facade_manipulator.kinematics.inverse import Links, links
-from facade_manipulator.kinematics.jacobian import branch_number
+from facade_manipulator.kinematics.jacobian import branch_number, squared_index
 
 # b over the index's unit of length: for the design that is 1 m, for a mechanism of another size it
 # grows with it, so that the same poses are well conditioned.

@@ -1,7 +1,13 @@
 """
 Forward kinematics of three carriage positions, on `math`.
 
-Of the cubic in `closure`, one root lies at or below −1; the greatest of the other two, where they
+For equal links and halves the cubic of `assembly` becomes, with D = q2 − q1, S = q1 + q2 − 2 q3,
+e = S²/4 and K0 = l² − b² − D²/4::
+
+    y²  = K0 − e + b D c,      y s = S (2 b c − D)/(4 b),      f(c) = 0,
+    f(c) = b D c³ + K0 c² − D (b + e/b) c + e (1 + D²/(4b²)) − K0.
+
+One root lies at or below −1; the greatest of the other two, where they
 are real, is the branch with N > 0 on which the machine is assembled. f is convex right of it and
 f(1) ≥ 0, so Newton's method descends to it from there without a bracket. Near θ = 0 the cubic is
 a parabola but for its last term: one Newton step from the parabola's root, where c is less, leads
@@ -13,9 +19,8 @@ from __future__ import annotations
 
 from math import atan2, cos, sin, sqrt
 
-from facade_manipulator.errors import UnreachableError
-from facade_manipulator.kinematics.assembly import assembly_modes
-from facade_manipulator.kinematics.closure import cubic, FARTHEST, newton_step
+from facade_manipulator.errors import SingularityError, UnreachableError
+from facade_manipulator.kinematics.assembly import assembly_modes, FARTHEST
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
 from facade_manipulator.kinematics.jacobian import parallel_singularity
 
@@ -60,10 +65,45 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     return _new_tuple(Pose, (q3, y, theta))
 
 
+def _cubic(
+    geometry: Geometry, left: float, right: float
+) -> tuple[float, float, float, float, float]:
+    """
+    Return the cubic f = f0 − f1 u + f2 u² − f3 u³ in u = 1 − cos θ, and y² at u = 0.
+
+    Near θ = 0, u keeps the digits that cos θ loses; y² falls by f3 u.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    left, right : float
+        q1 − q3 and q2 − q3 [m].
+
+    Returns
+    -------
+    f0, f1, f2, f3, y² : float
+        [m²].
+
+    """
+    length, half = geometry.link_length, geometry.platform_half_length
+    distance = right - left
+    e = 0.25 * (left + right) * (left + right)
+    slack = 1.0 - 0.5 * distance / half
+    product = half * distance
+    constant = (length - half) * (length + half) - 0.25 * distance * distance  # K0
+    return (
+        e * slack * slack,
+        2.0 * (product + constant) - e * distance / half,
+        3.0 * product + constant,
+        product,
+        constant + product - e,
+    )
+
+
 def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:
     """Return (y, θ) for left = q1 − q3 below right = q2 − q3."""
     half = geometry.platform_half_length
-    f0, f1, f2, f3, square = cubic(geometry, left, right)
+    f0, f1, f2, f3, square = _cubic(geometry, left, right)
     u = _greatest_root(f0, f1, f2, f3)
     square -= f3 * u
     if square <= 0.0:
@@ -76,11 +116,41 @@ def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]
     cosine /= norm
     if left + half * cosine <= 0.0 or half * cosine - right <= 0.0:
         raise _other_working_mode(left + half * cosine, half * cosine - right)
-    dy, dtheta = newton_step(geometry, left, right, y, sine, cosine)
+    dy, dtheta = _newton_step(geometry, left, right, y, sine, cosine)
     theta = atan2(sine, cosine)
     if abs(dtheta) + abs(dy) > POLISHED:
         return _polish(geometry, left, right, y, theta)
     return y + dy, theta + dtheta
+
+
+def _newton_step(
+    geometry: Geometry, left: float, right: float, y: float, sine: float, cosine: float
+) -> tuple[float, float]:
+    """
+    One Newton step (Δy, Δθ) on |A_i B_i|² = l² of both links.
+
+    Raises
+    ------
+    SingularityError
+        If N is exactly 0 there.
+
+    """
+    length, half = geometry.link_length, geometry.platform_half_length
+    rise, span = half * sine, half * cosine
+    u1, u2, s1, s2 = y - rise, y + rise, left + span, span - right
+    square = length * length
+    residual1 = s1 * s1 + u1 * u1 - square
+    residual2 = s2 * s2 + u2 * u2 - square
+    e1 = u1 * cosine + s1 * sine
+    e2 = u2 * cosine - s2 * sine
+    number = u1 * e2 + u2 * e1
+    if number == 0.0:
+        raise SingularityError('|N|', 0.0, 0.0, 'm2', 'not above')
+    scale = -0.5 / number
+    return (
+        scale * (residual1 * e2 + residual2 * e1),
+        scale * (residual2 * u1 - residual1 * u2) / half,
+    )
 
 
 def _polish(
@@ -89,7 +159,7 @@ def _polish(
     """Take Newton steps while they shrink: near N = 0 the cubic loses half its digits."""
     last = 1.0
     while True:
-        dy, dtheta = newton_step(geometry, left, right, y, sin(theta), cos(theta))
+        dy, dtheta = _newton_step(geometry, left, right, y, sin(theta), cos(theta))
         size = abs(dtheta) + abs(dy)
         if size >= last:
             return y, theta
