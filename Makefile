@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo check test soak soak-prediction study lint clean
+.PHONY: help setup bench bench-vcan bench-compensation demo check test soak soak-prediction stopping study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
@@ -28,6 +28,9 @@ soak: setup  ## Run the drives for ten minutes, then fuzz them with a million fr
 
 soak-prediction: setup  ## Predict an hour of every motion that nobody tuned for (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/prediction_soak.py $(SOAK_ARGS)
+
+stopping: setup  ## Show how near the carriages come when something fails (PARAMS=file)
+	@$(IN_VENV) exec python -m facade_manipulator.nodes.stopping $(PARAMS)
 
 study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.workspace.study $(STUDY_ARGS)

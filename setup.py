@@ -74,6 +74,7 @@ setup(
         f'commission = {NAME}.commissioning.__main__:main',
         f'replay = {NAME}.replay.__main__:main',
         f'demo = {NAME}.demo.__main__:main',
+        f'stopping = {NAME}.nodes.stopping:main',
         f'workspace_study = {NAME}.workspace.study:main',
     ]},
 )

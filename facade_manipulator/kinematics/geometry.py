@@ -69,6 +69,8 @@ class Geometry:
         Least and greatest carriage position (q_min, q_max) [m].
     carriage_gap : float
         Least distance m of neighbouring carriages, q3 − q1 ≥ m and q2 − q3 ≥ m [m].
+    carriage_length : float
+        Distance at which neighbouring carriages touch [m].
     link_errors, platform_errors : tuple of two floats
         By how much l and b are longer on the side of A1 and on that of A2 [m].
     carriage_offsets, backlash : tuple of three floats
@@ -105,6 +107,9 @@ class Geometry:
         unit='m', minimum=-100.0, maximum=100.0, read_only=True)
     carriage_gap: float = parameter(
         0.02, 'Least distance of neighbouring carriages',
+        unit='m', minimum=0.0, maximum=100.0, read_only=True)
+    carriage_length: float = parameter(
+        0.0, 'Distance of neighbouring carriages at which they touch',
         unit='m', minimum=0.0, maximum=100.0, read_only=True)
     link_errors: tuple[float, ...] = _error(
         (0.0, 0.0), 'By how much each link is longer than link_length', elements=('A1', 'A2'))
@@ -145,6 +150,10 @@ class Geometry:
             raise ParameterError(
                 f'carriage_gap = {self.carriage_gap:g} m leaves no room for three carriages '
                 f'on a stroke of {self.stroke_length:g} m')
+        if self.carriage_length > self.carriage_gap:
+            raise ParameterError(
+                f'carriage_length = {self.carriage_length:g} m is above carriage_gap = '
+                f'{self.carriage_gap:g} m: carriages may not stand where they touch')
         if self.carriage_gap >= self.platform_half_length:
             raise ParameterError(
                 f'carriage_gap = {self.carriage_gap:g} m is not below platform_half_length = '

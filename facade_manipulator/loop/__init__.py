@@ -8,10 +8,13 @@ down and powers them off; when the loop ends, the drives miss its heartbeat and 
 
 from facade_manipulator.loop.control_loop import LoopSetup, StreamStatus
 from facade_manipulator.loop.process import LoopProcess, start_process
+from facade_manipulator.loop.stopping import Outcome, StoppingAnalysis
 
 __all__ = [
     'LoopProcess',
     'LoopSetup',
+    'Outcome',
     'start_process',
+    'StoppingAnalysis',
     'StreamStatus',
 ]

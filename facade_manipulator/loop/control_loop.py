@@ -37,8 +37,10 @@ from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.channel import Channel, ChannelClosedError, Message, VERSION
+from facade_manipulator.loop.stopping import StoppingAnalysis
 from facade_manipulator.motion import (
     HomingGuard,
+    measured_guard,
     MechanismGuard,
     MotionLimits,
     Setpoint,
@@ -65,6 +67,18 @@ class LoopSetup:
     limits: MotionLimits
     recorder: RecorderSettings
     simulate_drives: bool = False
+
+    def check_limits(self, limits: MotionLimits) -> None:
+        """
+        Check that drives and carriages can follow limits and stop from them.
+
+        Raises
+        ------
+        ParameterError
+            As `StoppingAnalysis.check` does.
+
+        """
+        StoppingAnalysis(self.geometry, limits, self.axes, self.controller).check()
 
 
 class StreamStatus(NamedTuple):
@@ -109,15 +123,18 @@ class ControlLoop:
     """
 
     def __init__(self, setup: LoopSetup, channel: Channel) -> None:
+        setup.check_limits(setup.limits)
         guard = MechanismGuard(setup.geometry)
         self.follower = SetpointFollower(
             setup.stream, setup.limits, setup.controller.period, guard)
         self.controller = DriveController(Session(
             setup.controller, setup.axes,
             BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate),
-            MechanismChecks(self.follower, guard, HomingGuard(setup.geometry)),
+            MechanismChecks(
+                self.follower, guard, HomingGuard(setup.geometry), _measured_guard(setup)),
             FaultRecorder(setup.recorder, setup.axes, setup.bus.channel)))
         self.simulator = _simulate(setup) if setup.simulate_drives else None
+        self._setup = setup
         self._channel = channel
         self._watchdog_timeout = setup.controller.watchdog_timeout
         self._margins: tuple[float, ...] = ()
@@ -128,7 +145,7 @@ class ControlLoop:
             'setpoint': self._add_setpoint,
             'request': self._start_request,
             'stop': self.controller.stop,
-            'limits': self.follower.change_limits,
+            'limits': self._change_limits,
             'stream': self._change_stream,
             'disturb': self._disturb,
             'close': self.end,
@@ -188,6 +205,10 @@ class ControlLoop:
         job: Future = getattr(self.controller, name)()
         job.add_done_callback(lambda job: self._reply(number, job))
 
+    def _change_limits(self, limits: MotionLimits) -> None:
+        self._setup.check_limits(limits)
+        self.follower.change_limits(limits)
+
     def _change_stream(self, settings: StreamSettings) -> None:
         self.follower.settings = settings
 
@@ -232,6 +253,10 @@ class ControlLoop:
         return StreamStatus(
             follower.activity.value, follower.limited_cycles, follower.brakes,
             follower.last_rejection, self._margins, self._channel.dropped)
+
+
+def _measured_guard(setup: LoopSetup) -> MechanismGuard:
+    return measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes))
 
 
 def _simulate(setup: LoopSetup) -> DriveSimulator:

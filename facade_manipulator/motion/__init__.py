@@ -6,7 +6,12 @@ For ik_service: `Approach` and `ReferencePath` (jerk-limited paths of the head),
 speed, acceleration and jerk) and the guards that check the mechanism before a target is sent.
 """
 
-from facade_manipulator.motion.guard import HomingGuard, MechanismGuard
+from facade_manipulator.motion.guard import (
+    HomingGuard,
+    measured_guard,
+    MEASURED_SHARE,
+    MechanismGuard,
+)
 from facade_manipulator.motion.limits import MotionLimits, Triple
 from facade_manipulator.motion.reference import (
     Approach,
@@ -21,16 +26,28 @@ from facade_manipulator.motion.setpoint_stream import (
     STREAM_GAP,
 )
 from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, StreamSettings
+from facade_manipulator.motion.stopping import (
+    Brake,
+    highest_speed,
+    least_distance,
+    overshoot,
+)
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 
 __all__ = [
     'Approach',
+    'Brake',
     'certified_path',
     'GoalSettings',
     'HeadMotion',
+    'highest_speed',
     'HomingGuard',
+    'least_distance',
+    'measured_guard',
+    'MEASURED_SHARE',
     'MechanismGuard',
     'MotionLimits',
+    'overshoot',
     'ReferencePath',
     'ReferenceSettings',
     'Setpoint',

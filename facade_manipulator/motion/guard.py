@@ -8,6 +8,7 @@ from facade_manipulator.errors import CarriageGapError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
 
 ROUNDING = 1e-6  # m
+MEASURED_SHARE = 0.25  # of what keeps carriages from touching: so much too near may they be found
 NEIGHBOURS = ((0, 2), (2, 1), (0, 1))  # on the rail stand A1, A3, A2; A3 may not be homed
 
 
@@ -15,15 +16,22 @@ class MechanismGuard:
     """
     Check that the mechanism closes at carriage positions and may stand there.
 
-    Stroke, carriage gap, closure of both links on the machine's branch and N > 0; the bounds give
-    way by a micrometre of rounding. How well the pose is conditioned is ik_service's matter.
+    Stroke, carriage gap, closure of both links on the machine's branch and N > 0. How well the
+    pose is conditioned is ik_service's matter.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    tolerance : float
+        By how much stroke and gap give way [m].
+
     """
 
-    def __init__(self, geometry: Geometry) -> None:
+    def __init__(self, geometry: Geometry, tolerance: float = ROUNDING) -> None:
         least, greatest = geometry.stroke
         self._mechanism = mechanism_of(replace(
-            geometry, stroke=(least - ROUNDING, greatest + ROUNDING),
-            carriage_gap=max(0.0, geometry.carriage_gap - ROUNDING)))
+            geometry, stroke=(least - tolerance, greatest + tolerance),
+            carriage_gap=max(geometry.carriage_length, geometry.carriage_gap - tolerance)))
         self._passed: Carriages | None = None
 
     def __call__(self, positions: tuple[float, float, float]) -> None:
@@ -43,6 +51,26 @@ class MechanismGuard:
         carriages = Carriages(*positions)
         self._mechanism.check(carriages)
         self._passed = carriages
+
+
+def measured_guard(geometry: Geometry, margin: float) -> MechanismGuard:
+    """
+    Return the guard of what is measured, which differs from what is commanded by the drives' lag.
+
+    Three encoders do not show whether a link is bent; they do show that no straight one fits.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    margin : float
+        How far beyond the stroke the drives' own position limits lie [m].
+
+    """
+    tolerance = MEASURED_SHARE * (geometry.carriage_gap - geometry.carriage_length)
+    least, greatest = geometry.stroke
+    return MechanismGuard(replace(
+        geometry, link_length=geometry.link_length + tolerance,
+        stroke=(least - margin, greatest + margin)), tolerance)
 
 
 class HomingGuard:

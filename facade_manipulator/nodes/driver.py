@@ -31,9 +31,9 @@ from facade_manipulator.drives.controller import (
     POWERED_STATES,
     RecorderSettings,
 )
-from facade_manipulator.errors import InputError, ManipulatorError, ParameterError
+from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop import LoopProcess, LoopSetup, start_process
+from facade_manipulator.loop import LoopProcess, LoopSetup, start_process, StoppingAnalysis
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
@@ -144,7 +144,7 @@ class DriverNode(ManagedNode):
             geometry, controller, axes, bus,
             declare(self, StreamSettings, 'stream', self._change_stream),
             declare(self, MotionLimits, 'limits', self._change_limits,
-                    lambda limits: _check_limits(limits, axes)),
+                    lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
             self._declare_recorder(), self._settings.simulate_drives)
 
     def _declare_axes(self, geometry: Geometry) -> tuple[AxisSettings, ...]:
@@ -298,19 +298,6 @@ class DriverNode(ManagedNode):
             bus_status(snapshot),
             *(axis_status(axis) for axis in snapshot.axes),
         ]
-
-
-def _check_limits(limits: MotionLimits, axes: tuple[AxisSettings, ...]) -> None:
-    """Reject what the drives, configured with limits of their own, would not follow."""
-    for name, axis in zip(CARRIAGES, axes, strict=True):
-        for what, value, bound, unit in (
-            ('speed', limits.speed, axis.max_speed, 'm/s'),
-            ('acceleration', limits.acceleration, axis.max_acceleration, 'm/s^2'),
-        ):
-            if value > bound:
-                raise ParameterError(
-                    f'limits.{what} = {value:g} {unit} is above {name}.max_{what} = '
-                    f'{bound:g} {unit}')
 
 
 def main(args: list[str] | None = None) -> int:

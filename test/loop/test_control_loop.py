@@ -132,7 +132,8 @@ def test_a_node_that_reads_nothing_holds_nothing_up(make_bench, monkeypatch):
     wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
     cycle = bench.loop.controller.snapshot().cycle
     wait_until(lambda: bench.loop.controller.snapshot().cycle.cycles > cycle.cycles + 50, 'cycles')
-    assert bench.loop.controller.snapshot().state is ControllerState.ACTIVE
+    snapshot = bench.loop.controller.snapshot()
+    assert snapshot.state is ControllerState.ACTIVE, snapshot.cause
     monkeypatch.undo()
     wait_until(lambda: bench.process.stream_status().dropped, 'the newest state')
 

@@ -11,7 +11,7 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 from facade_manipulator.kinematics import certify, Geometry, mechanism_of, Pose
-from facade_manipulator.motion.guard import HomingGuard, MechanismGuard
+from facade_manipulator.motion.guard import HomingGuard, measured_guard, MechanismGuard
 
 GEOMETRY = Geometry()
 guard = MechanismGuard(GEOMETRY)
@@ -104,3 +104,18 @@ def test_the_guard_knows_where_the_carriages_really_are():
     for check in (MechanismGuard(MADE), lambda q: HomingGuard(MADE)(q, (True, False, True))):
         with pytest.raises(CarriageGapError):
             check(near)
+
+
+@pytest.mark.parametrize(('positions', 'passes'), [
+    ((-0.1, 0.1, 0.0), True),
+    ((-0.1, 0.1, -0.084), True), ((-0.1, 0.1, -0.086), False),  # 5 mm of the gap of 20 mm
+    ((0.3, 0.504, 0.4), True), ((0.3, 0.506, 0.4), False),  # what the drives allow themselves
+    ((-0.347, 0.347, 0.0), True), ((-0.36, 0.36, 0.0), False),  # no links so far apart
+])
+def test_measured_carriages_may_lag_a_little(positions, passes):
+    measured = measured_guard(GEOMETRY, margin=0.0)
+    if passes:
+        measured(positions)
+        return
+    with pytest.raises(LimitError):
+        measured(positions)

@@ -14,6 +14,7 @@ from facade_manipulator.drives.cia402.cause import (
     COMPUTER_REMEDY,
     CONFIGURE_REMEDY,
     TARGET_REMEDY,
+    TRACKING_REMEDY,
 )
 from facade_manipulator.drives.cia402.group import AxisCommand, Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import (
@@ -90,6 +91,7 @@ __all__ = [
     'STATUSWORDS',
     'STOPPED_PHASES',
     'TARGET_REMEDY',
+    'TRACKING_REMEDY',
     'TRANSITIONS',
     'Triple',
 ]

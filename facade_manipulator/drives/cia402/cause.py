@@ -7,6 +7,9 @@ from dataclasses import dataclass, replace
 CLEAR_REMEDY = 'remove the cause, clear the faults, then activate'
 BUS_REMEDY = 'check the CAN bus, wait until it is back, clear the faults, then activate'
 TARGET_REMEDY = 'check the source of the setpoints, clear the faults, then activate'
+TRACKING_REMEDY = (
+    'find out which carriage is held back (its load, its drive, controller.drive_lag), clear the '
+    'faults, then activate')
 COMPUTER_REMEDY = 'take load off this computer, clear the faults, then activate'
 CONFIGURE_REMEDY = 'check its power and cable, then clean up and configure again'
 NOT_RESPONDING_REMEDY = 'switch the power of the drives off, find out why, configure again'

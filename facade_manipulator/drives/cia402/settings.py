@@ -51,7 +51,9 @@ class AxisSettings(AxisScale):
         6.0, 'Deceleration of a quick stop', unit='m/s^2', minimum=0.01, maximum=100.0,
         read_only=True)
     following_error_window: float = parameter(
-        0.02, 'Following error that trips the drive', unit='m', minimum=1e-5, maximum=0.5,
+        0.015, 'Following error that trips the drive, and difference of two that stops all: at '
+        'most three quarters of what carriage_gap keeps carriages from touching', unit='m',
+        minimum=1e-5, maximum=0.5,
         read_only=True)
     following_error_time: float = parameter(
         0.01, 'How long the following error may be beyond its window', unit='s',

@@ -31,6 +31,7 @@ from facade_manipulator.drives.cia402 import (
     Phase,
     STOPPED_PHASES,
     TARGET_REMEDY,
+    TRACKING_REMEDY,
 )
 from facade_manipulator.drives.controller.commissioning import Reception, send_nmt
 from facade_manipulator.drives.controller.cycle import cycle_clock
@@ -89,6 +90,7 @@ class CyclicExchange:
         self._targets = targets
         # a target that is sent now is latched at the next SYNC and reached one period later
         self._lead = 2.0 * settings.period + settings.drive_lag
+        self._window = min(monitor.axis.following_error_window for monitor in monitors)
         self._next_heartbeat = 0.0
         self._unsent = 0
         self._pumped = self._read_until = time.monotonic()
@@ -248,6 +250,8 @@ class CyclicExchange:
             group.stop(self.stops.popleft(), now)
         if group.phase is Phase.HOMING:
             self._supervise_homing(now)
+        elif group.phase in FOLLOWING_PHASES:
+            self._supervise_mechanism(now)
         if group.phase not in STOPPED_PHASES:
             for cause in (*silences(self._monitors, self._read_until), *self.clock.causes(
                     self._settings.max_missed_cycles, group.is_powered)):
@@ -261,6 +265,22 @@ class CyclicExchange:
             self.group.stop(Cause(
                 f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
                 'faults, then home'), now)
+
+    def _supervise_mechanism(self, now: float) -> None:
+        """Stop where the carriages are not what was commanded: nobody else sees all three."""
+        try:
+            self._targets.mechanism.check_actual(
+                tuple([monitor.position for monitor in self._monitors]))
+        except ManipulatorError as error:
+            self.group.stop(Cause(f'the measured mechanism: {error}', TRACKING_REMEDY), now)
+        errors = [monitor.tracking_error for monitor in self._monitors]
+        least, greatest = min(errors), max(errors)
+        if greatest - least > self._window:
+            names = ' and '.join(sorted(
+                self._monitors[errors.index(one)].name for one in (least, greatest)))
+            self.group.stop(Cause(
+                f'the following errors of {names} differ by {greatest - least:.4g} m, bound '
+                f'{self._window:g} m', TRACKING_REMEDY), now)
 
     def _choose_targets(
         self, commands: tuple[AxisCommand, ...], now: float

@@ -121,6 +121,15 @@ class AxisMonitor:
         """Actual position [m]."""
         return self.axis.to_metres(self.status.position_counts) if self.status else None
 
+    @property
+    def tracking_error(self) -> float:
+        """Following error beyond the lag that the drive is known to have [m]; 0 if unknown."""
+        motion, axis = self.motion, self.axis
+        if motion is None:
+            return 0.0
+        lag = self._settings.drive_lag * axis.speed_to_metres(motion.velocity)
+        return axis.to_metres(motion.following_error_counts) - lag
+
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return what was received, with the target [m] that is commanded meanwhile."""
         axis, status = self.axis, self.status

@@ -70,12 +70,16 @@ class MechanismChecks:
     check_homing : callable
         Takes three positions [m] and which axes are homed, called in each cycle of homing;
         raises a ManipulatorError when carriages or links come too close.
+    check_actual : callable
+        Takes the three measured positions [m], called in each cycle while targets are followed;
+        raises a ManipulatorError where the carriages are not what the mechanism allows.
 
     """
 
     source: TargetSource
     check_targets: TargetCheck = allow_anything
     check_homing: HomingCheck = allow_anything
+    check_actual: TargetCheck = allow_anything
 
 
 class Targets:

@@ -186,7 +186,7 @@ def test_the_safety_objects_have_the_values_of_the_settings():
     assert values['master_heartbeat'] == 127 << 16 | 150
     assert values['heartbeat_time'] == 50
     assert values['interpolation_period'] == 10
-    assert values['following_error_window'] == round(0.02 * 430_000)
+    assert values['following_error_window'] == round(0.015 * 430_000)
 
 
 @pytest.mark.parametrize('unit, value', [

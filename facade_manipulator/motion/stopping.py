@@ -1,0 +1,86 @@
+"""
+How near two neighbouring carriages come when each stops on its own: three drives, no common brake.
+
+The driver sends no target from which the three could not brake together and keep their gap. Drives
+that stop by themselves know nothing of each other: here is what is left of the gap then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+SPEEDS, TIMES = 41, 65  # of the search; twice as many of both change 0.1 mm
+SHORTEST = 1e-9  # s
+
+
+class Brake(NamedTuple):
+    """How one carriage stops: it goes on for `delay` [s], then brakes with `deceleration`."""
+
+    delay: float
+    deceleration: float
+
+
+def least_distance(
+    gap: float, speed: float, acceleration: float, left: Brake, right: Brake,
+) -> float:
+    """
+    Return the least distance of neighbours that stop on their own, over all they may be doing.
+
+    Whatever speeds up to the limit the two have, they are at least as far apart as lets all three
+    brake together, on their path and at the limit of acceleration, with `gap` left at rest.
+
+    Parameters
+    ----------
+    gap : float
+        Least distance that is commanded [m].
+    speed, acceleration : float
+        Limits of what is commanded [m/s, m/s²].
+    left, right : Brake
+        How the two stop.
+
+    Returns
+    -------
+    float
+        Least distance [m]; below 0 they would have to pass through each other.
+
+    """
+    speeds = np.linspace(-speed, speed, SPEEDS)
+    end = max(one.delay + speed / one.deceleration for one in (left, right))
+    times = np.linspace(0.0, end, TIMES)
+    v1, v2 = speeds[:, None], speeds[None, :]
+    together = np.maximum(np.abs(v1), np.abs(v2)) / (2.0 * acceleration)
+    start = gap + np.maximum(0.0, (v1 - v2) * together)
+    way1, way2 = _way(speeds, times, left), _way(speeds, times, right)
+    return float(np.min(start[..., None] + way2[None, :, :] - way1[:, None, :]))
+
+
+def _way(speeds: np.ndarray, times: np.ndarray, brake: Brake) -> np.ndarray:
+    """Return the displacement after times [m], one row for each speed."""
+    braking = np.maximum(np.abs(speeds) / brake.deceleration, SHORTEST)[:, None]
+    slowing = np.clip(times - brake.delay, 0.0, braking)
+    return speeds[:, None] * (
+        np.minimum(times, brake.delay) + slowing * (1.0 - slowing / (2.0 * braking)))
+
+
+def overshoot(speed: float, acceleration: float, deceleration: float) -> float:
+    """
+    Return how far beyond the stroke a carriage may stop [m].
+
+    It is commanded so that it could come to rest inside with the acceleration [m/s²], and brakes
+    from its speed [m/s] with the deceleration [m/s²].
+    """
+    return max(0.0, 0.5 * speed ** 2 * (1.0 / deceleration - 1.0 / acceleration))
+
+
+def highest_speed(keeps: Callable[[float], bool], speed: float) -> float:
+    """Return the highest speed up to `speed` at which a condition of it holds [m/s]."""
+    low, high = 0.0, speed
+    if keeps(high):
+        return high
+    while high - low > 1e-3 * speed:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if keeps(middle) else (low, middle)
+    return low

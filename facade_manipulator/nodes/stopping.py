@@ -1,0 +1,118 @@
+"""
+What is left between the carriages when something fails, with the parameters of a file.
+
+No node: it reads the file as the driver would, without a namespace, and prints.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+import sys
+from typing import Any
+
+import yaml
+
+from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.controller import ControllerSettings
+from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.loop import Outcome, StoppingAnalysis
+from facade_manipulator.motion import MotionLimits
+from facade_manipulator.resources import config_path
+
+NODES = ('**', 'driver')  # whose sections the driver reads
+MILLIMETRES = 1e3
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the analysis; return 1 if the driver would not start with these parameters."""
+    parser = argparse.ArgumentParser(prog='stopping', description=__doc__.split('\n\n')[0].strip())
+    parser.add_argument(
+        'parameters', type=Path, nargs='*',
+        help='parameter files, of which later ones beat earlier ones; default: manipulator.yaml')
+    files = parser.parse_args(arguments).parameters or [config_path('manipulator.yaml')]
+    try:
+        geometry, analysis = read_analysis(files)
+        for line in report(geometry, analysis):
+            print(line)
+        analysis.check()
+    except (ManipulatorError, OSError) as error:
+        print(f'stopping: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def read_analysis(files: Sequence[Path]) -> tuple[Geometry, StoppingAnalysis]:
+    """
+    Return the mechanism and the analysis of parameter files.
+
+    Raises
+    ------
+    ParameterError
+        A file is no parameter file, or names what the driver does not know.
+
+    """
+    values: dict[str, Any] = {}
+    for path in files:
+        try:
+            content = yaml.safe_load(path.read_text(encoding='utf-8'))
+            for node, section in content.items():
+                if node.rsplit('/', 1)[-1] in NODES:
+                    _merge(values, section['ros__parameters'])
+        except (yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
+            raise ParameterError(f'{path} is no parameter file: {error}') from error
+    geometry = _settings(Geometry(), values.get('geometry', {}), 'geometry')
+    least, greatest = geometry.stroke
+    axes = tuple(
+        _settings(replace(axis, lower_limit=least, upper_limit=greatest), values.get(name, {}),
+                  name)
+        for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True))
+    return geometry, StoppingAnalysis(
+        geometry, _settings(MotionLimits(), values.get('limits', {}), 'limits'), axes,
+        _settings(ControllerSettings(), values.get('controller', {}), 'controller'))
+
+
+def _merge(values: dict, section: dict) -> None:
+    for name, value in section.items():
+        if isinstance(value, dict):
+            _merge(values.setdefault(name, {}), value)
+        else:
+            values[name] = value
+
+
+def _settings(default: Any, values: dict, prefix: str) -> Any:
+    known = {item.name for item in fields(default)}
+    for name in values:
+        if name not in known:
+            raise ParameterError(f'{prefix}.{name} is no parameter of the driver')
+    return replace(default, **{
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in values.items()})
+
+
+def report(geometry: Geometry, analysis: StoppingAnalysis) -> list[str]:
+    """Return the analysis as lines."""
+    gap, touching = (
+        MILLIMETRES * value for value in (geometry.carriage_gap, geometry.carriage_length))
+    beyond = MILLIMETRES * max(analysis.overshoots)
+    heading = f'{"":50}{"distance [mm]":>14}{"up to [m/s]":>13}{"gap [mm]":>10}'
+    return [
+        f'Neighbours are commanded {gap:.1f} mm apart or more, and touch at {touching:.1f} mm.',
+        'Their least distance at full speed, and up to which speed or with which carriage_gap',
+        'they do not touch, where one of the three fails near them:',
+        '', heading,
+        'must not touch, or the driver does not start', *map(_row, analysis.outcomes),
+        'no software brakes a carriage that stands dead', *map(_row, analysis.seizures),
+        '', f'Beyond the stroke a carriage stops at most {beyond:.1f} mm.']
+
+
+def _row(outcome: Outcome) -> str:
+    return (f'  {outcome.name:48}{MILLIMETRES * outcome.distance:14.1f}{outcome.speed:13.2f}'
+            f'{MILLIMETRES * outcome.gap:10.1f}')
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,101 @@
+"""Not only what is commanded: the carriages as measured keep their gap, and together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drive_rig import at_rest, HOME, MOVING, moving
+import pytest
+from support import wait_until
+
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.errors import LimitError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion.guard import measured_guard
+
+FAST = 0.25  # m/s
+CLOSE = (-0.022, 0.022, 0.0)  # m, where a pose closes too
+# so wide that the drives themselves do not stop first
+AXES = tuple(replace(axis, home_position=home, following_error_window=0.04)
+             for axis, home in zip(DEFAULT_AXES, CLOSE, strict=True))
+
+
+def test_a_carriage_that_lags_into_the_gap_stops_all_before_it_touches(make_rig):
+    rig = make_rig(axes=AXES, check_actual=measured_guard(Geometry(), 0.005))
+    rig.source.speed = FAST
+    gaps = []
+
+    def watch(snapshot):
+        positions = [axis.position for axis in snapshot.axes]
+        if None not in positions and snapshot.state is not ControllerState.HOMING:
+            gaps.append(positions[2] - positions[0])
+
+    with rig.simulator.access() as drives:
+        drives[2].motor.lag = 0.06
+    at_rest(rig)
+    rig.controller.observe = watch
+    rig.until_stopped()
+    cause = rig.controller.snapshot().cause
+    assert 'the measured mechanism: q3 - q1 = 0.01' in cause
+    assert 'below the bound 0.015 m' in cause
+    assert min(gaps) > 0.004
+
+
+def test_the_measured_positions_are_checked_in_every_cycle_that_moves(make_rig):
+    checked = []
+    rig = make_rig(check_actual=checked.append)
+    rig.do('configure')
+    assert not checked
+    rig.do('home')
+    assert not checked
+    rig.source.speed = MOVING
+    rig.do('activate')
+    before, cycles = len(checked), rig.controller.snapshot().cycle.cycles
+    rig.cycles(20)
+    passed = rig.controller.snapshot().cycle.cycles - cycles
+    assert len(checked) - before == pytest.approx(passed, abs=2)
+    assert checked[-1] == pytest.approx(rig.carriages, abs=0.01)
+
+
+def test_a_measured_mechanism_that_does_not_close_stops_all(make_rig):
+    limits = []
+
+    def check(positions):
+        if limits:
+            raise LimitError('y squared', -0.1, 0.0, 'm2', 'not above')
+
+    rig = make_rig(check_actual=check)
+    at_rest(rig)
+    limits.append(True)
+    rig.until_stopped()
+    assert 'the measured mechanism: y squared = -0.1' in rig.controller.snapshot().cause
+    assert State.OPERATION_ENABLED not in rig.drive_states
+
+
+def test_carriages_that_are_unequally_far_behind_stop_all(make_rig):
+    axes = (replace(DEFAULT_AXES[0], following_error_window=0.04), *(
+        replace(axis, following_error_window=0.005) for axis in DEFAULT_AXES[1:]))
+    rig = make_rig(axes=axes)
+    with rig.simulator.access() as drives:
+        drives[0].motor.lag = 0.06
+    rig.source.speed = FAST
+    at_rest(rig)
+    rig.until_stopped()
+    assert 'the following errors of q1 and q' in rig.controller.snapshot().cause
+    assert 'bound 0.005 m' in rig.controller.snapshot().cause
+
+
+def test_what_the_drives_lag_by_as_configured_is_no_difference(make_rig):
+    """Fast carriages that move against each other lag with opposite signs."""
+    rig = make_rig(axes=tuple(
+        replace(axis, following_error_window=0.005) for axis in DEFAULT_AXES))
+    rig.source.distort = lambda positions: (
+        positions[0], HOME[0] + HOME[1] - positions[0], positions[2])
+    moving(rig)
+    with rig.simulator.access() as drives:
+        for drive in drives:
+            drive.motor.lag = 0.005
+    wait_until(lambda: rig.carriages[0] > HOME[0] + 0.03, 'motion')
+    assert rig.state is ControllerState.ACTIVE

@@ -1,0 +1,97 @@
+"""Which parameters the driver starts with, and what it says of the others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from loop_bench import loop_setup
+import pytest
+
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.controller.settings import ControllerSettings
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.loop.stopping import StoppingAnalysis
+from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.nodes.stopping import main, read_analysis
+from facade_manipulator.resources import config_path
+
+GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
+
+
+def analysis(geometry=GEOMETRY, limits=LIMITS, controller=CONTROLLER, **axis) -> StoppingAnalysis:
+    axes = tuple(replace(one, **axis) for one in DEFAULT_AXES)
+    return StoppingAnalysis(geometry, limits, axes, controller)
+
+
+def test_the_defaults_keep_the_carriages_apart():
+    analysis().check()
+    together, alone = analysis().outcomes
+    assert together.distance == pytest.approx(0.02)
+    assert alone.distance == pytest.approx(0.01)
+
+
+@pytest.mark.parametrize('files', [('manipulator.yaml',), ('manipulator.yaml', 'simulation.yaml')])
+def test_the_parameter_files_of_the_package_pass(files):
+    read_analysis([config_path(file) for file in files])[1].check()
+
+
+def test_a_carriage_that_stands_dead_at_full_speed_is_met_by_no_software():
+    outcomes = {outcome.name: outcome for outcome in analysis().seizures}
+    silent = outcomes['one stands dead and falls silent']
+    assert silent.distance == pytest.approx(-0.0208, abs=1e-4)
+    assert all(outcome.distance < 0.0 for outcome in outcomes.values())
+
+
+@pytest.mark.parametrize('kind', ['outcomes', 'seizures'])
+def test_the_speed_and_the_gap_that_are_named_keep_the_carriages_apart(kind):
+    for number, outcome in enumerate(getattr(analysis(), kind)):
+        slower = analysis(limits=replace(LIMITS, speed=outcome.speed))
+        wider = analysis(replace(GEOMETRY, carriage_gap=outcome.gap + 1e-6))
+        for other in (slower, wider):
+            assert getattr(other, kind)[number].distance >= -1e-6
+
+
+@pytest.mark.parametrize(('changes', 'message'), [
+    ({'stop_deceleration': 1.5}, r'q1 could stop 0.04167 m beyond the stroke'),
+    ({'stop_deceleration': 1.5, 'limit_margin': 0.1}, r'if all three brake at once, .*-0.0633 m'),
+    ({'geometry': replace(GEOMETRY, carriage_length=0.015), 'following_error_window': 0.002},
+     r'if one brakes by itself and reports it, .*0.01 m, and touch at 0.015 m: choose a '
+     r'geometry.carriage_gap of at least 0.025 m, or a limits.speed of at most 0.2'),
+    ({'following_error_window': 0.016}, 'is above 0.015 m, 0.75 of'),
+    ({'controller': replace(CONTROLLER, drive_lag=0.04)}, 'it would trip at full speed'),
+    ({'limits': replace(LIMITS, speed=0.61)}, 'limits.speed = 0.61 m/s is above q1.max_speed'),
+])
+def test_what_lets_carriages_touch_is_rejected_with_the_number(changes, message):
+    with pytest.raises(ParameterError, match=message):
+        analysis(**changes).check()
+
+
+def test_the_loop_itself_rejects_such_a_setup():
+    setup = loop_setup()
+    with pytest.raises(ParameterError, match='following_error_window'):
+        replace(setup, axes=tuple(
+            replace(axis, following_error_window=0.02) for axis in setup.axes)
+        ).check_limits(LIMITS)
+
+
+def test_the_command_prints_the_analysis_of_a_file(tmp_path, capsys):
+    assert main([]) == 0
+    printed = capsys.readouterr().out
+    assert 'one brakes by itself and reports it' in printed
+    assert '-20.8' in printed
+    file = tmp_path / 'weak.yaml'
+    file.write_text('/**/driver:\n  ros__parameters:\n    q2: {stop_deceleration: 1.5}\n')
+    assert main([str(config_path('manipulator.yaml')), str(file)]) == 1
+    assert 'q2 could stop 0.04167 m beyond the stroke' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('text', 'message'), [
+    ('/**/driver:\n  ros__parameters:\n    limits: {sped: 0.3}\n', 'limits.sped is no parameter'),
+    ('just words', 'is no parameter file'),
+])
+def test_the_command_rejects_what_the_driver_would_not_read(tmp_path, capsys, text, message):
+    file = tmp_path / 'wrong.yaml'
+    file.write_text(text)
+    assert main([str(file)]) == 1
+    assert message in capsys.readouterr().err

@@ -1,0 +1,92 @@
+"""What is left of the gap when each drive stops on its own."""
+
+from __future__ import annotations
+
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
+from facade_manipulator.motion.stopping import Brake, highest_speed, least_distance, overshoot
+
+LIMITS = MotionLimits()
+FASTEST = LIMITS.speed, LIMITS.acceleration
+GAP, PERIOD = 0.02, 0.01
+ROUNDING_OF_THE_PATH = 0.0005  # m: the path to rest is jerk-limited and sampled, the bound is not
+shares = st.floats(-1.0, 1.0)
+
+
+def stop(deceleration: float, delay: float = 0.0) -> Brake:
+    return Brake(delay, deceleration)
+
+
+def test_drives_that_brake_twice_as_hard_as_the_path_keep_the_gap():
+    hard = stop(2.0 * LIMITS.acceleration)
+    assert least_distance(GAP, *FASTEST, hard, hard) == pytest.approx(GAP)
+
+
+def test_drives_that_brake_less_hard_collide():
+    weak = stop(1.5)
+    assert least_distance(GAP, *FASTEST, weak, weak) == pytest.approx(-0.0633, abs=1e-4)
+
+
+@pytest.mark.parametrize(('late', 'early', 'left'), [
+    (stop(6.0, 0.02), stop(6.0), GAP - 0.5 * 0.02),
+    (stop(6.0, 0.04), stop(math.inf), GAP - 0.5 * 0.04 - 0.5 ** 2 / 12.0),
+])
+def test_a_drive_that_stops_before_its_neighbour_costs_what_that_one_goes_on(late, early, left):
+    for pair in ((late, early), (early, late)):
+        assert least_distance(GAP, *FASTEST, *pair) == pytest.approx(left, abs=1e-6)
+
+
+@given(st.floats(1.0, 12.0), st.floats(0.0, 0.05), st.floats(0.0, 0.05))
+def test_a_slower_machine_keeps_more(deceleration, delay, earlier):
+    left, right = stop(deceleration, delay), stop(6.0, earlier)
+    assert least_distance(GAP, 0.25, LIMITS.acceleration, left, right) >= least_distance(
+        GAP, *FASTEST, left, right) - 1e-4  # the speeds that are tried
+
+
+def brake_together(motion: CarriageMotion) -> float:
+    """Return the least q3 - q1 on the path to rest."""
+    path = [motion, *PathLimiter(LIMITS, PERIOD).stop(motion)]
+    return min(one.position[2] - one.position[0] for one in path)
+
+
+def stop_alone(speed: float, brake: Brake, time: float) -> float:
+    """Return how far a carriage has come at a time."""
+    braking = abs(speed) / brake.deceleration
+    slowing = min(max(0.0, time - brake.delay), braking)
+    return speed * (min(time, brake.delay) + slowing) - math.copysign(
+        0.5 * brake.deceleration * slowing ** 2, speed)
+
+
+@settings(max_examples=200)
+@given(st.tuples(shares, shares, shares), st.tuples(shares, shares, shares),
+       st.floats(3.0, 12.0), st.floats(0.0, 0.03))
+def test_no_motion_inside_the_limits_comes_nearer_than_the_bound(
+        speeds, accelerations, deceleration, delay):
+    velocity = tuple(LIMITS.speed * share for share in speeds)
+    room = [min(1.0, (LIMITS.speed - abs(v)) * 2.0 * LIMITS.jerk / LIMITS.acceleration ** 2)
+            for v in velocity]  # an acceleration that would leave the speed limit is none
+    motion = CarriageMotion((0.0, 0.0, 0.0), velocity, tuple(
+        LIMITS.acceleration * share * most ** 0.5
+        for share, most in zip(accelerations, room, strict=True)))
+    start = GAP - brake_together(motion)  # so that the path to rest just keeps the gap
+    late, early = stop(deceleration, delay), stop(6.0)
+    for left, right in ((late, early), (early, late)):
+        least = min(
+            start + stop_alone(velocity[2], right, time) - stop_alone(velocity[0], left, time)
+            for time in [0.002 * step for step in range(150)])
+        assert least >= least_distance(GAP, *FASTEST, left, right) - ROUNDING_OF_THE_PATH
+
+
+def test_how_far_beyond_the_stroke_a_weak_brake_leads():
+    assert overshoot(*FASTEST, 6.0) == 0.0
+    assert overshoot(*FASTEST, 1.5) == pytest.approx(0.5 ** 2 / 3.0 - 0.5 ** 2 / 6.0)
+
+
+def test_the_highest_speed_at_which_something_holds():
+    assert highest_speed(lambda speed: True, 0.5) == 0.5
+    assert highest_speed(lambda speed: speed < 0.3, 0.5) == pytest.approx(0.3, abs=1e-3)
