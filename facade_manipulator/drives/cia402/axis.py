@@ -34,6 +34,8 @@ class Feedback(NamedTuple):
     home_error : float
         While homing: how far the actual position is from the home position [m], 0 where that is
         as exact as the homing method.
+    missed_cycles : int
+        For how many cycles in a row the drive has sent nothing: all else is as old as that.
 
     """
 
@@ -42,6 +44,7 @@ class Feedback(NamedTuple):
     at_rest: bool = True
     error_code: int = 0
     home_error: float = 0.0
+    missed_cycles: int = 0
 
 
 class Step(NamedTuple):
@@ -170,8 +173,8 @@ class AxisStepper:
         self._reached = self._reached or done
         if not done and now > self._deadline:
             raise DriveTimeoutError(
-                f'{self.name} did not {self._step.purpose} in time: it is in the state '
-                f'{_describe(state, feedback)}{self._lacking(feedback)}')
+                f'{self.name} did not {self._step.purpose} in time: '
+                f'{self._condition(state, feedback)}')
         return done
 
     def _state(self, statusword: int) -> State:
@@ -196,6 +199,12 @@ class AxisStepper:
     def _is_settled(self, feedback: Feedback) -> bool:
         return ((self._step.mode is None or feedback.mode == self._step.mode)
                 and (feedback.at_rest or not self._step.to_rest))
+
+    def _condition(self, state: State, feedback: Feedback) -> str:
+        if feedback.missed_cycles:
+            return (f'it has sent no state for {feedback.missed_cycles} cycles, the last one was '
+                    f'{_describe(state, feedback)}')
+        return f'it is in the state {_describe(state, feedback)}{self._lacking(feedback)}'
 
     def _lacking(self, feedback: Feedback) -> str:
         if self._step.mode is not None and feedback.mode != self._step.mode:

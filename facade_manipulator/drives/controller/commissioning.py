@@ -41,8 +41,13 @@ from facade_manipulator.errors import (
     DriveTimeoutError,
 )
 
-JOB_TIMEOUT = 30.0  # s, for all that is asked of the drives by SDO in one request
+TURN_TIMEOUT = 10.0  # s, for all that is asked of one drive by SDO in one go
 Result = TypeVar('Result')
+
+
+def _limit_time(drive: Drive) -> None:
+    """Let a drive that answers for ever, or late each time, end as a silent one does."""
+    drive.objects.deadline = time.monotonic() + TURN_TIMEOUT
 
 
 def send_nmt(bus: CanBus, command: NmtCommand, node_id: int) -> None:
@@ -141,7 +146,6 @@ class Commissioning:
             The bus is gone.
 
         """
-        self._limit_time()
         try:
             notes = self._configure_once()
         except DriveError:
@@ -176,6 +180,7 @@ class Commissioning:
         """
         results, errors = [], []
         for drive in self._drives:
+            _limit_time(drive)
             try:
                 results.append(look(drive))
             except DriveError as error:
@@ -203,16 +208,10 @@ class Commissioning:
             The bus is gone.
 
         """
-        self._limit_time()
         self._leave_stopped()
         self._check_identities()
         self._of_each(self._verify)
         self._start()
-
-    def _limit_time(self) -> None:
-        """Let a drive that answers for ever, or late each time, end the job as a silent one."""
-        for drive in self._drives:
-            drive.objects.deadline = time.monotonic() + JOB_TIMEOUT
 
     def _leave_stopped(self) -> None:
         """Make nodes that somebody has stopped pre-operational: stopped ones have no SDO."""
@@ -229,7 +228,6 @@ class Commissioning:
         Before drives are configured, only what they lack counts.
 
         """
-        self._limit_time()
         inspect = self._inspect_objects if is_configured else self._inspect_new
         return [finding for drive in self._drives for finding in (
             self._find(drive, 'identity', self._inspect_identity),
@@ -237,6 +235,7 @@ class Commissioning:
 
     def _find(self, drive: Drive, what: str, look: Callable[[Drive], str]) -> Finding:
         name = f'{drive.monitor.name} {what}'
+        _limit_time(drive)
         try:
             return Finding(name, True, look(drive))
         except DriveError as error:

@@ -288,7 +288,9 @@ class AxisMonitor:
         velocity = self.motion.velocity if self.motion else None
         at_rest = velocity is not None and abs(velocity) < self._rest_speed
         home_error = self._home_error(status) if status.mode == Mode.HOMING else 0.0
-        return Feedback(status.statusword, status.mode, at_rest, self.error_code, home_error)
+        return Feedback(
+            status.statusword, status.mode, at_rest, self.error_code, home_error,
+            self.missed_in_a_row)
 
     def _home_error(self, status: StatusFrame) -> float:
         """Return how far the carriage is from its home position [m], 0 if it is there."""

@@ -1,5 +1,6 @@
 from concurrent.futures import ThreadPoolExecutor
 import threading
+import time
 
 import can
 import canopen
@@ -149,3 +150,17 @@ def test_the_eds_knows_the_size_of_an_object():
     assert channel.size(0x6098, 0) == 1
     assert channel.size(0x5FFF, 0) is None
     assert isinstance(channel._client.od, canopen.ObjectDictionary)
+
+
+def test_segments_without_an_end_are_a_time_out(pump):
+    pump.channel.deadline = time.monotonic() + 0.2
+    job = pump.worker.submit(pump.channel.read, 0x6065, 0)
+    pump.expect()
+    pump.answer(bytes.fromhex('4065600000000000'))  # segments follow, how many is not said
+    begun, toggle = time.monotonic(), 0
+    while not job.done() and time.monotonic() < begun + 5.0:
+        if (request := pump.drive.recv(0.05)) is not None and request.data[0] in (0x60, 0x70):
+            pump.answer(bytes([toggle]) + bytes(7))
+            toggle ^= 0x10
+    with pytest.raises(DriveTimeoutError, match='busy with object 6065h:00 .*without an end'):
+        job.result(0.0)

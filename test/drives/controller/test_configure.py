@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import time
 
-from drive_rig import at_rest, inactive
+from drive_rig import at_rest, inactive, SETTINGS
 import pytest
 
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.controller import commissioning
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.simulated.drive import (
     simulated_drives,
@@ -102,6 +104,47 @@ def test_a_drive_in_fault_is_configured_but_stopped(rig):
         drives[0].remove_cause()
     assert 'next: home q1 and q2 and q3, then activate' in rig.do('clear_faults')
     assert rig.state is ControllerState.INACTIVE
+
+
+def test_after_cleanup_no_drive_misses_the_master(rig):
+    inactive(rig)
+    rig.do('cleanup')
+    rig.frames()
+    time.sleep(3.0 * SETTINGS.heartbeat_timeout)  # nothing must happen
+    emergencies = [frame for frame in rig.frames() if 0x81 <= frame.arbitration_id <= 0xFF]
+    assert emergencies == []
+    rig.do('configure')
+    assert [axis.error_code for axis in rig.controller.snapshot().axes] == [0, 0, 0]
+
+
+@pytest.mark.parametrize('request_', ['configure', 'self_test'])
+def test_a_drive_that_answers_without_an_end_ends_the_request_in_time(rig, monkeypatch, request_):
+    monkeypatch.setattr(commissioning, 'TURN_TIMEOUT', 0.5)
+    with rig.simulator.access() as drives:
+        answer_without_an_end(drives[1])
+    begun = time.monotonic()
+    if request_ == 'configure':
+        with pytest.raises(DriveTimeoutError, match='q2 .* without an end'):
+            rig.do('configure')
+    else:
+        findings = {finding.name: finding for finding in rig.do('self_test')}
+        assert 'without an end' in findings['q2 identity'].message
+    assert time.monotonic() - begun < 10.0
+    assert rig.state is ControllerState.UNCONFIGURED
+
+
+def answer_without_an_end(drive: SimulatedDrive) -> None:
+    """Let a drive answer each SDO request with segments of which there is no last one."""
+    receive = drive.receive
+
+    def answer(cob_id, data, now):
+        if cob_id != 0x600 + drive.node_id or data[0] & 0xE0 not in (0x40, 0x60):
+            return receive(cob_id, data, now)
+        is_segment = data[0] & 0xE0 == 0x60
+        head = bytes([data[0] & 0x10]) if is_segment else bytes([0x40, *data[1:4]])
+        return [(0x580 + drive.node_id, head.ljust(8, bytes(1)))]
+
+    drive.receive = answer
 
 
 def test_the_self_test_names_identity_objects_bus_and_cycle(rig):

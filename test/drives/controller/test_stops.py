@@ -129,6 +129,49 @@ def test_an_undefined_statusword_stops_all(rig):
         drives[0]._pdo.forget()
 
 
+# --- somebody else commands the network
+
+STOP_NODE_2, RESET_NODE_2 = bytes([2, 2]), bytes([129, 2])
+
+
+def test_a_node_that_somebody_has_stopped_comes_back_with_the_next_step_that_is_named(rig):
+    inactive(rig)
+    rig.forge(0, STOP_NODE_2)
+    rig.until(ControllerState.STOPPED)
+    wait_until(lambda: rig.drives[1].nmt_state is NmtState.STOPPED, 'the node to stop')
+    assert 'clear the faults, then activate' in rig.controller.snapshot().next_step
+    assert 'next: activate' in rig.do('clear_faults')
+    rig.do('activate')
+
+
+@pytest.mark.parametrize('situation', ['at rest', 'moving'])
+def test_of_a_powered_node_that_somebody_has_stopped_nothing_is_claimed_that_was_not_received(
+        make_rig, situation):
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+    SITUATIONS[situation](rig)
+    rig.forge(0, STOP_NODE_2)
+    rig.until_stopped()
+    wait_until(lambda: len(rig.controller.snapshot().causes) > 1, 'what follows from it')
+    assert 'still moving' not in rig.all_causes
+    assert 'has sent no state for' in rig.all_causes
+    assert 'configure again' in rig.controller.snapshot().next_step
+    assert 'clean up and configure again' in rig.rejection('clear_faults')
+    rig.do('cleanup', 'configure', 'home', 'activate')
+
+
+def test_a_node_that_has_restarted_is_sent_no_process_data(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.4))
+    at_rest(rig)
+    rig.forge(0, RESET_NODE_2)
+    wait_until(lambda: 'restarted' in rig.controller.snapshot().cause, 'the boot-up message')
+    rig.cycles(3)
+    rig.frames()
+    rig.cycles(5)
+    sent = {frame.arbitration_id for frame in rig.frames()}
+    assert 0x202 not in sent
+    assert {0x201, 0x203} <= sent
+
+
 # --- whoever commands us
 
 @pytest.mark.parametrize(('distort', 'message'), [
