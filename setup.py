@@ -73,6 +73,7 @@ setup(
         f'calibrate = {NAME}.calibration.__main__:main',
         f'commission = {NAME}.commissioning.__main__:main',
         f'replay = {NAME}.replay.__main__:main',
+        f'install = {NAME}.deployment:main',
         f'demo = {NAME}.demo.__main__:main',
         f'stopping = {NAME}.nodes.stopping:main',
         f'workspace_study = {NAME}.workspace.study:main',

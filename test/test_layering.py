@@ -33,6 +33,7 @@ ROOMS = {
     'loop': BASE | {'kinematics', 'motion', 'drives.canopen', 'drives.cia402', 'drives.controller',
                     'drives.simulated'},
     'blackbox': BASE | {'files'},
+    'deployment': BASE | {'files', 'resources'},
     'commissioning': BASE | {'files', 'resources', 'parameter_file', 'drives.canopen',
                              'drives.cia402', 'drives.controller'},
     'replay': BASE | {'blackbox', 'compensation', 'drives.canopen', 'drives.cia402',

@@ -70,6 +70,9 @@ class DriverSettings:
     simulate_drives: bool = parameter(
         False, 'Whether the driver starts simulated drives on its own virtual bus',
         read_only=True)
+    configure_at_start: bool = parameter(
+        False, 'Whether the driver configures itself when it starts; it never powers the drives',
+        read_only=True)
     joint_states_rate: float = parameter(
         100.0, 'How often joint_states is published', unit='Hz', minimum=1.0, maximum=500.0,
         read_only=True)
@@ -105,6 +108,8 @@ class DriverNode(ManagedNode):
         self._status = StatusPublisher(self)
         self._setpoint_codec, self._states_codec = setpoint_codec(), states_codec()
         self._offer()
+        if self._settings.configure_at_start:
+            self.configure_soon()
 
     def transition_jobs(self):
         """Return what starts each lifecycle transition."""

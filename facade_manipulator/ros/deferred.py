@@ -48,12 +48,16 @@ class DeferredReplies:
 
         def send(response, header):
             if isinstance(response, Deferred):
-                response.job.add_done_callback(lambda job: self._in_executor(
-                    lambda: send_response(response.respond(job), header)))
+                self.when_done(response.job, lambda job: send_response(
+                    response.respond(job), header))
             else:
                 send_response(response, header)
 
         service.send_response = send
+
+    def when_done(self, job: Future, action: Callable[[Future], Any]) -> None:
+        """Do something with a completed job in the executor."""
+        job.add_done_callback(lambda job: self._in_executor(lambda: action(job)))
 
     def _in_executor(self, answer: Callable[[], None]) -> None:
         """Run in the node's executor, from any thread: a task wakes any kind of executor."""

@@ -70,9 +70,21 @@ class ManagedNode(LifecycleNode):
                 f"not possible from state '{self.state_label}'")
             response.success = False
             return response
+        return Deferred(self._start(transition), self._complete)
+
+    def configure_soon(self) -> None:
+        """Configure by itself, without a request, once the node is spun."""
+        def configure() -> None:
+            timer.cancel()
+            if self._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED:
+                self.replies.when_done(
+                    self._start(Transition.TRANSITION_CONFIGURE), self._complete)
+
+        timer = self.create_timer(0.0, configure)
+
+    def _start(self, transition: int) -> Future:
         self._state_machine.trigger_transition_by_id(transition, True)
-        job = self.transition_jobs()[self._state_machine.current_state[0]]()
-        return Deferred(job, self._complete)
+        return self.transition_jobs()[self._state_machine.current_state[0]]()
 
     def _requested(self, request: ChangeState.Request) -> int | None:
         """Return the id of the requested transition, None if it is not available now."""

@@ -19,6 +19,7 @@ from rclpy.task import Future
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.executors import choose_executor, spin
 from facade_manipulator.ros.known_parameters import require_known_parameters
+from facade_manipulator.ros.service_manager import ServiceManager
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -46,6 +47,7 @@ def run(
     Nodes that move drives are not run `experimental`, in rclpy's EventsExecutor.
     """
     received: list[int] = []
+    manager = ServiceManager()
     for number in STOP_SIGNALS:
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # of nohup
             signal.signal(number, lambda number, _: received.append(number))
@@ -53,13 +55,15 @@ def run(
     try:
         nodes = _start(make_nodes, args)
         require_known_parameters(nodes, args)
-        _spin(nodes, received, choose_executor() if experimental else SingleThreadedExecutor())
+        _spin(nodes, received, choose_executor() if experimental else SingleThreadedExecutor(),
+              manager)
     except ExternalShutdownException:
         pass
     except ManipulatorError as error:
         print(f'could not start: {error}', file=sys.stderr)
         return USAGE_ERROR
     finally:
+        manager.stopping()
         _close(nodes)
         nodes = ()
         gc.unfreeze()
@@ -86,15 +90,20 @@ def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> 
         raise ManipulatorError(str(error)) from error
 
 
-def _spin(nodes: Sequence[Node], received: list[int], executor: Executor) -> None:
+def _spin(
+    nodes: Sequence[Node], received: list[int], executor: Executor, manager: ServiceManager
+) -> None:
     for node in nodes:
         executor.add_node(node)
     gc.freeze()  # what start-up made stays: no collection has to look at it again
     end = Future()
     rclpy.get_default_context().on_shutdown(lambda: end.set_result(None))
+    steady = Clock(clock_type=ClockType.STEADY_TIME)  # simulated time may stand still
     nodes[0].create_timer(
-        WATCH_PERIOD, lambda: received and end.set_result(None),
-        clock=Clock(clock_type=ClockType.STEADY_TIME))  # simulated time may stand still
+        WATCH_PERIOD, lambda: received and end.set_result(None), clock=steady)
+    if manager.feed_period is not None:
+        nodes[0].create_timer(manager.feed_period, manager.feed, clock=steady)
+    manager.ready()
     try:
         spin(executor, end)
     finally:

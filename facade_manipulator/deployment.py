@@ -1,0 +1,188 @@
+"""
+Install the nodes as services of systemd: units, environment, parameter file, network.
+
+Everything is rendered from config/deploy with what this process runs in, so that the services find
+the same ROS, packages and middleware as whoever installs them.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+import getpass
+import os
+from pathlib import Path
+import re
+import shutil
+import subprocess
+import sys
+from typing import NamedTuple
+
+from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.files import atomic_write
+from facade_manipulator.resources import config_path
+
+UNITS, NETWORK = 'systemd', 'network'
+ENVIRONMENT = 'environment'
+KEPT = re.compile(r'(AMENT_\w+|ROS_\w+|RMW_\w+|FASTDDS_\w+|FASTRTPS_\w+|CYCLONEDDS_\w+|PYTHONPATH|'
+                  r'LD_LIBRARY_PATH)')
+NAMESPACE = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
+ONLY_SYSTEM = '@SYSTEM@'
+MODE = 0o644
+
+
+class InstalledFile(NamedTuple):
+    """
+    A file to be there.
+
+    Attributes
+    ----------
+    path : Path
+    content : str
+    is_kept : bool
+        Whether what stands there stays, since the user edits it.
+    is_compared : bool
+        Whether another content is wrong.
+
+    """
+
+    path: Path
+    content: str
+    is_kept: bool = False
+    is_compared: bool = True
+
+    def difference(self) -> str:
+        """Return what is wrong with the file on the disk; empty if nothing is."""
+        try:
+            present = self.path.read_text(encoding='utf-8')
+        except FileNotFoundError:
+            return 'is not there'
+        except (OSError, UnicodeDecodeError) as error:
+            return f'cannot be read: {error}'
+        alike = not self.is_compared or present == self.content
+        return '' if alike else 'is another than this version has'
+
+    def write(self) -> bool:
+        """Write it unless it is kept; return whether it was written."""
+        if self.is_kept and self.path.exists():
+            return False
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(self.path) as draft:
+            draft.write_text(self.content, encoding='utf-8')
+            draft.chmod(MODE)
+        return True
+
+
+def planned_files(options: argparse.Namespace) -> Iterator[InstalledFile]:
+    """Yield what belongs on the disk for the services of one namespace."""
+    folders = _folders(options)
+    inside = folders if options.user else _folders(argparse.Namespace(user=False, root=Path('/')))
+    values = {'PYTHON': sys.executable, 'FOLDER': str(inside[ENVIRONMENT]),
+              'USER': options.account}
+    for source in sorted(config_path('deploy/systemd').iterdir()):
+        yield InstalledFile(
+            folders[UNITS] / source.name, _render(source, values, is_system=not options.user))
+    if not options.user:
+        for source in sorted(config_path('deploy/network').iterdir()):
+            yield InstalledFile(folders[NETWORK] / source.name, source.read_text('utf-8'))
+    yield InstalledFile(
+        folders[ENVIRONMENT] / ENVIRONMENT, _environment(), is_compared=False)
+    yield InstalledFile(
+        folders[ENVIRONMENT] / f'{options.namespace}.yaml',
+        config_path('manipulator.yaml').read_text('utf-8'), is_kept=True, is_compared=False)
+
+
+def _folders(options: argparse.Namespace) -> dict[str, Path]:
+    home = Path(os.environ.get('XDG_CONFIG_HOME') or Path.home() / '.config')
+    if options.user:
+        return {UNITS: home / 'systemd/user', ENVIRONMENT: home / 'facade_manipulator'}
+    return {UNITS: options.root / 'etc/systemd/system',
+            NETWORK: options.root / 'etc/systemd/network',
+            ENVIRONMENT: options.root / 'etc/facade_manipulator'}
+
+
+def _render(source: Path, values: dict[str, str], is_system: bool) -> str:
+    lines = source.read_text('utf-8').splitlines(keepends=True)
+    text = ''.join(line.removeprefix(ONLY_SYSTEM) for line in lines
+                   if is_system or not line.startswith(ONLY_SYSTEM))
+    return re.sub(r'@([A-Z]+)@', lambda match: values[match[1]], text)
+
+
+def _environment() -> str:
+    """Return the environment that ROS needs, as systemd reads it."""
+    kept = {name: value for name, value in sorted(os.environ.items()) if KEPT.fullmatch(name)}
+    quoted = (value.replace('\\', '\\\\').replace('"', '\\"') for value in kept.values())
+    return ''.join(f'{name}="{value}"\n' for name, value in zip(kept, quoted, strict=True))
+
+
+def verify_units(folder: Path, user: bool) -> str:
+    """Return what systemd says of the units in a folder; empty if they are right."""
+    if shutil.which('systemd-analyze') is None:
+        return 'systemd-analyze is not installed: the units could not be checked'
+    done = subprocess.run(
+        ['systemd-analyze', 'verify', '--man=no', '--generators=no',
+         *(['--user'] if user else []), *map(str, sorted(folder.glob('facade*@.*')))],
+        capture_output=True, text=True, check=False,
+        env={**os.environ, 'SYSTEMD_UNIT_PATH': f'{folder}:'})
+    ours = [line for line in done.stderr.splitlines() if 'facade' in line]
+    return '\n'.join(ours)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    options = _options(arguments)
+    try:
+        if not NAMESPACE.fullmatch(options.namespace):
+            raise ParameterError(
+                f'namespace {options.namespace!r} is none: letters, digits and _, as gondola_1')
+        files = list(planned_files(options))
+        return _check(files, options) if options.check else _install(files, options)
+    except (ManipulatorError, OSError) as error:
+        print(f'install: {error}', file=sys.stderr)
+        return 1
+
+
+def _check(files: list[InstalledFile], options: argparse.Namespace) -> int:
+    wrong = [f'{file.path} {difference}' for file in files if (difference := file.difference())]
+    if not wrong:
+        wrong = [complaint] if (complaint := verify_units(
+            _folders(options)[UNITS], options.user)) else []
+    print('\n'.join(wrong) or f'all {len(files)} files are in place, systemd accepts the units')
+    return 1 if wrong else 0
+
+
+def _install(files: list[InstalledFile], options: argparse.Namespace) -> int:
+    for file in files:
+        if file.write():
+            print(f'written: {file.path}')
+    complaint = verify_units(_folders(options)[UNITS], options.user)
+    if complaint:
+        print(complaint, file=sys.stderr)
+        return 1
+    command = f'systemctl{" --user" if options.user else ""}'
+    print(f"""next:
+  edit {files[-1].path}: node ids, serial numbers, lead, stroke
+  {command} daemon-reload
+  {command} enable --now facade@{options.namespace}.target
+The driver configures itself. Nothing has power before somebody homes and activates it.""")
+    return 0
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='install', description='Install the nodes of a gondola as services of systemd.')
+    parser.add_argument('--check', action='store_true',
+                        help='write nothing: say what is missing, other, or wrong')
+    parser.add_argument('--user', action='store_true',
+                        help="services of this user, without real-time rights or can0's settings")
+    parser.add_argument('--namespace', default='gondola_1',
+                        help='namespace of the nodes and name of the target (default gondola_1)')
+    parser.add_argument('--account', default=os.environ.get('SUDO_USER') or getpass.getuser(),
+                        help='who the services run as (default: who installs them)')
+    parser.add_argument('--root', type=Path, default=Path('/'), metavar='DIR',
+                        help='write below this folder, as into the image of another computer')
+    return parser.parse_args(arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
