@@ -42,6 +42,7 @@ PRIOR_TIME = 2.8  # s after which as much was learnt as the prior says
 PRIOR_POWERS = np.array((12.0, 1.5))[:, None]  # with which its share falls: quickly, slowly
 MOST_PRIOR = 100.0  # s
 DECAY_PRIOR = 0.1  # of the prior's time, that holds the decays at 0
+LEAST_PRIOR = 0.01  # s, of noise: estimates may be better than they say
 LEAST_DECAY_PRIOR = 1e-9  # s: decays that are over are forgotten, too
 START_SHARE = 0.7  # of the time learnt, the memory at first
 SCORE_TIME = 5.0  # s, time constant with which errors are forgotten
@@ -53,27 +54,15 @@ FULL, MEAN, FINAL, RIGHT, STEP = range(5)  # what is scored: errors, and steps b
 
 
 class Sample(NamedTuple):
-    """
-    What was known at an estimate.
-
-    Parameters
-    ----------
-    stamp, interval : float
-        [s], the interval since the estimate before.
-    values, level, mean : numpy.ndarray, shape (axes,)
-    regressors : numpy.ndarray, shape (axes, REGRESSORS)
-    forecast : numpy.ndarray, shape (axes, HORIZONS)
-        Positions that were predicted then.
-
-    """
+    """What was known at an estimate: times [s] and, by axis, positions [m or rad]."""
 
     stamp: float
-    interval: float
+    interval: float  # since the estimate before
     values: np.ndarray
     level: np.ndarray
     mean: np.ndarray
-    regressors: np.ndarray
-    forecast: np.ndarray
+    regressors: np.ndarray  # (axes, REGRESSORS)
+    forecast: np.ndarray  # (axes, HORIZONS), as predicted then
 
 
 class Continuation:
@@ -103,13 +92,17 @@ class Continuation:
         self._samples: deque[Sample] = deque()
         self._squares = np.zeros((axes, REGRESSORS, REGRESSORS))
         self._moves = np.zeros((axes, REGRESSORS, len(self._horizons)))
-        self._learnt = self._elapsed = 0.0
+        self._learnt, self._elapsed = np.zeros(axes), 0.0
         self._scores = np.zeros((5, axes, len(self._horizons)))
         self._scores[[FULL, MEAN, FINAL]] = UNKNOWN
 
     def add(self, sample: Sample) -> None:
         """Keep a sample until all that it forecast has come."""
         self._samples.append(sample)
+
+    def weaken(self, share: np.ndarray) -> None:
+        """Let what was learnt count for a share of its time: it was learnt of weaker motion."""
+        self._learnt = self._learnt * share
 
     def learn(self, noise: np.ndarray) -> None:
         """Learn from the samples of which every horizon has passed, and forget them."""
@@ -167,9 +160,10 @@ class Continuation:
 
         """
         sway, white = sway_moments(), noise_moments()
-        share = PRIOR_TIME / max(self._learnt, 1e-3)
+        share = PRIOR_TIME / np.maximum(self._learnt, 1e-3)
         prior = np.minimum(share ** PRIOR_POWERS, MOST_PRIOR)
-        s, r = (prior * strength)[..., None, None], (prior * noise)[..., None, None]
+        s = (prior * strength)[..., None, None]
+        r = (np.maximum(prior, LEAST_PRIOR) * noise)[..., None, None]
         squares, moves = np.stack([self._squares] * 2), np.stack([self._moves] * 2)
         squares[..., :FEATURES, :FEATURES] += s * sway.features + r * white.features
         moves[..., :FEATURES, :] += (

@@ -9,6 +9,7 @@ predictions' errors are measured, too; they decide which estimates are outliers.
 
 from __future__ import annotations
 
+from itertools import cycle
 import math
 
 import numpy as np
@@ -31,6 +32,7 @@ SAME_TIME = 1e-6  # s, what is closer together counts as one
 FIRST_INTERVAL = 0.02  # s, taken for the mean one until there are two estimates
 PEAK_TIME = 20.0  # s, time constant with which the strongest motion seen is forgotten
 PEAK_SHARE = 0.1  # variance of the acceleration expected, by its peak's square
+GROWTH = 2.0  # of the acceleration's square, beyond which what was learnt counts for less
 NOISE_PEAK = 9.0  # squares of an acceleration by its noise's variance that are no motion
 LEAST_ROOM = 0.3  # of the acceleration that fits, below which even less is compensated
 MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
@@ -40,8 +42,7 @@ OUTLIER = 8.0  # standard deviations
 BELIEVED = 3  # outliers in a row, of which the last is none
 SHIFT_PAUSE = 1.0  # s between jumps of the origin: filters shrink faster than it can grow
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
-NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones at once
-FAR_TURN = 4  # every fourth learning is that of the far horizons
+NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones soon and often
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
     ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
 
@@ -110,8 +111,8 @@ class DisturbancePredictor:
         """
         measured, noise = np.array(values), np.array(variances)
         if self.stamp is None or not 0.0 < stamp - self.stamp <= LONGEST_GAP:
+            interval = self._interval = FIRST_INTERVAL
             self._start(stamp, measured, noise)
-            interval = self._interval
         else:
             interval = stamp - self.stamp
             self._interval += min(interval / (stamp - self.since), 1.0) * (
@@ -142,12 +143,13 @@ class DisturbancePredictor:
         """Begin at rest where the gondola is, which is the origin of everything that is kept."""
         axes = len(measured)
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
-        self._interval, self._learnings = FIRST_INTERVAL, 0
         self._origin, self._shifted = measured, np.full(axes, -math.inf)
         self._bank = FilterBank(axes)
-        self._continuations = [
+        near, far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
+        self._turns = cycle((near, near, near, far))
         self._values, self._mean, self._peak, self._bend, self._suspicions = np.zeros((5, axes))
+        self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._weights = np.zeros((axes, REGRESSORS, len(HORIZONS)))
         self._variances, self._share = np.zeros((2, axes, len(HORIZONS)))
         for continuation in self._continuations:
@@ -189,7 +191,14 @@ class DisturbancePredictor:
             BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
         if self.stamp > self._next_learning - SAME_TIME:
             self._next_learning = self.stamp + LEARNING_PERIOD
-            self._learn(noise)
+            strongest = floor + self._peak
+            share = np.minimum(GROWTH * self._known / strongest, 1.0)
+            self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
+            for continuation in self._continuations:
+                continuation.weaken(share)
+            learner = next(self._turns)
+            learner.learn(noise)
+            self._solve(learner, noise)
         self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (
             self._values - self._mean)
         full = (seen[:, None] @ self._weights)[:, 0]
@@ -199,14 +208,6 @@ class DisturbancePredictor:
         sample = Sample(self.stamp, interval, self._values, level, self._mean, seen, final)
         for continuation in self._continuations:
             continuation.add(sample)
-
-    def _learn(self, noise: np.ndarray) -> None:
-        """Let near and far horizons learn in turn."""
-        self._learnings += 1
-        near, far = self._continuations
-        learner = near if self._learnings % FAR_TURN else far
-        learner.learn(noise)
-        self._solve(learner, noise)
 
     def _solve(self, learner: Continuation, noise: np.ndarray) -> None:
         """Take what one group of horizons has learnt, and how well it did."""

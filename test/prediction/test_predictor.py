@@ -257,6 +257,16 @@ def test_two_outliers_in_a_row_move_nothing():
     assert np.abs(struck_twice.errors[1000:] - smooth.errors[1000:]).max() < 2.0 * NOISE
 
 
+@pytest.mark.parametrize(('noise', 'bound'), [(0.0, 1.5), (NOISE, 2.5)])
+def test_a_sway_that_begins_after_rest_is_not_exaggerated(noise, bound):
+    """At rest, above all without noise, weights mean nothing: they must not count later."""
+    sway = sines(BREEZE)
+    run = Run(lambda time: sway(time) * min(max(time - 40.0, 0.0) / 5.0, 1.0), 60.0, noise=noise,
+              published=NOISE)
+    assert (run.rms(40.0, 50.0) < bound * NOISE).all()
+    assert (run.rms(50.0) < NOISE).all()
+
+
 def test_steps_in_any_number_do_not_run_away():
     random, predictor, worst = np.random.default_rng(2), DisturbancePredictor(SETTINGS), 0.0
     for k in range(3000):
