@@ -9,11 +9,14 @@ x alone. The bounds belong to a limit themselves: stay inside by a margin.
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import acos, asin, atan2, cos, hypot, isfinite, sin, sqrt
-from typing import NamedTuple
+from math import cos, isfinite, sin, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from facade_manipulator.errors import CarriageGapError, StrokeLimitError, UnreachableError
 from facade_manipulator.kinematics import branch_number, Geometry, links, not_finite, Pose
+from facade_manipulator.workspace.volume import theta_bounds_of
 
 _BISECTIONS = 60
 _SAMPLES = 64
@@ -99,64 +102,51 @@ def theta_max(geometry: Geometry, y: float) -> float:
         raise CarriageGapError('y', y, lower, 'm', 'below')
     if y >= upper:
         raise UnreachableError('y', y, upper, 'm', 'not below')
-    bound = min(_order_angle(geometry, y), _reach_angle(geometry, y))
-    start = asin(min(1.0, y / geometry.platform_half_length))
-    if bound <= start or _number(geometry, y, bound) > 0.0:
-        return bound  # N > 0 wherever both B stand in front of the rail
-    return _bisect(lambda theta: _number(geometry, y, theta), bound, start)
+    return float(theta_limits(
+        geometry.link_length, geometry.platform_half_length, geometry.carriage_gap,
+        np.array([y]))[0])
 
 
-def _reach_angle(geometry: Geometry, y: float) -> float:
-    return asin(min(1.0, (geometry.link_length - y) / geometry.platform_half_length))
-
-
-def _order_angle(geometry: Geometry, y: float) -> float:
-    """
-    Greatest θ with s1 ≤ b c − m.
-
-    Squared, with y s + m c = ρ sin(θ + φ): ρ sin(θ + φ) ≤ (y² + b² + m² − l²)/(2 b).
-    """
-    half, gap = geometry.platform_half_length, geometry.carriage_gap
-    radius, phase = hypot(y, gap), atan2(gap, y)
-    height = (y * y + half * half + gap * gap - geometry.link_length ** 2) / (2.0 * half)
-    upright = acos(gap / half)
-    if height >= radius:
-        return upright
-    return min(upright, max(0.0, asin(height / radius) - phase))
+def theta_limits(length: Any, half: Any, gap: float, y: np.ndarray) -> np.ndarray:
+    """Return `theta_max` of one design or of arrays of them; 0 where θ = 0 is not reachable."""
+    bound = np.nan_to_num(theta_bounds_of(length, half, gap, y))
+    if (_number(length, half, y, bound) > 0.0).all():
+        return bound
+    inside = np.minimum(bound, np.arcsin(np.minimum(1.0, y / half)))  # N > 0 up to here
+    root = bisect(lambda theta: _number(length, half, y, theta), bound, inside)
+    return np.where(_number(length, half, y, bound) > 0.0, bound, root)
 
 
 def _regular_y(geometry: Geometry, theta: float, edge: float) -> Interval:
     """Return where N > 0 below the far edge, for links so short that they never cross."""
+    def number(y: Any) -> Any:
+        return _number(geometry.link_length, geometry.platform_half_length, y, abs(theta))
+
     rise = geometry.platform_half_length * abs(sin(theta))
     if rise <= edge:
         # N > 0 from the platform's rise upwards: both joints B are in front of the rail.
-        return Interval(_bisect(lambda y: _number(geometry, y, theta), 0.0, rise), edge)
-    samples = [edge * k / _SAMPLES for k in range(_SAMPLES + 1)]
-    best = max(samples, key=lambda y: _number(geometry, y, theta))
-    if _number(geometry, best, theta) <= 0.0:
+        return Interval(float(bisect(number, 0.0, rise)), edge)
+    samples = np.linspace(0.0, edge, _SAMPLES + 1)
+    best = samples[np.argmax(number(samples))]
+    if number(best) <= 0.0:
         return Interval(edge, edge)
-    lower = _bisect(lambda y: _number(geometry, y, theta), 0.0, best)
-    if _number(geometry, edge, theta) > 0.0:
-        return Interval(lower, edge)
-    return Interval(lower, _bisect(lambda y: _number(geometry, y, theta), edge, best))
+    lower = float(bisect(number, 0.0, best))
+    return Interval(lower, edge if number(edge) > 0.0 else float(bisect(number, edge, best)))
 
 
-def _number(geometry: Geometry, y: float, theta: float) -> float:
-    """Return N [m²] for θ ≥ 0, the far edge included."""
-    square = geometry.link_length ** 2
-    sine, cosine = abs(sin(theta)), cos(theta)
-    u1 = y - geometry.platform_half_length * sine
-    u2 = y + geometry.platform_half_length * sine
-    s1, s2 = (sqrt(max(0.0, square - height * height)) for height in (u1, u2))
-    return branch_number((sine, cosine, u1, u2, s1, s2))
+def _number(length: Any, half: Any, y: Any, theta: Any) -> Any:
+    """Return N [m²] for θ ≥ 0, the far edge included; on floats as on arrays."""
+    rise = half * np.sin(theta)
+    roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
+             for height in (y - rise, y + rise)]
+    return branch_number((np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))
 
 
-def _bisect(function: Callable[[float], float], negative: float, positive: float) -> float:
-    """Return the root between two arguments, on its positive side."""
+def bisect(function: Callable[[Any], Any], negative: Any, positive: Any) -> Any:
+    """Return the roots between two arguments, on their positive side; on floats as on arrays."""
     for _ in range(_BISECTIONS):
         middle = 0.5 * (negative + positive)
-        if function(middle) > 0.0:
-            positive = middle
-        else:
-            negative = middle
+        above = function(middle) > 0.0
+        positive = np.where(above, middle, positive)
+        negative = np.where(above, negative, middle)
     return positive

@@ -13,14 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import branch_number
+from facade_manipulator.workspace.limits import theta_limits
 from facade_manipulator.workspace.objectives import Requirements
 from facade_manipulator.workspace.section import good_section_bounds
-from facade_manipulator.workspace.volume import theta_bounds_of
 
 _SAMPLES = 64  # of y, to find the peaks of θ_max
 _NEAR, _REFINEMENTS = 15, 5  # of y about a peak, five times as close at each refinement
-_BISECTIONS = 30
 _BLOCK = 512  # designs at once
 
 
@@ -128,7 +126,7 @@ def _theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:
     Links shorter than b have two: where the order meets N = 0, and where it meets the reach.
     """
     share = np.linspace(0.0, 1.0, _SAMPLES)[1:-1]
-    theta = _theta_max(length, half, gap, share * length)
+    theta = theta_limits(length, half, gap, share * length)
     beside = np.pad(theta, ((0, 0), (1, 1)))
     local = (theta >= beside[:, :-2]) & (theta >= beside[:, 2:])
     best = np.argsort(np.where(local, theta, -1.0), axis=1)[:, -2:]
@@ -143,34 +141,7 @@ def _refined_peak(
     step = 1.0 / _SAMPLES
     for _ in range(_REFINEMENTS):
         near = np.clip(share + step * np.linspace(-1.5, 1.5, _NEAR), 1e-6, 1.0 - 1e-6)
-        theta = _theta_max(length, half, gap, near * length)
+        theta = theta_limits(length, half, gap, near * length)
         share = np.take_along_axis(near, np.argmax(theta, axis=1)[:, None], axis=1)
         step *= 3.0 / _NEAR
     return theta.max(axis=1)
-
-
-def _theta_max(
-    length: np.ndarray, half: np.ndarray, gap: float, y: np.ndarray
-) -> np.ndarray:
-    """Return `limits.theta_max` over arrays; 0 where θ = 0 is not reachable."""
-    bound = np.nan_to_num(theta_bounds_of(length, half, gap, y))
-    inside = np.minimum(bound, np.arcsin(np.minimum(1.0, y / half)))  # N > 0 up to here
-    outside = bound
-    if (_number(length, half, y, bound) <= 0.0).any():
-        for _ in range(_BISECTIONS):
-            middle = 0.5 * (inside + outside)
-            positive = _number(length, half, y, middle) > 0.0
-            inside = np.where(positive, middle, inside)
-            outside = np.where(positive, outside, middle)
-        bound = np.where(_number(length, half, y, bound) > 0.0, bound, inside)
-    return bound
-
-
-def _number(
-    length: np.ndarray, half: np.ndarray, y: np.ndarray, theta: np.ndarray
-) -> np.ndarray:
-    """Return N [m²], the far edge included."""
-    rise = half * np.sin(theta)
-    roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
-             for height in (y - rise, y + rise)]
-    return branch_number((np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))
