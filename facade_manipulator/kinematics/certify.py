@@ -6,7 +6,7 @@ from math import sqrt
 
 from facade_manipulator.errors import CarriageGapError, SingularityError, StrokeLimitError
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
-from facade_manipulator.kinematics.inverse import Links, links
+from facade_manipulator.kinematics.inverse import links
 from facade_manipulator.kinematics.jacobian import branch_number, squared_index
 
 # b over the index's unit of length: for the design that is 1 m, for a mechanism of another size it
@@ -63,7 +63,7 @@ def certify(
     check_gap(geometry, span - projection1, span - projection2)
     q1, q2 = x - span + projection1, x + span - projection2
     check_stroke(geometry, q1, q2)
-    check_branch(at)
+    check_number(branch_number(at))
     check_index(squared_index(at, index_ratio(geometry, characteristic_length)), min_conditioning)
     return Carriages(q1, q2, x)
 
@@ -88,9 +88,9 @@ def check_index(square: float, least: float) -> None:
         raise SingularityError('conditioning index', index, least, '', 'below')
 
 
-def check_branch(at: Links) -> None:
+def check_number(number: float) -> None:
     """
-    Check that links are on the machine's branch, before the parallel singularity.
+    Check that N [m²] is that of the machine's branch, before the parallel singularity.
 
     Raises
     ------
@@ -98,11 +98,6 @@ def check_branch(at: Links) -> None:
         If N ≤ 0.
 
     """
-    check_number(branch_number(at))
-
-
-def check_number(number: float) -> None:
-    """Check N [m²] of `parallel_singularity`, as `check_branch`."""
     if number <= 0.0:
         raise SingularityError(
             'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')

@@ -22,7 +22,7 @@ from math import atan2, cos, sin, sqrt
 from facade_manipulator.errors import SingularityError, UnreachableError
 from facade_manipulator.kinematics.assembly import assembly_modes, FARTHEST
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
-from facade_manipulator.kinematics.jacobian import parallel_singularity
+from facade_manipulator.kinematics.jacobian import branch_number, parallel_singularity
 
 STEP_TOLERANCE = 1e-5  # such a step leaves its square, and the polish the square of that
 POLISHED = 1e-8  # a Newton step on the links from which nothing is left
@@ -100,8 +100,40 @@ def _cubic(
     )
 
 
+def closed_number(geometry: Geometry, left: float, right: float) -> float:
+    """
+    Return N [m²] where the links close, in half the time that the pose takes.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    left, right : float
+        q1 − q3 and q2 − q3, carriages in their order [m].
+
+    Raises
+    ------
+    UnreachableError
+        As `forward_kinematics`.
+
+    """
+    y, sine, cosine = _close(geometry, left, right)
+    half = geometry.platform_half_length
+    rise, span = half * sine, half * cosine
+    return branch_number((sine, cosine, y - rise, y + rise, left + span, span - right))
+
+
 def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:
     """Return (y, θ) for left = q1 − q3 below right = q2 − q3."""
+    y, sine, cosine = _close(geometry, left, right)
+    dy, dtheta = _newton_step(geometry, left, right, y, sine, cosine)
+    theta = atan2(sine, cosine)
+    if abs(dtheta) + abs(dy) > POLISHED:
+        return _polish(geometry, left, right, y, theta)
+    return y + dy, theta + dtheta
+
+
+def _close(geometry: Geometry, left: float, right: float) -> tuple[float, float, float]:
+    """Return y, sin θ and cos θ as the cubic gives them."""
     half = geometry.platform_half_length
     f0, f1, f2, f3, square = _cubic(geometry, left, right)
     u = _greatest_root(f0, f1, f2, f3)
@@ -116,11 +148,7 @@ def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]
     cosine /= norm
     if left + half * cosine <= 0.0 or half * cosine - right <= 0.0:
         raise _other_working_mode(left + half * cosine, half * cosine - right)
-    dy, dtheta = _newton_step(geometry, left, right, y, sine, cosine)
-    theta = atan2(sine, cosine)
-    if abs(dtheta) + abs(dy) > POLISHED:
-        return _polish(geometry, left, right, y, theta)
-    return y + dy, theta + dtheta
+    return y, sine, cosine
 
 
 def _newton_step(
