@@ -117,12 +117,8 @@ class DriveController:
     def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
         """Quick stop all axes at once and stay stopped until the faults are cleared."""
         connection, group = self._session.connection, self._session.group
-        if group is None:
-            return  # no drive has power before the drives are configured
-        if connection is not None:
+        if group is not None and connection is not None:  # else no drive has power
             connection.exchange.stops.append(Cause(cause, remedy))
-            with suppress(BusError):  # the control thread meets the same error and handles it
-                connection.exchange.send_stop()
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the state of controller and axes at the newest cycle."""
@@ -260,13 +256,12 @@ class DriveController:
         _log.exception('the control loop failed')
         message = f'the control loop failed: {type(error).__name__}: {error}'
         session = self._session
-        if session.group is not None:
-            session.group.stop(
-                Cause(message, 'report this, clear the faults, then activate'),
-                time.monotonic())
+        cause = Cause(message, 'report this, clear the faults, then activate')
         if session.connection is not None:
             with suppress(BusError):
-                session.connection.exchange.send_stop()
+                session.connection.exchange.stop_for(cause)
+        if session.group is not None:
+            session.group.stop(cause, time.monotonic())
         self._wake.clear()
         self._wake.wait(session.settings.period)  # an error that stays must not eat the CPU
 

@@ -151,6 +151,10 @@ class SyncProducer(CycleClock):
         """Send the first SYNC now."""
         self._next_sync = now
 
+    def has_time(self, now: float) -> bool:
+        """Return whether commands may be sent; SYNC waits for them."""
+        return True
+
     def sync_due(self, now: float, all_read: bool) -> bool:
         """Return whether to send SYNC."""
         return not self.is_open and now >= self._next_sync
@@ -204,6 +208,10 @@ class SyncConsumer(CycleClock):
         unexpected = time < self.sync_time + SYNC_TOO_EARLY * self.period
         self._unexpected += unexpected
         return unexpected
+
+    def has_time(self, now: float) -> bool:
+        """Return whether commands that are sent now all come before the same SYNC."""
+        return (now - self.sync_time) % self.period <= COMMANDS_DUE * self.period
 
     def receive(self, time: float, stamp: float) -> None:
         """Begin a cycle with the kernel's SYNC."""

@@ -25,7 +25,6 @@ from facade_manipulator.drives.cia402 import (
     AxisCommand,
     Cause,
     COMPUTER_REMEDY,
-    Controlword,
     FOLLOWING_PHASES,
     Group,
     Phase,
@@ -93,6 +92,7 @@ class CyclicExchange:
         self._window = min(monitor.axis.following_error_window for monitor in monitors)
         self._next_heartbeat = 0.0
         self._unsent = 0
+        self._waits_for_sync = False
         self._pumped = self._read_until = time.monotonic()
         self._taken_out: set[str] = set()
         self._routes = self._make_routes()
@@ -112,7 +112,7 @@ class CyclicExchange:
             **{tpdo.cob_id(node): (tpdo.codec.size, self._tpdo_receiver(monitor, tpdo))
                for tpdo in monitor.tpdos},
             pdo.emergency_cob_id(node): (
-                _EMERGENCY_LENGTH, lambda frame: self._stop_for(
+                _EMERGENCY_LENGTH, lambda frame: self.stop_for(
                     monitor.receive_emergency(frame.data))),
             pdo.heartbeat_cob_id(node): (
                 1, lambda frame: self._on_heartbeat(monitor, frame)),
@@ -120,7 +120,7 @@ class CyclicExchange:
         }
 
     def _tpdo_receiver(self, monitor: AxisMonitor, tpdo: pdo.Pdo) -> Callable[[Frame], None]:
-        return lambda frame: self._stop_for(
+        return lambda frame: self.stop_for(
             monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time))
 
     def _dispatch(self, frame: Frame) -> None:
@@ -138,9 +138,9 @@ class CyclicExchange:
     def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> None:
         cause = monitor.receive_heartbeat(frame.data, frame.time)
         self.reception.notify()
-        self._stop_for(cause)
+        self.stop_for(cause)
 
-    def _stop_for(self, cause: Cause | None) -> None:
+    def stop_for(self, cause: Cause | None) -> None:
         """Stop, and say so on the bus at once rather than at the end of the cycle."""
         if cause is None or self.group is None:
             return
@@ -190,6 +190,8 @@ class CyclicExchange:
         frame = self._bus.receive(self._time_to_next_event(time.monotonic()))
         now = time.monotonic()
         self._watch_pauses(now)
+        while self.stops:
+            self.stop_for(self.stops.popleft())
         if frame is None:
             self._read_until = now
         else:
@@ -198,6 +200,8 @@ class CyclicExchange:
         if self.transmits and now >= self._next_heartbeat:
             self._send_heartbeat(now)
         if self.group is not None:
+            if self._waits_for_sync:
+                self._send_commands(self.group.commands)
             self._turn(now, all_read=frame is None)
         return now
 
@@ -206,7 +210,7 @@ class CyclicExchange:
         pause, self._pumped = now - self._pumped, now
         bound = self._settings.heartbeat_timeout
         if pause > bound:
-            self._stop_for(Cause(
+            self.stop_for(Cause(
                 f'the control loop stood still for {1e3 * pause:.0f} ms, '
                 f'bound {1e3 * bound:.0f} ms', COMPUTER_REMEDY))
 
@@ -244,10 +248,8 @@ class CyclicExchange:
         self.has_stepped = True
 
     def _supervise(self, now: float) -> None:
-        """Stop for what no frame brings: a request, carriages that home, silence, a late loop."""
+        """Stop for what no frame brings: carriages that come too near, silence, a late loop."""
         group = self.group
-        while self.stops:
-            group.stop(self.stops.popleft(), now)
         if group.phase is Phase.HOMING:
             self._supervise_homing(now)
         elif group.phase in FOLLOWING_PHASES:
@@ -303,14 +305,6 @@ class CyclicExchange:
 
     # --- sending
 
-    def send_stop(self) -> None:
-        """Command a quick stop at once, from any thread; the next step makes it last."""
-        group = self.group
-        if group is not None:
-            self._send_commands(tuple(
-                command._replace(controlword=Controlword.QUICK_STOP)
-                for command in group.commands))
-
     def _send_sync(self) -> None:
         self.clock.begin(time.monotonic(), time.time())
         self._send(pdo.SYNC_COB_ID)
@@ -320,6 +314,15 @@ class CyclicExchange:
         self._send(pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
 
     def _send_commands(self, commands: tuple[AxisCommand, ...]) -> None:
+        """
+        Send one command to each drive, all three between the same two SYNCs.
+
+        Just before a SYNC of the kernel's they wait for it: one drive might latch its command a
+        period before the others.
+        """
+        self._waits_for_sync = not self.clock.has_time(time.monotonic())
+        if self._waits_for_sync:
+            return
         for monitor, command, target in zip(
                 self._monitors, commands, self._targets.counts, strict=True):
             for cob_id, data in monitor.encode(command, target):

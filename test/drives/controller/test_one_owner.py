@@ -1,0 +1,115 @@
+"""One thread owns the wire, and no SYNC falls between the commands of two drives."""
+
+from __future__ import annotations
+
+from collections import deque
+import threading
+
+from drive_rig import at_rest, SETTINGS, Source
+import pytest
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.bus import Frame
+from facade_manipulator.drives.cia402 import Cause, Group
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import Controlword
+from facade_manipulator.drives.controller import exchange as module
+from facade_manipulator.drives.controller.exchange import CyclicExchange
+from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
+
+PERIOD = SETTINGS.period
+RPDOS = tuple(pdo.RPDO1.cob_id(node) for node in (1, 2, 3))
+
+
+def test_commands_come_from_the_control_thread_alone_whoever_stops(rig):
+    at_rest(rig)
+    senders, send = set(), rig.buses[-1].send
+
+    def note(message, timeout=None):
+        if message.arbitration_id in RPDOS:
+            senders.add(threading.current_thread().name)
+        send(message, timeout)
+
+    rig.buses[-1].send = note
+    stoppers = [threading.Thread(target=rig.controller.stop, args=('enough',)) for _ in range(20)]
+    for thread in stoppers:
+        thread.start()
+    for thread in stoppers:
+        thread.join()
+    rig.until_stopped()
+    assert senders == {'drive control'}
+
+
+class Wire:
+    """A bus on which the kernel sends SYNC, with a clock that a test turns."""
+
+    has_kernel_sync = True
+
+    def __init__(self) -> None:
+        self.now = 100.0
+        self.frames: deque[Frame] = deque()
+        self.sent: list[tuple[float, int, bytes]] = []
+
+    def listen_to(self, cob_ids) -> None:
+        """Take everything."""
+
+    def start_sync(self, period) -> None:
+        """Leave SYNC to the test."""
+
+    def send(self, cob_id, data=b'') -> None:
+        if cob_id in RPDOS:
+            self.sent.append((self.now, cob_id, data))
+
+    def receive(self, timeout):
+        return self.frames.popleft() if self.frames else None
+
+    def monotonic(self) -> float:
+        return self.now
+
+    time = monotonic
+
+
+@pytest.fixture
+def wire(monkeypatch):
+    made = Wire()
+    monkeypatch.setattr(module, 'time', made)
+    return made
+
+
+@pytest.mark.parametrize('share', [0.05, 0.3, 0.79, 0.85, 0.95, 0.99])
+@pytest.mark.parametrize('kind', ['emergency', 'request'])
+def test_a_stop_shortly_before_a_sync_waits_for_it(wire, share, kind):
+    """Else one drive might latch it now and its neighbour a period later, at full speed."""
+    monitors = tuple(
+        AxisMonitor(name, axis, SETTINGS) for name, axis in zip(
+            AXIS_NAMES, DEFAULT_AXES, strict=True))
+    exchange = CyclicExchange(
+        wire, monitors, SETTINGS, Targets(DEFAULT_AXES, SETTINGS, MechanismChecks(Source())))
+    group = Group(AXIS_NAMES, SETTINGS.group, wire.now)
+    exchange.start(group, wire.now)
+
+    def turn(*frames):
+        wire.frames += [Frame(cob_id, data, wire.now, wire.now) for cob_id, data in frames]
+        exchange.pump()
+
+    turn((pdo.SYNC_COB_ID, b''))
+    sync = wire.now
+    wire.now += 0.02 * PERIOD
+    for node in (1, 2, 3):
+        turn((pdo.TPDO1.cob_id(node), bytes(7)))
+    wire.sent.clear()
+    wire.now = sync + share * PERIOD
+    if kind == 'emergency':
+        turn((0x081, b'\x10\x23' + bytes(6)))
+    else:
+        exchange.stops.append(Cause('enough'))
+        turn()
+    wire.now = sync + PERIOD
+    turn((pdo.SYNC_COB_ID, b''))
+    turn()
+    stops = [moment - sync for moment, _, data in wire.sent
+             if pdo.decode_rpdo1(data).controlword == Controlword.QUICK_STOP]
+    assert len(stops) >= 3
+    assert len({*stops[:3]}) == 1
+    assert stops[0] <= 0.8 * PERIOD or stops[0] >= PERIOD
