@@ -145,6 +145,7 @@ class ControlLoop:
             'setpoint': self._add_setpoint,
             'request': self._start_request,
             'stop': self.controller.stop,
+            'forbid': self.controller.forbid_power,
             'limits': self._change_limits,
             'stream': self._change_stream,
             'disturb': self._disturb,

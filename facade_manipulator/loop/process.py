@@ -96,6 +96,7 @@ class LoopProcess:
         self._on_rejection = on_rejection
         self._launch = launch
         self._numbers = count()
+        self._forbidden = ''
         self.start()
 
     def start(self) -> None:
@@ -121,6 +122,8 @@ class LoopProcess:
         self._process, self._channel = process, channel
         Thread(target=self._receive, args=(channel,), name='control loop messages',
                daemon=True).start()
+        if self._forbidden:
+            self._send('forbid', self._forbidden, must_arrive=True)
         if self._setup is not setup:  # changed meanwhile
             self._change(limits=self._setup.limits)
             self._change(stream=self._setup.stream)
@@ -158,6 +161,12 @@ class LoopProcess:
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
         self._send('stop', cause, must_arrive=True)
+
+    def forbid_power(self, cause: str) -> None:
+        """Let no drive have power, also of a loop that is started later, until ``''`` comes."""
+        if cause != self._forbidden:
+            self._forbidden = cause
+            self._send('forbid', cause, must_arrive=True)
 
     def change_limits(self, limits: MotionLimits) -> None:
         """Keep other limits from the next cycle on."""

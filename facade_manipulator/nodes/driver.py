@@ -170,7 +170,7 @@ class DriverNode(ManagedNode):
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
         self.create_subscription(
             JointState, 'joint_setpoints', self._receive_setpoint, LATEST, raw=True)
-        self._software_stop = SoftwareStop(self, self._stop_by_software)
+        self._software_stop = SoftwareStop(self, self._stop_by_software, self._loop.forbid_power)
         for name, start in (
             ('home', lambda: self._loop.request('home')),
             ('halt', lambda: self._loop.request('halt')),

@@ -1,4 +1,4 @@
-"""software_stop: true stops the drives, and so does silence once one was received."""
+"""software_stop: true keeps the power off, and silence stops once a message was received."""
 
 from __future__ import annotations
 
@@ -19,12 +19,17 @@ class SoftwareStop:
     ----------
     node : rclpy.node.Node
     stop : callable
-        Takes the cause; called as often as there is one.
+        Takes the cause of a stop; called when there is silence.
+    forbid : callable
+        Takes why there may be no power, ``''`` when there may; called with every message.
 
     """
 
-    def __init__(self, node: Node, stop: Callable[[str], None]) -> None:
+    def __init__(
+        self, node: Node, stop: Callable[[str], None], forbid: Callable[[str], None],
+    ) -> None:
         self._stop_drives = stop
+        self._forbid = forbid
         self._received_at: float | None = None
         node.create_subscription(Bool, 'software_stop', self._receive, LATEST)
 
@@ -40,5 +45,4 @@ class SoftwareStop:
 
     def _receive(self, message: Bool) -> None:
         self._received_at = time.monotonic()
-        if message.data:
-            self._stop_drives('software_stop was set')
+        self._forbid('software_stop was set' if message.data else '')

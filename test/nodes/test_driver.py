@@ -209,6 +209,18 @@ def test_halt_holds_until_it_is_cleared(bench):
     bench.stream_to(0.02)
 
 
+def test_software_stop_that_is_set_keeps_the_power_off(bench):
+    """It is a level: one message holds until another one says false."""
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    bench.software_stop.publish(Bool(data=True))
+    bench.ros.until(lambda: 'software_stop was set' in bench.ask('home').message, 'the stop')
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert bench.state() == 'inactive'
+    bench.operator.create_timer(0.1, lambda: bench.software_stop.publish(Bool(data=False)))
+    bench.ros.until(lambda: bench.ask('home').success, 'homing')
+    assert bench.change(Transition.TRANSITION_ACTIVATE)
+
+
 def test_software_stop_stops_the_drives_and_they_stay_stopped(bench):
     bench.bring_up()
     bench.software_stop.publish(Bool(data=True))

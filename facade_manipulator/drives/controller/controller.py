@@ -120,6 +120,10 @@ class DriveController:
         if group is not None and connection is not None:  # else no drive has power
             connection.exchange.stops.append(Cause(cause, remedy))
 
+    def forbid_power(self, cause: str) -> None:
+        """Stop what has power, and let none come on, until this is called with ``''``."""
+        self._session.forbidden = cause
+
     def snapshot(self) -> ControllerSnapshot:
         """Return the state of controller and axes at the newest cycle."""
         return self._snapshot
@@ -165,8 +169,8 @@ class DriveController:
             now = self._idle()
         else:
             now = session.connection.exchange.pump()
-        if session.lost is not None:
-            session.watch_recovery(now)
+        session.enforce_stop()
+        session.watch_recovery(now)
         if self._operation is not None:
             self._poll(now)
         if session.group is None or session.lost is not None:

@@ -22,9 +22,10 @@ class Activate(Operation):
     def begin(self, now: float) -> str | None:
         """Check that the carriages may be powered where they are."""
         group = self.group
+        self.require_allowed()
         if group.phase is Phase.OFF:
             self._require_homed()
-            self._require_allowed()
+            self._require_inside()
         group.enable(now)
         return None
 
@@ -40,7 +41,7 @@ class Activate(Operation):
             raise DriveStateError(
                 f'activate is not possible, {" and ".join(unhomed)} must be homed: call home')
 
-    def _require_allowed(self) -> None:
+    def _require_inside(self) -> None:
         positions = self.session.positions()
         try:
             require_inside(self.session.axes, positions)
@@ -99,6 +100,7 @@ class Home(Operation):
         """Power on in homing mode."""
         session = self.session
         group = self.group
+        self.require_allowed()
         session.positions()
         sequence = HomingSequence(tuple(
             AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)

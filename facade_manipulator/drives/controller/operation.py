@@ -65,6 +65,20 @@ class Operation:
     def give_up(self) -> None:
         """Tidy up after a failure."""
 
+    def require_allowed(self) -> None:
+        """
+        Raise why no drive may have power.
+
+        Raises
+        ------
+        DriveStateError
+            Power is forbidden.
+
+        """
+        if self.session.forbidden:
+            raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}; '
+                                  'wait until whoever set it takes it back')
+
     def require_not_stopped(self) -> None:
         """
         Raise why the drives were stopped meanwhile.

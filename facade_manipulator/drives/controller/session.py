@@ -107,6 +107,8 @@ class Session:
         Set while a bus that was configured is gone.
     notes : tuple of str
         What was skipped at configure.
+    forbidden : str
+        Why no drive may have power, ``''`` if it may; set by any thread.
 
     Raises
     ------
@@ -133,6 +135,7 @@ class Session:
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
         self.recorder = recorder
         self.collector = Collector(settings.rate)
+        self.forbidden = ''
         self._bus = bus
         self._forget()
 
@@ -177,6 +180,11 @@ class Session:
         """Process data that have not come yet since the cycle was started."""
         return [f'{name} of {monitor.title}'
                 for monitor in self.monitors for name in sorted(monitor.silent_tpdos)]
+
+    def enforce_stop(self) -> None:
+        """Stop what has power while nothing may; whoever forbids it does so from another thread."""
+        if self.forbidden and self.is_powered and self.connection is not None:
+            self.connection.exchange.stop_for(Cause(self.forbidden))
 
     def has_done(self, phase: Phase) -> bool:
         """Return whether all drives are where a phase wants them."""

@@ -245,6 +245,29 @@ def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
     rig.do('activate')
 
 
+def test_no_power_comes_on_while_it_is_forbidden(rig):
+    rig.controller.forbid_power('the red button is pressed')  # before there is a bus
+    inactive_without_home = rig.do('configure')
+    assert 'power is off' in inactive_without_home
+    for request in ('home', 'activate'):
+        assert 'the red button is pressed' in rig.rejection(request)
+    rig.controller.forbid_power('')
+    rig.do('home', 'activate')
+
+
+@pytest.mark.parametrize('situation', ['at rest', 'moving'])
+def test_what_has_power_is_stopped_when_it_is_forbidden_until_that_ends(rig, situation):
+    SITUATIONS[situation](rig)
+    rig.controller.forbid_power('the red button is pressed')
+    rig.until_stopped()
+    assert rig.controller.snapshot().cause == 'the red button is pressed'
+    rig.do('clear_faults')
+    assert 'the red button is pressed' in rig.rejection('activate')
+    rig.source.speed = 0.0
+    rig.controller.forbid_power('')
+    rig.do('activate')
+
+
 def recorder(watch):
     """Return a recorder that is called at the end of each cycle, as every one is."""
     made = FaultRecorder(RecorderSettings(), DEFAULT_AXES)
