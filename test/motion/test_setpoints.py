@@ -2,7 +2,7 @@ from contextlib import suppress
 import math
 
 from command_watch import differences
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
@@ -331,6 +331,30 @@ def test_a_lower_speed_limit_slows_the_carriages_down_within_their_acceleration(
     assert abs(speeds[298]) > 0.28
     assert max(map(abs, speeds[315:])) < 0.1 + 1e-6
     assert max(changes[290:]) < 3.0 * 1.05
+
+
+def towards_the_border(time):
+    """Two carriages that reach 0.4 m/s and brake at 2 m/s² to come to rest 5 mm inside."""
+    fast, hard, end = 0.4, 2.0, 0.495 - HOME[1]
+    ramp = fast / hard
+    last = end / fast - ramp  # when it begins to brake, after it began to move
+    up, down = min(max(time, 0.0), ramp), min(max(time - last - ramp, 0.0), ramp)
+    way = 0.5 * hard * up ** 2 + fast * max(0.0, min(time, last + ramp) - ramp) + (
+        fast * down - 0.5 * hard * down ** 2)
+    speed = hard * (up - down)
+    return Setpoint(time, (HOME[0] + way, HOME[1] + way, HOME[2]), (speed, speed, 0.0))
+
+
+@settings(max_examples=40)
+@given(st.floats(0.3, 1.2), st.floats(0.1, 3.0))
+def test_limits_that_are_lowered_while_moving_lead_nobody_over_the_border(time, acceleration):
+    made = follower()
+    made.add(towards_the_border(0.0), 0.0)
+    run(made, 0.0, time, towards_the_border)
+    made.change_limits(MotionLimits(speed=0.5, acceleration=acceleration, jerk=150.0))
+    for _, position in run(made, time, 4.0, towards_the_border):
+        inside(position)
+    assert made.motion.at_rest
 
 
 @given(stall_at=st.floats(0.0, 0.6), stall=st.floats(0.0, 0.08), late=st.floats(0.0, 0.026),

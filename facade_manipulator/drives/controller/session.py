@@ -182,7 +182,7 @@ class Session:
                 for monitor in self.monitors for name in sorted(monitor.silent_tpdos)]
 
     def enforce_stop(self) -> None:
-        """Stop what has power while nothing may; whoever forbids it does so from another thread."""
+        """Stop what has power while nothing may; another thread has forbidden it."""
         if self.forbidden and self.is_powered and self.connection is not None:
             self.connection.exchange.stop_for(Cause(self.forbidden))
 
