@@ -110,6 +110,8 @@ class AxisMonitor:
         self._supervised_since: float | None = None
         self._status_time = 0.0
         self._speed = 0.0  # counts/s, since the answer before the last
+        self._last_counts = 0  # when the bus was lost
+        self._farthest: float | None = None  # m, from there
 
     @property
     def title(self) -> str:
@@ -125,9 +127,9 @@ class AxisMonitor:
     def tracking_error(self) -> float:
         """Following error beyond the lag that the drive is known to have [m]; 0 if unknown."""
         motion, axis = self.motion, self.axis
-        if motion is None:
+        if motion is None or motion.following_error_counts is None:
             return 0.0
-        lag = self._settings.drive_lag * axis.speed_to_metres(motion.velocity)
+        lag = self._settings.drive_lag * axis.speed_to_metres(motion.velocity or 0)
         return axis.to_metres(motion.following_error_counts) - lag
 
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
@@ -144,8 +146,25 @@ class AxisMonitor:
             self.heartbeat_time and now - self.heartbeat_time, self.missed, self.serial_number,
             target)
 
-    def forget(self) -> None:
-        """Forget what was received, because the bus was gone; the home position is kept."""
+    def lose(self) -> None:
+        """Note where the carriage is, because the bus is lost: the drive may restart meanwhile."""
+        if self.status is not None and self._farthest is None:
+            speed, axis = abs(self.axis.to_metres(self._speed)), self.axis
+            stopping = self._settings.heartbeat_timeout + self._settings.period
+            way = speed * stopping + speed ** 2 / (2.0 * axis.stop_deceleration) + JUMP_NOISE
+            self._last_counts, self._farthest = self.status.position_counts, way
+        self.nmt_state = None
+
+    def recover(self, boots_operational: bool) -> None:
+        """
+        Forget what was received before the bus was gone; keep the home position if it is proven.
+
+        A drive that has restarted meanwhile counts from another zero, and its objects do not show
+        it where it stores them. It is no longer operational though, since nobody has started it,
+        unless it boots so; and it is seldom where it was.
+        """
+        if self.nmt_state != NmtState.OPERATIONAL or boots_operational:
+            self.distrust()
         self.status = self.motion = self.condition = None
         self._values.clear()
         self.nmt_state = self.heartbeat_time = None
@@ -216,7 +235,7 @@ class AxisMonitor:
         elapsed, self._status_time = time - self._status_time, time
         if before is None:
             self._speed = 0.0
-            return None
+            return self._compare_with_last()
         elapsed = max(elapsed, self._settings.period)
         counts = self.status.position_counts - before.position_counts
         expected, self._speed = self._speed * elapsed, counts / elapsed
@@ -234,6 +253,20 @@ class AxisMonitor:
             f'{self.title}: the position has jumped by {jump:.4g} m, bound {bound:.4g} m: it can '
             'no longer be trusted', remedy='clear the faults, home, then activate',
             cut_power=True)
+
+    def _compare_with_last(self) -> Cause | None:
+        """Return why all must stop because of the first position after a lost bus."""
+        farthest, self._farthest = self._farthest, None
+        if farthest is None or not self.homed:
+            return None
+        moved = abs(self.axis.to_metres(self.status.position_counts - self._last_counts))
+        if moved <= farthest:
+            return None
+        self.distrust()
+        return self._supervised(
+            f'{self.title} is {moved:.4g} m from where it was when the bus was lost, bound '
+            f'{farthest:.4g} m: its position can no longer be trusted',
+            remedy='clear the faults, home, then activate', cut_power=True)
 
     def _receive_condition(self) -> None:
         """Receive error code, torque and inputs."""

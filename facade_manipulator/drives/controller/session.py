@@ -291,6 +291,8 @@ class Session:
         if self.connection is not None:
             self.connection.close()
             self.connection = None
+        for monitor in self.monitors:
+            monitor.lose()
         if self.group is not None:
             pause = min(2.0 * self.lost.pause, LONGEST_PAUSE) if self.lost else FIRST_PAUSE
             self.lost = LostBus(str(error), now + pause, pause)
@@ -318,8 +320,8 @@ class Session:
             self.lost.healthy_since = now
         if now - self.lost.healthy_since >= self.settings.reopen_after:
             self.lost = None
-            for monitor in self.monitors:
-                monitor.forget()
+            for monitor, profile in zip(self.monitors, self._profiles, strict=True):
+                monitor.recover(profile.quirks.boots_operational)
             self.group.restart_step(now)
             self.connection.exchange.transmits = True
             self.connection.exchange.start(self.group, now)

@@ -96,6 +96,48 @@ def test_a_drive_that_was_restarted_behind_a_lost_bus_must_be_configured_again(m
     rig.do('cleanup', 'configure')
 
 
+def lose_the_bus(rig, meanwhile):
+    rig.bus_is_missing = True
+    rig.buses[-1].shutdown()
+    rig.until(ControllerState.BUS_LOST)
+    with rig.simulator.access() as drives:
+        meanwhile(drives)
+    rig.bus_is_missing = False
+    rig.until(ControllerState.STOPPED)
+
+
+def restart_with_stored_objects(drives):
+    drive = drives[1]
+    stored = dict(drive.objects.values)
+    drive.reboot()
+    drive.objects.values.update(stored)
+    drive._producer.restart(drive._now)
+
+
+def push(drives):
+    for drive in drives:
+        drive.motor.place(drive.motor.carriage_position + 0.068)
+
+
+def test_a_drive_that_has_restarted_with_stored_objects_behind_a_lost_bus_is_not_homed(make_rig):
+    """Its objects read back as they were written, its encoder counts from another zero."""
+    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.3))
+    inactive(rig)
+    lose_the_bus(rig, restart_with_stored_objects)
+    assert 'home q2, then activate' in rig.do('clear_faults')
+    assert rig.controller.snapshot().unhomed == ('q2',)
+    assert 'q2 must be homed' in rig.rejection('activate')
+
+
+def test_carriages_that_are_elsewhere_after_the_bus_was_lost_are_not_homed(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.1))
+    inactive(rig)
+    lose_the_bus(rig, push)
+    wait_until(lambda: len(rig.controller.snapshot().unhomed) == 3, 'doubt')
+    assert '0.068 m from where it was when the bus was lost' in rig.all_causes
+    assert 'home q1 and q2 and q3' in rig.do('clear_faults')
+
+
 # --- a bad wire
 
 @pytest.mark.parametrize('share', [0.01, 0.05, 0.2])
