@@ -7,6 +7,12 @@ within the workspace and the limits of motion, for the instant it is meant for. 
 clock or I/O.
 """
 
+from facade_manipulator.compensation.arrival import (
+    ArrivalSettings,
+    ArrivalWatch,
+    GoalProgress,
+    GoalState,
+)
 from facade_manipulator.compensation.compensator import (
     Compensator,
     CompensatorSettings,
@@ -21,6 +27,8 @@ from facade_manipulator.compensation.workspace_limit import WorkspaceLimit
 
 __all__ = [
     'WorkspaceLimit',
+    'ArrivalSettings',
+    'ArrivalWatch',
     'Compensator',
     'CompensatorSettings',
     'contact_wrench',
@@ -29,6 +37,8 @@ __all__ = [
     'DEFAULTS',
     'FrictionSettings',
     'GRAVITY',
+    'GoalProgress',
+    'GoalState',
     'PressMode',
     'SuspensionSettings',
 ]

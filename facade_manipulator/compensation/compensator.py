@@ -27,9 +27,11 @@ from facade_manipulator.compensation.lateral import LateralSettings
 from facade_manipulator.compensation.suspension import SuspensionSettings
 from facade_manipulator.compensation.tracker import Tracker
 from facade_manipulator.compensation.workspace_limit import WorkspaceLimit, WorkspaceLimitSettings
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
     add,
     compose,
+    difference,
     Geometry,
     mechanism_of,
     MotionState,
@@ -219,6 +221,35 @@ class Compensator:
     def drop_goal(self) -> None:
         """Publish nothing more; the next goal begins where the head is."""
         self.goal = self._planned_goal = self._last = None
+
+    def hold(self, now: float) -> Pose:
+        """
+        End the way to the goal; return where on the wall the head comes to rest.
+
+        Raises
+        ------
+        ManipulatorError
+            There is no way to end.
+
+        """
+        if self._last is None:
+            raise ManipulatorError('the head follows no goal: there is no way to end')
+        self.goal = self._planned_goal = self._reference.stop(
+            max(self._last.time, now + self.settings.horizon) + self.following.lag)
+        return self.goal
+
+    def goal_error(self, now: float) -> Pose | None:
+        """Return the goal less where the head is on the wall; None where that is not known."""
+        newest = self.following.newest(now)
+        if newest is None or self.goal is None:
+            return None
+        stamp, head = newest
+        on_wall = compose(self.correction.disturbance(stamp), head)
+        return difference(add(self.goal, self.contact.present), on_wall)
+
+    def path_time(self, now: float) -> float:
+        """Return how long the path to the goal still takes [s]."""
+        return self._reference.arrival() - now if self.goal == self._planned_goal else math.inf
 
     def require_inside(self, goal: Pose) -> None:
         """

@@ -186,10 +186,16 @@ class Correction:
             return ZERO_STATE
         remainder = self._smooth.at(self._time).plus(self._fade.at(self._time))
         active = self.mode is CorrectionMode.ACTIVE
-        return self._predicted().plus(remainder) if active else remainder
+        return self._predicted(self._time).plus(remainder) if active else remainder
 
-    def _predicted(self) -> MotionState:
-        predicted = self.predictor.predict(self._time)
+    def disturbance(self, time: float) -> Pose:
+        """Return where the rail is at a time [s], whether that is corrected or not."""
+        if self.predictor.stamp is None:
+            return ZERO_POSE
+        return self._predicted(time).position
+
+    def _predicted(self, time: float) -> MotionState:
+        predicted = self.predictor.predict(time)
         if self._nominal == ZERO_POSE:
             return predicted
         back = invert(self._nominal)

@@ -59,11 +59,16 @@ class Following:
             self._followed_at = stamp
             self._measure_lag(interval, error, planned.velocity)
 
-    def head(self, now: float) -> Pose | None:
-        """Return where the head is, None if that is not known any more."""
+    def newest(self, now: float) -> tuple[float, Pose] | None:
+        """Return when [s] and where the head was last, None if that is not known any more."""
         if self._head is None or now - self._head[0] >= PATIENCE:
             return None
-        return self._head[1]
+        return self._head
+
+    def head(self, now: float) -> Pose | None:
+        """Return where the head is, None if that is not known any more."""
+        newest = self.newest(now)
+        return newest and newest[1]
 
     def is_off_path(self, now: float) -> bool:
         """Return whether the head's pose is known but does not follow."""

@@ -6,7 +6,15 @@ from contextlib import suppress
 import math
 from typing import NamedTuple
 
-from ruckig import InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
+from ruckig import (
+    ControlInterface,
+    InputParameter,
+    Result,
+    Ruckig,
+    RuckigError,
+    Synchronization,
+    Trajectory,
+)
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose, Twist, wrap_angle, ZERO_POSE, ZERO_TWIST
@@ -81,17 +89,39 @@ class ReferencePath:
         """
         turn = wrap_angle(goal.theta - motion.position.theta)
         goal = goal._replace(theta=motion.position.theta + turn)
-        plan = self._plan
-        plan.current_position, plan.current_velocity, plan.current_acceleration = (
-            map(list, motion))
-        plan.target_position = list(goal)
+        self._begin_at(motion)
+        self._plan.target_position = list(goal)
         straight = not any(motion.velocity) and not any(motion.acceleration)
         self._limit([goal[i] - motion.position[i] if straight else 0.0 for i in range(len(goal))])
         trajectory = self._calculate()
         if trajectory is None:
             raise ManipulatorError(
                 f'no jerk-limited path from {tuple(motion.position)} to {tuple(goal)} {UNITS}')
-        self._trajectory, self._start, self.goal = trajectory, time, goal
+        self._follow(time, trajectory)
+        self.goal = goal
+
+    def stop(self, time: float) -> Pose:
+        """Come to rest as soon as the limits allow, from a time on [s]; return where."""
+        self._begin_at(self.at(time))
+        self._limit([0.0] * len(Pose._fields))
+        self._plan.control_interface = ControlInterface.Velocity
+        try:
+            trajectory = self._calculate()
+        finally:
+            self._plan.control_interface = ControlInterface.Position
+        if trajectory is None:
+            raise ManipulatorError('no jerk-limited path to rest')
+        self._follow(time, trajectory)
+        self.goal = self._end.position
+        return self.goal
+
+    def _begin_at(self, motion: HeadMotion) -> None:
+        plan = self._plan
+        plan.current_position, plan.current_velocity, plan.current_acceleration = (
+            map(list, motion))
+
+    def _follow(self, time: float, trajectory: Trajectory) -> None:
+        self._trajectory, self._start = trajectory, time
         self._end = _motion(trajectory, trajectory.duration)
 
     def _calculate(self) -> Trajectory | None:

@@ -22,6 +22,7 @@ from facade_manipulator.compensation import (
 from facade_manipulator.errors import LimitError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
+from facade_manipulator.nodes.goal_report import GoalReport
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
@@ -81,6 +82,7 @@ class CompensatorNode(Node):
         self._report = CompensatorReport(self._compensator)
         self._goal: tuple[float, Pose] | None = None  # the newest, and when it came
         self._driver = DriverWatch(self, self._choose_goal)
+        self._progress = GoalReport(self, self._compensator, self._report.held_back)
         self.corrected = PoseStream(self, 'corrected_pose', RAIL, LATEST)
         self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
         self._disturbance_codec = estimate_codec('disturbance', FACADE)
@@ -88,6 +90,7 @@ class CompensatorNode(Node):
         self._subscribe(heads)
         self.create_service(SetBool, 'compensator/enable', self._enable)
         self.create_service(Trigger, 'compensator/tare', self._tare)
+        self.create_service(Trigger, 'compensator/hold', self._hold)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         self.create_timer(1.0 / rate, self._update)
 
@@ -117,20 +120,25 @@ class CompensatorNode(Node):
             PointStamped, 'lateral_offset', self._receive_lateral_offset, qos_profile_sensor_data)
 
     def _receive_goal(self, message: PoseStamped) -> None:
-        with self._rejections:
+        stamp = message.header.stamp
+        try:
             require_frame(message.header.frame_id, FACADE, 'goal_pose')
             goal = planar_pose(message.pose, 'goal_pose')
-            try:
-                self._compensator.require_inside(goal)
-            except LimitError as error:
-                self._rejections.add(error, 'goal_pose')
-                return
-            self._goal = node_time(self), goal
-            self._choose_goal()
-            if self._driver.is_idle:
-                self.get_logger().warning(
-                    f'goal_pose is not followed, the drives are {self._driver.status.state}: '
-                    'send it again once they are active', throttle_duration_sec=LOG_PAUSE)
+            self._compensator.require_inside(goal)
+        except ManipulatorError as error:
+            self._rejections.add(error, 'goal_pose' if isinstance(error, LimitError) else '')
+            self._progress.reject(stamp, str(error))
+            return
+        self._goal = node_time(self), goal
+        self._choose_goal()
+        if self._driver.is_idle:
+            reason = (f'the drives are {self._driver.status.state}: send it again once they are '
+                      'active')
+            self.get_logger().warning(
+                f'goal_pose is not followed, {reason}', throttle_duration_sec=LOG_PAUSE)
+            self._progress.reject(stamp, reason)
+        else:
+            self._progress.accept(stamp)
 
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it came before the drives were activated."""
@@ -142,6 +150,7 @@ class CompensatorNode(Node):
                 self._compensator.set_goal(goal)
         else:
             self._compensator.drop_goal()
+            self._progress.end(f'the drives are {self._driver.status.state}')
 
     def _receive_disturbance(self, data: bytes) -> None:
         with self._rejections:
@@ -178,6 +187,7 @@ class CompensatorNode(Node):
             self.corrected.publish(corrected.time, corrected.pose)
             self._reference.publish(corrected.time, corrected.reference)
             self._report.note(now, corrected)
+        self._progress.update(now)
         if self._report.changed(now):
             self._diagnostics.publish()
 
@@ -197,6 +207,18 @@ class CompensatorNode(Node):
             return response
         response.success = True
         response.message = f'the nominal position of the rail is now {millimetres(nominal)}'
+        return response
+
+    def _hold(self, _: Trigger.Request, response: Trigger.Response):
+        try:
+            place = self._compensator.hold(node_time(self))
+        except ManipulatorError as error:
+            response.success, response.message = False, str(error)
+            return response
+        self._goal = node_time(self), place
+        self._progress.end('compensator/hold was called')
+        response.success = True
+        response.message = f'the head stays on the wall at {millimetres(place)}'
         return response
 
     def _components(self) -> list[DiagnosticStatus]:

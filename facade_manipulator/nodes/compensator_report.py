@@ -87,13 +87,13 @@ class CompensatorReport:
     def _outcome(self, now: float) -> tuple[str, str]:
         """Return level and message; no number that changes, so that a change means something."""
         mode = self._compensator.correction.mode
-        held_back = self._held_back(now)
+        held_back = self.held_back(now)
         if held_back:
             level = 'error' if LEVELS[mode] == 'error' else 'warn'
             return level, f'{mode.value}; {held_back}'
         return LEVELS[mode], mode.value
 
-    def _held_back(self, now: float) -> str:
+    def held_back(self, now: float) -> str:
         """Return what holds back which axes, empty if nothing ever did."""
         if not self._held_until:
             return ''

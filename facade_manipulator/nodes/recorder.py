@@ -65,6 +65,7 @@ TOPICS = {
     'joint_states': (JointState, STREAM),
     'end_effector_pose': (PoseStamped, STREAM),
     'compensator/reference': (PoseStamped, STREAM),
+    'compensator/goal_status': (DiagnosticStatus, LATCHED),
     'software_stop': (Bool, STREAM),
     'ik_service/status': (DiagnosticStatus, LATCHED),
     'ik_service/rejections': (DiagnosticStatus, RECENT),

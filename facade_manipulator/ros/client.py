@@ -7,7 +7,7 @@ A supervisor to copy: the manipulator's services and topics as blocking calls of
         manipulator.configure()
         manipulator.home()
         manipulator.activate()
-        manipulator.send_goal(Pose(0.1, 0.25, 0.0))
+        manipulator.go_to(Pose(0.1, 0.25, 0.0))
         manipulator.deactivate()
 
 Every call has a deadline, and what a node rejects is raised with the node's own message.
@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 import time
 from typing import Any, NamedTuple, TypeVar
 
@@ -46,6 +47,8 @@ ANSWER_TIMEOUT = 5.0
 CONFIGURE_TIMEOUT = 30.0
 HOMING_TIMEOUT = 120.0
 REASON_TIMEOUT = 1.5
+GOAL_TIMEOUT = 60.0
+REACHED = 'reached'
 SPIN_STEP = 0.02  # s, after which a waiting call looks at its condition again
 
 Value = TypeVar('Value')
@@ -96,6 +99,7 @@ class ManipulatorClient:
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
         self._rejections: deque[DiagnosticStatus] = deque(maxlen=RECENT.depth)
+        self._progress: dict[str, DiagnosticStatus] = {}  # of goals, by their stamp
         self._goals: Publisher | None = None  # a mere observer needs no right to move anything
         self.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE)
@@ -104,6 +108,8 @@ class ManipulatorClient:
         self.node.create_subscription(
             DiagnosticStatus, 'ik_service/rejections',
             lambda status: self._rejections.append(status), RECENT)  # rclpy wants a signature
+        self.node.create_subscription(
+            DiagnosticStatus, 'compensator/goal_status', self._receive_progress, RECENT)
         self.node.create_subscription(
             PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE)
         self._clients: dict[str, Any] = {}
@@ -207,11 +213,55 @@ class ManipulatorClient:
             Nobody subscribes to goals.
 
         """
-        if self._goals is None:
-            self._goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
-        self.wait_until(self._goals_are_matched, 'a compensator that subscribes to goal_pose')
-        self.goal = pose
-        self._goals.publish(pose_stamped('facade', node_time(self.node), pose))
+        self._send(pose)
+
+    def go_to(self, *goals: Pose, timeout: float = GOAL_TIMEOUT,
+              on_progress: Callable[[int, DiagnosticStatus], None] = lambda *_: None) -> None:
+        """
+        Move the head along goals on the wall (frame ``facade``); return when the last is reached.
+
+        Parameters
+        ----------
+        *goals : Pose
+            One after the other; each is left as soon as it is reached.
+        timeout : float
+            For each of them [s].
+        on_progress : callable
+            Takes the number of the goal, from 0, and every new `compensator/goal_status` of it.
+
+        Raises
+        ------
+        RequestRejectedError
+            A goal is rejected or not followed any more, with the reason; the head stays.
+        NoAnswerError
+            A goal is not reached in time, with what was said of it last.
+
+        """
+        for number, goal in enumerate(goals):
+            stamp = self._send(goal)
+            self._await_goal(stamp, timeout, partial(on_progress, number))
+
+    def _await_goal(
+        self, stamp: str, timeout: float, on_progress: Callable[[DiagnosticStatus], None]
+    ) -> None:
+        end, last = time.monotonic() + timeout, None
+        while time.monotonic() < end:
+            status = self._progress.get(stamp)
+            if status is not None and status is not last:
+                last = status
+                on_progress(status)
+                if status.level == DiagnosticStatus.ERROR:
+                    raise RequestRejectedError(status.message)
+                if status.message == REACHED:
+                    return
+            self._check()
+            self._executor.spin_once(SPIN_STEP)
+        raise NoAnswerError(f'the goal was not reached within {timeout:g} s: '
+                            f'{last.message if last else "no compensator/goal_status"}')
+
+    def hold(self) -> str:
+        """End the way to the goal; the head stays on the wall."""
+        return self._trigger('compensator/hold')
 
     def solve(
         self, goal: Pose, start: Pose | None = None, spacing: float = 0.0
@@ -259,6 +309,17 @@ class ManipulatorClient:
         self.wait_until(future.done, f'the answer of {name}', timeout)
         return future.result()
 
+    def _send(self, goal: Pose) -> str:
+        """Send a goal; return its stamp, by which its progress is published."""
+        if self._goals is None:
+            self._goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
+        self.wait_until(self._goals_are_matched, 'a compensator that subscribes to goal_pose')
+        self.goal = goal
+        self._progress.clear()
+        message = pose_stamped('facade', node_time(self.node), goal)
+        self._goals.publish(message)
+        return stamp_text(message.header.stamp)
+
     def _rejection(self, goal_stamp: str) -> DiagnosticStatus | None:
         """Return why the request whose goal has a stamp was rejected, None before it is known."""
         return next((status for status in self._rejections
@@ -297,6 +358,10 @@ class ManipulatorClient:
 
     def _receive_status(self, status: DiagnosticStatus) -> None:
         self.goal_status = status
+
+    def _receive_progress(self, status: DiagnosticStatus) -> None:
+        values = {item.key: item.value for item in status.values}
+        self._progress[values['goal stamp']] = status
 
     def _receive_head(self, message: PoseStamped) -> None:
         try:
