@@ -8,6 +8,7 @@ from pathlib import Path
 import can
 from support import wait_until
 
+from facade_manipulator.commissioning import Machine
 from facade_manipulator.commissioning.__main__ import main
 from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.simulated.__main__ import _parser, make_drives
@@ -41,6 +42,14 @@ class CommissionRig:
         command, *others = arguments
         return main([command, '--interface', 'virtual', '--channel', self.channel,
                      '--parameters', str(self.parameters), *(['--yes'] if yes else []), *others])
+
+    def configured(self, profile: str = 'simulated', **axes: dict) -> CommissionRig:
+        """Write a parameter file for drives that have their node ids."""
+        sections = {
+            name: {'node_id': drive.node_id, 'profile': profile, **axes.get(name, {})}
+            for name, drive in zip(('q1', 'q2', 'q3'), self.drives, strict=True)}
+        Machine(self.parameters).write(sections)
+        return self
 
     def power_cut(self) -> None:
         with self.simulator.access() as drives:

@@ -1,0 +1,265 @@
+"""
+All writable objects of a drive: read, kept as a DCF, compared, written back, stored in the drive.
+
+References
+----------
+CiA 301: store and restore parameters (1010h, 1011h), order of writing PDO parameters.
+CiA 306: electronic data sheet (EDS) and device configuration file (DCF).
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from canopen import export_od, import_od, ObjectDictionary
+from canopen.objectdictionary import ODVariable
+
+from facade_manipulator.commissioning.bus import STORING, ToolBus
+from facade_manipulator.drives.canopen import DISABLED, SdoAbortError, SdoChannel
+from facade_manipulator.errors import CommissioningError, DriveError, ParameterError
+from facade_manipulator.files import atomic_write
+
+Key = tuple[int, int]
+IDENTITY = tuple((0x1018, subindex) for subindex in (1, 2, 3, 4))
+_COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A, 0x60FF, 0x6071}  # nothing to keep
+_PDO_COMMUNICATION = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
+_MAPPING = 0x200  # from a PDO's communication parameter to its mapping
+_SAVE = int.from_bytes(b'save', 'little')
+
+
+class Snapshot(NamedTuple):
+    """Values of a drive's objects: where they come from, by index and subindex, what they mean."""
+
+    source: str
+    node_id: int
+    values: dict[Key, Any]
+    dictionary: ObjectDictionary
+
+    def variable(self, key: Key) -> ODVariable | None:
+        """Return what the object dictionary says of an object."""
+        return self.dictionary.get_variable(*key)
+
+    def neutral(self, key: Key) -> Any:
+        """Return a value without the node id that is in it; None for an object that is absent."""
+        value = self.values.get(key)
+        if value is None or not self.variable(key).relative:
+            return value
+        return value - self.node_id
+
+
+def variables(dictionary: ObjectDictionary) -> Iterator[ODVariable]:
+    """Yield all variables of an object dictionary."""
+    for entry in dictionary.values():
+        yield from [entry] if isinstance(entry, ODVariable) else entry.values()
+
+
+def take_snapshot(drive: SdoChannel, eds: Path) -> Snapshot:
+    """
+    Read the identity and all writable objects that an EDS names; those that are absent are left.
+
+    Raises
+    ------
+    DriveTimeoutError
+        The drive stops answering.
+    ParameterError
+        The EDS cannot be read.
+
+    """
+    dictionary = read_dictionary(eds, drive.node_id)
+    values = {}
+    for variable in variables(dictionary):
+        key = variable.index, variable.subindex
+        wanted = variable.readable and variable.writable and key[0] not in _COMMANDS
+        if wanted or key in IDENTITY:
+            try:
+                values[key] = variable.decode_raw(drive.read(*key))
+            except SdoAbortError:
+                continue
+    return Snapshot(drive.name, drive.node_id, values, dictionary)
+
+
+def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
+    """Read an EDS or DCF; raises a ParameterError."""
+    try:
+        return import_od(str(path), node_id)
+    except Exception as error:  # whatever the library trips over in a maker's file
+        raise ParameterError(f'{path} is no EDS or DCF that can be read: {error}') from error
+
+
+def write_dcf(snapshot: Snapshot, path: Path) -> None:
+    """Write a snapshot as a DCF; raises a ParameterError, and leaves no half file."""
+    dictionary = snapshot.dictionary
+    for key, value in snapshot.values.items():
+        variable = snapshot.variable(key)
+        variable.value, variable.value_raw = value, str(value)
+    dictionary.node_id = snapshot.node_id
+    dictionary.comments = (
+        f'{snapshot.source}, {datetime.now().isoformat(" ", "seconds")}, serial number '
+        f'{snapshot.values.get(IDENTITY[3])}')
+    try:
+        with atomic_write(path) as draft, draft.open('w', encoding='utf-8') as file:
+            export_od(dictionary, file, 'dcf')
+    except OSError as error:
+        raise ParameterError(f'{path} cannot be written: {error.strerror}') from error
+
+
+def read_dcf(path: Path) -> Snapshot:
+    """Read a snapshot from a DCF; raises a ParameterError where there are no values in it."""
+    dictionary = read_dictionary(path)
+    values = {
+        (variable.index, variable.subindex): variable.value
+        for variable in variables(dictionary) if variable.value is not None}
+    if dictionary.node_id is None or not values:
+        raise ParameterError(f'{path} has no values and no node id: it is no DCF of a drive')
+    for variable in variables(dictionary):
+        variable.relative = '$NODEID' in str(getattr(variable, 'default_raw', ''))
+    return Snapshot(path.name, dictionary.node_id, values, dictionary)
+
+
+class Difference(NamedTuple):
+    """An object that two snapshots have with different values; None where one has none."""
+
+    key: Key
+    name: str
+    here: Any
+    there: Any
+
+
+def compare(here: Snapshot, there: Snapshot) -> list[Difference]:
+    """Return where two snapshots differ, but for node ids in COB-IDs and the identity."""
+    keys = sorted((here.values.keys() | there.values.keys()) - set(IDENTITY))
+    return [
+        Difference(key, _name(here if key in here.values else there, key),
+                   here.values.get(key), there.values.get(key))
+        for key in keys if here.neutral(key) != there.neutral(key)]
+
+
+def _name(snapshot: Snapshot, key: Key) -> str:
+    variable = snapshot.variable(key)
+    parent = variable.parent.name if key[1] else ''
+    return f'{parent}: {variable.name}' if parent else variable.name
+
+
+def restore(drive: SdoChannel, wanted: Snapshot, present: Snapshot) -> int:
+    """
+    Write what differs, in the order that PDOs need, and read it back; nothing is stored.
+
+    Returns
+    -------
+    int
+        How many objects were written.
+
+    Raises
+    ------
+    CommissioningError
+        The drive rejects one, reads it back otherwise or stops answering; with its state.
+
+    """
+    changes = {
+        difference.key: _value_for(drive.node_id, wanted, difference.key)
+        for difference in compare(wanted, present)
+        if difference.here is not None and difference.there is not None}
+    done = 0
+    for key, value in [*_pdo_writes(changes, wanted, drive.node_id), *_plain(changes)]:
+        try:
+            drive.write(*key, wanted.variable(key).encode_raw(value))
+            done += 1
+        except DriveError as error:
+            raise CommissioningError(f'{error}. {_state(drive, done)}') from error
+    for key, value in changes.items():
+        try:
+            found = wanted.variable(key).decode_raw(drive.read(*key))
+        except DriveError as error:
+            raise CommissioningError(f'{error}. {_state(drive, done)}') from error
+        if found != value:
+            raise CommissioningError(
+                f'{drive.name}: {_label(key)} reads back as {found} instead of {value}. '
+                f'{_state(drive, done)}')
+    return len(changes)
+
+
+def _state(drive: SdoChannel, done: int) -> str:
+    return (f'{done} objects of {drive.name} were written and nothing is stored: it has its old '
+            'values again after its power was off and on')
+
+
+def _value_for(node_id: int, wanted: Snapshot, key: Key) -> Any:
+    value = wanted.values[key]
+    return value - wanted.node_id + node_id if wanted.variable(key).relative else value
+
+
+def _plain(changes: dict[Key, Any]) -> list[tuple[Key, Any]]:
+    pdos = {*_PDO_COMMUNICATION, *(index + _MAPPING for index in _PDO_COMMUNICATION)}
+    return [item for item in changes.items() if item[0][0] not in pdos]
+
+
+def _pdo_writes(
+    changes: dict[Key, Any], wanted: Snapshot, node_id: int
+) -> Iterator[tuple[Key, Any]]:
+    """Yield the writes of each PDO that changes: off, no entries, entries, count, the rest, on."""
+    for index in _PDO_COMMUNICATION:
+        parameters = sorted(key for key in wanted.values
+                            if key[0] in (index, index + _MAPPING))
+        if not changes.keys() & set(parameters):
+            continue
+        values = {key: _value_for(node_id, wanted, key) for key in parameters}
+        switch, count = (index, 1), (index + _MAPPING, 0)
+        yield switch, values[switch] | DISABLED
+        if count in values:
+            yield count, 0
+        for key in parameters:
+            if key not in (switch, count, (index, 0)) and _is_entry(key, count, values):
+                yield key, values[key]
+        if count in values:
+            yield count, values[count]
+        yield switch, values[switch]
+
+
+def _is_entry(key: Key, count: Key, values: dict[Key, Any]) -> bool:
+    """Return whether an object is written: of the mapping only the entries that count."""
+    return key[0] != count[0] or 0 < key[1] <= values.get(count, 0)
+
+
+def store(bus: ToolBus, node_id: int, name: str) -> None:
+    """
+    Let a drive store its objects (1010h:01), reset it, and wait until it is back.
+
+    Raises
+    ------
+    CommissioningError
+        It rejects, or stops answering in the middle; the message says what may be in it now.
+
+    """
+    drive = bus.objects(node_id, name, patience=STORING)
+    try:
+        drive.write(0x1010, 1, _SAVE.to_bytes(4, 'little'))
+    except SdoAbortError as error:
+        raise CommissioningError(
+            f'{error}: {name} has stored nothing, the new values last until its power is off'
+        ) from error
+    except DriveError as error:
+        raise CommissioningError(
+            f'{name} stopped answering while it stored: what it holds now is not known. Switch '
+            f'its power off and on, then commission compare {name} with its backup and restore '
+            'it') from error
+    bus.reset(node_id)
+
+
+def _label(key: Key) -> str:
+    return f'{key[0]:04X}h:{key[1]:02X}'
+
+
+def describe(difference: Difference) -> tuple[str, str, str, str]:
+    """Return a row for the operator: object, its name, and the two values."""
+    return (_label(difference.key), difference.name, _shown(difference.here),
+            _shown(difference.there))
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return 'absent'
+    return f'{value} ({value:X}h)' if isinstance(value, int) and value > 9 else str(value)
