@@ -7,11 +7,27 @@ from types import SimpleNamespace
 from commission_rig import CommissionRig
 import pytest
 
+from facade_manipulator.commissioning import motion
+
 
 @pytest.fixture(autouse=True)
 def _without_pauses(monkeypatch):
     """Let the library's LSS master go on at once: simulated drives need no pauses."""
     monkeypatch.setattr('canopen.lss.time', SimpleNamespace(sleep=lambda seconds: None))
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch, request):
+    """Let motion bear a busy computer, unless the test is about the time of a stop."""
+    if 'stop_times' not in request.fixturenames:
+        monkeypatch.setattr(motion, 'HEARTBEAT_TIMEOUT', 0.5)
+        monkeypatch.setattr(motion, '_MISSED', 40)
+
+
+@pytest.fixture
+def stop_times():
+    """Return where a test notes how long stops took, under the true time-outs."""
+    return []
 
 
 @pytest.fixture

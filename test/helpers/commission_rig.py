@@ -10,6 +10,7 @@ from support import wait_until
 
 from facade_manipulator.commissioning import Machine
 from facade_manipulator.commissioning.__main__ import main
+from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.simulated.__main__ import _parser, make_drives
 from facade_manipulator.drives.simulated.simulator import DriveSimulator
@@ -21,11 +22,12 @@ SERIALS = (4711, 4712, 4713)
 class CommissionRig:
     """Simulated drives made from the options of `drive_simulator`; `run` is `commission`."""
 
-    def __init__(self, folder: Path, *options: str) -> None:
+    def __init__(self, folder: Path, *options: str, bus: BusSettings | None = None) -> None:
         self.folder = folder
         self.parameters = folder / 'machine.yaml'
-        self.channel = f'commission {next(_numbers)}'
-        self._bus = can.Bus(interface='virtual', channel=self.channel)
+        bus = bus or BusSettings(channel=f'commission {next(_numbers)}')
+        self.interface, self.channel = bus.interface, bus.channel
+        self._bus = can.Bus(interface=bus.interface, channel=bus.channel)
         self.drives = make_drives(_parser().parse_args(options))
         self.simulator = DriveSimulator(self._bus, self.drives)
         self.simulator.start()
@@ -39,9 +41,18 @@ class CommissionRig:
 
     def run(self, *arguments: str, yes: bool = True) -> int:
         """Run a command; return its exit status."""
+        return main(self.command(*arguments, yes=yes))
+
+    def command(self, *arguments: str, yes: bool = True) -> list[str]:
+        """Return the arguments of `commission` for this bus and parameter file."""
         command, *others = arguments
-        return main([command, '--interface', 'virtual', '--channel', self.channel,
-                     '--parameters', str(self.parameters), *(['--yes'] if yes else []), *others])
+        return [command, '--interface', self.interface, '--channel', self.channel,
+                '--parameters', str(self.parameters), *(['--yes'] if yes else []), *others]
+
+    def moves(self, number: int = 0) -> bool:
+        """Return whether a carriage moves."""
+        with self.simulator.access() as drives:
+            return abs(drives[number].motor.velocity) > 5.0  # counts/s
 
     def configured(self, profile: str = 'simulated', **axes: dict) -> CommissionRig:
         """Write a parameter file for drives that have their node ids."""

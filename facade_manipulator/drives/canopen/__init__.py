@@ -30,6 +30,7 @@ from facade_manipulator.drives.canopen.pdo import (
     decode_tpdo2,
     decode_tpdo3,
     DISABLED,
+    emergency_cob_id,
     heartbeat_cob_id,
     KNOWN_OBJECTS,
     make_pdo,
@@ -44,6 +45,8 @@ from facade_manipulator.drives.canopen.pdo import (
     sdo_response_cob_id,
     StatusFrame,
     SYNC_COB_ID,
+    tpdo_cob_id,
+    UNUSED_PDOS,
     unused_pdos,
 )
 from facade_manipulator.drives.canopen.sdo import (
@@ -68,6 +71,7 @@ __all__ = [
     'describe',
     'DISABLED',
     'Emergency',
+    'emergency_cob_id',
     'encode_emergency',
     'fault',
     'Frame',
@@ -98,4 +102,6 @@ __all__ = [
     'StatusFrame',
     'SYNC_COB_ID',
     'unused_pdos',
+    'tpdo_cob_id',
+    'UNUSED_PDOS',
 ]

@@ -6,6 +6,11 @@ requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for
 """
 
 from facade_manipulator.drives.controller.commissioning import Finding
+from facade_manipulator.drives.controller.configuration import (
+    object_writes,
+    pdo_writes,
+    write_objects,
+)
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.cycle import CycleStatistics, LATENESS_BOUNDS
 from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
@@ -33,7 +38,10 @@ __all__ = [
     'Finding',
     'LATENESS_BOUNDS',
     'MechanismChecks',
+    'object_writes',
+    'pdo_writes',
     'POWERED_STATES',
     'RecorderSettings',
     'Session',
+    'write_objects',
 ]

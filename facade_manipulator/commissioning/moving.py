@@ -1,0 +1,98 @@
+"""Command `jog`, and what every command that moves asks first."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from facade_manipulator.commissioning.context import Context
+from facade_manipulator.commissioning.keys import held_keys
+from facade_manipulator.commissioning.motion import (
+    ended_by_signals,
+    MAX_SPEED,
+    MAX_WINDOW,
+    Motion,
+    Ramp,
+)
+from facade_manipulator.drives.cia402 import AXIS_NAMES
+from facade_manipulator.errors import CommissioningError
+
+LINKS = ('coupled', 'uncoupled')
+_MM = 1e3
+
+
+def add_commands(add: Callable) -> None:
+    """Add the commands to the tool."""
+    command = add('jog', run_jog, 'Move a carriage slowly while a key is held.')
+    command.add_argument('axis', choices=AXIS_NAMES)
+    add_motion_options(command)
+
+
+def add_motion_options(command: argparse.ArgumentParser, speed: float = 10.0) -> None:
+    """Add what says how a carriage may be moved."""
+    add = command.add_argument
+    add('--links', choices=LINKS,
+        help='whether the links join the carriages: then all three move alike, and the mechanism '
+             'stays closed wherever it stands; default: asked for')
+    add('--speed', type=float, default=speed, metavar='MM/S',
+        help=f'up to {_MM * MAX_SPEED:g} (default {speed:g})')
+    add('--window', type=float, default=50.0, metavar='MM',
+        help=f'how far from where it stands, up to {_MM * MAX_WINDOW:g} (default 50)')
+
+
+def motion_bounds(context: Context) -> tuple[float, float]:
+    """Return speed [m/s] and window [m] of the options; raises a CommissioningError."""
+    bounds = []
+    for name, most, unit in (('speed', MAX_SPEED, 'mm/s'), ('window', MAX_WINDOW, 'mm')):
+        value = getattr(context.options, name)
+        if not 0.0 < value <= _MM * most:
+            raise CommissioningError(
+                f'--{name} {value:g} {unit} is not between 0 and {_MM * most:g} {unit}')
+        bounds.append(value / _MM)
+    return bounds[0], bounds[1]
+
+
+@contextmanager
+def powered(context: Context, name: str, action: str) -> Iterator[tuple[Motion, int]]:
+    """
+    Ask, then lend the carriages under power, and the number of the one that is looked at.
+
+    With coupled links all three carriages are powered, and must be given one displacement.
+    """
+    links = context.options.links or context.operator.ask(
+        'Are the links joined to the carriages? [coupled/uncoupled]', '--links')
+    if links not in LINKS:
+        raise CommissioningError(f'{links} is neither coupled nor uncoupled: nothing is powered')
+    speed, window = motion_bounds(context)
+    axes = context.machine.axes
+    moved = axes if links == 'coupled' else {name: axes[name]}
+    checked = {entry['axis'] for entry in context.machine.journal
+               if entry['check'] == 'direction' and entry['passed']}
+    unchecked = sorted(moved.keys() - checked)
+    if unchecked:
+        context.operator.say(
+            f'! The direction of {", ".join(unchecked)} was never checked: commission direction')
+    context.operator.agree(
+        f'{" and ".join(moved)} are reset, powered and moved: {action}, at most '
+        f'{_MM * speed:g} mm/s and {_MM * window:g} mm from where they stand. Keep clear, and '
+        'keep the emergency stop in your hand.')
+    with context.bus() as bus, ended_by_signals(), Motion(bus, moved, window) as motion:
+        yield motion, motion.names.index(name)
+
+
+def run_jog(context: Context) -> None:
+    """Move while a key is held."""
+    name, operator = context.options.axis, context.operator
+    speed, _ = motion_bounds(context)
+    with powered(context, name, 'while a key is held') as (motion, number), held_keys() as keys:
+        operator.say('Hold → or d towards +, ← or a towards −; q ends. Powered.')
+        ramp, count = Ramp(motion.window), len(motion.names)
+        sample = None
+        while not keys.is_ended:
+            sample = motion.step([ramp.step(speed * keys.direction())] * count)[number]
+        while ramp.speed:
+            sample = motion.step([ramp.step(0.0)] * count)[number]
+    moved = _MM * (sample.position if sample else 0.0)
+    operator.say(f'{name} stands {moved:+.2f} mm from where it was; no power.')
+    context.machine.note('jog', f'{moved:+.2f} mm', axis=name)

@@ -1,0 +1,90 @@
+"""`commission jog` as a process on vcan0: killed, stopped, or its bus pulled, the carriage stops."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+from commission_rig import CommissionRig
+from link import clear_flags, IFF_UP, set_flags
+import pytest
+from support import patiently, wait_until
+
+from facade_manipulator.drives.canopen import BusSettings
+
+STOP_TIME = 0.16  # s
+MODULE = 'facade_manipulator.commissioning'
+END = 20.0
+
+
+@pytest.fixture
+def rig(vcan0, tmp_path):
+    made = CommissionRig(tmp_path, bus=BusSettings('socketcan', vcan0)).configured()
+    yield made
+    made.close()
+
+
+class Jogger:
+    """A process that jogs q1 while a key is written into it."""
+
+    def __init__(self, rig: CommissionRig) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, '-m', MODULE,
+             *rig.command('jog', 'q1', '--links', 'uncoupled', '--speed', '20')],
+            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        wait_until(lambda: self.press() or rig.moves(), 'motion', END, lambda: time.sleep(0.02))
+
+    def press(self) -> None:
+        os.write(self.process.stdin.fileno(), b'd')
+
+    def end(self) -> None:
+        self.process.send_signal(signal.SIGCONT)
+        self.process.kill()
+        self.process.communicate(timeout=END)
+
+
+def stop_time(rig, act) -> float:
+    jogger = Jogger(rig)
+    try:
+        begun = time.monotonic()
+        act(jogger.process)
+        while rig.moves() and time.monotonic() - begun < 2.0:
+            if act is _hold_on:
+                jogger.press()
+            time.sleep(0.002)
+        return time.monotonic() - begun
+    finally:
+        jogger.end()
+
+
+def _hold_on(process) -> None:
+    """Do nothing to it: the control of this test."""
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP, signal.SIGHUP, signal.SIGTERM])
+def test_the_carriage_stops_whatever_ends_the_process(rig, number):
+    def stops_in_time():
+        elapsed = stop_time(rig, lambda process: process.send_signal(number))
+        assert elapsed < STOP_TIME, f'{1e3 * elapsed:.0f} ms'
+        print(f'{signal.Signals(number).name}: {1e3 * elapsed:.0f} ms')
+
+    patiently(stops_in_time, rig.power_cut)
+
+
+def test_the_carriage_stops_when_the_bus_is_pulled(rig, vcan0):
+    def stops_in_time():
+        try:
+            elapsed = stop_time(rig, lambda process: clear_flags(vcan0, IFF_UP))
+        finally:
+            set_flags(vcan0, IFF_UP)
+        assert elapsed < STOP_TIME, f'{1e3 * elapsed:.0f} ms'
+        print(f'bus pulled: {1e3 * elapsed:.0f} ms')
+
+    patiently(stops_in_time, rig.power_cut)
+
+
+def test_while_the_key_is_held_it_goes_on(rig):
+    assert stop_time(rig, _hold_on) >= 2.0
