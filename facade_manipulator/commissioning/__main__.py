@@ -8,7 +8,14 @@ import logging
 from pathlib import Path
 import sys
 
-from facade_manipulator.commissioning import identify, keep, moving
+from facade_manipulator.commissioning import (
+    identify,
+    keep,
+    lag,
+    measuring,
+    moving,
+    report,
+)
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.machine import Machine
 from facade_manipulator.commissioning.operator import Operator
@@ -19,7 +26,7 @@ One command a step, in this order: scan, assign, scan, profile --check, backup, 
 jog, home-switch, lag, report. Each says what it will do and asks before anything moves or is
 stored. Have the emergency stop at hand: no software replaces it.
 """
-ROOMS = (identify, keep, moving)
+ROOMS = (identify, keep, measuring, moving, lag, report)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

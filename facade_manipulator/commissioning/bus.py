@@ -126,7 +126,7 @@ class ToolBus:
         return True
 
     def objects(self, node_id: int, name: str = '', **details: object) -> SdoChannel:
-        """Return the objects of a drive; `details` are those of `SdoChannel`."""
+        """Return the objects of a drive, for the newest caller; `details` as of `SdoChannel`."""
         return SdoChannel(self.network, node_id, name or f'node {node_id}', **details)
 
     def lss(self, timeout: float) -> LssMaster:

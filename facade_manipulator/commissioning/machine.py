@@ -55,6 +55,8 @@ class Machine:
             The file cannot be read, or has values that no axis can have.
 
         """
+        if name not in AXIS_NAMES:
+            raise ParameterError(f'{name} is none of {", ".join(AXIS_NAMES)}')
         default = DEFAULT_AXES[AXIS_NAMES.index(name)]
         defaults = {'node_id': default.node_id, 'home_position': default.home_position}
         return self._settings(AxisSettings, name, defaults)
@@ -101,9 +103,9 @@ class Machine:
                 f'{self.path} cannot be written, {folder} is missing or protected: nothing was '
                 'done; name another file with --parameters')
 
-    def write(self, sections: Mapping[str, Mapping[str, Any]]) -> None:
+    def write(self, sections: Mapping[str, Mapping[str, Any]], node: str = DRIVER) -> None:
         """
-        Write values of the driver, comments kept, and note in the journal that they were measured.
+        Write values of a node, comments kept, and note in the journal that they were measured.
 
         Raises
         ------
@@ -115,9 +117,9 @@ class Machine:
             f'{section}.{name}: {value}' for section, values in sections.items()
             for name, value in values.items())
         try:
-            write_parameters(self.source, self.path, DRIVER, sections)
+            write_parameters(self.source, self.path, node, sections)
         except ParameterError as error:
-            raise ParameterError(f'{error}; write by hand under {DRIVER}: {lines}') from error
+            raise ParameterError(f'{error}; write by hand under {node}: {lines}') from error
         self.note('written', lines)
 
     def beside(self, suffix: str) -> Path:

@@ -12,6 +12,7 @@ from facade_manipulator.commissioning import Machine
 from facade_manipulator.commissioning.__main__ import main
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.canopen.nmt import NmtState
+from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.simulated.__main__ import _parser, make_drives
 from facade_manipulator.drives.simulated.simulator import DriveSimulator
 
@@ -53,6 +54,10 @@ class CommissionRig:
         """Return whether a carriage moves."""
         with self.simulator.access() as drives:
             return abs(drives[number].motor.velocity) > 5.0  # counts/s
+
+    def is_enabled(self, number: int = 0) -> bool:
+        """Return whether a drive would follow targets."""
+        return self.drives[number].state is State.OPERATION_ENABLED
 
     def configured(self, profile: str = 'simulated', **axes: dict) -> CommissionRig:
         """Write a parameter file for drives that have their node ids."""

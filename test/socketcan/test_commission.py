@@ -1,4 +1,4 @@
-"""`commission jog` as a process on vcan0: killed, stopped, or its bus pulled, the carriage stops."""
+"""`commission jog` as a process on vcan0: killed, stopped or cut off, the carriage stops."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def stop_time(rig, act) -> float:
     try:
         begun = time.monotonic()
         act(jogger.process)
-        while rig.moves() and time.monotonic() - begun < 2.0:
+        while (rig.moves() or rig.is_enabled()) and time.monotonic() - begun < 2.0:
             if act is _hold_on:
                 jogger.press()
             time.sleep(0.002)

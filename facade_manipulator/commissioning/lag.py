@@ -1,0 +1,228 @@
+"""
+Command `lag`: sines in still air; gain, lag, bandwidth, friction and backlash of each axis.
+
+The fits are pure: target, position and force by time in, numbers out. A sine is fitted by linear
+least squares; a gain of 1/√2 is the bandwidth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.commissioning.context import Context
+from facade_manipulator.commissioning.motion import AxisSample, Motion, PERIOD
+from facade_manipulator.commissioning.moving import add_motion_options, motion_bounds, powered
+from facade_manipulator.drives.cia402 import AXIS_NAMES
+from facade_manipulator.errors import CommissioningError
+
+FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # Hz
+_AMPLITUDE = 0.003  # m, where the speed permits it
+_PERIODS, _SETTLING = 4, 1
+_DELAY = 2  # cycles from a target's sending to the SYNC at which the drive shall be there
+_TRIANGLE_SPEED, _TRIANGLE = 0.004, 0.003
+_ALIKE = 0.3
+_MM, _MS = 1e3, 1e3
+
+
+class Response(NamedTuple):
+    """Answer to a sine: frequency [Hz], gain, lag [s], largest following error [m]."""
+
+    frequency: float
+    gain: float
+    lag: float
+    error: float
+
+
+class AxisDynamics(NamedTuple):
+    """What was found of an axis; forces in N, backlash in m; bandwidth None above the sines."""
+
+    responses: tuple[Response, ...]
+    coulomb: float
+    viscous: float
+    backlash: float
+
+    @property
+    def lag(self) -> float:
+        """Median lag of the slow sines [s]: what `drive_lag` is."""
+        return float(np.median([one.lag for one in self.responses if one.frequency <= 2.0]))
+
+    @property
+    def bandwidth(self) -> float | None:
+        """Frequency at which the gain falls to 1/√2 [Hz], interpolated; None if it does not."""
+        for low, high in zip(self.responses, self.responses[1:], strict=False):
+            if low.gain >= math.sqrt(0.5) > high.gain:
+                share = (low.gain - math.sqrt(0.5)) / (low.gain - high.gain)
+                return low.frequency * (high.frequency / low.frequency) ** share
+        return None
+
+
+def fit_sine(values: np.ndarray, frequency: float, period: float = PERIOD) -> complex:
+    """Return amplitude and phase of a sine in values with an offset, as one complex number."""
+    angle = 2.0 * np.pi * frequency * period * np.arange(len(values))
+    basis = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(angle)])
+    sine, cosine, _ = np.linalg.lstsq(basis, values, rcond=None)[0]
+    return complex(sine, cosine)
+
+
+def response(frequency: float, targets: np.ndarray, positions: np.ndarray) -> Response:
+    """Compare targets with the positions when they were due, shape (n,)."""
+    ratio = fit_sine(positions, frequency) / fit_sine(targets, frequency)
+    return Response(frequency, abs(ratio), -np.angle(ratio) / (2.0 * np.pi * frequency),
+                    float(np.abs(targets - positions).max()))
+
+
+def fit_friction(velocities: np.ndarray, forces: np.ndarray) -> tuple[float, float]:
+    """Return Coulomb [N] and viscous [N s/m] friction from forces at velocities, shape (n,)."""
+    clear = np.abs(velocities) > 0.25 * np.abs(velocities).max()
+    accelerations = np.gradient(velocities, PERIOD)
+    basis = np.column_stack([np.sign(velocities), velocities, accelerations])[clear]
+    coulomb, viscous, _ = np.linalg.lstsq(basis, forces[clear], rcond=None)[0]
+    return max(0.0, float(coulomb)), max(0.0, float(viscous))
+
+
+def find_backlash(positions: np.ndarray, forces: np.ndarray) -> float:
+    """
+    Return the travel after a reversal in which the carriage does not resist [m], shape (n,).
+
+    What the force needs to rise anyway is not more than a few counts at the speed of the triangle.
+    """
+    velocities = np.gradient(positions)
+    level = np.median(np.abs(forces))
+    turns = np.flatnonzero(np.sign(velocities[1:]) * np.sign(velocities[:-1]) < 0) + 1
+    gaps = []
+    for turn in turns:
+        sign = np.sign(velocities[min(turn + 3, len(velocities) - 1)])
+        loaded = np.flatnonzero(sign * forces[turn:] > 0.5 * level)
+        if len(loaded):
+            gaps.append(abs(positions[turn + loaded[0]] - positions[turn]))
+    return float(np.median(gaps)) if gaps else 0.0
+
+
+def add_commands(add: Callable) -> None:
+    """Add the command to the tool."""
+    command = add('lag', run_lag, 'Lag, bandwidth, friction and backlash, by small sines.')
+    command.add_argument('axes', nargs='*', metavar='AXIS',
+                         help='default: all, one after the other')
+    command.add_argument('--frequencies', type=float, nargs='+', default=FREQUENCIES,
+                         metavar='HZ')
+    command.add_argument('--picture', type=Path, metavar='PNG',
+                         help='default: beside the parameter file')
+    add_motion_options(command, speed=30.0)
+
+
+def run_lag(context: Context) -> None:
+    """Measure, draw, and offer to write `drive_lag` and the friction."""
+    options, machine, operator = context.options, context.machine, context.operator
+    speed, _ = motion_bounds(context)
+    found: dict[str, AxisDynamics] = {}
+    for name in options.axes or AXIS_NAMES:
+        with powered(context, name, 'sines of a few millimetres') as (motion, number):
+            found[name] = _measure(motion, number, speed, options.frequencies)
+    operator.table(
+        ('axis', 'lag', 'bandwidth', 'following error', 'Coulomb', 'viscous', 'backlash'),
+        [_row(name, one) for name, one in found.items()])
+    picture = options.picture or machine.beside('.lag.png')
+    draw(picture, found)
+    operator.say(f'{picture} shows them.')
+    for name, one in found.items():
+        machine.note('lag', ', '.join(_row(name, one)[1:]), axis=name)
+    warnings = unlike(found)
+    for warning in warnings:
+        operator.say(f'! {warning}')
+    lag = round(float(np.mean([one.lag for one in found.values()])), 4)
+    operator.agree(f'{machine.path} gets controller.drive_lag: {lag}')
+    machine.write({'controller': {'drive_lag': lag}})
+    if len(found) == len(AXIS_NAMES):
+        friction = {'coulomb': [round(found[name].coulomb, 2) for name in AXIS_NAMES],
+                    'viscous': [round(found[name].viscous, 1) for name in AXIS_NAMES]}
+        operator.agree(f'{machine.path} gets friction of ik_service: {friction}')
+        machine.write({'friction': friction}, node='/**/ik_service')
+
+
+def _measure(
+    motion: Motion, number: int, speed: float, frequencies: Sequence[float]
+) -> AxisDynamics:
+    responses, velocities, forces = [], [], []
+    for frequency in frequencies:
+        if not 0.1 <= frequency <= 0.25 / PERIOD:
+            raise CommissioningError(
+                f'--frequencies {frequency:g} Hz is not between 0.1 and {0.25 / PERIOD:g} Hz')
+        amplitude = min(_AMPLITUDE, speed / (2.0 * math.pi * frequency), motion.window)
+        count = round((_PERIODS + _SETTLING) / frequency / PERIOD)
+        angle = 2.0 * math.pi * frequency * PERIOD * np.arange(count)
+        fade = np.minimum(1.0, angle / (2.0 * math.pi))  # begins without a jump of the speed
+        targets, samples = follow(motion, number, amplitude * fade * np.sin(angle))
+        first = round(_SETTLING / frequency / PERIOD)
+        positions = np.array([sample.position for sample in samples])
+        responses.append(response(frequency, targets[first:-_DELAY], positions[first + _DELAY:]))
+        if frequency <= 2.0:
+            velocities += [sample.velocity for sample in samples[first:]]
+            forces += [sample.force for sample in samples[first:]]
+        follow(motion, number, np.linspace(targets[-1], 0.0, 20))
+    coulomb, viscous = fit_friction(np.array(velocities), np.array(forces))
+    _, samples = follow(motion, number, triangle())
+    backlash = find_backlash(np.array([sample.position for sample in samples]),
+                             np.array([sample.force for sample in samples]))
+    return AxisDynamics(tuple(responses), coulomb, viscous, backlash)
+
+
+def triangle() -> np.ndarray:
+    """Return displacements to and fro at a constant speed [m]."""
+    count = round(_TRIANGLE / _TRIANGLE_SPEED / PERIOD)
+    rise = np.linspace(0.0, _TRIANGLE, count)
+    return np.concatenate([rise, rise[::-1], rise, rise[::-1]])
+
+
+def follow(
+    motion: Motion, number: int, displacements: np.ndarray
+) -> tuple[np.ndarray, list[AxisSample]]:
+    """Command displacements [m], one a cycle; return them and what one axis answered."""
+    samples = [motion.step([float(value)] * len(motion.names))[number] for value in displacements]
+    return displacements, samples
+
+
+def unlike(found: dict[str, AxisDynamics]) -> list[str]:
+    """Return in what the axes differ by more than can be expected of three of one kind."""
+    warnings = []
+    for what, unit, values in (
+            ('lag', 'ms', {name: _MS * one.lag for name, one in found.items()}),
+            ('Coulomb friction', 'N', {name: one.coulomb for name, one in found.items()}),
+            ('backlash', 'mm', {name: _MM * one.backlash for name, one in found.items()})):
+        middle = float(np.median(list(values.values())))
+        bound = max(_ALIKE * abs(middle), {'ms': 2.0, 'N': 2.0, 'mm': 0.05}[unit])
+        warnings += [f'{name}: {what} {value:.2f} {unit}, the others {middle:.2f} {unit}'
+                     for name, value in values.items() if abs(value - middle) > bound]
+    return warnings
+
+
+def _row(name: str, one: AxisDynamics) -> tuple[str, ...]:
+    bandwidth = one.bandwidth
+    above = f'above {one.responses[-1].frequency:g} Hz'
+    return (name, f'{_MS * one.lag:.1f} ms', f'{bandwidth:.1f} Hz' if bandwidth else above,
+            f'{_MM * max(each.error for each in one.responses):.2f} mm', f'{one.coulomb:.1f} N',
+            f'{one.viscous:.0f} N s/m', f'{_MM * one.backlash:.2f} mm')
+
+
+def draw(path: Path, found: dict[str, AxisDynamics]) -> None:
+    """Draw gain and lag over the frequency."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7.0, 5.0), layout='constrained')
+    above, below = figure.subplots(2, 1, sharex=True)
+    for name, one in found.items():
+        frequencies = [each.frequency for each in one.responses]
+        above.semilogx(frequencies, [each.gain for each in one.responses], 'o-', label=name)
+        below.semilogx(frequencies, [_MS * each.lag for each in one.responses], 'o-')
+    above.axhline(math.sqrt(0.5), color='gray', linewidth=0.8)
+    above.set(ylabel='gain', ylim=(0.0, None))
+    above.legend()
+    below.set(ylabel='lag [ms]', xlabel='frequency [Hz]')
+    try:
+        figure.savefig(path, dpi=110)
+    except OSError as error:
+        raise CommissioningError(f'{path} cannot be written: {error.strerror}') from error

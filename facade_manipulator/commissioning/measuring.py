@@ -1,0 +1,291 @@
+"""Commands `direction`, `lead` and `home-switch`: each ends in the line to write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import math
+from typing import Any, NamedTuple
+
+from facade_manipulator.commissioning.bus import ToolBus
+from facade_manipulator.commissioning.context import Context
+from facade_manipulator.commissioning.drive_objects import store
+from facade_manipulator.commissioning.motion import Motion, PERIOD, Ramp
+from facade_manipulator.commissioning.moving import add_motion_options, motion_bounds, powered
+from facade_manipulator.commissioning.scan import require_one
+from facade_manipulator.drives.canopen import SdoAbortError
+from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, load_profile
+from facade_manipulator.errors import CommissioningError
+
+HOME_SWITCH = 0x4  # of 60FDh
+INPUT_POLARITY = (0x3141, 2)  # maxon's; other makers have it in their tool alone
+_PUSHED = 0.002  # m
+_PATIENCE = 120.0  # s
+_MM = 1e3
+# homing methods that look for the home switch, by the direction in which they set out
+_METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
+
+
+def add_commands(add: Callable) -> None:
+    """Add the commands to the tool."""
+    command = add('direction', run_direction,
+                  'Whether a drive counts along the rail: push the carriage, without power.')
+    command.add_argument('axis', choices=AXIS_NAMES)
+    command = add('lead', run_lead, 'Travel per turn of the screw, against a distance measured.')
+    command.add_argument('axis', choices=AXIS_NAMES)
+    command.add_argument('--travel', type=float, default=40.0, metavar='MM',
+                         help='how far it goes by the present lead (default 40)')
+    command.add_argument('--measured', type=float, metavar='MM',
+                         help='how far the carriage went; default: asked for')
+    add_motion_options(command)
+    command = add('home-switch', run_home_switch,
+                  'Polarity and repeatability of a home switch, from ten approaches.')
+    command.add_argument('axis', choices=AXIS_NAMES)
+    command.add_argument('--towards', choices=('+', '-'), default='+',
+                         help='on which side of the carriage the switch is (default +)')
+    command.add_argument('--approaches', type=int, default=10)
+    add_motion_options(command, speed=5.0)
+
+
+def offer(context: Context, name: str, **values: Any) -> None:
+    """Show the line to write, ask, and write it."""
+    lines = ', '.join(f'{name}.{key}: {value}' for key, value in values.items())
+    context.operator.agree(f'{context.machine.path} gets {lines}')
+    context.machine.write({name: values})
+
+
+# --- direction
+
+
+def run_direction(context: Context) -> None:
+    """Watch the position, without power, while somebody pushes the carriage towards +q."""
+    name, machine = context.options.axis, context.machine
+    axis = machine.axis(name)
+    with context.bus() as bus:
+        require_one(bus, axis.node_id, name)
+        drive = bus.objects(axis.node_id, name)
+        _require_unpowered(drive, name)
+        start = _counts(drive)
+        context.operator.say(
+            f'{name} has no power. Push its carriage to the right (towards +q) by a centimetre.')
+        needed = abs(axis.to_counts(_PUSHED))
+        if not bus.wait_for(lambda: abs(_counts(drive) - start) >= needed, _PATIENCE):
+            raise CommissioningError(
+                f'{name} counted no {_MM * _PUSHED:g} mm within {_PATIENCE:g} s: is it this '
+                'carriage, does its encoder count, can the screw be turned by hand? Nothing is '
+                'written')
+        bus.collect(0.5)
+        counts = _counts(drive) - start
+    found = 1 if counts > 0 else -1
+    context.operator.say(f'{name} counted {counts:+d}: direction {found}')
+    if found != axis.direction:
+        offer(context, name, direction=found)
+    machine.note('direction', f'{found} ({counts:+d} counts towards +q)', axis=name)
+
+
+def _counts(drive) -> int:
+    return int.from_bytes(drive.read(0x6064, 0), 'little', signed=True)
+
+
+def _require_unpowered(drive, name: str) -> None:
+    if int.from_bytes(drive.read(0x6041, 0), 'little') & 0x6F == 0x27:
+        raise CommissioningError(f'{name} has power, somebody has enabled it: nothing is done')
+
+
+# --- lead
+
+
+def run_lead(context: Context) -> None:
+    """Move by the present lead, ask how far it really was, and correct it."""
+    name, options = context.options.axis, context.options
+    axis = context.machine.axis(name)
+    speed, window = motion_bounds(context)
+    travel = options.travel / _MM
+    if not 0.005 <= abs(travel) <= window:
+        raise CommissioningError(f'--travel {options.travel:g} mm is not between 5 and '
+                                 f'{_MM * window:g} mm, the window')
+    context.operator.say(f'Mark where the carriage of {name} stands.')
+    with powered(context, name, f'by {options.travel:g} mm') as (motion, number):
+        went = go(motion, number, travel, speed)
+    if options.measured is None:
+        answer = context.operator.ask(
+            f'{name} went {_MM * went:.2f} mm by its counts. How many mm by the ruler?',
+            '--measured')
+        measured = _number(answer)
+    else:
+        measured = options.measured
+    if not 0.05 < abs(measured / _MM / went) < 20.0:
+        raise CommissioningError(f'{measured:g} mm for {_MM * went:.1f} mm is no lead: nothing is '
+                                 'written; measure again')
+    lead = axis.lead * abs(measured / _MM / went)
+    context.operator.say(f'{name}: lead {_MM * lead:.3f} mm (was {_MM * axis.lead:g})')
+    if measured * went < 0.0:
+        raise CommissioningError(
+            f'{name} went the other way: commission direction {name} first; nothing is written')
+    context.machine.note('lead', f'{_MM * lead:.3f} mm over {measured:g} mm', axis=name)
+    if abs(lead / axis.lead - 1.0) > 1e-3:
+        offer(context, name, lead=round(lead, 6))
+
+
+def _number(text: str) -> float:
+    try:
+        value = float(text.replace(',', '.').removesuffix('mm'))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise CommissioningError(f'{text!r} is no number: nothing is written')
+    return value
+
+
+def go(motion: Motion, number: int, goal: float, speed: float) -> float:
+    """Move all carriages by one displacement [m] and come to rest; return where one stands."""
+    ramp, sample = Ramp(abs(goal)), None
+    while abs(ramp.displacement - goal) > 1e-6 or ramp.speed:
+        before = ramp.displacement
+        sample = motion.step(
+            [ramp.step(math.copysign(speed, goal))] * len(motion.names))[number]
+        if ramp.displacement == before and abs(ramp.displacement - goal) < 1e-4:
+            break
+    for _ in range(30):
+        sample = motion.step([ramp.displacement] * len(motion.names))[number]
+    return sample.position
+
+
+# --- home switch
+
+
+class Approach(NamedTuple):
+    """Where the switch changed [m]: first and last change forwards, first change backwards."""
+
+    first: float
+    last: float
+    back: float
+
+
+def run_home_switch(context: Context) -> None:
+    """Approach the switch again and again; report polarity, spread, bounce and hysteresis."""
+    name, options, operator = context.options.axis, context.options, context.operator
+    axis, side = context.machine.axis(name), 1 if options.towards == '+' else -1
+    speed, _ = motion_bounds(context)
+    with powered(context, name, f'{options.approaches} times to its home switch and back') as (
+            motion, number):
+        finder = SwitchFinder(motion, number, side, speed)
+        is_on_away = finder.away
+        approaches = list(finder.approaches(options.approaches))
+    firsts = [approach.first for approach in approaches]
+    spread = max(firsts) - min(firsts)
+    bounce = max(abs(approach.last - approach.first) for approach in approaches)
+    play = sum(abs(approach.first - approach.back) for approach in approaches) / len(approaches)
+    operator.say(
+        f'{name}: the switch is {"on" if is_on_away else "off"} away from home; edge at '
+        f'{_MM * sum(firsts) / len(firsts):+.2f} mm from here, {len(firsts)} approaches spread '
+        f'over {_MM * spread:.3f} mm, bounce {_MM * bounce:.3f} mm, hysteresis with backlash '
+        f'{_MM * play:.3f} mm')
+    resolution = 2.0 * finder.slow * PERIOD
+    passed = spread <= 0.1 / _MM + resolution
+    context.machine.note('home-switch', f'spread {_MM * spread:.3f} mm, bounce '
+                         f'{_MM * bounce:.3f} mm, hysteresis {_MM * play:.3f} mm', passed, name)
+    if not passed:
+        operator.say(f'! {name}: a spread above 0.1 mm: clean, adjust or replace the switch')
+    if is_on_away:
+        _correct_polarity(context, name, axis)
+    _offer_method(context, name, axis, side)
+
+
+class SwitchFinder:
+    """Approaches of a carriage to its home switch."""
+
+    def __init__(self, motion: Motion, number: int, side: int, speed: float) -> None:
+        self._motion, self._number, self._side = motion, number, side
+        self._ramp = Ramp(motion.window)
+        self._fast, self.slow = speed, min(speed, 0.002)
+        self.away = self._step(0.0)[1]
+
+    def _step(self, goal: float) -> tuple[float, bool]:
+        """Go on with a speed; return position and whether the switch is on."""
+        sample = self._motion.step(
+            [self._ramp.step(goal)] * len(self._motion.names))[self._number]
+        return sample.position, bool(sample.inputs & HOME_SWITCH)
+
+    def _until(self, goal: float, changed: bool) -> float:
+        """Go until the switch reads other than away, or as there; return where."""
+        before = self._ramp.displacement
+        while True:
+            position, is_on = self._step(goal)
+            if (is_on != self.away) == changed:
+                return position
+            if self._ramp.displacement == before and self._ramp.speed == 0.0:
+                raise CommissioningError(
+                    f'no change of the home switch within {_MM * self._motion.window:.0f} mm: jog '
+                    'nearer, look from the other side (--towards), or check its cable; the '
+                    'carriage stands')
+            before = self._ramp.displacement
+
+    def _advance(self, distance: float, goal: float) -> list[tuple[float, bool]]:
+        """Go a distance [m]; return positions and readings on the way."""
+        start, readings = self._ramp.displacement, []
+        while abs(self._ramp.displacement - start) < distance and (
+                abs(self._ramp.displacement) < self._motion.window):
+            readings.append(self._step(goal))
+        return readings
+
+    def _rest(self) -> None:
+        while self._ramp.speed:
+            self._step(0.0)
+        for _ in range(5):
+            self._step(0.0)
+
+    def approaches(self, count: int) -> Iterator[Approach]:
+        """Yield so many approaches, the first of which looks for the switch."""
+        self._until(self._side * self._fast, changed=True)
+        self._rest()
+        for _ in range(count):
+            self._advance(0.004, -self._side * self._fast)
+            self._rest()
+            first = self._until(self._side * self.slow, changed=True)
+            over = self._advance(0.0015, self._side * self.slow)
+            off = [position for position, is_on in over if is_on == self.away]
+            self._rest()
+            back = self._until(-self._side * self.slow, changed=False)
+            yield Approach(first, off[-1] if off else first, back)
+
+
+def _correct_polarity(context: Context, name: str, axis: AxisSettings) -> None:
+    """Turn the input in the drive, where it has an object for that."""
+    label = f'{INPUT_POLARITY[0]:04X}h:{INPUT_POLARITY[1]:02X}'
+    with context.bus() as bus:
+        try:
+            polarity = int.from_bytes(bus.objects(axis.node_id, name).read(*INPUT_POLARITY),
+                                      'little')
+        except SdoAbortError:
+            context.operator.say(
+                f'! {name}: the switch opens at home: turn the polarity of its input in the '
+                "maker's tool, this drive has no object for it")
+            return
+        context.operator.agree(
+            f'{name}: the switch opens at home: {label} of the drive becomes '
+            f'{polarity ^ HOME_SWITCH:X}h and is stored')
+        _write_polarity(bus, axis, name, polarity ^ HOME_SWITCH)
+    context.machine.note('home-switch', f'{label} = {polarity ^ HOME_SWITCH:X}h', axis=name)
+
+
+def _write_polarity(bus: ToolBus, axis: AxisSettings, name: str, polarity: int) -> None:
+    """Write into a drive that was reset: nothing of the motion's limits is stored with it."""
+    bus.reset(axis.node_id)
+    drive = bus.objects(axis.node_id, name)
+    size = len(drive.read(*INPUT_POLARITY))
+    drive.write(*INPUT_POLARITY, polarity.to_bytes(size, 'little'))
+    store(bus, axis.node_id, name)
+    drive = bus.objects(axis.node_id, name)
+    if int.from_bytes(drive.read(*INPUT_POLARITY), 'little') != polarity:
+        raise CommissioningError(f'{name} did not keep the polarity of its inputs: set it in the '
+                                 "maker's tool")
+
+
+def _offer_method(context: Context, name: str, axis: AxisSettings, side: int) -> None:
+    known = load_profile(axis.profile).homing_methods
+    along = side * axis.direction  # the drive's own positive direction
+    method = next((method for method in _METHODS[along] if method in known), None)
+    if method is None:
+        context.operator.say(f'The profile {axis.profile} has no homing method for this switch.')
+    elif method != axis.homing_method:
+        offer(context, name, homing_method=method)
