@@ -24,8 +24,9 @@ FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # Hz
 _AMPLITUDE = 0.003  # m, where the speed permits it
 _PERIODS, _SETTLING = 4, 1
 _DELAY = 2  # cycles from a target's sending to the SYNC at which the drive shall be there
-_TRIANGLE_SPEED, _TRIANGLE = 0.004, 0.003
+_TRIANGLE_SPEED, _TRIANGLE = 0.01, 0.005
 _ALIKE = 0.3
+_CLEAR = 0.75
 _MM, _MS = 1e3, 1e3
 
 
@@ -76,12 +77,22 @@ def response(frequency: float, targets: np.ndarray, positions: np.ndarray) -> Re
                     float(np.abs(targets - positions).max()))
 
 
-def fit_friction(velocities: np.ndarray, forces: np.ndarray) -> tuple[float, float]:
-    """Return Coulomb [N] and viscous [N s/m] friction from forces at velocities, shape (n,)."""
-    clear = np.abs(velocities) > 0.25 * np.abs(velocities).max()
-    accelerations = np.gradient(velocities, PERIOD)
-    basis = np.column_stack([np.sign(velocities), velocities, accelerations])[clear]
-    coulomb, viscous, _ = np.linalg.lstsq(basis, forces[clear], rcond=None)[0]
+def fit_friction(sines: Sequence[tuple[np.ndarray, np.ndarray]]) -> tuple[float, float]:
+    """
+    Return Coulomb [N] and viscous [N s/m] friction from velocities and forces of some motions.
+
+    Only what is near the largest speed of each counts: after a reversal the backlash carries
+    nothing, and a slow carriage may stick.
+    """
+    rows, forces = [], []
+    for velocity, force in sines:
+        clear = (np.abs(velocity) > _CLEAR * np.abs(velocity).max()) & (
+            np.abs(force) > 0.5 * np.median(np.abs(force)))
+        rows.append(np.column_stack(
+            [np.sign(velocity), velocity, np.gradient(velocity, PERIOD)])[clear])
+        forces.append(force[clear])
+    coulomb, viscous, _ = np.linalg.lstsq(
+        np.concatenate(rows), np.concatenate(forces), rcond=None)[0]
     return max(0.0, float(coulomb)), max(0.0, float(viscous))
 
 
@@ -147,7 +158,7 @@ def run_lag(context: Context) -> None:
 def _measure(
     motion: Motion, number: int, speed: float, frequencies: Sequence[float]
 ) -> AxisDynamics:
-    responses, velocities, forces = [], [], []
+    responses, sines = [], []
     for frequency in frequencies:
         if not 0.1 <= frequency <= 0.25 / PERIOD:
             raise CommissioningError(
@@ -160,15 +171,15 @@ def _measure(
         first = round(_SETTLING / frequency / PERIOD)
         positions = np.array([sample.position for sample in samples])
         responses.append(response(frequency, targets[first:-_DELAY], positions[first + _DELAY:]))
-        if frequency <= 2.0:
-            velocities += [sample.velocity for sample in samples[first:]]
-            forces += [sample.force for sample in samples[first:]]
+        sines.append((np.array([sample.velocity for sample in samples[first:]]),
+                      np.array([sample.force for sample in samples[first:]])))
         follow(motion, number, np.linspace(targets[-1], 0.0, 20))
-    coulomb, viscous = fit_friction(np.array(velocities), np.array(forces))
     _, samples = follow(motion, number, triangle())
-    backlash = find_backlash(np.array([sample.position for sample in samples]),
-                             np.array([sample.force for sample in samples]))
-    return AxisDynamics(tuple(responses), coulomb, viscous, backlash)
+    velocity = np.array([sample.velocity for sample in samples])
+    force = np.array([sample.force for sample in samples])
+    backlash = find_backlash(np.array([sample.position for sample in samples]), force)
+    return AxisDynamics(
+        tuple(responses), *fit_friction([*sines, (velocity, force)]), backlash)
 
 
 def triangle() -> np.ndarray:

@@ -38,10 +38,10 @@ def test_a_sine_is_fitted_beside_an_offset_and_noise():
 
 
 def test_known_friction_comes_back_beside_inertia():
-    velocities = 0.02 * np.sin(2.0 * np.pi * TIME)
-    forces = (6.0 * np.sign(velocities) + 40.0 * velocities
-              + 3.0 * np.gradient(velocities, PERIOD))
-    assert fit_friction(velocities, forces) == pytest.approx((6.0, 40.0), rel=1e-6)
+    sines = [speed * np.sin(2.0 * np.pi * TIME) for speed in (0.01, 0.02)]
+    assert fit_friction([
+        (sine, 6.0 * np.sign(sine) + 40.0 * sine + 3.0 * np.gradient(sine, PERIOD))
+        for sine in sines]) == pytest.approx((6.0, 40.0), rel=1e-6)
 
 
 @pytest.mark.parametrize('backlash', [0.0, 0.0002, 0.001])
@@ -51,7 +51,7 @@ def test_known_backlash_comes_back(backlash):
         moved = min(max(carriage, position - backlash / 2), position + backlash / 2)
         forces.append(5.0 * np.sign(moved - carriage))
         carriage = moved
-    assert find_backlash(positions, np.array(forces)) == pytest.approx(backlash, abs=1e-4)
+    assert find_backlash(positions, np.array(forces)) == pytest.approx(backlash, abs=1.5e-4)
 
 
 def axis(lag, gain=1.0, coulomb=4.0):
@@ -75,7 +75,7 @@ def test_an_axis_unlike_the_others_is_named():
 def test_lag_and_friction_of_the_simulated_axes_are_found_and_written(make_rig, capsys):
     rig = make_rig('--lag', '0.012', '--coulomb-friction', '8', '--viscous-friction', '30',
                    '--backlash', '0.0006').configured()
-    assert rig.run('lag', '--links', 'uncoupled', '--frequencies', '1', '2', '5') == 0, (
+    assert rig.run('lag', '--links', 'uncoupled', '--frequencies', '1', '2') == 0, (
         capsys.readouterr())
     driver = Machine(rig.parameters).parameters
     assert driver['controller']['drive_lag'] == pytest.approx(0.012, abs=0.004)

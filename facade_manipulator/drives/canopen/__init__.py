@@ -46,7 +46,6 @@ from facade_manipulator.drives.canopen.pdo import (
     StatusFrame,
     SYNC_COB_ID,
     tpdo_cob_id,
-    UNUSED_PDOS,
     unused_pdos,
 )
 from facade_manipulator.drives.canopen.sdo import (
@@ -103,5 +102,4 @@ __all__ = [
     'SYNC_COB_ID',
     'unused_pdos',
     'tpdo_cob_id',
-    'UNUSED_PDOS',
 ]
