@@ -15,7 +15,7 @@ from pathlib import Path
 from canopen import ObjectDictionary
 
 from facade_manipulator.commissioning.drive_objects import read_dictionary, variables
-from facade_manipulator.drives.canopen import PDO_MAP, SdoChannel
+from facade_manipulator.drives.canopen import SdoChannel
 from facade_manipulator.drives.cia402 import DriveProfile, load_profile
 from facade_manipulator.errors import DriveError, DriveTimeoutError, ParameterError
 
@@ -60,9 +60,12 @@ def draft(eds: Path) -> tuple[str, list[str]]:
         f'eds: {eds.name}',
         f'velocity_unit: {unit or template.velocity_unit}' + ('' if unit else (
             '  # ? in which unit does it state velocities (606Ch, 6081h)?')),
+        f'motor_speed_unit: {template.motor_speed_unit}  # ? in which unit is 6080h?',
         f'homing_methods: [{", ".join(map(str, methods))}]' + (
             '' if _homing_methods(dictionary) else '  # ? which does its manual name?'),
         'quirks:', *(f'  {name}: false  # ? {question}' for name, question in _QUESTIONS.items()),
+        'pdos:', *(f'  {name}: [{", ".join(indices)}]' for name, indices in _pdos(
+            dictionary, template)),
         'objects:']
     for item in template.objects:
         if dictionary.get_variable(item.index, item.subindex) is not None:
@@ -72,6 +75,18 @@ def draft(eds: Path) -> tuple[str, list[str]]:
     return '\n'.join(lines) + '\n', list(_missing(dictionary, template))
 
 
+def _pdos(
+    dictionary: ObjectDictionary, template: DriveProfile
+) -> Iterator[tuple[str, list[str]]]:
+    """Yield the process data of the template that the drive can carry."""
+    for one in template.pdos:
+        indices = [f'0x{entry.index:04X}' for entry in one.content
+                   if (variable := dictionary.get_variable(entry.index, entry.subindex))
+                   is not None and variable.pdo_mappable]
+        if indices and one.mapping_index in dictionary:
+            yield one.name, indices
+
+
 def _missing(dictionary: ObjectDictionary, template: DriveProfile) -> Iterator[str]:
     modes = _default(dictionary, 0x6502)
     if modes and not modes & _CYCLIC_POSITION:
@@ -79,7 +94,7 @@ def _missing(dictionary: ObjectDictionary, template: DriveProfile) -> Iterator[s
     for item in template.objects:
         if item.required and dictionary.get_variable(item.index, item.subindex) is None:
             yield f'object {item.index:04X}h:{item.subindex:02X} for {item.value}'
-    for pdo in PDO_MAP:
+    for pdo in template.pdos:
         if pdo.mapping_index not in dictionary:
             yield f'{pdo.name} ({pdo.mapping_index:04X}h)'
         for entry in pdo.content:
@@ -120,7 +135,7 @@ def differences(drive: SdoChannel, profile: DriveProfile) -> list[str]:
             found.append(f'{problem}; the profile requires it for {item.value}')
         elif problem and 'bytes' in problem:
             found.append(problem)
-    for pdo in PDO_MAP:
+    for pdo in profile.pdos:
         found += filter(None, (
             _problem(drive, dictionary, pdo.mapping_index, 0),
             *(_problem(drive, dictionary, entry.index, entry.subindex)

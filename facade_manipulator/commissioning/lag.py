@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.commissioning.context import Context
-from facade_manipulator.commissioning.motion import AxisSample, Motion, PERIOD
+from facade_manipulator.commissioning.motion import AxisSample, Motion, PERIOD, TORQUE
 from facade_manipulator.commissioning.moving import add_motion_options, motion_bounds, powered
 from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.errors import CommissioningError
@@ -158,6 +158,7 @@ def run_lag(context: Context) -> None:
 def _measure(
     motion: Motion, number: int, speed: float, frequencies: Sequence[float]
 ) -> AxisDynamics:
+    motion.require(TORQUE, 'which shows friction and backlash')
     responses, sines = [], []
     for frequency in frequencies:
         if not 0.1 <= frequency <= 0.25 / PERIOD:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from facade_manipulator.commissioning.bus import ToolBus
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.drive_objects import store
-from facade_manipulator.commissioning.motion import Motion, PERIOD, Ramp
+from facade_manipulator.commissioning.motion import INPUTS, Motion, PERIOD, Ramp
 from facade_manipulator.commissioning.moving import add_motion_options, motion_bounds, powered
 from facade_manipulator.commissioning.scan import require_one
 from facade_manipulator.drives.canopen import SdoAbortError
@@ -168,6 +168,7 @@ def run_home_switch(context: Context) -> None:
     speed, _ = motion_bounds(context)
     with powered(context, name, f'{options.approaches} times to its home switch and back') as (
             motion, number):
+        motion.require(INPUTS, 'the digital inputs')
         finder = SwitchFinder(motion, number, side, speed)
         is_on_away = finder.away
         approaches = list(finder.approaches(options.approaches))

@@ -21,18 +21,14 @@ from facade_manipulator.commissioning.bus import ToolBus
 from facade_manipulator.commissioning.scan import require_one
 from facade_manipulator.drives.canopen import (
     decode_emergency,
-    decode_tpdo1,
-    decode_tpdo2,
-    decode_tpdo3,
     describe,
     emergency_cob_id,
     heartbeat_cob_id,
     MASTER_NODE_ID,
     NmtCommand,
     NmtState,
-    pdo,
+    Pdo,
     SYNC_COB_ID,
-    tpdo_cob_id,
 )
 from facade_manipulator.drives.cia402 import (
     AxisSettings,
@@ -64,7 +60,8 @@ _REST_SPEED = 0.002  # m/s
 _MISSED = 5  # cycles
 _ANSWER_TIME = 0.8 * PERIOD
 _STOPPING_TIME = 1.0  # s
-_CONDITION_TYPE = (0x1802, 2)  # TPDO3 with every SYNC: the switches and the torque are measured
+CONTROLWORD, STATUSWORD, ERROR_CODE, MODE, DISPLAYED_MODE = 0x6040, 0x6041, 0x603F, 0x6060, 0x6061
+TARGET, POSITION, VELOCITY, TORQUE, INPUTS = 0x607A, 0x6064, 0x606C, 0x6077, 0x60FD
 
 
 class AxisSample(NamedTuple):
@@ -110,6 +107,10 @@ class Motion:
         self.names = tuple(axes)
         profiles = {name: load_profile(axis.profile) for name, axis in axes.items()}
         self._profiles = profiles
+        # all with every SYNC: switches and torque are measured
+        self._pdos = [tuple(replace(one, transmission=1) for one in profile.pdos)
+                      for profile in profiles.values()]
+        self._values: list[dict[int, int]] = [{} for _ in axes]
         self._axes = [replace(axis, velocity_unit=profiles[name].velocity_unit)
                       for name, axis in axes.items()]
         self._settings = ControllerSettings(rate=RATE, heartbeat_timeout=HEARTBEAT_TIMEOUT)
@@ -125,8 +126,8 @@ class Motion:
 
     def __enter__(self) -> Motion:
         try:
-            for name, axis in zip(self.names, self._axes, strict=True):
-                self._configure(name, axis)
+            for number, name in enumerate(self.names):
+                self._configure(name, self._axes[number], self._pdos[number])
             self._power_on()
         except BaseException:
             self._stop()
@@ -140,7 +141,7 @@ class Motion:
                 self._run_until(Phase.OFF)
         self._stop()
 
-    def _configure(self, name: str, axis: AxisSettings) -> None:
+    def _configure(self, name: str, axis: AxisSettings, pdos: tuple[Pdo, ...]) -> None:
         """Reset a drive, so that it is without fault, and give it limits around where it is."""
         require_one(self._bus, axis.node_id, name)
         self._bus.reset(axis.node_id)
@@ -152,10 +153,8 @@ class Motion:
             upper_limit=here + self.window, limit_margin=_MARGIN, max_speed=2.0 * MAX_SPEED,
             max_acceleration=max(axis.max_acceleration, ACCELERATION),
             following_error_window=min(axis.following_error_window, _FOLLOWING_ERROR))
-        write_objects(drive, [
-            write._replace(value=1) if write[:2] == _CONDITION_TYPE else write
-            for write in (*object_writes(self._profiles[name], limited, self._settings),
-                          *pdo_writes(axis.node_id, RATE))])
+        write_objects(drive, [*object_writes(self._profiles[name], limited, self._settings),
+                              *pdo_writes(axis.node_id, RATE, pdos)])
         self._bus.command(NmtCommand.START, axis.node_id)
         for cob_id in (emergency_cob_id(axis.node_id), heartbeat_cob_id(axis.node_id)):
             self._bus.latest.pop(cob_id, None)  # its boot-up was ours
@@ -228,36 +227,57 @@ class Motion:
     def _exchange(self) -> list[AxisSample]:
         """Send SYNC and wait for all TPDOs; what does not come stays as it was."""
         latest = self._bus.latest
-        wanted = [tpdo_cob_id(number, axis.node_id) for axis in self._axes for number in (1, 2, 3)]
+        wanted = [one.cob_id(axis.node_id) for axis, pdos in zip(
+            self._axes, self._pdos, strict=True) for one in pdos if one.is_transmitted]
         for cob_id in wanted:
             latest.pop(cob_id, None)
         self._bus.send(SYNC_COB_ID)
         complete = self._bus.wait_for(lambda: all(c in latest for c in wanted), _ANSWER_TIME)
         self._missed = 0 if complete else self._missed + 1
         if self._missed >= _MISSED:
-            missing = [name for name, axis in zip(self.names, self._axes, strict=True)
-                       if tpdo_cob_id(1, axis.node_id) not in latest]
+            missing = [name for name, axis, pdos in zip(
+                self.names, self._axes, self._pdos, strict=True) if not any(
+                    one.cob_id(axis.node_id) in latest for one in pdos if one.is_transmitted)]
             self._group.stop(Cause(
                 f'{" and ".join(missing) or "a drive"} sent nothing for {_MISSED} cycles: check '
                 'its power and cable'), time.monotonic())
         return [self._sample(number, axis) for number, axis in enumerate(self._axes)]
 
     def _sample(self, number: int, axis: AxisSettings) -> AxisSample:
-        status, motion, condition = (
-            self._bus.latest.get(tpdo_cob_id(n, axis.node_id)) for n in (1, 2, 3))
-        if None in (status, motion, condition):
-            return AxisSample(self._position(number), 0.0, 0.0, 0)
-        status, motion, condition = (
-            decode_tpdo1(status.data), decode_tpdo2(motion.data), decode_tpdo3(condition.data))
-        speed = axis.speed_to_metres(motion.velocity)
-        self._counts[number] = status.position_counts
+        values, before = self._values[number], self._counts[number]
+        for one in self._pdos[number]:
+            frame = self._bus.latest.get(one.cob_id(axis.node_id)) if one.is_transmitted else None
+            if frame is not None:
+                values.update(zip(one.indices, one.unpack(frame.data), strict=True))
+        if POSITION not in values:
+            return AxisSample(0.0, 0.0, 0.0, 0)
+        self._counts[number] = values[POSITION]
+        speed = (axis.speed_to_metres(values[VELOCITY]) if VELOCITY in values else
+                 axis.to_metres(values[POSITION] - before) / PERIOD)
         if self._group.phase not in FOLLOWING_PHASES:
-            self._bases[number] = status.position_counts
+            self._bases[number] = values[POSITION]
         self._feedback[number] = Feedback(
-            status.statusword, status.mode, abs(speed) < _REST_SPEED, condition.error_code)
+            values[STATUSWORD], values[DISPLAYED_MODE], abs(speed) < _REST_SPEED,
+            values.get(ERROR_CODE, 0))
         self._look_for_faults(self.names[number], axis.node_id)
-        return AxisSample(self._position(number), speed, axis.to_force(condition.torque),
-                          condition.digital_inputs)
+        return AxisSample(self._position(number), speed, axis.to_force(values.get(TORQUE, 0)),
+                          values.get(INPUTS, 0))
+
+    def require(self, index: int, purpose: str) -> None:
+        """
+        Check that the drives send an object with every SYNC.
+
+        Raises
+        ------
+        CommissioningError
+            A profile's process data do not carry it.
+
+        """
+        for name, pdos in zip(self.names, self._pdos, strict=True):
+            if not any(one.is_transmitted and index in one.indices for one in pdos):
+                raise CommissioningError(
+                    f'{name}: no TPDO of its profile carries {index:04X}h, {purpose}: add it to '
+                    'pdos, or measure by hand')
 
     def _look_for_faults(self, name: str, node_id: int) -> None:
         emergency = self._bus.latest.get(emergency_cob_id(node_id))
@@ -273,11 +293,13 @@ class Motion:
 
     def _send(self) -> None:
         self._bus.send(heartbeat_cob_id(MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
-        for axis, base, displacement, command in zip(
-                self._axes, self._bases, self._displacements, self._commands, strict=True):
-            target = base + axis.to_counts(displacement)
-            self._bus.send(pdo.rpdo_cob_id(1, axis.node_id), pdo.encode_rpdo1(
-                command.controlword, command.mode, target))
+        for number, (axis, command) in enumerate(zip(self._axes, self._commands, strict=True)):
+            values = {
+                CONTROLWORD: command.controlword, MODE: command.mode,
+                TARGET: self._bases[number] + axis.to_counts(self._displacements[number])}
+            for one in self._pdos[number]:
+                if not one.is_transmitted:
+                    self._bus.send(one.cob_id(axis.node_id), one.encode(values))
 
     def _stop(self) -> None:
         """Quick-stop, then take the power; a bus that is gone leaves that to the drives."""

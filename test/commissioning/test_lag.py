@@ -81,7 +81,9 @@ def test_lag_and_friction_of_the_simulated_axes_are_found_and_written(make_rig, 
     assert driver['controller']['drive_lag'] == pytest.approx(0.012, abs=0.004)
     friction = yaml.safe_load(rig.parameters.read_text())['/**/ik_service'][
         'ros__parameters']['friction']
-    assert friction['coulomb'] == pytest.approx([8.0] * 3, rel=0.25)
+    at_20 = [coulomb + 0.02 * viscous for coulomb, viscous in zip(
+        friction['coulomb'], friction['viscous'], strict=True)]  # apart they are known less well
+    assert at_20 == pytest.approx([8.0 + 0.6] * 3, rel=0.2)
     results = [entry['result'] for entry in Machine(rig.parameters).journal
                if entry['check'] == 'lag']
     assert len(results) == 3
