@@ -153,7 +153,7 @@ def go(motion: Motion, number: int, goal: float, speed: float) -> float:
 # --- home switch
 
 
-class Approach(NamedTuple):
+class SwitchEdges(NamedTuple):
     """Where the switch changed [m]: first and last change forwards, first change backwards."""
 
     first: float
@@ -235,7 +235,7 @@ class SwitchFinder:
         for _ in range(5):
             self._step(0.0)
 
-    def approaches(self, count: int) -> Iterator[Approach]:
+    def approaches(self, count: int) -> Iterator[SwitchEdges]:
         """Yield so many approaches, the first of which looks for the switch."""
         self._until(self._side * self._fast, changed=True)
         self._rest()
@@ -247,7 +247,7 @@ class SwitchFinder:
             off = [position for position, is_on in over if is_on == self.away]
             self._rest()
             back = self._until(-self._side * self.slow, changed=False)
-            yield Approach(first, off[-1] if off else first, back)
+            yield SwitchEdges(first, off[-1] if off else first, back)
 
 
 def _correct_polarity(context: Context, name: str, axis: AxisSettings) -> None:
