@@ -89,6 +89,10 @@ class SetpointFollower:
 
     Attributes
     ----------
+    activity : Activity
+        What the carriages are doing.
+    motion : CarriageMotion or None
+        The commanded motion; None before the first `reset`.
     limited_cycles, brakes : int
         Cycles in which the limits held the carriages back; how often they had to brake.
     last_rejection : str
@@ -111,27 +115,17 @@ class SetpointFollower:
         self._fastest = self._hardest = 0.0
         self.change_limits(limits)
         self._check = check
-        self._motion: CarriageMotion | None = None
+        self.motion: CarriageMotion | None = None
         self._stop: Iterator[CarriageMotion] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
         self._sampled = self._newest = -math.inf
-        self._activity = Activity.HOLDING
-
-    @property
-    def activity(self) -> Activity:
-        """What the carriages are doing."""
-        return self._activity
-
-    @property
-    def motion(self) -> CarriageMotion | None:
-        """The commanded motion; None before the first `reset`."""
-        return self._motion
+        self.activity = Activity.HOLDING
 
     @property
     def at_rest(self) -> bool:
         """Whether the commanded motion is at rest."""
-        return self._motion is None or self._motion.at_rest
+        return self.motion is None or self.motion.at_rest
 
     def change_limits(self, limits: MotionLimits) -> None:
         """
@@ -146,9 +140,9 @@ class SetpointFollower:
     def reset(self, positions: Triple) -> None:
         """Hold at measured positions [m] and forget the stream."""
         self.hold()
-        self._motion = CarriageMotion(tuple(positions))
+        self.motion = CarriageMotion(tuple(positions))
         self._stop = iter(())
-        self._activity = Activity.HOLDING
+        self.activity = Activity.HOLDING
 
     def hold(self) -> None:
         """Brake to rest and forget the stream."""
@@ -204,13 +198,13 @@ class SetpointFollower:
             `reset` was never called.
 
         """
-        if self._motion is None:
+        if self.motion is None:
             raise InputError('no_position', 'no carriage position is known yet: reset first')
         self._note_margin(latch_time)
         self._sampled = latch_time
         target = self._target(latch_time)
         motion = self._brake() if target is None else self._follow(*target)
-        self._motion = motion
+        self.motion = motion
         return motion.position
 
     def _note_margin(self, latch_time: float) -> None:
@@ -262,9 +256,9 @@ class SetpointFollower:
     def _follow(self, position: Triple, velocity: Triple) -> CarriageMotion:
         """Go where the target is, as long as there is a path to rest from there."""
         limiter = self._limiter
-        direct = limiter.reach(self._motion, position, velocity)
+        direct = limiter.reach(self.motion, position, velocity)
         try:
-            motion = direct or limiter.chase(self._motion, position, velocity)
+            motion = direct or limiter.chase(self.motion, position, velocity)
             stop = limiter.stop(motion)
             for later in reversed(stop):  # the end is what most likely fails
                 self._check(later.position)
@@ -273,7 +267,7 @@ class SetpointFollower:
             self.last_rejection = str(error)
             return self._brake()
         self._stop = iter(stop)
-        self._activity = Activity.FOLLOWING if direct else Activity.LIMITED
+        self.activity = Activity.FOLLOWING if direct else Activity.LIMITED
         self.limited_cycles += direct is None
         return motion
 
@@ -281,10 +275,10 @@ class SetpointFollower:
         """Go on to rest on the path that was checked when the present motion was chosen."""
         motion = next(self._stop, None)
         if motion is None:
-            self._activity = Activity.HOLDING
-            return CarriageMotion(self._motion.position)
-        self.brakes += self._activity is not Activity.BRAKING
-        self._activity = Activity.BRAKING
+            self.activity = Activity.HOLDING
+            return CarriageMotion(self.motion.position)
+        self.brakes += self.activity is not Activity.BRAKING
+        self.activity = Activity.BRAKING
         return motion
 
     def _require_finite(self, setpoint: Setpoint) -> None:
@@ -310,9 +304,9 @@ class SetpointFollower:
                 'the one before it, or of the same time')
 
     def _require_near(self, setpoint: Setpoint, last: Setpoint | None) -> None:
-        if self._motion is None:
+        if self.motion is None:
             raise InputError('inactive', 'setpoint rejected: the driver holds no position')
-        start = self._motion.position if last is None else last.position
+        start = self.motion.position if last is None else last.position
         for carriage, value, near in zip(CARRIAGES, setpoint.position, start, strict=True):
             if abs(value - near) > self.settings.first_step:
                 raise SetpointLimitError(

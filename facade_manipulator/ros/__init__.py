@@ -5,7 +5,13 @@ Everything that rclpy offers beyond its public interface is used in this package
 """
 
 from facade_manipulator.ros.client import Component, ManipulatorClient
-from facade_manipulator.ros.codec import estimate_codec, pose_codec, setpoint_codec, states_codec
+from facade_manipulator.ros.codec import (
+    estimate_codec,
+    pose_codec,
+    PoseStream,
+    setpoint_codec,
+    states_codec,
+)
 from facade_manipulator.ros.conversions import (
     CARRIAGES,
     carriages_from,
@@ -37,7 +43,6 @@ from facade_manipulator.ros.known_parameters import require_known_parameters
 from facade_manipulator.ros.lifecycle import ManagedNode
 from facade_manipulator.ros.parameter_reader import ParameterReader
 from facade_manipulator.ros.parameters import accept_old_names, declare
-from facade_manipulator.ros.pose_stream import PoseStream
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE, run, USAGE_ERROR
 from facade_manipulator.ros.software_stop import SoftwareStop
 

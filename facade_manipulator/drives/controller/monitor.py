@@ -100,6 +100,7 @@ class AxisMonitor:
         self.missed = 0
         self.missed_in_a_row = 0
         self._settings = settings
+        self._period = settings.period
         self._home_counts = axis.to_counts(axis.home_position)
         self._home_tolerance = _home_tolerance(axis, settings.period)
         self._is_trusted = True
@@ -236,7 +237,7 @@ class AxisMonitor:
         if before is None:
             self._speed = 0.0
             return self._compare_with_last()
-        elapsed = max(elapsed, self._settings.period)
+        elapsed = max(elapsed, self._period)
         counts = self.status.position_counts - before.position_counts
         expected, self._speed = self._speed * elapsed, counts / elapsed
         if not self._sends_velocity:
