@@ -11,6 +11,7 @@ second and third differences.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 from typing import NamedTuple
 
@@ -79,6 +80,10 @@ class CarriageMotion(NamedTuple):
         """Whether no carriage moves, or begins to."""
         return (_greatest(self.velocity) < STANDSTILL_SPEED
                 and _greatest(self.acceleration) < STANDSTILL_ACCELERATION)
+
+
+# position, velocity and acceleration of the carriages on a path, as ruckig returns them
+PlannedState = tuple[Sequence[float], Sequence[float], Sequence[float]]
 
 
 class PathLimiter:
@@ -156,15 +161,15 @@ class PathLimiter:
             self._elapsed, self._frame = 0.0, frame
         self._elapsed += self.period
         self._relative = error, rate, acceleration = _at(self._path, self._elapsed)
-        return self._next(
-            motion, tuple(e + t for e, t in zip(error, target, strict=True)),
-            tuple(e + w for e, w in zip(rate, frame, strict=True)), acceleration)
+        return self.advance(motion, (
+            tuple(e + t for e, t in zip(error, target, strict=True)),
+            tuple(e + w for e, w in zip(rate, frame, strict=True)), acceleration))
 
-    def stop(self, motion: CarriageMotion) -> list[CarriageMotion]:
+    def stop(self, motion: CarriageMotion) -> list[PlannedState]:
         """
-        Return the motions, a period apart, on the path to rest; the last one is at rest.
+        Return what the path to rest passes, a period apart; the last one is at rest.
 
-        All axes brake together.
+        All axes brake together. `advance` makes motions of it: of most paths nobody asks for them.
 
         Raises
         ------
@@ -175,11 +180,9 @@ class PathLimiter:
         if motion.at_rest:
             return []
         self._calculate(self._brake, motion[:3], self._stop)
-        path = []
-        for number in range(1, 1 + math.ceil(self._stop.duration / self.period - ROUNDING)):
-            motion = self._next(motion, *_at(self._stop, number * self.period))
-            path.append(motion)
-        return path
+        duration, at_time = self._stop.duration, self._stop.at_time
+        count = math.ceil(duration / self.period - ROUNDING)
+        return [at_time(min(number * self.period, duration)) for number in range(1, count + 1)]
 
     def _calculate(
         self, plan: InputParameter, start: tuple[Triple, ...], trajectory: Trajectory
@@ -223,10 +226,9 @@ class PathLimiter:
         velocity = tuple([v + half * a for v, a in zip(mean, acceleration, strict=True)])
         return CarriageMotion(target, velocity, acceleration, mean, acceleration)
 
-    def _next(
-        self, before: CarriageMotion, position: Triple, velocity: Triple, acceleration: Triple
-    ) -> CarriageMotion:
-        """Return a motion one period after another."""
+    def advance(self, before: CarriageMotion, state: PlannedState) -> CarriageMotion:
+        """Return the motion in a state one period after another motion."""
+        position, velocity, acceleration = map(tuple, state)
         mean = self._rates(before.position, position)
         return CarriageMotion(
             position, velocity, acceleration, mean, self._rates(before.mean_velocity, mean))

@@ -27,6 +27,7 @@ from facade_manipulator.motion.limits import (
     CarriageMotion,
     MotionLimits,
     PathLimiter,
+    PlannedState,
     Triple,
     ZERO,
 )
@@ -116,7 +117,7 @@ class SetpointFollower:
         self.change_limits(limits)
         self._check = check
         self.motion: CarriageMotion | None = None
-        self._stop: Iterator[CarriageMotion] = iter(())
+        self._stop: Iterator[PlannedState] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
         self._writing = Lock()
         self._sampled = self._newest = -math.inf
@@ -260,8 +261,8 @@ class SetpointFollower:
         try:
             motion = direct or limiter.chase(self.motion, position, velocity)
             stop = limiter.stop(motion)
-            for later in reversed(stop):  # the end is what most likely fails
-                self._check(later.position)
+            for position, _, _ in reversed(stop):  # the end is what most likely fails
+                self._check(position)
             self._check(motion.position)  # last: whoever sends it has it checked once more
         except ManipulatorError as error:
             self.last_rejection = str(error)
@@ -273,13 +274,13 @@ class SetpointFollower:
 
     def _brake(self) -> CarriageMotion:
         """Go on to rest on the path that was checked when the present motion was chosen."""
-        motion = next(self._stop, None)
-        if motion is None:
+        state = next(self._stop, None)
+        if state is None:
             self.activity = Activity.HOLDING
             return CarriageMotion(self.motion.position)
         self.brakes += self.activity is not Activity.BRAKING
         self.activity = Activity.BRAKING
-        return motion
+        return self._limiter.advance(self.motion, state)
 
     def _require_finite(self, setpoint: Setpoint) -> None:
         if all(map(math.isfinite, setpoint.position + setpoint.velocity)):

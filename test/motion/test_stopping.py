@@ -50,8 +50,8 @@ def test_a_slower_machine_keeps_more(deceleration, delay, earlier):
 
 def brake_together(motion: CarriageMotion) -> float:
     """Return the least q3 - q1 on the path to rest."""
-    path = [motion, *PathLimiter(LIMITS, PERIOD).stop(motion)]
-    return min(one.position[2] - one.position[0] for one in path)
+    path = [position for position, _, _ in PathLimiter(LIMITS, PERIOD).stop(motion)]
+    return min(q3 - q1 for q1, _, q3 in [motion.position, *path])
 
 
 def stop_alone(speed: float, brake: Brake, time: float) -> float:
