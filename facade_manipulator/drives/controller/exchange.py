@@ -40,6 +40,9 @@ from facade_manipulator.drives.controller.targets import Targets
 from facade_manipulator.errors import ManipulatorError
 
 LONGEST_WAIT = 0.02
+OTHER_MASTER_REMEDY = (
+    'find out who else commands the drives (a second driver, a configuration tool) and end it, '
+    'clear the faults, then activate')
 MAX_UNSENT = 8  # frames in a row: two cycles
 _EMERGENCY_LENGTH = 8
 
@@ -63,6 +66,10 @@ class CyclicExchange:
         Where a worker thread sends SDO requests; the answers are handed to it here.
     reception : Reception
         Wakes a worker thread that waits for a heartbeat or boot-up message.
+    other_master : list of str
+        What was received that only another master sends.
+    read_until : float
+        Time [s] up to which all that was received has been read.
     stops : deque of Cause
         Stops asked for; any thread may append.
     transmits : bool
@@ -80,6 +87,7 @@ class CyclicExchange:
         self.network = PumpedNetwork(bus)
         self.reception = Reception()
         self.clock = cycle_clock(settings.period, bus.has_kernel_sync)
+        self.other_master: list[str] = []
         self.stops: deque[Cause] = deque(maxlen=16)
         self.transmits = True
         self.has_stepped = False
@@ -93,10 +101,11 @@ class CyclicExchange:
         self._next_heartbeat = 0.0
         self._unsent = 0
         self._waits_for_sync = False
-        self._pumped = self._read_until = time.monotonic()
+        self._pumped = self.read_until = time.monotonic()
         self._taken_out: set[str] = set()
         self._routes = self._make_routes()
-        bus.listen_to(tuple(self._routes))
+        self._only_masters = self._frames_of_masters()
+        bus.listen_to((*self._routes, *self._only_masters))
 
     # --- receiving
 
@@ -105,6 +114,18 @@ class CyclicExchange:
         for monitor in self._monitors:
             routes.update(self._routes_of(monitor))
         return routes
+
+    def _frames_of_masters(self) -> dict[int, tuple[str, bool]]:
+        """Return what only a master sends, by COB-ID, and whether it competes with this one."""
+        frames = {
+            pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID): ('its heartbeat (77Fh)', True),
+            pdo.SYNC_COB_ID: ('SYNC (080h)', False),
+            pdo.NMT_COB_ID: ('an NMT command', False)}
+        for monitor in self._monitors:
+            node = monitor.axis.node_id
+            frames[pdo.RPDO1.cob_id(node)] = f'process data for node {node}', True
+            frames[pdo.sdo_request_cob_id(node)] = f'an SDO request to node {node}', False
+        return frames
 
     def _routes_of(self, monitor: AxisMonitor) -> dict:
         node = monitor.axis.node_id
@@ -127,9 +148,23 @@ class CyclicExchange:
         length, receive = self._routes.get(frame.cob_id, (None, None))
         if length == len(frame.data):
             receive(frame)
+        elif frame.cob_id in self._only_masters:
+            self._note_other_master(frame)
+
+    def _note_other_master(self, frame: Frame) -> None:
+        """Stop, if need be, for what this master has not sent: it does not receive its own."""
+        what, competes = self._only_masters[frame.cob_id]
+        if what not in self.other_master:
+            self.other_master.append(what)
+        if competes:
+            self.stop_for(Cause(
+                f'another master is on the bus, {what} was received', OTHER_MASTER_REMEDY))
 
     def _on_sync(self, frame: Frame) -> None:
-        if self.group is None or self.clock.is_unexpected(frame.time):
+        if self.group is None:
+            self._note_other_master(frame)
+            return
+        if self.clock.is_unexpected(frame.time):
             return
         if self.clock.is_open:
             self._step(time.monotonic())
@@ -193,9 +228,9 @@ class CyclicExchange:
         while self.stops:
             self.stop_for(self.stops.popleft())
         if frame is None:
-            self._read_until = now
+            self.read_until = now
         else:
-            self._read_until = frame.time
+            self.read_until = frame.time
             self._dispatch(frame)
         if self.transmits and now >= self._next_heartbeat:
             self._send_heartbeat(now)
@@ -255,7 +290,7 @@ class CyclicExchange:
         elif group.phase in FOLLOWING_PHASES:
             self._supervise_mechanism(now)
         if group.phase not in STOPPED_PHASES:
-            for cause in (*silences(self._monitors, self._read_until), *self.clock.causes(
+            for cause in (*silences(self._monitors, self.read_until), *self.clock.causes(
                     self._settings.max_missed_cycles, group.is_powered)):
                 group.stop(cause, now)
 

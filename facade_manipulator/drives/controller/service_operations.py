@@ -19,6 +19,7 @@ from facade_manipulator.errors import (
 
 CLOSING_TIMEOUT = 3.0
 STOP_AND_CUT = 2  # steps: what still moves is stopped before it loses its power
+LISTEN_PERIODS = 2  # of the heartbeats, before the first word
 SLOWEST = 20  # cycles in which each TPDO comes once
 MAX_BAD_CYCLES = 0.001  # of all
 
@@ -31,21 +32,34 @@ class Configure(Operation):
     _deadline = 0.0
 
     def begin(self, now: float) -> str | None:
-        """Open the bus; the worker does the rest."""
+        """Open the bus and listen: another master's drives are not ours to reset."""
         session = self.session
         if session.connection is not None or session.lost is not None:
             raise DriveStateError('configure is not possible, the bus is in use: clean up first')
         session.open()
-        self._job = session.worker.submit(session.connection.commissioning.configure)
+        session.connection.exchange.transmits = False
+        self._deadline = now + LISTEN_PERIODS * session.settings.heartbeat_period
         return None
+
+    def _listen(self) -> None:
+        """Let the worker begin if nobody else commands the drives."""
+        connection = self.session.connection
+        if connection.exchange.read_until >= self._deadline:
+            self.session.require_sole_master()
+            connection.exchange.transmits = True
+            self._job = self.session.worker.submit(connection.commissioning.configure)
 
     def poll(self, now: float) -> str | None:
         """Start the cycle when the worker is done, then wait for the drives' answers."""
         session = self.session
+        if self._job is None:
+            self._listen()
+            return None
         if not self._job.done():
             return None
         if session.group is None:
             session.notes = tuple(result_of(self._job))
+            session.require_sole_master()
             session.start_cycle(now)
             settings = session.settings
             self._deadline = now + settings.step_timeout + SLOWEST * settings.period

@@ -266,7 +266,8 @@ class Session:
         """Leave the drives in NMT pre-operational, close the bus, forget everything."""
         if self.connection is not None:
             self.connection.exchange.stop()
-            self._leave_operational()
+            if self.connection.exchange.transmits:  # else they are another master's, or lost
+                self._leave_operational()
         self.let_go()
 
     def let_go(self) -> None:
@@ -312,13 +313,31 @@ class Session:
         self.connection.exchange.transmits = False
         self.lost.healthy_since = now
 
+    def require_sole_master(self) -> None:
+        """
+        Check that nobody else commands the drives.
+
+        Raises
+        ------
+        BusError
+            What was received of another master.
+
+        """
+        received = self.connection.exchange.other_master
+        if received:
+            raise BusError(
+                f'another master uses this bus: {", ".join(received)} was received; end it (a '
+                'second driver, a configuration tool), or open another bus')
+
     def watch_recovery(self, now: float) -> None:
         """Transmit again on a bus that has been healthy for a while; the drives stay stopped."""
         if self.lost is None or self.connection is None:
             return
+        self.require_sole_master()
         if self.connection.bus.statistics.condition >= Condition.PASSIVE:
             self.lost.healthy_since = now
-        if now - self.lost.healthy_since >= self.settings.reopen_after:
+        if self.connection.exchange.read_until - self.lost.healthy_since >= (
+                self.settings.reopen_after):
             self.lost = None
             for monitor, profile in zip(self.monitors, self._profiles, strict=True):
                 monitor.recover(profile.quirks.boots_operational)

@@ -1,0 +1,118 @@
+"""Another master on the bus: heard before the first word, named when it comes later."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import threading
+
+from drive_rig import moving, PATIENCE, Rig, SETTINGS, SITUATIONS, situations, Source
+import pytest
+from support import wait_until
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.drives.controller.controller import DriveController
+from facade_manipulator.drives.controller.session import BusAccess, Session
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.drives.controller.targets import MechanismChecks
+from facade_manipulator.errors import BusError
+
+
+class Chatter:
+    """Somebody who sends a frame every few milliseconds."""
+
+    def __init__(self, rig: Rig, cob_id: int, data: bytes) -> None:
+        self._ends = threading.Event()
+        self._thread = threading.Thread(target=self._run, args=(rig, cob_id, data))
+        self._thread.start()
+
+    def _run(self, rig, cob_id, data):
+        while not self._ends.wait(0.005):
+            rig.forge(cob_id, data)
+
+    def end(self):
+        self._ends.set()
+        self._thread.join()
+
+
+def second_controller(rig: Rig) -> tuple[DriveController, list]:
+    """Return another controller on the same bus, and what it sends."""
+    sent = []
+
+    def open_bus():
+        bus = rig.open_bus()
+        send = bus.send
+        bus.send = lambda message, timeout=None: (sent.append(message), send(message, timeout))
+        return bus
+
+    return DriveController(Session(
+        SETTINGS, DEFAULT_AXES, BusAccess(open_bus), MechanismChecks(Source()))), sent
+
+
+def test_a_second_driver_is_rejected_before_it_says_a_word(rig):
+    moving(rig)
+    second, sent = second_controller(rig)
+    with pytest.raises(BusError, match='another master uses this bus') as caught:
+        second.configure().result(PATIENCE)
+    second.close()
+    assert all(what in str(caught.value) for what in (
+        'its heartbeat (77Fh)', 'SYNC (080h)', 'process data for node 2'))
+    assert not sent
+    assert rig.state is ControllerState.ACTIVE
+    assert rig.drive_states == [State.OPERATION_ENABLED] * 3
+
+
+@pytest.mark.parametrize(('cob_id', 'data', 'what'), [
+    (0x77F, b'\x05', 'its heartbeat (77Fh)'),
+    (0x080, b'', 'SYNC (080h)'),
+    (pdo.RPDO1.cob_id(3), bytes(7), 'process data for node 3'),
+    (0x601, b'\x40\x00\x10' + bytes(5), 'an SDO request to node 1'),
+    (0x000, b'\x01\x00', 'an NMT command'),
+])
+def test_whatever_another_master_sends_is_heard_and_named(rig, cob_id, data, what):
+    chatter = Chatter(rig, cob_id, data)
+    try:
+        assert what in rig.rejection('configure')
+    finally:
+        chatter.end()
+    assert rig.state is ControllerState.UNCONFIGURED
+    rig.do('configure')
+
+
+def test_the_drives_own_frames_are_nobody_elses(rig):
+    chatter = Chatter(rig, 0x701, b'\x7f')
+    try:
+        rig.do('configure')
+    finally:
+        chatter.end()
+
+
+@situations
+@pytest.mark.parametrize(('cob_id', 'data', 'what'), [
+    (0x77F, b'\x05', 'its heartbeat (77Fh)'),
+    (pdo.RPDO1.cob_id(2), bytes(7), 'process data for node 2'),
+])
+def test_a_master_that_comes_later_stops_all_and_is_named(rig, situation, cob_id, data, what):
+    SITUATIONS[situation](rig)
+    rig.forge(cob_id, data)
+    rig.until_stopped()
+    assert f'another master is on the bus, {what} was received' in rig.all_causes
+    rig.source.speed = 0.0
+    rig.do('clear_faults')
+
+
+def test_a_lost_bus_on_which_another_master_is_by_now_stays_lost(make_rig):
+    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.1))
+    SITUATIONS['inactive'](rig)
+    rig.bus_is_missing = True
+    rig.buses[-1].shutdown()
+    rig.until(ControllerState.BUS_LOST)
+    chatter = Chatter(rig, 0x77F, b'\x05')
+    rig.bus_is_missing = False
+    try:
+        wait_until(lambda: 'another master' in rig.controller.snapshot().bus_error, 'the reason')
+        assert rig.state is ControllerState.BUS_LOST
+    finally:
+        chatter.end()
+    rig.until(ControllerState.STOPPED)
