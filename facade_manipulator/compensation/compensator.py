@@ -20,10 +20,11 @@ from facade_manipulator.compensation.correction import (
     FADE_ACCELERATION,
     LONGEST_PAUSE,
 )
-from facade_manipulator.compensation.feasibility import obstacle
+from facade_manipulator.compensation.feasibility import obstacle, stroke_obstacle
 from facade_manipulator.compensation.following import Following
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.lateral import LateralSettings
+from facade_manipulator.compensation.strokes import StrokeWatch
 from facade_manipulator.compensation.suspension import SuspensionSettings
 from facade_manipulator.compensation.tracker import Tracker
 from facade_manipulator.compensation.workspace_limit import WorkspaceLimit, WorkspaceLimitSettings
@@ -146,6 +147,7 @@ class Compensator:
         self.goal: Pose | None = None
         self.initialisations = 0
         self._suspension = settings.suspension
+        self._strokes = StrokeWatch()
         self._gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
         self._workspace_limit = WorkspaceLimit(geometry, settings.workspace_limit)
@@ -286,11 +288,13 @@ class Compensator:
 
     @property
     def obstacle(self) -> str:
-        """Why the desired force cannot be had at the goal, by statics; empty if it can."""
+        """Why goal or strokes are too much for the gondola to press at; empty if they are not."""
         if self.goal is None:
             return ''
+        press = self.contact.pressing.press
         return obstacle(
-            self._suspension, self.contact.pressing.press, self.geometry, self.goal)
+            self._suspension, press, self.geometry, self.goal) or stroke_obstacle(
+            self._suspension, press, self._strokes.strokes)
 
     def update(self, now: float) -> CorrectedPose | None:
         """
@@ -315,6 +319,8 @@ class Compensator:
             self._initialise(now, aim, disturbance.position)
         elif self.goal != self._planned_goal:
             self._reference.retarget(aim, self.goal)
+        if self.goal != self._planned_goal:
+            self._strokes.note(now, self.goal)
         self._planned_goal = self.goal
         self._last = self._corrected(now, time, self._reference.at(aim).position, disturbance)
         return self._last

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+
 from facade_manipulator.kinematics import MotionState
 from facade_manipulator.motion import Triple
 from facade_manipulator.parameters import parameter, settings
 
 GRAVITY = 9.81
+FRICTION = 0.3  # of a brush on the wall
+DAMPING_RATIO = 0.02  # usual of a gondola on cables
+HARMONICS = (1, 3, 5, 7)
+TOLERANCES = tuple(1.0 + 0.01 * percent for percent in range(-5, 6))  # of the periods
 
 
 @settings
@@ -46,6 +52,31 @@ class SuspensionSettings:
         """What it has to move in x, y and yaw [kg, kg, kg m²]."""
         return self.mass, self.mass, self.mass * self.yaw_radius ** 2
 
+    @property
+    def periods(self) -> Triple:
+        """Periods of x, y and yaw [s]."""
+        return tuple(
+            math.tau * math.sqrt(m / k) for m, k in zip(self.inertia, self.stiffness, strict=True))
+
+    def swing(self, force: float, amplitude: float, period: float) -> tuple[float, float]:
+        """
+        Return how far strokes swing the gondola in the end along the wall [m] and in yaw [rad].
+
+        Friction along the wall is a square wave, the place of the force nearly one: their odd
+        harmonics excite the pendulums, which take the worst period within 5 %.
+
+        Parameters
+        ----------
+        force : float
+            On the wall [N].
+        amplitude, period : float
+            Of the strokes, half their length [m], and to and fro [s].
+
+        """
+        periods, (along, _, turning) = self.periods, self.stiffness
+        x = FRICTION * force / along * _harmonics(periods[0] / period)
+        return x, force * (amplitude + x) / turning * _harmonics(periods[2] / period)
+
     def push_back(self, force: float) -> float:
         """Return how far a force [N] pushes the gondola off the wall [m]."""
         return force / self.stiffness[1]
@@ -59,3 +90,10 @@ class SuspensionSettings:
         return tuple(
             0.5 * (k * position ** 2 + m * velocity ** 2) for k, m, position, velocity in zip(
                 self.stiffness, self.inertia, *swing, strict=True))
+
+
+def _harmonics(ratio: float) -> float:
+    """Return how far a square wave moves a pendulum whose period is that many of the wave's."""
+    return max(sum(
+        4.0 / (math.pi * n) / abs(1.0 - (n * r) ** 2 + 2j * DAMPING_RATIO * n * r)
+        for n in HARMONICS) for r in (ratio * tolerance for tolerance in TOLERANCES))
