@@ -21,6 +21,8 @@ class FrictionSettings:
     viscous: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'Friction per speed: q1, q2, q3', unit='N s/m',
         minimum=0.0, maximum=1e5, elements=Carriages._fields)
+    efficiency: float = parameter(
+        0.8, 'Efficiency of gear and screw together, as of the axes', minimum=0.51, maximum=1.0)
 
 
 def contact_wrench(
@@ -28,9 +30,11 @@ def contact_wrench(
     forces: Triple,
 ) -> Wrench:
     """
-    Return what the wall does to the head: −Jᵀ(τ − friction), in the head's frame.
+    Return what the wall does to the head: −Jᵀ(τ / η' − friction), in the head's frame.
 
-    Inertia is not in it: at the accelerations of compensation it is small beside friction.
+    A drive gives the force that it bears if it drives the load. Where the load drives it, friction
+    of gear and screw bears a part, and η' = 2 η − 1 of the load is seen; at rest something between
+    that and 1. Inertia is not in it: differentiated velocities are no better than none.
 
     Parameters
     ----------
@@ -48,9 +52,20 @@ def contact_wrench(
 
     """
     net = (
-        force - coulomb * math.tanh(velocity / STICTION_SPEED) - viscous * velocity
+        _load(force, velocity, friction.efficiency)
+        - coulomb * _sign(velocity) - viscous * velocity
         for force, velocity, coulomb, viscous in zip(
             forces, velocities, friction.coulomb, friction.viscous, strict=True))
     fx, fy, mz = mechanism.end_effector_force(pose, Carriages(*net))
     cosine, sine = math.cos(pose.theta), math.sin(pose.theta)
     return Wrench(-cosine * fx - sine * fy, sine * fx - cosine * fy, -mz)
+
+
+def _load(force: float, velocity: float, efficiency: float) -> float:
+    """Return the load of a drive that gives a force."""
+    drives = 0.5 + 0.5 * math.copysign(_sign(velocity), force * velocity)
+    return force / (drives + (1.0 - drives) * (2.0 * efficiency - 1.0))
+
+
+def _sign(velocity: float) -> float:
+    return math.tanh(velocity / STICTION_SPEED)

@@ -149,6 +149,7 @@ class ControlLoop:
             'limits': self._change_limits,
             'stream': self._change_stream,
             'disturb': self._disturb,
+            'load': self._load,
             'close': self.end,
         }
         self._ends = False
@@ -218,6 +219,10 @@ class ControlLoop:
         if self.simulator is not None:
             with self.simulator.access() as drives:
                 getattr(drives[number], method)(*arguments)
+
+    def _load(self, *forces: float) -> None:
+        if self.simulator is not None:
+            self.simulator.load(forces)
 
     def _watch_node(self, now: float) -> None:
         if now >= self._margins_due:

@@ -7,7 +7,7 @@ itself: the drives have stopped, and whoever wants them to move configures again
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
 from itertools import count
@@ -179,6 +179,10 @@ class LoopProcess:
     def disturb(self, number: int, method: str, *arguments: Any) -> None:
         """Inject a fault into a simulated drive, for tests and training."""
         self._send('disturb', number, method, *arguments)
+
+    def load(self, forces: Sequence[float]) -> None:
+        """Let forces along the rail [N] pull at the carriages of simulated drives."""
+        self._send('load', *forces)
 
     def _change(self, **settings: Any) -> None:
         (kind, value), = settings.items()

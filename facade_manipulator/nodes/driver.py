@@ -47,6 +47,7 @@ from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
     CARRIAGES,
+    carriages_from,
     declare,
     Deferred,
     DiagnosticsPublisher,
@@ -54,6 +55,7 @@ from facade_manipulator.ros import (
     ManagedNode,
     Rejections,
     RELIABLE,
+    require_finite,
     run,
     setpoint_codec,
     SoftwareStop,
@@ -170,6 +172,9 @@ class DriverNode(ManagedNode):
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
         self.create_subscription(
             JointState, 'joint_setpoints', self._receive_setpoint, LATEST, raw=True)
+        if self._settings.simulate_drives:
+            self.create_subscription(
+                JointState, 'gondola_simulator/carriage_forces', self._receive_forces, LATEST)
         self._software_stop = SoftwareStop(self, self._stop_by_software, self._loop.forbid_power)
         for name, start in (
             ('home', lambda: self._loop.request('home')),
@@ -204,6 +209,13 @@ class DriverNode(ManagedNode):
         return SelfTest.Response(
             id=self.get_fully_qualified_name(), passed=bytes([passed]),
             status=[finding_status(finding) for finding in findings])
+
+    def _receive_forces(self, message: JointState) -> None:
+        """Let the simulated drives feel what the simulated wall does."""
+        with self._rejections:
+            forces = carriages_from(message.name, message.effort, 'carriage_forces effort')
+            require_finite(CARRIAGES, forces, 'carriage_forces effort of')
+            self._loop.load(forces)
 
     def _change_settings(self, settings: DriverSettings) -> None:
         self._settings = settings

@@ -21,6 +21,7 @@ from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pos
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
+    CARRIAGES,
     carriages_from,
     declare,
     diagnostic_status,
@@ -42,6 +43,7 @@ from facade_manipulator.ros import (
     wrench_stamped,
 )
 from facade_manipulator.simulation import (
+    carriage_loads,
     Delivery,
     Facade,
     ForceSensor,
@@ -97,6 +99,8 @@ class GondolaSimulatorNode(Node):
             for name in ('head_pose', 'wall_error', 'uncompensated_error'))
         self._wrench = self.create_publisher(
             WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+        self._loads = self.create_publisher(
+            JointState, 'gondola_simulator/carriage_forces', LATEST)
         self._lateral = self.create_publisher(
             PointStamped, 'lateral_offset', qos_profile_sensor_data)
         self.create_subscription(PoseStamped, 'goal_pose', self._receive_goal, LATEST)
@@ -119,9 +123,10 @@ class GondolaSimulatorNode(Node):
         with self._rejections:
             carriages = Carriages(*carriages_from(
                 message.name, message.position, 'joint_states position'))
-            wrench = self._gondola.advance(
-                time, self._mechanism.forward_kinematics(carriages))
+            head = self._mechanism.forward_kinematics(carriages)
+            wrench = self._gondola.advance(time, head)
             self._publish_sample(self._wall.measure(time, carriages), wrench)
+            self._publish_loads(time, head, wrench)
 
     def _publish_sample(self, sample: WallSample, wrench: Wrench) -> None:
         time = sample.time
@@ -130,6 +135,15 @@ class GondolaSimulatorNode(Node):
             self._error.publish(pose_stamped(FACADE, time, sample.error))
             self._uncompensated.publish(pose_stamped(FACADE, time, sample.uncompensated))
         self._publish_sensors(sample, wrench)
+
+    def _publish_loads(self, time: float, head: Pose, wrench: Wrench) -> None:
+        """Publish what the wall does to the carriages, for simulated drives to feel."""
+        if self._force_sensor is None:
+            return
+        message = JointState(
+            name=list(CARRIAGES), effort=list(carriage_loads(self._mechanism, head, wrench)))
+        message.header.stamp = stamp(time)
+        self._loads.publish(message)
 
     def _publish_sensors(self, sample: WallSample, wrench: Wrench) -> None:
         """Publish what sensors on the head measure of the wall."""

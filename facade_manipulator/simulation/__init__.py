@@ -9,7 +9,7 @@ draws (`simulation.pictures`) is imported by those alone who draw.
 from facade_manipulator.simulation.estimator import Delivery, SimulatedEstimator
 from facade_manipulator.simulation.facade import Facade, FacadeSettings
 from facade_manipulator.simulation.force_sensor import ForceSensor
-from facade_manipulator.simulation.reaction import PressedGondola
+from facade_manipulator.simulation.reaction import carriage_loads, PressedGondola
 from facade_manipulator.simulation.scenario import (
     compensator_parameters,
     load_scenario,
@@ -19,6 +19,7 @@ from facade_manipulator.simulation.wall import AXES, SCALES, UNITS, WallMeasurem
 
 __all__ = [
     'AXES',
+    'carriage_loads',
     'compensator_parameters',
     'Delivery',
     'Facade',

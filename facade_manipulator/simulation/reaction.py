@@ -13,7 +13,18 @@ import math
 
 import numpy as np
 
-from facade_manipulator.kinematics import add, compose, Pose, subtract, Twist, Wrench, ZERO_POSE
+from facade_manipulator.kinematics import (
+    add,
+    carriage_forces,
+    Carriages,
+    compose,
+    Mechanism,
+    Pose,
+    subtract,
+    Twist,
+    Wrench,
+    ZERO_POSE,
+)
 from facade_manipulator.motion import TimedBuffer
 from facade_manipulator.simulation.facade import Facade, NO_CONTACT
 from facade_manipulator.simulation.gondola import GondolaSettings, modes
@@ -165,7 +176,32 @@ def _between(first: Pose, second: Pose, share: float) -> Pose:
 
 def _on_the_rail(rail: Pose, head: Pose, wrench: Wrench) -> Wrench:
     """Return a wrench on the head, in its frame, as one on the rail in the façade's frame."""
-    cosine, sine = math.cos(head.theta), math.sin(head.theta)
-    fx = cosine * wrench.fx - sine * wrench.fy
-    fy = sine * wrench.fx + cosine * wrench.fy
+    fx, fy = _turned(head.theta, wrench)
     return Wrench(fx, fy, wrench.mz + (head.x - rail.x) * fy - (head.y - rail.y) * fx)
+
+
+def carriage_loads(mechanism: Mechanism, head: Pose, wrench: Wrench) -> Carriages:
+    """
+    Return the forces along the rail with which the wall pulls at the carriages, J⁻ᵀ F [N].
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    head : Pose
+        In frame rail.
+    wrench : Wrench
+        Of the wall on the head, in its frame.
+
+    Raises
+    ------
+    LimitError
+        As `carriage_forces`.
+
+    """
+    return carriage_forces(mechanism, head, Wrench(*_turned(head.theta, wrench), wrench.mz))
+
+
+def _turned(angle: float, wrench: Wrench) -> tuple[float, float]:
+    """Return the force of a wrench in a frame that is turned back by an angle."""
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return cosine * wrench.fx - sine * wrench.fy, sine * wrench.fx + cosine * wrench.fy

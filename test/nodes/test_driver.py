@@ -115,6 +115,18 @@ def test_the_drives_follow_a_stream_of_setpoints_and_joint_states_tell_where_the
     assert bench.state() == 'unconfigured'
 
 
+def test_simulated_drives_feel_what_the_simulated_wall_does_to_the_carriages(bench):
+    bench.bring_up()
+    loads = bench.operator.create_publisher(
+        JointState, 'gondola_simulator/carriage_forces', LATEST)
+    bench.ros.until(lambda: loads.get_subscription_count(), 'the driver')
+    before = bench.states[-1].effort
+    loads.publish(JointState(name=['q1', 'q2', 'q3'], effort=[-30.0, 20.0, math.nan]))
+    loads.publish(JointState(name=['q1', 'q2', 'q3'], effort=[-30.0, 20.0, 0.0]))
+    bench.ros.until(lambda: bench.states[-1].effort[0] - before[0] > 15.0
+                    and bench.states[-1].effort[1] - before[1] < -10.0, 'the forces in the effort')
+
+
 def test_the_driver_says_what_it_does_and_what_comes_next_at_every_change(bench):
     statuses = bench.ros.collect(bench.operator, DiagnosticStatus, 'driver/status', LATCHED)
 

@@ -125,6 +125,15 @@ def test_the_gondola_feels_the_head_and_the_sensor_the_wall(ros):
     ros.until(lambda: any(message.wrench.force.y < -5.0 for message in felt), 'a wrench')
 
 
+def test_it_publishes_what_the_wall_does_to_the_carriages(ros):
+    manipulator = Manipulator(ros, 'pressing_without_reaction')
+    loads = ros.collect(manipulator.node, JointState, 'gondola_simulator/carriage_forces')
+    manipulator.stand()
+    ros.until(lambda: loads and max(map(abs, loads[-1].effort)) > 1.0, 'the load')
+    outer, other, _ = loads[-1].effort  # the wall at 0.19 m pushes a head at 0.25 m back
+    assert outer > 0.0 > other
+
+
 def test_before_a_goal_only_the_head_is_shown(manipulator):
     manipulator.stand()
     manipulator.ros.until(lambda: len(manipulator.heads) > 5, 'the head')

@@ -286,7 +286,8 @@ def test_joint_states_that_cannot_be_give_no_head_and_are_counted(bench):
 
 def test_the_drives_are_the_force_sensor_where_that_is_asked_for(ros):
     ros.add(IkServiceNode(parameter_overrides=[
-        Parameter('contact_wrench.from_drives', value=True)]))
+        Parameter('contact_wrench.from_drives', value=True),
+        Parameter('friction.efficiency', value=1.0)]))
     tester = ros.node('tester')
     wrenches = ros.collect(tester, WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
     states = tester.create_publisher(JointState, 'joint_states', RELIABLE)

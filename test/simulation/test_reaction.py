@@ -3,15 +3,22 @@
 from dataclasses import replace
 import math
 
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.kinematics import Pose, Twist, Wrench, ZERO_POSE
+from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, Twist, Wrench, ZERO_POSE
 from facade_manipulator.simulation.facade import Facade, FacadeSettings, NO_CONTACT
 from facade_manipulator.simulation.gondola import GondolaSettings, GRAVITY
-from facade_manipulator.simulation.reaction import ModalReaction, PressedGondola
+from facade_manipulator.simulation.reaction import (
+    carriage_loads,
+    ModalReaction,
+    PressedGondola,
+)
 
 SETTINGS = GondolaSettings()
+MACHINE = mechanism_of(Geometry())
 FREE = replace(SETTINGS, guide_stiffness=0.0)
 PENDULUM = replace(  # a point on a cable
     FREE, body_height=0.05, gyration_radius=0.05, rail_height=0.0, cable_length=20.0)
@@ -173,6 +180,18 @@ def test_without_the_reaction_the_gondola_stays_and_the_head_feels_the_wall():
         gondola.advance(0.01 * k, Pose(0.0, HEIGHT, 0.0))
     assert gondola.wrench.fy == pytest.approx(-600.0 * 0.02, rel=1e-3)
     assert gondola.at(1.0) == ZERO_POSE
+
+
+@given(st.floats(-0.2, 0.2), st.floats(0.15, 0.3), st.floats(-0.1, 0.1),
+       st.tuples(*[st.floats(-50.0, 50.0)] * 3), st.tuples(*[st.floats(-1.0, 1.0)] * 3))
+def test_the_wall_gives_the_carriages_the_power_that_it_gives_the_head(x, y, theta, wrench, rates):
+    head, wrench = Pose(x, y, theta), Wrench(*wrench)
+    loads = carriage_loads(MACHINE, head, wrench)
+    c, s = math.cos(theta), math.sin(theta)
+    power = (c * wrench.fx - s * wrench.fy) * rates[0] + (
+        s * wrench.fx + c * wrench.fy) * rates[1] + wrench.mz * rates[2]
+    assert np.dot(loads, MACHINE.carriage_velocity(head, Twist(*rates))) == pytest.approx(
+        power, abs=1e-6)
 
 
 def test_the_past_is_kept_and_a_time_that_is_not_later_changes_nothing():

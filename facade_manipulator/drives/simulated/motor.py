@@ -17,7 +17,8 @@ from facade_manipulator.parameters import parameter, settings
 NEGATIVE_LIMIT, POSITIVE_LIMIT, HOME_SWITCH = 0x1, 0x2, 0x4  # bits of the digital inputs 60FD
 
 STANDSTILL = 1.0  # counts/s: slower than that is at rest
-_FRICTION_SPEED = 1e-3  # m/s: below it friction fades, so that the torque does not flicker
+_TURNING_SPEED = 1e-3  # m/s: by it the direction of the power through gear and screw is clear
+_PRESLIDING = 2e-5  # m: over it friction changes its sign; at rest it keeps what it had
 _TORQUE_FILTER = 0.005  # s
 
 
@@ -40,6 +41,9 @@ class SimulationSettings:
         minimum=1.0, maximum=30000.0)
     moving_mass: float = parameter(
         2.0, 'Mass that the carriage moves', unit='kg', minimum=0.0, maximum=1000.0)
+    rotor_inertia: float = parameter(
+        1e-6, 'Inertia of rotor, gear and screw at the motor', unit='kg m^2', minimum=0.0,
+        maximum=1.0)
     coulomb_friction: float = parameter(
         4.0, 'Friction that does not depend on speed', unit='N', minimum=0.0, maximum=1e4)
     viscous_friction: float = parameter(
@@ -118,6 +122,10 @@ class SimulatedMotor:
         self._settings = settings
         self._per_metre = abs(scale.counts_per_metre)
         self._force_per_torque = abs(scale.force_per_torque_unit)
+        self._efficiency = scale.efficiency
+        self._rotor = scale.efficiency * settings.rotor_inertia * (
+            math.tau * scale.gear_ratio / scale.lead) ** 2
+        self._friction = 0.0
         self._direction = scale.direction
         self._stops = self._sorted(settings.lower_stop, settings.upper_stop)
         self._switches = self._sorted(settings.lower_switch, settings.upper_switch)
@@ -238,11 +246,30 @@ class SimulatedMotor:
                    push / self._per_metre, step)
 
     def _load(self, speed: float, acceleration: float, push: float, step: float) -> None:
-        friction = self._settings.coulomb_friction * speed / (abs(speed) + _FRICTION_SPEED)
-        force = (self._settings.moving_mass * acceleration + friction
-                 + self._settings.viscous_friction * speed
-                 + self._settings.contact_stiffness * push
-                 - self.external_force * self._direction)
+        load = (self._settings.moving_mass * acceleration + self._rub(speed * step)
+                + self._settings.viscous_friction * speed
+                + self._settings.contact_stiffness * push
+                - self.external_force * self._direction)
+        force = load * self._share(math.copysign(speed, load * speed)) + self._rotor * acceleration
         peak = self._settings.peak_torque
         torque = min(max(force / self._force_per_torque, -peak), peak)
         self.torque += (torque - self.torque) * min(1.0, step / _TORQUE_FILTER)
+
+    def _rub(self, travel: float) -> float:
+        """Return the Coulomb friction after a travel [m] (Dahl's model); none within a play."""
+        if self._play and travel == 0.0:
+            return 0.0
+        side = math.copysign(self._settings.coulomb_friction, travel)
+        self._friction = side + (self._friction - side) * math.exp(-abs(travel) / _PRESLIDING)
+        return self._friction
+
+    def _share(self, speed: float) -> float:
+        """
+        Return what the motor bears of a load, 1 where it drives it at a speed [m/s].
+
+        Where the load drives the motor, friction of gear and screw helps: of the efficiency η
+        2 − 1/η is left (DIN 69051-5), and at rest something between the two.
+        """
+        drives = 0.5 + 0.5 * speed / (abs(speed) + _TURNING_SPEED)
+        back_driven = max(2.0 * self._efficiency - 1.0, 0.0)
+        return drives + (1.0 - drives) * back_driven

@@ -90,6 +90,12 @@ class DriveSimulator:
             frames = self._advance()
         self._send(frames)
 
+    def load(self, forces: Sequence[float]) -> None:
+        """Let forces along the rail [N] pull at the carriages, one for each drive, from now on."""
+        with self._lock:
+            for drive, force in zip(self._drives, forces, strict=True):
+                drive.motor.external_force = force
+
     def _run(self) -> None:
         with self._lock:
             self._power_up()

@@ -258,21 +258,48 @@ def torque_for(force):
     return force / AxisScale().force_per_torque_unit
 
 
-def test_the_torque_is_friction_at_speed_and_mass_times_acceleration():
+HELD = 0.5 + 0.5 * (2.0 * AxisScale().efficiency - 1.0)  # share at rest: driven or driving
+
+
+def test_the_torque_is_friction_at_speed_and_what_is_left_of_it_at_rest():
     bench = enabled().move_at(0.2, 100)
     assert bench.read(0x6077) == pytest.approx(torque_for(4.0 + 10.0 * 0.2), rel=0.02)
     bench.target += 0
     bench.cycle(100)
-    assert bench.read(0x6077) == 0
+    assert abs(bench.read(0x6077)) == pytest.approx(HELD * torque_for(4.0), abs=1)
+
+
+def test_friction_at_rest_has_one_sign_after_coming_from_below_and_the_other_from_above():
+    bench = enabled()
+    bench.move_at(0.05, 20).cycle(20)
+    from_below = bench.read(0x6077)
+    bench.move_at(-0.05, 20).cycle(20)
+    assert from_below != 0
+    assert bench.read(0x6077) == pytest.approx(-from_below, abs=1)
+
+
+def test_rotor_gear_and_screw_are_accelerated_besides_the_carriage():
+    peaks = []
+    for inertia in (0.0, 1e-6):
+        bench = Bench(rotor_inertia=inertia, coulomb_friction=0.0, viscous_friction=0.0)
+        bench.configure().enable()
+        torques = [abs(bench.move_at(0.002 * k, 1).drive.motor.torque) for k in range(40)]
+        peaks.append(max(torques))
+    scale = AxisScale()
+    reflected = scale.efficiency * 1e-6 * (math.tau * scale.gear_ratio / scale.lead) ** 2
+    assert peaks[1] / peaks[0] == pytest.approx(1.0 + reflected / 2.0, rel=0.05)
 
 
 @pytest.mark.parametrize('direction', [1, -1])
-def test_an_external_force_shows_in_the_torque(direction):
-    bench = Bench(scale=AxisScale(direction=direction)).configure().enable()
+@pytest.mark.parametrize(('speed', 'share'), [
+    (0.0, HELD), (0.05, 1.0), (-0.05, 2.0 * AxisScale().efficiency - 1.0)])
+def test_an_external_force_shows_in_the_torque_and_less_where_it_drives_the_motor(
+        direction, speed, share):
+    bench = Bench(scale=AxisScale(direction=direction), coulomb_friction=0.0,
+                  viscous_friction=0.0).configure().enable()
     bench.drive.motor.external_force = -20.0
-    bench.cycle(50)
-    assert bench.read(0x6077) == pytest.approx(direction * torque_for(20.0), abs=1)
-    bench.move_at(0.05, 5)
+    bench.move_at(direction * speed, 50)
+    assert bench.read(0x6077) == pytest.approx(direction * share * torque_for(20.0), rel=0.03)
 
 
 def test_a_drive_of_the_other_direction_moves_the_carriage_the_other_way():
