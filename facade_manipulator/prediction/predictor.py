@@ -191,14 +191,7 @@ class DisturbancePredictor:
             BANDWIDTHS[LEVEL] ** 4 * seen[:, ACCELERATION] ** 2 - NOISE_PEAK * floor)
         if self.stamp > self._next_learning - SAME_TIME:
             self._next_learning = self.stamp + LEARNING_PERIOD
-            strongest = floor + self._peak
-            share = np.minimum(GROWTH * self._known / strongest, 1.0)
-            self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
-            for continuation in self._continuations:
-                continuation.weaken(share)
-            learner = next(self._turns)
-            learner.learn(noise)
-            self._solve(learner, noise)
+            self._learn(noise, floor)
         self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (
             self._values - self._mean)
         full = (seen[:, None] @ self._weights)[:, 0]
@@ -208,6 +201,17 @@ class DisturbancePredictor:
         sample = Sample(self.stamp, interval, self._values, level, self._mean, seen, final)
         for continuation in self._continuations:
             continuation.add(sample)
+
+    def _learn(self, noise: np.ndarray, floor: np.ndarray) -> None:
+        """Let near and far horizons learn in turn; what much weaker motion has shown fades."""
+        strongest = floor + self._peak
+        share = np.minimum(GROWTH * self._known / strongest, 1.0)
+        self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
+        for continuation in self._continuations:
+            continuation.weaken(share)
+        learner = next(self._turns)
+        learner.learn(noise)
+        self._solve(learner, noise)
 
     def _solve(self, learner: Continuation, noise: np.ndarray) -> None:
         """Take what one group of horizons has learnt, and how well it did."""
