@@ -33,7 +33,7 @@ from facade_manipulator.simulation.wind import Wind, WindSettings  # noqa: E402
 DEVIATIONS = np.array((1e-3, 1e-3, 1.75e-3))  # m, m, rad: of the estimates' noise
 STARTS = 20.0  # s
 FLOOR = 0.5  # of the noise, that may be passed on whatever comes
-INSIDE = (0.90, 0.99)  # share of errors within two standard deviations
+INSIDE = (0.90, 0.995)  # share of errors within two standard deviations: at rest noise hides them
 STEP = 0.01  # s
 PERIOD = 0.09  # s, in which errors change little
 Motion = Callable[[float], Pose]

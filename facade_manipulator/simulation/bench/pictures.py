@@ -12,6 +12,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
+from matplotlib.ticker import LogLocator, NullLocator
 import numpy as np
 
 from facade_manipulator.compensation import SuspensionSettings
@@ -128,6 +129,8 @@ def draw_models(path: Path, scenarios: dict[str, dict], models: dict[str, str]) 
             panel.semilogx(
                 [scale * each['disturbance_rms'] * each[key] for each in found.values()],
                 list(found), 'o', label=text)
+        panel.xaxis.set(major_locator=LogLocator(subs=(1.0, 2.0, 5.0)),
+                        major_formatter='{x:g}', minor_locator=NullLocator())
         label(panel, title, '')
     figure.axes[0].legend(fontsize=8)
     figure.suptitle('Residual (RMS) by prediction')
