@@ -215,9 +215,13 @@ class SetpointFollower:
                 self.margins.append(newest - latch_time)
 
     def _last_setpoint(self, now: float) -> Setpoint | None:
-        """Return the setpoint that the next one continues; a silent stream is forgotten."""
+        """
+        Return the setpoint that the next one continues; a silent stream is forgotten.
+
+        So is one that is meant for a time which the clock, being set back, has yet to come to.
+        """
         for time, setpoint in self._stream.newest():
-            if now - time <= self.settings.stale_after:
+            if -EARLIEST <= now - time <= self.settings.stale_after:
                 return setpoint
         self._stream.clear()
         return None

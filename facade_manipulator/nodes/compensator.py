@@ -45,6 +45,7 @@ from facade_manipulator.ros import (
     require_frame,
     run,
     seconds,
+    steady_timer,
 )
 
 LOG_PAUSE = 10.0  # s, of a supervisor that sends goals all the time
@@ -92,7 +93,7 @@ class CompensatorNode(Node):
         self.create_service(Trigger, 'compensator/tare', self._tare)
         self.create_service(Trigger, 'compensator/hold', self._hold)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
-        self.create_timer(1.0 / rate, self._update)
+        steady_timer(self, 1.0 / rate, self._update)
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type):
         """Declare the settings of a part of the compensator, which may change while it runs."""

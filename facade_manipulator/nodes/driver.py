@@ -53,6 +53,7 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     LATEST,
     ManagedNode,
+    reject_simulated_time,
     Rejections,
     RELIABLE,
     require_finite,
@@ -60,6 +61,7 @@ from facade_manipulator.ros import (
     setpoint_codec,
     SoftwareStop,
     states_codec,
+    steady_timer,
 )
 
 SUPERVISION_PERIOD = 0.02
@@ -96,6 +98,7 @@ class DriverNode(ManagedNode):
 
     def __init__(self, launch=start_process, **kwargs) -> None:
         super().__init__('driver', **kwargs)
+        reject_simulated_time(self)
         accept_old_names(self)
         self._rejections = Rejections(self)
         self._settings = declare(self, DriverSettings, '', self._change_settings)
@@ -187,8 +190,8 @@ class DriverNode(ManagedNode):
             lambda *_: Deferred(
                 self._loop.request('self_test'), self._self_test_response)))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
-        self.create_timer(1.0 / self._settings.joint_states_rate, self._publish_joint_states)
-        self.create_timer(SUPERVISION_PERIOD, self._supervise)
+        steady_timer(self, 1.0 / self._settings.joint_states_rate, self._publish_joint_states)
+        steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
     def _offer_request(self, name: str, start) -> None:
         def answer(job: Future) -> Trigger.Response:

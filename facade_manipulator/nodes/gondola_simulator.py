@@ -39,6 +39,7 @@ from facade_manipulator.ros import (
     run,
     seconds,
     stamp,
+    steady_timer,
     VARIANCES,
     wrench_stamped,
 )
@@ -89,7 +90,7 @@ class GondolaSimulatorNode(Node):
         self._rejections = Rejections(self)
         self._connect()
         self._diagnostics = DiagnosticsPublisher(self, self._components)
-        self.create_timer(DELIVERY_PERIOD, self._deliver)
+        steady_timer(self, DELIVERY_PERIOD, self._deliver)
 
     def _connect(self) -> None:
         self._disturbance = self.create_publisher(

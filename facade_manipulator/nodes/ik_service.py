@@ -49,6 +49,7 @@ from facade_manipulator.ros import (
     run,
     setpoint_codec,
     states_codec,
+    steady_timer,
 )
 
 ACTUATOR_SPACE = 'actuator_space'
@@ -90,8 +91,8 @@ class IkServiceNode(Node):
         self.create_subscription(
             JointState, 'joint_states', self._receive_joint_states, RELIABLE, raw=True)
         self.create_service(GetPlan, 'ik_service/solve', self._solve)
-        self._approaching = self.create_timer(
-            APPROACH_PERIOD, self._continue_approach, autostart=False)
+        self._approaching = steady_timer(
+            self, APPROACH_PERIOD, self._continue_approach, autostart=False)
         self._contact = ContactView(self, self.geometry)
         self._linkage = LinkageView(self, self.geometry)
         self._workspace = WorkspaceMap(self, self.geometry, lambda: self._head)

@@ -27,6 +27,7 @@ from facade_manipulator.ros import (
     pose_message,
     RAIL,
     RELIABLE,
+    steady_timer,
 )
 
 PERIOD = 0.1
@@ -64,7 +65,7 @@ class LinkageView:
         self._values: dict[str, tuple[float, Any]] = {}
         self._driver = f'{node.get_namespace()}/driver: operation'.lstrip('/')
         self._subscriptions: list = []
-        self._timer = node.create_timer(PERIOD, self._publish, autostart=False)
+        self._timer = steady_timer(node, PERIOD, self._publish, autostart=False)
         self._publisher = node.create_publisher(
             MarkerArray, 'ik_service/linkage', LATEST,
             event_callbacks=PublisherEventCallbacks(matched=self._match))

@@ -49,6 +49,7 @@ from facade_manipulator.ros import (
     RECENT,
     RELIABLE,
     run,
+    steady_timer,
     type_name,
 )
 
@@ -107,7 +108,7 @@ class RecorderNode(Node):
             self._subscribe(topic, kind, qos)
         self._prefix = self.get_namespace().strip('/')
         self._diagnostics = DiagnosticsPublisher(self, self._components)
-        self.create_timer(WATCH_PERIOD, self._watch)
+        steady_timer(self, WATCH_PERIOD, self._watch)
 
     def _subscribe(self, topic: str, kind: type, qos) -> None:
         name, ring = self.resolve_topic_name(topic), self._ring

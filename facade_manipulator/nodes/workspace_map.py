@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import declare, LATCHED, pose_message, RAIL
+from facade_manipulator.ros import declare, LATCHED, pose_message, RAIL, steady_timer
 from facade_manipulator.workspace import lci_grid
 
 PERIOD = 0.25
@@ -50,7 +50,7 @@ class WorkspaceMap:
         self._theta = 0.0
         self._publisher = node.create_publisher(OccupancyGrid, 'ik_service/workspace', LATCHED)
         self._settings = declare(node, WorkspaceSettings, 'workspace', self._change_settings)
-        node.create_timer(PERIOD, self._watch)
+        steady_timer(node, PERIOD, self._watch)
         self._publish()
 
     def _change_settings(self, settings: WorkspaceSettings) -> None:

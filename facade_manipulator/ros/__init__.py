@@ -5,6 +5,7 @@ Everything that rclpy offers beyond its public interface is used in this package
 """
 
 from facade_manipulator.ros.client import Component, ManipulatorClient
+from facade_manipulator.ros.clocks import reject_simulated_time, steady_timer
 from facade_manipulator.ros.codec import (
     estimate_codec,
     pose_codec,
@@ -73,12 +74,13 @@ __all__ = [
     'planar',
     'planar_pose',
     'planar_wrench',
+    'pose_codec',
     'pose_message',
     'pose_stamped',
-    'pose_codec',
     'PoseStream',
     'RAIL',
     'RECENT',
+    'reject_simulated_time',
     'rejection_status',
     'Rejections',
     'RELIABLE',
@@ -91,8 +93,9 @@ __all__ = [
     'SoftwareStop',
     'stamp',
     'stamp_text',
-    'type_name',
     'states_codec',
+    'steady_timer',
+    'type_name',
     'USAGE_ERROR',
     'VARIANCES',
     'wrench_stamped',

@@ -11,6 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.node import Node
 
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.runtime import RELIABLE
 
 PERIOD = 1.0
@@ -37,7 +38,7 @@ class DiagnosticsPublisher:
         self._components = components
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
         self._summary: list[tuple[str, bytes, str]] = []
-        node.create_timer(PERIOD, self.publish)
+        steady_timer(node, PERIOD, self.publish)
 
     def publish(self) -> None:
         """Publish the present status."""

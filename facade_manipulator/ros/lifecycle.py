@@ -17,6 +17,7 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
+from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.deferred import Deferred, DeferredReplies
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -80,7 +81,7 @@ class ManagedNode(LifecycleNode):
                 self.replies.when_done(
                     self._start(Transition.TRANSITION_CONFIGURE), self._complete)
 
-        timer = self.create_timer(0.0, configure)
+        timer = steady_timer(self, 0.0, configure)
 
     def _start(self, transition: int) -> Future:
         self._state_machine.trigger_transition_by_id(transition, True)

@@ -157,6 +157,20 @@ def test_a_setpoint_out_of_order_is_rejected_and_the_next_in_order_taken():
     made.add(sine(1.03), 1.0)
 
 
+@pytest.mark.parametrize('step', [-30.0, -5.0, 5.0, 30.0])
+def test_a_stream_goes_on_at_once_when_the_clock_was_set(step):
+    made = follower()
+    run(made, 0.0, 1.0)
+    positions = [made.motion.position] * 3
+    for k in range(100, 200):
+        now, true = k * PERIOD + step, k * PERIOD
+        made.add(sine(true + 0.03)._replace(time=now + 0.03), now)
+        positions.append(made.sample(now + 0.02))
+    assert positions[-1] == pytest.approx(sine(2.01).position, abs=1e-6)
+    assert made.activity is Activity.FOLLOWING
+    assert differences(positions[3:], PERIOD)[1] <= LIMITS.acceleration * 1.001
+
+
 def test_a_far_first_setpoint_is_rejected_with_distance_and_bound():
     made = follower()
     with pytest.raises(SetpointLimitError, match='q3 to the setpoint = 0.06 m is above.*0.05 m'):

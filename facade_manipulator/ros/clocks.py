@@ -1,0 +1,48 @@
+"""Timers that a system clock that is set does not stop, and a node that lets nobody stop time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.timer import Timer
+
+from facade_manipulator.errors import ParameterError
+
+SIMULATED_TIME = 'use_sim_time'
+_REASON = ('use_sim_time = true is not possible: whoever publishes /clock could stop the '
+           'supervision of the drives; start the driver without it')
+
+
+def steady_timer(node: Node, period: float, callback: Callable[[], Any], **options: Any) -> Timer:
+    """
+    Create a timer on a clock that nobody sets; only where time is simulated it follows that.
+
+    A node's own timers stand still for as long as the system clock is set back.
+    """
+    clock = None if node.get_parameter(SIMULATED_TIME).value else Clock(
+        clock_type=ClockType.STEADY_TIME)
+    return node.create_timer(period, callback, clock=clock, **options)
+
+
+def reject_simulated_time(node: Node) -> None:
+    """
+    Let a node live in the time of its computer, now and later.
+
+    Raises
+    ------
+    ParameterError
+        Time is simulated.
+
+    """
+    if node.get_parameter(SIMULATED_TIME).value:
+        raise ParameterError(_REASON)
+
+    def check(parameters: list) -> SetParametersResult:
+        simulates = any(one.name == SIMULATED_TIME and one.value for one in parameters)
+        return SetParametersResult(successful=not simulates, reason=_REASON if simulates else '')
+
+    node.add_on_set_parameters_callback(check)
