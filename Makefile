@@ -23,7 +23,7 @@ test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-
 	@.ci/setup-colcon
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
 
-soak: setup  ## Run the drives for ten minutes, then fuzz them with a million frames (SOAK_ARGS=…)
+soak: setup  ## Run the drives, fuzz them, let anything happen in any order: 2 hours (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/soak.py $(SOAK_ARGS)
 
 soak-prediction: setup  ## Predict an hour of every motion that nobody tuned for (SOAK_ARGS=…)

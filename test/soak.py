@@ -1,8 +1,10 @@
 """
-Let the drives run for ten minutes, then fuzz them with a million frames: ``make soak``.
+Let the drives run for ten minutes, fuzz them, and walk for an hour: ``make soak``.
 
-Ends with the figures, and with exit status 1 if memory grew, a cycle was incomplete, the drives
-stopped, a command was out of limits or an error was one that nobody foresaw.
+After the run come a million random frames, then whatever may happen in any order (`walk`). Ends
+with the figures, and with exit status 1 if memory grew, a cycle was incomplete, the drives
+stopped, a command was out of limits, an error was one that nobody foresaw, or an invariant of the
+walk did not hold.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from pathlib import Path
 import sys
 import tempfile
 import time
+import traceback
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent), str(HERE / 'helpers')]
@@ -21,6 +24,9 @@ sys.path[:0] = [str(HERE.parent), str(HERE / 'helpers')]
 from command_watch import CommandWatch  # noqa: E402
 from fault_rig import SITUATIONS, StreamRig  # noqa: E402
 from fuzz import complaints, run_all, take_precedence  # noqa: E402
+from hypothesis import Phase, settings  # noqa: E402
+from hypothesis.stateful import run_state_machine_as_test  # noqa: E402
+from walk import Walk  # noqa: E402
 
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES  # noqa: E402
 from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings  # noqa: E402
@@ -29,6 +35,7 @@ from facade_manipulator.drives.controller.snapshot import ControllerState, Cycle
 
 MOST_GROWTH = 5.0  # MB
 WARM_UP = 60.0  # s: rings and caches fill
+WALKS = 50
 RECORD = 30.0  # s
 LOOK_EVERY = 0.5  # s
 REPORT_EVERY = 60.0  # s
@@ -83,11 +90,29 @@ def _cycles(now: CycleStatistics, before: CycleStatistics) -> str:
             f'beyond: {now.lateness}')
 
 
+def walk_for(seconds: float) -> bool:
+    """Let whatever happen for a while; return whether all held, print what did not."""
+    begin, walks = time.monotonic(), 0
+    chosen = settings(
+        max_examples=WALKS, stateful_step_count=60, deadline=None, derandomize=False,
+        database=None, phases=[Phase.generate])
+    try:
+        while time.monotonic() < begin + seconds:
+            run_state_machine_as_test(Walk, settings=chosen)
+            walks += WALKS
+    except AssertionError:
+        traceback.print_exc()
+        return False
+    print(f'{walks} walks in {time.monotonic() - begin:.0f} s', flush=True)
+    return True
+
+
 def main() -> int:
-    """Soak and fuzz."""
+    """Soak, fuzz and walk."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--duration', type=float, default=600.0, help='of the soak [s]')
     parser.add_argument('--frames', type=int, default=1_000_000, help='of the fuzzer')
+    parser.add_argument('--walk', type=float, default=3600.0, help='time of the walk [s]')
     options = parser.parse_args()
     take_precedence()
     with tempfile.TemporaryDirectory() as folder, complaints() as said:
@@ -102,6 +127,7 @@ def main() -> int:
             rig.close()
     print(*(f'FAILED: {message}' for message in wrong), sep='\n', flush=True)
     good = run_all(options.frames) if options.frames else True
+    good = walk_for(options.walk) and good
     print('good' if good and not wrong else 'NOT GOOD')
     return 0 if good and not wrong else 1
 
