@@ -16,6 +16,10 @@ import sys
 PACKAGE = Path(__file__).resolve().parent
 
 
+# what the machine writes about itself; ROS_HOME is where ROS itself puts its logs
+STATE_FOLDER = os.path.join(os.environ.get('ROS_HOME') or '~/.ros', PACKAGE.name)
+
+
 def config_path(relative: str | os.PathLike[str] = '') -> Path:
     """
     Find a file or folder of ``config/``.

@@ -24,6 +24,7 @@ STOP_DEADLINE = 10.0
 
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's would be inherited by every process tested
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+os.environ['ROS_HOME'] = tempfile.mkdtemp(prefix='facade_manipulator_home_')
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='facade_manipulator_log_'))
 
 settings.register_profile(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.resources import STATE_FOLDER
 
 
 @settings
@@ -10,7 +11,7 @@ class BlackBoxSettings:
     """What of the past is in a file, and how many files there may be."""
 
     folder: str = parameter(
-        '~/.ros/facade_manipulator', 'Folder of the files; made if it is not there')
+        STATE_FOLDER, 'Folder of the files; made if it is not there')
     duration: float = parameter(
         120.0, 'How long before a stop a file begins', unit='s', minimum=1.0, maximum=3600.0)
     aftermath: float = parameter(

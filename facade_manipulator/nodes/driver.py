@@ -12,6 +12,7 @@ from __future__ import annotations
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
@@ -34,10 +35,12 @@ from facade_manipulator.drives.controller import (
 from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import LoopProcess, LoopSetup, start_process, StoppingAnalysis
+from facade_manipulator.maintenance import CounterFile, ServiceSettings
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
+    counters_status,
     finding_status,
     next_step,
     operation_status,
@@ -103,6 +106,10 @@ class DriverNode(ManagedNode):
         self._rejections = Rejections(self)
         self._settings = declare(self, DriverSettings, '', self._change_settings)
         self._setup = self._declare_setup()
+        self._service = declare(self, ServiceSettings, 'service', self._change_service)
+        is_real = not self._settings.simulate_drives
+        self._counting = CounterFile(
+            self._service.folder if is_real else '', self.get_namespace())
         self._loop = LoopProcess(self._setup, self._add_rejection, launch)
         self._worker = ThreadPoolExecutor(max_workers=1)
         self._published_stamp: float | None = None
@@ -142,6 +149,7 @@ class DriverNode(ManagedNode):
         self._loop.close()
         self.get_logger().info('The drives are off and the bus is closed.')
         self._worker.shutdown()
+        self._counting.close()
 
     def _declare_setup(self) -> LoopSetup:
         geometry = declare(self, Geometry, 'geometry')
@@ -185,6 +193,7 @@ class DriverNode(ManagedNode):
             ('clear_faults', self._clear_faults),
         ):
             self._offer_request(f'driver/{name}', start)
+        self.create_service(Trigger, 'driver/service_done', self._record_service)
         self.replies.attach(self.create_service(
             SelfTest, 'driver/self_test',
             lambda *_: Deferred(
@@ -222,6 +231,18 @@ class DriverNode(ManagedNode):
 
     def _change_settings(self, settings: DriverSettings) -> None:
         self._settings = settings
+
+    def _change_service(self, settings: ServiceSettings) -> None:
+        self._service = settings
+
+    def _record_service(self, _: Trigger.Request, response: Trigger.Response):
+        counters = self._counting.counters
+        counters.record_service()
+        self._counting.write()
+        response.success = True
+        response.message = (f'the service intervals begin at {counters.hours:.1f} h and '
+                            f'{1e-3 * counters.travel:.2f} km')
+        return response
 
     def _change_stream(self, settings: StreamSettings) -> None:
         self._loop.change_stream(settings)
@@ -298,7 +319,10 @@ class DriverNode(ManagedNode):
         self._was_stopped = is_stopped
 
     def _publish_joint_states(self) -> None:
-        joints = self._loop.snapshot().joints()
+        snapshot, now = self._loop.snapshot(), time.monotonic()
+        self._counting.counters.note(now, snapshot)
+        self._counting.keep(now)
+        joints = snapshot.joints()
         if joints is None or joints.stamp == self._published_stamp:
             return
         self._published_stamp = joints.stamp
@@ -317,6 +341,7 @@ class DriverNode(ManagedNode):
                 snapshot, self._loop.stream_status(), self._last_failure, values),
             bus_status(snapshot),
             *(axis_status(axis) for axis in snapshot.axes),
+            counters_status(self._counting, self._service),
         ]
 
 

@@ -17,6 +17,7 @@ from facade_manipulator.drives.controller import (
     LATENESS_BOUNDS,
 )
 from facade_manipulator.loop import StreamStatus
+from facade_manipulator.maintenance import CounterFile, ServiceSettings
 from facade_manipulator.ros import (
     diagnostic_status,
     DRIVER_STATUS,
@@ -137,6 +138,14 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
         return diagnostic_status(axis.name, 'stale', 'nothing received yet', values, serial)
     message = axis.state.name.lower().replace('_', ' ') + ('' if axis.homed else ', not homed')
     return diagnostic_status(axis.name, 'ok', message, values, serial)
+
+
+def counters_status(counting: CounterFile, settings: ServiceSettings) -> DiagnosticStatus:
+    """Say what the machine has done in its life, and whether it wants service."""
+    due = counting.counters.due(settings)
+    message = counting.error or due or 'no service is due'
+    return diagnostic_status('counters', 'warn' if counting.error or due else 'ok', message,
+                             dict(counting.counters.lines()))
 
 
 def finding_status(finding: Finding) -> DiagnosticStatus:

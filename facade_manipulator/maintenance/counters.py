@@ -1,0 +1,209 @@
+"""
+Hours, travel, reversals and loads of the axes, starts and stops of the machine.
+
+References
+----------
+ISO 3408-5:2006, 4.2: the mean axial load of a ball screw is the cubic mean of the load over the
+travel; its life goes with the third power.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields
+import re
+from typing import Any
+
+from facade_manipulator.drives.controller import (
+    AxisSnapshot,
+    ControllerSnapshot,
+    ControllerState,
+    POWERED_STATES,
+)
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.resources import STATE_FOLDER
+
+DEAD_BAND = 5e-5  # m: below it an encoder's noise is no travel and no reversal
+LONGEST_STEP = 1.0  # s: of a longer gap nothing is known
+MOST_CAUSES = 30  # that are told apart
+OTHER = 'other causes'
+
+
+@settings
+class ServiceSettings:
+    """After how much work the machine wants service; 0 asks for none."""
+
+    folder: str = parameter(
+        STATE_FOLDER, 'Folder of the counters; empty: none are kept',
+        read_only=True)
+    hours: float = parameter(
+        0.0, 'Time under power after which service is due, 0 for never', unit='h', minimum=0.0,
+        maximum=1e6)
+    travel: float = parameter(
+        0.0, 'Travel of a carriage after which service is due, 0 for never', unit='km',
+        minimum=0.0, maximum=1e6)
+
+
+@dataclass
+class AxisCounters:
+    """
+    Counters of one axis.
+
+    Attributes
+    ----------
+    travel : float
+        [m]
+    cubed_load : float
+        Integral of the cube of the force over the travel [N³ m].
+    reversals : int
+    greatest_following_error : float
+        [m]
+
+    """
+
+    travel: float = 0.0
+    cubed_load: float = 0.0
+    reversals: int = 0
+    greatest_following_error: float = 0.0
+
+    @property
+    def mean_load(self) -> float:
+        """Cubic mean of the force over the travel [N]."""
+        return (self.cubed_load / self.travel) ** (1.0 / 3.0) if self.travel else 0.0
+
+
+@dataclass
+class MachineCounters:
+    """
+    Counters of a machine.
+
+    Attributes
+    ----------
+    hours : float
+        Under power [h].
+    starts : int
+        Activations.
+    stops : dict
+        How often the drives were stopped, by cause without its numbers.
+    axes : dict
+        Counters of the axes by name.
+    service_hours, service_travel : float
+        `hours` [h] and greatest travel [m] at the last service.
+
+    """
+
+    hours: float = 0.0
+    starts: int = 0
+    stops: dict[str, int] = field(default_factory=dict)
+    axes: dict[str, AxisCounters] = field(default_factory=dict)
+    service_hours: float = 0.0
+    service_travel: float = 0.0
+
+    def __post_init__(self) -> None:
+        self._time: float | None = None
+        self._state = ControllerState.UNCONFIGURED
+        self._last: dict[str, tuple[float, float]] = {}  # position, direction
+
+    @staticmethod
+    def of(values: Mapping[str, Any]) -> MachineCounters:
+        """
+        Make counters of what `values` returned; what is missing or unknown counts as new.
+
+        Raises
+        ------
+        TypeError, ValueError, AttributeError
+            If they are no counters.
+
+        """
+        known = {item.name for item in fields(MachineCounters)} - {'axes', 'stops'}
+        made = MachineCounters(**{
+            name: type(getattr(MachineCounters, name))(value)
+            for name, value in values.items() if name in known})
+        made.stops = {str(cause): int(count) for cause, count in values['stops'].items()}
+        made.axes = {name: AxisCounters(**axis) for name, axis in values['axes'].items()}
+        return made
+
+    def values(self) -> dict[str, Any]:
+        """Return the counters as plain values."""
+        return asdict(self)
+
+    @property
+    def is_counting(self) -> bool:
+        """Return whether the drives had power when last seen."""
+        return self._state in POWERED_STATES
+
+    @property
+    def travel(self) -> float:
+        """Travel of the axis that has travelled most [m]."""
+        return max((axis.travel for axis in self.axes.values()), default=0.0)
+
+    def note(self, now: float, snapshot: ControllerSnapshot) -> None:
+        """Count what happened between the snapshot before and this one at a time [s]."""
+        before, self._state = self._state, snapshot.state
+        elapsed = 0.0 if self._time is None else now - self._time
+        self._time = now
+        is_gap = not 0.0 <= elapsed <= LONGEST_STEP
+        if before in POWERED_STATES and not is_gap:
+            self.hours += elapsed / 3600.0
+        if snapshot.state is ControllerState.ACTIVE is not before:
+            self.starts += before is ControllerState.ACTIVATING
+        if snapshot.state is ControllerState.STOPPED is not before:
+            self._count_stop(snapshot.cause)
+        for axis in snapshot.axes:
+            self._note_axis(axis, is_gap)
+
+    def _count_stop(self, cause: str) -> None:
+        name = re.sub(r'\d[\d.]*', '…', cause)
+        if name not in self.stops and len(self.stops) >= MOST_CAUSES:
+            name = OTHER
+        self.stops[name] = self.stops.get(name, 0) + 1
+
+    def _note_axis(self, axis: AxisSnapshot, is_gap: bool) -> None:
+        if axis.position is None or not axis.homed:
+            self._last.pop(axis.name, None)  # it counts from elsewhere when it comes back
+            return
+        counters = self.axes.setdefault(axis.name, AxisCounters())
+        if self.is_counting and axis.following_error is not None:
+            counters.greatest_following_error = max(
+                counters.greatest_following_error, abs(axis.following_error))
+        last, direction = self._last.get(axis.name, (axis.position, 0.0))
+        step = axis.position - last
+        if is_gap or axis.name not in self._last:
+            self._last[axis.name] = axis.position, 0.0
+        elif abs(step) >= DEAD_BAND:
+            counters.travel += abs(step)
+            counters.cubed_load += abs(axis.force or 0.0) ** 3 * abs(step)
+            counters.reversals += step * direction < 0.0
+            self._last[axis.name] = axis.position, step
+
+    def record_service(self) -> None:
+        """Begin the intervals again."""
+        self.service_hours, self.service_travel = self.hours, self.travel
+
+    def due(self, settings: ServiceSettings) -> str:
+        """Return why service is due; empty if it is not."""
+        hours = self.hours - self.service_hours
+        travel = 1e-3 * (self.travel - self.service_travel)
+        return '; '.join(
+            f'service is due: {done:.1f} {unit} since the last, bound {bound:g} {unit}'
+            for done, bound, unit in (
+                (hours, settings.hours, 'h'), (travel, settings.travel, 'km'))
+            if 0.0 < bound <= done)
+
+    def lines(self) -> Iterator[tuple[str, str]]:
+        """Yield names and values for people."""
+        yield 'under power [h]', f'{self.hours:.2f}'
+        yield 'starts', str(self.starts)
+        for name, axis in self.axes.items():
+            yield f'{name} travel [km]', f'{1e-3 * axis.travel:.4f}'
+            yield f'{name} reversals', str(axis.reversals)
+            yield f'{name} mean load over travel [N]', f'{axis.mean_load:.1f}'
+            yield (f'{name} greatest following error [mm]',
+                   f'{1e3 * axis.greatest_following_error:.3f}')
+        yield from _sorted_stops(self.stops.items())
+
+
+def _sorted_stops(stops: Iterable[tuple[str, int]]) -> Iterator[tuple[str, str]]:
+    for cause, count in sorted(stops, key=lambda stop: -stop[1]):
+        yield f'stops: {cause}', str(count)

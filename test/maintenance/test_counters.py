@@ -1,0 +1,169 @@
+"""Counters of a machine's life: what counts, what is kept, and what a damaged file costs."""
+
+from __future__ import annotations
+
+import json
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.cia402 import Cause
+from facade_manipulator.drives.controller import (
+    AxisSnapshot,
+    ControllerSnapshot,
+    ControllerState,
+)
+from facade_manipulator.maintenance import CounterFile, MachineCounters, ServiceSettings
+from facade_manipulator.maintenance.counters import DEAD_BAND, MOST_CAUSES, OTHER
+
+ACTIVE, ACTIVATING = ControllerState.ACTIVE, ControllerState.ACTIVATING
+STOPPED, INACTIVE = ControllerState.STOPPED, ControllerState.INACTIVE
+
+
+def snapshot(state=ACTIVE, position=0.0, force=0.0, cause='', homed=True, error=0.0):
+    causes = (Cause(cause, 'next'),) if cause else ()
+    axis = AxisSnapshot('q1', 1, position=position, force=force, homed=homed,
+                        following_error=error)
+    return ControllerSnapshot(state, 1.0, (axis,), causes)
+
+
+def counted(*snapshots, period=0.01):
+    counters = MachineCounters()
+    for number, one in enumerate(snapshots):
+        counters.note(100.0 + number * period, one)
+    return counters
+
+
+@given(st.lists(st.floats(-0.5, 0.5), min_size=2, max_size=50))
+def test_travel_is_that_of_all_that_moved_and_reversals_its_turns(positions):
+    steps = [0.0]
+    last, travel = positions[0], 0.0
+    for position in positions[1:]:
+        if abs(position - last) >= DEAD_BAND:
+            steps.append(position - last)
+            travel += abs(position - last)
+            last = position
+    turns = sum(a * b < 0.0 for a, b in zip(steps, steps[1:], strict=False))
+    axis = counted(*(snapshot(position=one) for one in positions)).axes['q1']
+    assert axis.travel == pytest.approx(travel)
+    assert axis.reversals == turns
+
+
+def test_noise_of_an_encoder_is_no_travel():
+    axis = counted(*(snapshot(position=1e-5 * (k % 2)) for k in range(1000))).axes['q1']
+    assert (axis.travel, axis.reversals) == (0.0, 0)
+
+
+def test_an_axis_that_is_homed_again_has_not_travelled_there():
+    axis = counted(snapshot(position=0.1), snapshot(homed=False, position=7.0),
+                   snapshot(position=0.3), snapshot(position=0.31)).axes['q1']
+    assert axis.travel == pytest.approx(0.01)
+
+
+def test_the_mean_load_is_the_cubic_mean_over_the_travel():
+    axis = counted(snapshot(), snapshot(position=0.1, force=-10.0),
+                   snapshot(position=0.4, force=20.0)).axes['q1']
+    assert axis.mean_load == pytest.approx(((0.1 * 10**3 + 0.3 * 20**3) / 0.4) ** (1 / 3))
+
+
+def test_hours_count_under_power_alone_and_a_gap_is_not_known():
+    assert counted(*[snapshot()] * 361, period=0.5).hours == pytest.approx(180.0 / 3600.0)
+    assert counted(*[snapshot(INACTIVE)] * 100).hours == 0.0
+    assert counted(snapshot(), snapshot(position=0.4), period=50.0).hours == 0.0
+    assert counted(snapshot(), snapshot(position=0.4), period=50.0).travel == 0.0
+
+
+def test_starts_and_stops_are_counted_once_each_by_cause_without_numbers():
+    counters = counted(
+        snapshot(INACTIVE), snapshot(ACTIVATING), snapshot(), snapshot(),
+        snapshot(STOPPED, cause='late for 331.5 ms'), snapshot(STOPPED, cause='late for 331.5 ms'),
+        snapshot(INACTIVE), snapshot(ACTIVATING), snapshot(),
+        snapshot(STOPPED, cause='late for 12 ms'))
+    assert counters.starts == 2
+    assert counters.stops == {'late for … ms': 2}
+
+
+def test_causes_without_end_do_not_grow_without_end():
+    counters = MachineCounters()
+    for number in range(3 * MOST_CAUSES):
+        counters.note(number, snapshot())
+        counters.note(number + 0.5, snapshot(STOPPED, cause='x' * number + '!'))
+    assert len(counters.stops) == MOST_CAUSES + 1
+    assert counters.stops[OTHER] == 2 * MOST_CAUSES
+
+
+def test_service_is_due_by_hours_or_travel_and_begins_again():
+    counters, settings = MachineCounters(hours=99.0), ServiceSettings(hours=100.0, travel=1.0)
+    assert counters.due(settings) == ''
+    counters.hours = 100.5
+    assert counters.due(settings) == 'service is due: 100.5 h since the last, bound 100 h'
+    counters.record_service()
+    assert counters.due(settings) == ''
+    assert counters.due(ServiceSettings()) == ''
+
+
+# --- on the disk
+
+def book(tmp_path):
+    return CounterFile(str(tmp_path), '/gondola_1')
+
+
+def test_what_was_counted_is_there_after_a_kill(tmp_path):
+    first = book(tmp_path)
+    first.counters.note(1.0, snapshot())
+    first.counters.note(1.01, snapshot(position=0.25, error=0.003))
+    first.keep(1.01)
+    first._job.result(5.0)
+    again = book(tmp_path)  # nobody closed the first
+    assert again.counters.values() == first.counters.values()
+    assert again.counters.travel == 0.25
+    assert not math.isnan(again.counters.axes['q1'].mean_load)
+    first.close()
+
+
+def test_it_is_written_once_a_second_and_only_under_power(tmp_path):
+    counting = book(tmp_path)
+    counting.counters.note(1.0, snapshot(INACTIVE))
+    counting.keep(1.0)
+    assert counting._job is None
+    counting.counters.note(2.0, snapshot())
+    for now in (2.0, 2.1, 2.9):
+        counting.keep(now)
+        job = counting._job
+        job.result(5.0)
+    counting.keep(2.95)
+    assert counting._job is job
+    counting.close()
+
+
+@pytest.mark.parametrize('content', ['', '{', '[]', '{"stops": 3}', '{"axes": {}}',
+                                     '{"stops": {}, "axes": {"q1": {"wings": 2}}}'])
+def test_a_damaged_file_is_put_aside_and_named(tmp_path, content):
+    path = tmp_path / 'counters_gondola_1.json'
+    path.write_text(content)
+    counting = book(tmp_path)
+    assert 'begin again at 0' in counting.error
+    assert counting.counters.values() == MachineCounters().values()
+    assert (tmp_path / 'counters_gondola_1.damaged.json').read_text() == content
+    counting.close()
+    assert json.loads(path.read_text()) == MachineCounters().values()
+
+
+def test_a_disk_that_takes_nothing_costs_the_counters_alone(tmp_path):
+    (tmp_path / 'file').write_text('')
+    counting = CounterFile(str(tmp_path / 'file' / 'folder'), '')
+    counting.counters.note(1.0, snapshot())
+    counting.keep(1.0)
+    counting._job.result(5.0)
+    assert 'are not kept' in counting.error
+    counting.close()
+
+
+def test_without_a_folder_nothing_is_written():
+    counting = CounterFile('', '/gondola_1')
+    counting.counters.note(1.0, snapshot())
+    counting.keep(1.0)
+    counting.close()
+    assert counting.error == ''
