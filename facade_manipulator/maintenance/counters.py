@@ -26,7 +26,7 @@ from facade_manipulator.resources import STATE_FOLDER
 
 DEAD_BAND = 5e-5  # m: below it an encoder's noise is no travel and no reversal
 LONGEST_STEP = 1.0  # s: of a longer gap nothing is known
-MOST_CAUSES = 30  # that are told apart
+MOST_CAUSES = 30  # that are counted each for itself
 OTHER = 'other causes'
 
 
