@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import logging
+from logging.handlers import QueueHandler, QueueListener
+from queue import SimpleQueue
 import signal
 import socket
 import sys
@@ -12,6 +14,7 @@ from facade_manipulator.loop.channel import Channel, ChannelClosedError
 from facade_manipulator.loop.control_loop import ControlLoop
 
 SETUP_TIMEOUT = 10.0  # s
+END_TIMEOUT = 7  # s: more than the loop takes to ramp down, power off and close the bus
 
 
 def main(descriptor: int) -> int:
@@ -19,9 +22,27 @@ def main(descriptor: int) -> int:
     # the node receives a terminal's signals and asks for an orderly end; SIGTERM asks by itself
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    logging.basicConfig(format='[%(levelname)s] [control loop]: %(message)s')
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    logs = _start_logging()
+    try:
+        return _run(Channel(socket.socket(fileno=descriptor)))
+    finally:
+        logs.stop()
+
+
+def _start_logging() -> QueueListener:
+    """Let a thread of its own write the log: a terminal may take no output for any time."""
+    output = logging.StreamHandler()
+    output.setFormatter(logging.Formatter('[%(levelname)s] [control loop]: %(message)s'))
+    records: SimpleQueue = SimpleQueue()
+    logging.getLogger().addHandler(QueueHandler(records))
     logging.getLogger('facade_manipulator').setLevel(logging.INFO)
-    channel = Channel(socket.socket(fileno=descriptor))
+    listener = QueueListener(records, output)
+    listener.start()
+    return listener
+
+
+def _run(channel: Channel) -> int:
     try:
         message = channel.receive(SETUP_TIMEOUT)
     except ChannelClosedError:
@@ -34,7 +55,11 @@ def main(descriptor: int) -> int:
         channel.send('failed', str(error), must_arrive=True)
         return 1
     signal.signal(signal.SIGTERM, lambda *_: loop.end())
-    loop.serve()
+    try:
+        loop.serve()
+    finally:
+        signal.alarm(END_TIMEOUT)  # whatever hangs from here on, the kernel ends the process
+        loop.close()
     return 0
 
 

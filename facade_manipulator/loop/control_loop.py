@@ -26,6 +26,7 @@ from facade_manipulator.drives.controller import (
     BusAccess,
     ControllerSettings,
     ControllerSnapshot,
+    ControllerState,
     DriveController,
     FaultRecorder,
     MechanismChecks,
@@ -49,6 +50,8 @@ from facade_manipulator.motion import (
 )
 
 LOOK_PERIOD = 0.05  # s: how often the node's silence and a signal are looked at
+# drives that were stopped hold with power, too, until somebody clears the faults or cleans up
+HOLDING_STATES = POWERED_STATES | {ControllerState.STOPPED}
 MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a waste
 REQUESTS = frozenset({
     'configure', 'cleanup', 'activate', 'deactivate', 'home', 'halt', 'clear_faults', 'self_test'})
@@ -155,7 +158,7 @@ class ControlLoop:
         self._ends = False
 
     def end(self) -> None:
-        """Let `serve` come to its end: ramp down, power off, close the bus."""
+        """Let `serve` return, from any thread; `close` is to follow."""
         self._ends = True
 
     def serve(self) -> None:
@@ -171,10 +174,9 @@ class ControlLoop:
         except ChannelClosedError as error:
             if self.controller.snapshot().state in POWERED_STATES:
                 _log.error('%s: the carriages ramp down and the power goes off', error)
-        finally:
-            self._close()
 
-    def _close(self) -> None:
+    def close(self) -> None:
+        """Ramp down, power off, close bus and channel; waits for it."""
         self.controller.close()
         if self.simulator is not None:
             self.simulator.stop()
@@ -230,7 +232,7 @@ class ControlLoop:
             self._margins = _percentiles(tuple(self.follower.margins))
         silence = now - self._fed
         if (silence > self._watchdog_timeout
-                and self.controller.snapshot().state in POWERED_STATES):
+                and self.controller.snapshot().state in HOLDING_STATES):
             _log.error(
                 'the driver node has been silent for %.2f s, bound %g s: the carriages ramp down '
                 'and the power goes off', silence, self._watchdog_timeout)

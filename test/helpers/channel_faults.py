@@ -14,7 +14,7 @@ import sys
 from threading import Event, Thread
 import time
 
-from loop_bench import CONTROLLER, loop_setup, PATIENCE
+from loop_bench import CONTROLLER, loop_setup, PATIENCE, serve
 from support import wait_until
 
 from facade_manipulator.drives.cia402.states import State
@@ -42,7 +42,7 @@ class IsolatedNode:
         _, (end,), *_ = socket.recv_fds(self._control, 64, 1)
         channel = Channel(socket.socket(fileno=end))
         self.loop = ControlLoop(*channel.receive(PATIENCE).content, channel)
-        self._thread = Thread(target=self.loop.serve, daemon=True)
+        self._thread = Thread(target=serve, args=(self.loop,), daemon=True)
         self._thread.start()
         self._frozen = Event()
         self._control.settimeout(PATIENCE)

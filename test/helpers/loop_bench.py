@@ -45,6 +45,14 @@ def loop_setup(controller: ControllerSettings = CONTROLLER) -> LoopSetup:
         RecorderSettings(), simulate_drives=True)
 
 
+def serve(loop: ControlLoop) -> None:
+    """Run a loop to its end."""
+    try:
+        loop.serve()
+    finally:
+        loop.close()
+
+
 class LoopThread:
     """The control loop in a thread of this process; launches it in place of `start_process`."""
 
@@ -56,7 +64,7 @@ class LoopThread:
 
     def _run(self) -> None:
         self.loop = ControlLoop(*self._channel.receive(PATIENCE).content, self._channel)
-        self.loop.serve()
+        serve(self.loop)
 
     def wait(self, timeout: float) -> int:
         """Wait for the end; see `facade_manipulator.loop.process.Process`."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import ctypes
 from dataclasses import replace
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -13,7 +15,7 @@ import time
 from command_watch import CommandWatch
 from loop_bench import CONTROLLER, loop_setup, LoopBench, LoopThread, PATIENCE
 import pytest
-from support import wait_until
+from support import patiently, wait_until
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State
@@ -25,6 +27,27 @@ from facade_manipulator.motion.guard import MechanismGuard
 from facade_manipulator.motion.setpoints import Setpoint
 
 RAMP_TIME = 3.0  # s: bound of the way to rest and power off
+
+
+# a loop in a process of its own, in which something is otherwise
+TALKING = """
+import sys
+from facade_manipulator.loop import __main__ as main
+main.END_TIMEOUT = 5
+"""
+HANGING = TALKING + """
+import threading
+main.END_TIMEOUT = 1
+main.ControlLoop.close = lambda loop: threading.Event().wait()
+"""
+
+
+def start(end, source, **details):
+    """Start the loop with a changed source in a process of its own."""
+    number = end.fileno()
+    return subprocess.Popen(
+        [sys.executable, '-c', source + 'sys.exit(main.main(int(sys.argv[1])))', str(number)],
+        pass_fds=(number,), stdin=subprocess.DEVNULL, **details)
 
 
 @pytest.fixture
@@ -87,23 +110,59 @@ def test_the_loop_says_once_at_start_how_it_is_scheduled(make_bench, capfd):
 
 # --- the node ends, hangs, or is slow
 
-def test_a_node_that_ends_at_full_speed_leaves_carriages_that_ramp_down(make_bench):
-    bench = in_thread(make_bench)
-    bench.move()
-    bench.streams.clear()
-    bench.feeds.clear()
-    loop = bench.loop
-    bench.process._channel._socket.shutdown(2)  # what the kernel does for a process that is killed
-    assert_orderly_end(bench, loop)
+@pytest.mark.parametrize('watchdog_timeout, leave', [
+    # what the kernel does for a process that is killed
+    (2.0, lambda bench: bench.process._channel._socket.shutdown(socket.SHUT_RDWR)),
+    (0.3, lambda bench: None),
+], ids=['ends', 'hangs'])
+def test_a_node_that_ends_or_hangs_at_full_speed_leaves_carriages_that_ramp_down(
+        make_bench, watchdog_timeout, leave):
+    def prove():
+        bench = in_thread(make_bench, watchdog_timeout=watchdog_timeout)
+        bench.move()
+        loop = bench.loop
+        bench.streams.clear()
+        bench.feeds.clear()
+        leave(bench)
+        assert_orderly_end(bench, loop)
+
+    patiently(prove)
 
 
-def test_a_node_that_hangs_at_full_speed_leaves_carriages_that_ramp_down(make_bench):
+def test_a_node_that_hangs_while_the_drives_are_stopped_leaves_no_power(make_bench):
+    """As where a starved loop has stopped them: they hold with power, and nobody cuts it."""
     bench = in_thread(make_bench, watchdog_timeout=0.3)
-    bench.move()
+    bench.do('configure', 'home', 'activate')
     loop = bench.loop
-    bench.streams.clear()
+    bench.process.stop('the control loop stood still')
+    bench.until(ControllerState.STOPPED)
     bench.feeds.clear()
-    assert_orderly_end(bench, loop)
+    assert bench.process._process.wait(PATIENCE) == 0
+    assert {drive.state for drive in loop.simulator._drives} == {State.SWITCH_ON_DISABLED}
+
+
+def test_a_loop_that_cannot_end_in_order_is_ended_by_the_kernel(make_bench):
+    bench = make_bench(launch=lambda end: start(end, HANGING))
+    bench.do('configure')
+    bench.process._channel._socket.shutdown(2)
+    assert bench.process._process.wait(PATIENCE) == -signal.SIGALRM
+
+
+def test_a_terminal_that_takes_no_more_output_holds_nothing_up(make_bench):
+    """As after Ctrl-S, which holds up the node, too."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with suppress(BlockingIOError):
+        while True:
+            os.write(writer, bytes(4096))
+    os.set_blocking(writer, True)
+    setup = loop_setup(replace(CONTROLLER, watchdog_timeout=0.3))
+    bench = make_bench(setup, launch=lambda end: start(end, TALKING, stderr=writer))
+    bench.do('configure', 'home', 'activate')
+    bench.feeds.clear()
+    bench.until(ControllerState.CLOSED, ControllerState.LOST)
+    os.close(reader)
+    os.close(writer)
 
 
 def test_a_node_that_hangs_while_nothing_has_power_ends_nothing(make_bench):
