@@ -27,6 +27,7 @@ import channel_faults  # noqa: E402
 from channel_faults import Reaction  # noqa: E402
 from drive_rig import PATIENCE  # noqa: E402
 from fault_rig import enables, EXACT, OneRig, SITUATIONS, Spoil, StreamRig  # noqa: E402
+from frames import decode_rpdo1  # noqa: E402
 import link  # noqa: E402
 import pytest  # noqa: E402
 from support import patiently, wait_until  # noqa: E402
@@ -173,7 +174,7 @@ def _commanded(frames: list[can.Message], node: int) -> float | None:
     """Return when a drive was first commanded to stop, None if it was not."""
     return next((
         frame.timestamp for frame in frames if frame.arbitration_id == pdo.RPDO1.cob_id(node)
-        and pdo.decode_rpdo1(bytes(frame.data)).controlword == Controlword.QUICK_STOP), None)
+        and decode_rpdo1(bytes(frame.data)).controlword == Controlword.QUICK_STOP), None)
 
 
 def _by_itself(frames: list[can.Message], node: int) -> float | None:

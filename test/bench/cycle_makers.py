@@ -185,7 +185,7 @@ def exchange():
     Answers(bus())
     ours = CanBus(bus())
     decoders = {base + n: decode for n in NODES for base, decode in (
-        (0x180, pdo.decode_tpdo1), (0x280, pdo.decode_tpdo2), (0x380, pdo.decode_tpdo3),
+        (0x180, pdo.TPDO1.unpack), (0x280, pdo.TPDO2.unpack), (0x380, pdo.TPDO3.unpack),
         (0x700, bytes))}
     seen = deque(maxlen=len(NODES))
     ours.listen_to(tuple(decoders))
@@ -198,7 +198,7 @@ def exchange():
             if not KERNEL_SYNC:
                 ours.send(pdo.SYNC_COB_ID)
             for n in NODES:
-                ours.send(pdo.RPDO1.cob_id(n), pdo.encode_rpdo1(COMMAND, MODE, 1000))
+                ours.send(pdo.RPDO1.cob_id(n), pdo.RPDO1.codec.pack(COMMAND, MODE, 1000))
             due += 1.0 / RATE
             while (rest := due - time.monotonic()) > 0.0:
                 frame = ours.receive(rest)

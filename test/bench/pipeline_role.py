@@ -74,7 +74,7 @@ class RelayDriver(Node):
             for node in (1, 2, 3):
                 self._bus.send(can.Message(
                     arbitration_id=pdo.RPDO1.cob_id(node), is_extended_id=False,
-                    data=pdo.encode_rpdo1(0x0F, 8, 0)))
+                    data=pdo.RPDO1.codec.pack(0x0F, 8, 0)))
             due += self._period
             time.sleep(max(0.0, due - time.monotonic()))
 

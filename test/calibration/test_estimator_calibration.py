@@ -3,6 +3,7 @@
 import csv
 import math
 
+from estimator_recording import record_estimator
 import numpy as np
 import pytest
 import yaml
@@ -12,7 +13,6 @@ from facade_manipulator.calibration.__main__ import main
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import compose, Geometry, Pose, relative
 from facade_manipulator.simulation.estimator import EstimatorSettings
-from facade_manipulator.simulation.estimator_recording import record_estimator
 from facade_manipulator.simulation.sway import Sway, SwaySettings
 
 GEOMETRY = Geometry()

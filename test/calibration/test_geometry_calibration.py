@@ -6,6 +6,7 @@ import sys
 
 import calibration_trial
 from calibration_trial import DRAWING
+from machines import make_machine, measure_heads, ShopSettings
 import numpy as np
 import pytest
 
@@ -27,7 +28,6 @@ from facade_manipulator.calibration.parameter_file import read_geometry
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
 from facade_manipulator.kinematics import Carriages, mechanism_of
 from facade_manipulator.resources import config_path
-from facade_manipulator.simulation.machines import make_machine, measure_heads, ShopSettings
 
 SHOP = ShopSettings()
 POSES = plan(DRAWING, UNKNOWNS, 24)

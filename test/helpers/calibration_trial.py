@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from machines import make_machine, measure_heads, ShopSettings
 import numpy as np
 
 from facade_manipulator.calibration import (
@@ -17,7 +18,6 @@ from facade_manipulator.calibration import (
     values_of,
 )
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.simulation.machines import make_machine, measure_heads, ShopSettings
 
 DRAWING = Geometry()
 POSES = 24

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from canopen.objectdictionary import ODVariable
+from frames import decode_tpdo1, decode_tpdo2, encode_rpdo1
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.emergency import decode_emergency
@@ -140,7 +141,7 @@ class Bench:
             if self.sends_heartbeat:
                 self.send(0x77F, [5])
             self.send(0x200 + self.node,
-                      pdo.encode_rpdo1(self.controlword, self.mode, self.target))
+                      encode_rpdo1(self.controlword, self.mode, self.target))
             self.wait(PERIOD)
             self.sync()
         return self.status
@@ -148,9 +149,9 @@ class Bench:
     def sync(self):
         answer = dict(self.send(0x80))
         if 0x180 + self.node in answer:
-            self.status = pdo.decode_tpdo1(answer[0x180 + self.node])
+            self.status = decode_tpdo1(answer[0x180 + self.node])
         if 0x280 + self.node in answer:
-            self.motion = pdo.decode_tpdo2(answer[0x280 + self.node])
+            self.motion = decode_tpdo2(answer[0x280 + self.node])
         return answer
 
     @property

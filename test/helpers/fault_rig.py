@@ -11,6 +11,7 @@ import time
 
 import can
 from drive_rig import Rig, SETTINGS
+from frames import decode_rpdo1
 from support import hear_much, wait_until
 
 from facade_manipulator.drives.canopen import pdo
@@ -216,5 +217,5 @@ def enables(frame: can.Message) -> bool:
     """Tell whether a frame commands a drive to be enabled."""
     if frame.arbitration_id & 0x780 != pdo.RPDO1.cob_id(0):
         return False
-    word = pdo.decode_rpdo1(bytes(frame.data)).controlword
+    word = decode_rpdo1(bytes(frame.data)).controlword
     return word & 0x0F == Controlword.ENABLE_OPERATION

@@ -13,6 +13,7 @@ import sys
 import time
 
 from command_watch import CommandWatch
+from frames import decode_rpdo1
 from loop_bench import CONTROLLER, loop_setup, LoopBench, LoopThread, PATIENCE
 import pytest
 from support import patiently, wait_until
@@ -74,7 +75,7 @@ def targets(frames):
     for frame in frames:
         node = frame.arbitration_id - pdo.RPDO1.cob_id(0)
         if node in (1, 2, 3):
-            command = pdo.decode_rpdo1(bytes(frame.data))
+            command = decode_rpdo1(bytes(frame.data))
             if (command.controlword & 0x0F == Controlword.ENABLE_OPERATION
                     and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
                 found[node] = loop_setup().axes[node - 1].to_metres(command.target_counts)
@@ -94,7 +95,7 @@ def assert_orderly_end(bench, loop):
     guard = MechanismGuard(Geometry())
     for positions in targets(frames):
         guard(positions)
-    words = [pdo.decode_rpdo1(bytes(frame.data)).controlword for frame in frames
+    words = [decode_rpdo1(bytes(frame.data)).controlword for frame in frames
              if frame.arbitration_id == pdo.RPDO1.cob_id(1)]
     assert Controlword.QUICK_STOP not in words
     assert words[-1] == Controlword.DISABLE_VOLTAGE

@@ -5,6 +5,7 @@ import os
 import signal
 
 import can
+from frames import decode_rpdo1
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from loop_bench import LoopThread
 import pytest
@@ -93,7 +94,7 @@ class Machine:
             if frame.arbitration_id == pdo.SYNC_COB_ID:
                 sync = frame.timestamp
             elif sync and frame.arbitration_id == pdo.RPDO1.cob_id(axis.node_id):
-                command = pdo.decode_rpdo1(bytes(frame.data))
+                command = decode_rpdo1(bytes(frame.data))
                 found.append((sync, axis.to_metres(command.target_counts)))
         return found
 

@@ -14,13 +14,13 @@ import time
 
 import can
 from command_watch import CommandWatch
+from frames import decode_rpdo1, decode_tpdo1
 from listener import Listener
 import pytest
 from stack import as_driver, assert_says, bring_up, come_down, DRIVER, go_on, PERIOD
 from support import children, DEADLINE, hear_much, patiently, wait_until
 from test_drive_simulator import switch
 
-from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, State
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -79,7 +79,7 @@ class Watcher:
     def states(self) -> list[State | None]:
         """Return the drives' states by their newest TPDO1."""
         newest = {frame.arbitration_id: bytes(frame.data) for frame in self.read()}
-        return [decode_state(pdo.decode_tpdo1(newest[0x180 + node]).statusword)
+        return [decode_state(decode_tpdo1(newest[0x180 + node]).statusword)
                 if 0x180 + node in newest else None for node in NODES]
 
     def close(self) -> None:
@@ -99,15 +99,15 @@ def misses_heartbeat(data: bytes) -> bool:
 
 
 def stops(data: bytes) -> bool:
-    return pdo.decode_rpdo1(data).controlword == Controlword.QUICK_STOP
+    return decode_rpdo1(data).controlword == Controlword.QUICK_STOP
 
 
 def is_off(data: bytes) -> bool:
-    return decode_state(pdo.decode_tpdo1(data).statusword) is State.SWITCH_ON_DISABLED
+    return decode_state(decode_tpdo1(data).statusword) is State.SWITCH_ON_DISABLED
 
 
 def enables(data: bytes) -> bool:
-    return pdo.decode_rpdo1(data).controlword & 0x0F == Controlword.ENABLE_OPERATION
+    return decode_rpdo1(data).controlword & 0x0F == Controlword.ENABLE_OPERATION
 
 
 def assert_drives_stopped_by_themselves(watcher: Watcher, since: float) -> None:

@@ -26,9 +26,6 @@ from facade_manipulator.drives.canopen.link import BusSettings, open_bus
 from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
 from facade_manipulator.drives.canopen.pdo import (
     ConditionFrame,
-    decode_tpdo1,
-    decode_tpdo2,
-    decode_tpdo3,
     DISABLED,
     emergency_cob_id,
     heartbeat_cob_id,
@@ -64,9 +61,6 @@ __all__ = [
     'Condition',
     'ConditionFrame',
     'decode_emergency',
-    'decode_tpdo1',
-    'decode_tpdo2',
-    'decode_tpdo3',
     'describe',
     'DISABLED',
     'Emergency',

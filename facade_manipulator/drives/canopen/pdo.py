@@ -225,14 +225,6 @@ def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
 UNUSED_PDOS = unused_pdos(PDO_MAP)
 
 
-class TargetFrame(NamedTuple):
-    """What the master commands."""
-
-    controlword: int
-    mode: int
-    target_counts: int
-
-
 class StatusFrame(NamedTuple):
     """State, mode and actual position."""
 
@@ -258,37 +250,3 @@ class ConditionFrame(NamedTuple):
     error_code: int | None
     torque: int | None
     digital_inputs: int | None
-
-
-_encode_rpdo1 = RPDO1.codec.pack
-_new_tuple = tuple.__new__  # a named tuple in half the time of its constructor
-
-
-def encode_rpdo1(controlword: int, mode: int, target_counts: int) -> bytes:
-    """Build RPDO1; the caller has checked the ranges (see `units.AxisScale.to_counts`)."""
-    return _encode_rpdo1(controlword, mode, target_counts)
-
-
-def decode_rpdo1(data: bytes) -> TargetFrame:
-    """Read RPDO1, as a drive or a listener does."""
-    return TargetFrame._make(RPDO1.unpack(data))
-
-
-def encode_tpdo1(statusword: int, mode: int, position_counts: int) -> bytes:
-    """Build TPDO1, as a drive does."""
-    return TPDO1.codec.pack(statusword, mode, position_counts)
-
-
-def decode_tpdo1(data: bytes) -> StatusFrame:
-    """Read TPDO1."""
-    return _new_tuple(StatusFrame, TPDO1.unpack(data))
-
-
-def decode_tpdo2(data: bytes) -> MotionFrame:
-    """Read TPDO2."""
-    return MotionFrame._make(TPDO2.unpack(data))
-
-
-def decode_tpdo3(data: bytes) -> ConditionFrame:
-    """Read TPDO3."""
-    return ConditionFrame._make(TPDO3.unpack(data))

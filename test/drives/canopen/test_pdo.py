@@ -1,3 +1,11 @@
+from frames import (
+    decode_rpdo1,
+    decode_tpdo1,
+    decode_tpdo2,
+    decode_tpdo3,
+    encode_rpdo1,
+    encode_tpdo1,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -12,29 +20,29 @@ NODES = st.integers(1, pdo.MASTER_NODE_ID)
 
 @given(U16, I8, I32)
 def test_decoding_undoes_encoding(word, mode, position):
-    assert pdo.decode_rpdo1(pdo.encode_rpdo1(word, mode, position)) == (word, mode, position)
-    assert pdo.decode_tpdo1(pdo.encode_tpdo1(word, mode, position)) == (word, mode, position)
+    assert decode_rpdo1(encode_rpdo1(word, mode, position)) == (word, mode, position)
+    assert decode_tpdo1(encode_tpdo1(word, mode, position)) == (word, mode, position)
 
 
 @given(I32, I32)
 def test_decoding_tpdo2_undoes_packing(velocity, error):
-    assert pdo.decode_tpdo2(pdo.TPDO2.codec.pack(velocity, error)) == (velocity, error)
+    assert decode_tpdo2(pdo.TPDO2.codec.pack(velocity, error)) == (velocity, error)
 
 
 @given(U16, I16, U32)
 def test_decoding_tpdo3_undoes_packing(code, torque, inputs):
-    assert pdo.decode_tpdo3(pdo.TPDO3.codec.pack(code, torque, inputs)) == (code, torque, inputs)
+    assert decode_tpdo3(pdo.TPDO3.codec.pack(code, torque, inputs)) == (code, torque, inputs)
 
 
 def test_the_bytes_are_little_endian_and_packed():
-    assert pdo.encode_rpdo1(0x000F, 8, -2) == bytes.fromhex('0f0008feffffff')
-    assert pdo.decode_tpdo1(bytes.fromhex('371208785634f2')) == (0x1237, 8, -0x0DCBA988)
-    assert pdo.decode_tpdo2(bytes.fromhex('01000000ffffffff')) == (1, -1)
-    assert pdo.decode_tpdo3(bytes.fromhex('1186ffff04000000')) == (0x8611, -1, 4)
+    assert encode_rpdo1(0x000F, 8, -2) == bytes.fromhex('0f0008feffffff')
+    assert decode_tpdo1(bytes.fromhex('371208785634f2')) == (0x1237, 8, -0x0DCBA988)
+    assert decode_tpdo2(bytes.fromhex('01000000ffffffff')) == (1, -1)
+    assert decode_tpdo3(bytes.fromhex('1186ffff04000000')) == (0x8611, -1, 4)
 
 
 @pytest.mark.parametrize('decode, size', [
-    (pdo.decode_rpdo1, 7), (pdo.decode_tpdo1, 7), (pdo.decode_tpdo2, 8), (pdo.decode_tpdo3, 8)])
+    (decode_rpdo1, 7), (decode_tpdo1, 7), (decode_tpdo2, 8), (decode_tpdo3, 8)])
 @given(data=st.binary(max_size=9))
 def test_a_frame_of_wrong_length_is_rejected(decode, size, data):
     if len(data) == size:

@@ -7,10 +7,10 @@ import random
 
 import can
 from drive_rig import at_rest, inactive, moving, SETTINGS, SITUATIONS, situations
+from frames import decode_rpdo1
 import pytest
 from support import wait_until
 
-from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, State
 from facade_manipulator.drives.controller.snapshot import ControllerState
@@ -154,7 +154,7 @@ def test_frames_that_get_lost_late_or_doubled_never_command_out_of_limits(rig, k
     for message in rig.frames():
         if message.arbitration_id & 0x780 != 0x200:
             continue
-        frame = pdo.decode_rpdo1(bytes(message.data))
+        frame = decode_rpdo1(bytes(message.data))
         before = last.get(message.arbitration_id, frame.target_counts)
         enabled = frame.controlword & 0x0F == Controlword.ENABLE_OPERATION
         bound = 1.1 * 0.6 * SETTINGS.period * DEFAULT_AXES[0].counts_per_metre + 1

@@ -6,6 +6,7 @@ from collections import deque
 import threading
 
 from drive_rig import at_rest, SETTINGS, Source
+from frames import decode_rpdo1
 import pytest
 
 from facade_manipulator.drives.canopen import pdo
@@ -109,7 +110,7 @@ def test_a_stop_shortly_before_a_sync_waits_for_it(wire, share, kind):
     turn((pdo.SYNC_COB_ID, b''))
     turn()
     stops = [moment - sync for moment, _, data in wire.sent
-             if pdo.decode_rpdo1(data).controlword == Controlword.QUICK_STOP]
+             if decode_rpdo1(data).controlword == Controlword.QUICK_STOP]
     assert len(stops) >= 3
     assert len({*stops[:3]}) == 1
     assert stops[0] <= 0.8 * PERIOD or stops[0] >= PERIOD

@@ -3,6 +3,7 @@ import io
 import zipfile
 
 from drive_rig import at_rest, Rig
+from frames import encode_rpdo1, encode_tpdo1
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -43,8 +44,8 @@ def test_the_table_has_a_row_per_sync_with_what_was_known():
     axis = DEFAULT_AXES[0]
     recorded = [
         Recorded(1.00, pdo.SYNC_COB_ID, b''),
-        Recorded(1.01, 0x181, pdo.encode_tpdo1(0x0627, 8, axis.to_counts(-0.1))),
-        Recorded(1.02, 0x201, pdo.encode_rpdo1(0x0F, 8, axis.to_counts(-0.099))),
+        Recorded(1.01, 0x181, encode_tpdo1(0x0627, 8, axis.to_counts(-0.1))),
+        Recorded(1.02, 0x201, encode_rpdo1(0x0F, 8, axis.to_counts(-0.099))),
         Recorded(1.03, 0x181, b'short'),
         Recorded(1.04, pdo.SYNC_COB_ID, b''),
     ]

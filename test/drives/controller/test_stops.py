@@ -7,6 +7,7 @@ import math
 import time
 
 from drive_rig import at_rest, HOME, inactive, MOVING, SETTINGS, SITUATIONS, situations
+from frames import decode_rpdo1, decode_tpdo2
 import pytest
 from support import wait_until
 
@@ -189,7 +190,7 @@ def test_a_target_that_must_not_go_to_the_drives_stops_all(rig, distort, message
     assert message in rig.controller.snapshot().cause
     for message in rig.frames():
         if message.arbitration_id & 0x780 == 0x200:
-            frame = pdo.decode_rpdo1(bytes(message.data))
+            frame = decode_rpdo1(bytes(message.data))
             axis = DEFAULT_AXES[(message.arbitration_id & 0x7F) - 1]
             assert axis.to_metres(frame.target_counts) == pytest.approx(
                 HOME[axis.node_id - 1], abs=1e-4)
@@ -337,9 +338,9 @@ def speeds_without_power(frames):
     for message in frames:
         node = message.arbitration_id & 0x7F
         if message.arbitration_id == pdo.TPDO2.cob_id(node):
-            speeds[node] = pdo.decode_tpdo2(bytes(message.data)).velocity
+            speeds[node] = decode_tpdo2(bytes(message.data)).velocity
         elif message.arbitration_id == pdo.RPDO1.cob_id(node):
-            word = pdo.decode_rpdo1(bytes(message.data)).controlword
+            word = decode_rpdo1(bytes(message.data)).controlword
             if word == Controlword.DISABLE_VOLTAGE:
                 found.setdefault(node, DEFAULT_AXES[0].speed_to_metres(speeds[node]))
     return found

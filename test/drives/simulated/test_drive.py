@@ -11,6 +11,7 @@ from drive_bench import (
     NMT_START,
     NMT_STOP,
 )
+from frames import encode_rpdo1
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
@@ -264,20 +265,20 @@ def test_a_switched_off_pdo_is_neither_sent_nor_heard():
     bench.write(0x1800, 1, 0xC0000182)
     bench.write(0x1400, 1, 0x80000202)
     bench.nmt(NMT_START)
-    bench.send(0x202, pdo.encode_rpdo1(6, 8, 0))
+    bench.send(0x202, encode_rpdo1(6, 8, 0))
     assert set(bench.sync()) == {0x282} and bench.drive.state is State.SWITCH_ON_DISABLED
 
 
 def test_there_are_no_pdos_outside_operational():
     bench = Bench().configure()
     bench.nmt(NMT_PREOP)
-    bench.send(0x202, pdo.encode_rpdo1(6, 8, 0))
+    bench.send(0x202, encode_rpdo1(6, 8, 0))
     assert bench.sync() == {} and bench.drive.state is State.SWITCH_ON_DISABLED
 
 
 def test_an_rpdo_acts_at_the_next_sync_and_the_one_after_tells():
     bench = Bench().configure()
-    bench.send(0x202, pdo.encode_rpdo1(6, 8, 0))
+    bench.send(0x202, encode_rpdo1(6, 8, 0))
     assert bench.drive.state is State.SWITCH_ON_DISABLED
     bench.sync()
     assert decode_state(bench.status.statusword) is State.SWITCH_ON_DISABLED
@@ -289,15 +290,15 @@ def test_an_rpdo_acts_at_the_next_sync_and_the_one_after_tells():
 
 def test_of_two_rpdos_between_syncs_the_last_one_acts():
     bench = Bench().configure()
-    bench.send(0x202, pdo.encode_rpdo1(0, 6, 5))
-    bench.send(0x202, pdo.encode_rpdo1(6, 8, 7))
+    bench.send(0x202, encode_rpdo1(0, 6, 5))
+    bench.send(0x202, encode_rpdo1(6, 8, 7))
     bench.sync()
     assert bench.read(0x607A) == 7 and bench.read(0x6061) == 8
 
 
 def test_a_short_rpdo_is_reported_once_and_does_what_a_lost_connection_does():
     bench = Bench().configure().enable()
-    bench.send(0x202, pdo.encode_rpdo1(0x0F, 8, 1234)[:6])
+    bench.send(0x202, encode_rpdo1(0x0F, 8, 1234)[:6])
     bench.send(0x202, b'')
     assert [message.code for message in bench.emergencies()] == [0x8210]
     assert bench.drive.state is State.QUICK_STOP_ACTIVE
@@ -306,7 +307,7 @@ def test_a_short_rpdo_is_reported_once_and_does_what_a_lost_connection_does():
 
 def test_a_long_rpdo_is_taken_by_its_first_bytes():
     bench = Bench().configure()
-    bench.send(0x202, pdo.encode_rpdo1(6, 8, 77) + b'\xff')
+    bench.send(0x202, encode_rpdo1(6, 8, 77) + b'\xff')
     bench.sync()
     assert bench.read(0x607A) == 77 and bench.emergencies() == []
 

@@ -2,31 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
-from facade_manipulator.parameters import parameter, settings
 
 
-@settings
+@dataclass(frozen=True)
 class ShopSettings:
-    """Standard deviations of a machine's errors and of the measurements of its head."""
+    """Standard deviations of a machine's errors and of the measurements of its head [m, rad]."""
 
-    length: float = parameter(
-        5e-4, 'Error of a link and of half a platform', unit='m', minimum=0.0, maximum=0.01)
-    offset: float = parameter(
-        1e-3, 'Offset of a carriage, and of the head on the platform', unit='m', minimum=0.0,
-        maximum=0.01)
-    angle: float = parameter(
-        3.5e-3, 'Angle of the rail, and of the head on the platform', unit='rad', minimum=0.0,
-        maximum=0.05)
-    position_noise: float = parameter(
-        1e-4, 'Noise of a measured x or y', unit='m', minimum=0.0, maximum=0.1)
-    angle_noise: float = parameter(
-        3.5e-4, 'Noise of a measured angle', unit='rad', minimum=0.0, maximum=0.1)
+    length: float = 5e-4  # of a link and of half a platform
+    offset: float = 1e-3  # of a carriage, and of the head on the platform
+    angle: float = 3.5e-3  # of the rail, and of the head on the platform
+    position_noise: float = 1e-4
+    angle_noise: float = 3.5e-4
 
 
 def make_machine(
@@ -54,17 +45,7 @@ def measure_heads(
     ndarray, shape (n, 3)
         x, y, θ with noise [m, m, rad].
 
-    Raises
-    ------
-    ParameterError
-        If the positions do not have three columns.
-    LimitError
-        If the links cannot be joined.
-
     """
-    carriages = np.asarray(carriages, float)
-    if carriages.ndim != 2 or carriages.shape[1] != 3:
-        raise ParameterError(f'carriages has the shape {carriages.shape}, not (n, 3)')
     mechanism = mechanism_of(machine)
     heads = [mechanism.forward_kinematics(Carriages(*row)) for row in carriages.tolist()]
     noise = [settings.position_noise, settings.position_noise, settings.angle_noise]
