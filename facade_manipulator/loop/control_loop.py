@@ -132,7 +132,7 @@ class ControlLoop:
             setup.stream, setup.limits, setup.controller.period, guard)
         self.controller = DriveController(Session(
             setup.controller, setup.axes,
-            BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate),
+            BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate, str(setup.bus)),
             MechanismChecks(
                 self.follower, guard, HomingGuard(setup.geometry), _measured_guard(setup)),
             FaultRecorder(setup.recorder, setup.axes, setup.bus.channel)))

@@ -131,13 +131,24 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
         'missed': axis.missed,
     }
     serial = '' if axis.serial_number is None else str(axis.serial_number)
+    if axis.is_silent:
+        return diagnostic_status(axis.name, 'stale', _silent(axis), values, serial)
     if axis.state in FAULTS:
         message = axis.error or 'in fault, the drive sent no error code'
         return diagnostic_status(axis.name, 'error', message, values, serial)
     if axis.state is None:
         return diagnostic_status(axis.name, 'stale', 'nothing received yet', values, serial)
-    message = axis.state.name.lower().replace('_', ' ') + ('' if axis.homed else ', not homed')
+    message = _words(axis.state) + ('' if axis.homed else ', not homed')
     return diagnostic_status(axis.name, 'ok', message, values, serial)
+
+
+def _silent(axis: AxisSnapshot) -> str:
+    before = '' if axis.state is None else f'; before: {_words(axis.state)}'
+    return f'silent: what stands here is old{before}'
+
+
+def _words(state: State) -> str:
+    return state.name.lower().replace('_', ' ')
 
 
 def counters_status(counting: CounterFile, settings: ServiceSettings) -> DiagnosticStatus:

@@ -63,9 +63,25 @@ def _summary(components: list[DiagnosticStatus]) -> list[tuple[str, bytes, str]]
     return [(item.name, item.level, item.message) for item in components]
 
 
+class RepeatedLog:
+    """Log at most once a second, the same message once a minute: whoever repeats fills no disk."""
+
+    def __init__(self) -> None:
+        self._logged = ''
+        self._logged_at = -math.inf
+
+    def add(self, log: Callable[[str], object], message: str) -> None:
+        """Log a message unless it is too soon."""
+        now = time.monotonic()
+        pause = REPEAT_AFTER if message == self._logged else WARN_EVERY
+        if now - self._logged_at >= pause:
+            self._logged, self._logged_at = message, now
+            log(message)
+
+
 class Rejections:
     """
-    Count rejected messages by reason and log why, at most once a second, the same once a minute.
+    Count rejected messages by reason and log why, as often as `RepeatedLog` does.
 
     ``with rejections:`` adds the `ManipulatorError` that the block raises and goes on after it.
     """
@@ -74,8 +90,7 @@ class Rejections:
         self._logger = node.get_logger()
         self._counts: Counter[str] = Counter()
         self.last_message = ''
-        self._logged = ''
-        self._logged_at = -math.inf
+        self._log = RepeatedLog()
 
     def __enter__(self) -> None:
         pass
@@ -95,11 +110,7 @@ class Rejections:
         """Count a rejection; `what` names the message where the error's message does not."""
         self._counts[getattr(error, 'reason', 'other')] += 1
         self.last_message = f'{what}: {error}' if what else str(error)
-        now = time.monotonic()
-        pause = REPEAT_AFTER if self.last_message == self._logged else WARN_EVERY
-        if now - self._logged_at >= pause:
-            self._logged, self._logged_at = self.last_message, now
-            self._logger.warning(self.last_message)
+        self._log.add(self._logger.warning, self.last_message)
 
     def values(self) -> dict[str, int | str]:
         """Return the counters as key-value pairs of a diagnostic status."""

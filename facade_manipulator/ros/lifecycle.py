@@ -19,6 +19,7 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.deferred import Deferred, DeferredReplies
+from facade_manipulator.ros.diagnostics import RepeatedLog
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 FAILURE = TransitionCallbackReturn.FAILURE
@@ -30,6 +31,7 @@ class ManagedNode(LifecycleNode):
     def __init__(self, name: str, **kwargs) -> None:
         super().__init__(name, **kwargs)
         self.replies = DeferredReplies(self)
+        self._failures = RepeatedLog()
         self.replies.attach(self._service_change_state)
         self._service_change_state.callback = self._on_change_state
 
@@ -48,10 +50,10 @@ class ManagedNode(LifecycleNode):
 
     def report(self, success: bool, message: str) -> None:
         """Log how a request ended, before its response: that of a transition has no text."""
-        if success:  # one line each: rclpy forbids two severities on one
+        if success:
             self.get_logger().info(message)
         else:
-            self.get_logger().error(message)
+            self._failures.add(self.get_logger().error, message)
 
     def fall_back(self, to_unconfigured: bool = False) -> None:
         """Go from active to inactive, or further: what the state stands for has already ended."""

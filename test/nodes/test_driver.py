@@ -367,3 +367,16 @@ def test_a_loop_that_is_killed_leaves_the_driver_unconfigured_with_the_reason(be
     assert not bench.ask('home').success
     bench.bring_up()  # with another one, homed again
     assert bench.state() == 'active'
+
+
+def test_without_a_parameter_file_the_driver_says_on_which_bus_it_found_no_drives(ros):
+    bench = Bench(ros, Parameter('simulate_drives', value=False),
+                  Parameter('controller.boot_timeout', value=0.2))
+    assert not bench.change(Transition.TRANSITION_CONFIGURE)
+    assert "virtual can0 (python-can's bus within one process" in bench.message()
+
+
+def test_a_rejected_request_that_is_repeated_is_logged_once(bench, capfd):
+    for _ in range(20):
+        assert not bench.ask('home').success
+    assert capfd.readouterr().err.count('home is not possible') == 1

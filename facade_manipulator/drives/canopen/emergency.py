@@ -60,6 +60,8 @@ _STRUCT = struct.Struct('<HB5s')
 _CLEAR = 'clear the faults, then activate'
 _REMOVE = 'remove the cause, clear the faults, then activate'
 _BUS = 'check wiring and termination of the bus, clear the faults, then configure again'
+_MASTER = ('check wiring and termination of the bus, and the load of this computer if its control '
+           'loop was late, clear the faults, then activate')
 _HOME = 'clear the faults, home the axes again, then activate'
 
 
@@ -86,7 +88,7 @@ _FAULTS: dict[tuple[int, int], Fault] = {
     (0xFFFF, 0x7392): _lost('the position sensor counts against the motor'),
     (0xFFFF, 0x8110): _stop('the drive has lost CAN frames', _BUS),
     (0xFFFF, 0x8120): _stop('the drive is error passive on the CAN bus', _BUS),
-    (0xFFFF, 0x8130): _stop('the drive misses the heartbeat of the master', _BUS),
+    (0xFFFF, 0x8130): _stop('the drive misses the heartbeat of the master', _MASTER),
     (0xFFFF, 0x8140): _stop('the drive has recovered from bus-off', _BUS),
     (0xFFFF, 0x8150): _stop('two CAN nodes send with the same identifier', _BUS),
     (0xFFFF, 0x81FD): _stop('the drive has switched itself off the CAN bus', _BUS),

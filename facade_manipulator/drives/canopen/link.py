@@ -35,6 +35,12 @@ class BusSettings:
         1_000_000, 'Bit rate of the bus', unit='bit/s', minimum=10_000, maximum=1_000_000,
         read_only=True)
 
+    def __str__(self) -> str:
+        name = f'{self.interface} {self.channel}'
+        if self.interface == 'virtual':
+            return f"{name} (python-can's bus within one process: no drive outside is on it)"
+        return name
+
 
 def open_bus(settings: BusSettings) -> can.BusABC:
     """
@@ -69,7 +75,8 @@ def check_link(channel: str, bitrate: int) -> None:
     """
     if not (_SYSTEM / channel).exists():
         raise BusError(
-            f'there is no CAN interface {channel}: plug it in, or correct the parameter channel')
+            f'there is no CAN interface {channel}: plug it in, or correct the parameter '
+            'bus.channel')
     if not is_up(channel):
         raise BusError(
             f'the CAN interface {channel} is down: '

@@ -230,10 +230,17 @@ def check_identity(
                 f'{where}: the drive has no {field}: set the configured {configured} to 0')
         if configured and actual != configured:
             owner = serials.get(actual) if field == 'serial_number' else None
-            reason = (f'this is the drive of {owner}, the axes are swapped' if owner else
-                      'it is another drive: correct its node id or the configuration')
             raise DriveIdentityError(
-                f'{where}: {field} = {actual} is not the configured {configured}: {reason}')
+                f'{where}: {field} = {actual} is not the configured {configured}: '
+                f'{_difference(actual, owner)}')
+
+
+def _difference(actual: int, owner: str | None) -> str:
+    if not actual:  # a configured 0 is no drive's number
+        return 'it has none: configure 0, or look at its maker and node id'
+    if owner:
+        return f'this is the drive of {owner}, the axes are swapped'
+    return 'it is another drive: correct its node id or the configuration'
 
 
 def write_objects(drive: Objects, writes: list[Write]) -> list[str]:

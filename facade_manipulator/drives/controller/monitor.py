@@ -145,7 +145,13 @@ class AxisMonitor:
             _converted(axis.to_metres, motion.following_error_counts),
             condition.digital_inputs, self.homed, self.error_code,
             self.heartbeat_time and now - self.heartbeat_time, self.missed, self.serial_number,
-            target)
+            target, self._is_silent(now))
+
+    def _is_silent(self, now: float) -> bool:
+        """Return whether heartbeats or answers are missing from a drive that has sent some."""
+        return self.heartbeat_time is not None and (
+            now - self.heartbeat_time > self._settings.heartbeat_timeout
+            or self.missed_in_a_row >= self._settings.max_missed_cycles)
 
     def lose(self) -> None:
         """Note where the carriage is, because the bus is lost: the drive may restart meanwhile."""

@@ -200,8 +200,9 @@ class FaultRecorder:
         try:
             self._write_archive(path, frames_of(memory), causes)
             self._drop_oldest(path.parent)
-        except OSError as error:
-            self.last_outcome = f'the record of the fault could not be written: {error}'
+        except Exception as error:  # this thread's end is nobody else's: say it here or nowhere
+            self.last_outcome = (
+                f'the record of the fault could not be written: {type(error).__name__}: {error}')
             _log.error(self.last_outcome)
         else:
             self.last_outcome = f'the fault is recorded in {path}'
@@ -213,9 +214,12 @@ class FaultRecorder:
         path.parent.mkdir(parents=True, exist_ok=True)
         with (atomic_write(path) as draft,
               zipfile.ZipFile(draft, 'w', zipfile.ZIP_DEFLATED) as archive):
-            archive.writestr('causes.txt', '\n'.join(causes) + '\n')
-            archive.writestr('candump.log', ''.join(candump_lines(frames, self._channel)))
-            archive.writestr('axes.csv', axis_table(frames, self._axes))
+            for name, content in (
+                ('causes.txt', '\n'.join(causes) + '\n'),
+                ('candump.log', ''.join(candump_lines(frames, self._channel))),
+                ('axes.csv', axis_table(frames, self._axes)),
+            ):  # without the time of this clock: a zip file has none before 1980
+                archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)
 
     def _drop_oldest(self, folder: Path) -> None:
         records = sorted(folder.glob(_PATTERN))

@@ -58,7 +58,7 @@ class Configure(Operation):
         if not self._job.done():
             return None
         if session.group is None:
-            session.notes = tuple(result_of(self._job))
+            session.notes = self._notes()
             session.require_sole_master()
             session.start_cycle(now)
             settings = session.settings
@@ -71,8 +71,16 @@ class Configure(Operation):
             raise DriveTimeoutError(
                 f'{", ".join(session.silent_tpdos)} did not come in answer to SYNC: '
                 'correct pdos in the profile of the drive')
-        is_done = session.is_off and not session.silent_tpdos
-        return 'The drives are configured; the power is off.' if is_done else None
+        if session.silent_tpdos or not session.is_off:
+            return None
+        return f'The drives on {session.bus_name} are configured; the power is off.'
+
+    def _notes(self) -> tuple[str, ...]:
+        """Return what the worker found; a drive that is silent may be on another bus."""
+        try:
+            return tuple(result_of(self._job))
+        except DriveTimeoutError as error:
+            raise DriveTimeoutError(f'{error}. The bus is {self.session.bus_name}') from error
 
     def give_up(self) -> None:
         """Close the bus again."""

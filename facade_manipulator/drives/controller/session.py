@@ -52,10 +52,11 @@ _NO_TARGETS = (None, None, None)
 
 @dataclass(frozen=True)
 class BusAccess:
-    """How to open the bus: `open` returns a python-can bus or raises; bit rate in bit/s."""
+    """How to open the bus, which `open` returns or raises why not; bit rate in bit/s; its name."""
 
     open: Callable[[], can.BusABC]
     bitrate: int = 1_000_000
+    name: str = 'the bus'
 
 
 @dataclass(frozen=True)
@@ -137,6 +138,7 @@ class Session:
         self.collector = Collector(settings.rate)
         self.forbidden = ''
         self._bus = bus
+        self.bus_name = bus.name
         self._forget()
 
     def _forget(self) -> None:

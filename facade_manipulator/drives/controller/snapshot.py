@@ -79,6 +79,8 @@ class AxisSnapshot(NamedTuple):
         Last error code, 0 for none.
     heartbeat_age : float or None
         [s]
+    is_silent : bool
+        Whether the drive no longer answers: what is known of it is old.
     missed : int
         SYNCs that the drive did not answer.
     serial_number : int or None
@@ -102,6 +104,7 @@ class AxisSnapshot(NamedTuple):
     missed: int = 0
     serial_number: int | None = None
     target: float | None = None
+    is_silent: bool = False
 
     @property
     def state(self) -> State | None:
@@ -171,12 +174,13 @@ class ControllerSnapshot(NamedTuple):
 
     def joints(self) -> JointStates | None:
         """
-        Return where the carriages are, None until all are homed.
+        Return where the carriages are, None unless all are homed and answer.
 
         An encoder that was not homed counts from anywhere: that is no carriage position.
         """
         if not self.stamp or not all(
-                [axis.homed and axis.position is not None for axis in self.axes]):
+                [axis.homed and axis.position is not None and not axis.is_silent
+                 for axis in self.axes]):
             return None
         return JointStates(
             self.stamp, tuple([axis.position for axis in self.axes]),
@@ -186,4 +190,4 @@ class ControllerSnapshot(NamedTuple):
     def outcome(self) -> tuple:
         """Return what the levels and messages in /diagnostics depend on."""
         return (self.state, self.causes[:1], self.next_step, self.bus_error, tuple([
-            (axis.state, axis.homed, axis.error_code) for axis in self.axes]))
+            (axis.state, axis.homed, axis.error_code, axis.is_silent) for axis in self.axes]))

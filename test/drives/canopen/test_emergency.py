@@ -58,6 +58,10 @@ def test_decoding_undoes_encoding(code, register, vendor_data):
     assert decode_emergency(encode_emergency(message)) == message
 
 
+def test_a_missed_heartbeat_of_the_master_may_be_the_bus_or_this_computer():
+    assert 'wiring' in fault(0x8130).remedy and 'load of this computer' in fault(0x8130).remedy
+
+
 def test_an_emergency_message_has_the_bytes_of_cia_301():
     assert encode_emergency(Emergency(0x8611, 0x21)) == bytes.fromhex('1186210000000000')
 

@@ -300,6 +300,12 @@ def test_swapped_axes_are_told_as_such():
         check_identity('q2', GENUINE._replace(serial_number=333), AXIS, SERIALS)
 
 
+def test_a_drive_without_a_serial_number_is_no_other_axis():
+    """Axes whose number is configured 0, which accepts any, are nobody's twin."""
+    with pytest.raises(DriveIdentityError, match='serial_number = 0 .* 222: it has none'):
+        check_identity('q2', GENUINE._replace(serial_number=0), AXIS, {222: 'q2', 0: 'q3'})
+
+
 def test_a_device_that_is_no_drive_is_rejected():
     with pytest.raises(DriveIdentityError, match='device type 401 is not 402'):
         check_identity('q2', GENUINE._replace(device_type=401), AXIS, SERIALS)

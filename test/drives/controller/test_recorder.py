@@ -113,6 +113,27 @@ def test_a_folder_that_cannot_be_written_costs_the_record_and_nothing_else(tmp_p
     assert 'could not be written' in one.last_outcome
 
 
+def test_a_clock_at_its_epoch_costs_no_record(tmp_path, monkeypatch):
+    monkeypatch.setattr('time.time', lambda: 3600.0)
+    made = recorder(tmp_path)
+    made.add(3599.0, 0x80, b'')
+    made.watch(('a fault',), 0.0)
+    made.watch(('a fault',), 1e3)
+    wait_until(lambda: made.last_outcome, 'the record')
+    assert 'is recorded in' in made.last_outcome
+    assert list(tmp_path.glob('drive_fault_19*.zip'))
+
+
+def test_a_record_that_fails_for_any_reason_is_reported_and_no_older_one_is_named(
+        tmp_path, monkeypatch):
+    made = recorder(tmp_path)
+    made.last_outcome = 'the fault is recorded in an older file'
+    monkeypatch.setattr(FaultRecorder, '_write_archive', lambda *_: 1 / 0)
+    made.watch(('a fault',), 0.0)
+    made.watch(('a fault',), 1e3)
+    wait_until(lambda: 'could not be written: ZeroDivisionError' in made.last_outcome, 'it')
+
+
 def test_a_full_disk_leaves_no_half_a_record(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(28, 'No space left on device')

@@ -44,8 +44,8 @@ def test_a_velocity_or_force_never_received_is_0():
 
 
 @pytest.mark.parametrize('one', [
-    snapshot({'homed': False}), snapshot({}, {}, {'position': None}), snapshot(stamp=None)],
-    ids=['not homed', 'no position', 'no SYNC'])
+    snapshot({'homed': False}), snapshot({}, {}, {'position': None}), snapshot(stamp=None),
+    snapshot({'is_silent': True})], ids=['not homed', 'no position', 'no SYNC', 'silent'])
 def test_where_a_carriage_is_not_known_there_are_no_joints(one):
     assert one.joints() is None
 
