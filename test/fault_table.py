@@ -140,20 +140,20 @@ def repair(rig: StreamRig) -> None:
 
 def _clear(rig: StreamRig) -> None:
     answer = rig.clear()
-    following = 'home ' if rig.is_homing_rig else 'next: activate'
+    following = 'next: home, activate' if rig.is_homing_rig else 'next: activate'
     assert following in answer, answer
 
 
 def _clear_and_home(rig: StreamRig) -> None:
     assert 'q2' in rig.controller.snapshot().unhomed
-    assert 'home ' in rig.clear()
+    assert 'next: home, activate' in rig.clear()
     assert 'homed' in rig.rejection('activate')
     if not rig.is_homing_rig:
         rig.do('home')
 
 
 def _configure_again(rig: StreamRig) -> None:
-    assert 'configure again' in rig.rejection('clear_faults')
+    assert 'cleanup, configure, home, activate' in rig.rejection('clear_faults')
     rig.do('cleanup')
     rig.configure()
 
@@ -195,7 +195,7 @@ class Row:
 
     inject: Callable[[StreamRig], None]
     message: str
-    next_step: str = 'clear the faults'
+    next_step: str = 'clear_faults'
     recover: Callable[[StreamRig], None] = _clear
     cuts_power: bool = False
     cycles: float | None = 3
@@ -210,7 +210,7 @@ def _lost(inject: Callable[[StreamRig], None], message: str) -> Row:
 
 def _node(
     inject: Callable[[StreamRig], None], message: str, cycles: float | None = None,
-    next_step: str = 'configure again', **details,
+    next_step: str = 'cleanup, configure', **details,
 ) -> Row:
     return Row(inject, message, next_step, cycles=cycles,
                **{'recover': _configure_again, **details})
@@ -241,7 +241,7 @@ ROWS = {
     'TPDO missing': _node(_silence, 'cycles in a row'),
     'heartbeat missing': _node(_stop_heart, 'sent no heartbeat', math.inf),
     'unexpected boot-up': _node(
-        _reboot, 'has restarted by itself', next_step='configure again, home',
+        _reboot, 'has restarted by itself', next_step='cleanup, configure, home',
         recover=_configure_and_home_again, reply='q2 (node 2)'),
     'bus-off': _bus(_bus_off, 'bus-off'),
     'link down': _bus(_link_down, ''),

@@ -40,7 +40,7 @@ CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and c
 # feeds, 3 s of them: without a bus the loop sends a state each second. Not a time, since a node
 # that stood still itself finds old states, and a loop that is well.
 MAX_UNANSWERED = 150
-LOST_REMEDY = 'find out why in the log, then configure again'
+LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 
 
 class Process(Protocol):

@@ -42,7 +42,6 @@ from facade_manipulator.nodes.driver_diagnostics import (
     bus_status,
     counters_status,
     finding_status,
-    next_step,
     operation_status,
     StatusPublisher,
 )
@@ -133,6 +132,11 @@ class DriverNode(ManagedNode):
             State.TRANSITION_STATE_SHUTTINGDOWN: self._shut_down,
         }
 
+    def following_step(self) -> str:
+        """Return the next step of the drives."""
+        step = self._loop.snapshot().next_step
+        return f'; next: {step}' if step else ''
+
     def report(self, success: bool, message: str) -> None:
         """Say how a request ended, in the log and in /diagnostics."""
         super().report(success, message)
@@ -190,7 +194,7 @@ class DriverNode(ManagedNode):
         for name, start in (
             ('home', lambda: self._loop.request('home')),
             ('halt', lambda: self._loop.request('halt')),
-            ('clear_faults', self._clear_faults),
+            ('clear_faults', lambda: self._loop.request('clear_faults')),
         ):
             self._offer_request(f'driver/{name}', start)
         self.create_service(Trigger, 'driver/service_done', self._record_service)
@@ -264,11 +268,6 @@ class DriverNode(ManagedNode):
 
         return self._worker.submit(begin_again)
 
-    def _clear_faults(self) -> Future:
-        """Reset the drives' faults; where there is only a halt, end it."""
-        is_halted = self._loop.snapshot().state is ControllerState.HALTED
-        return self._loop.request('activate' if is_halted else 'clear_faults')
-
     def _shut_down(self) -> Future:
         def close() -> str:
             self._loop.close()
@@ -315,7 +314,7 @@ class DriverNode(ManagedNode):
         is_stopped = snapshot.state in (ControllerState.STOPPED, ControllerState.LOST)
         if is_stopped and not self._was_stopped:
             self._drive_faults += 1
-            self.get_logger().error(f'{snapshot.cause}; next: {next_step(snapshot)}')
+            self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
         self._was_stopped = is_stopped
 
     def _publish_joint_states(self) -> None:

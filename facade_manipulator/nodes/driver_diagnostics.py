@@ -33,19 +33,7 @@ STATE_LEVELS = {
     ControllerState.HALTED: 'warn',
     ControllerState.HALTING: 'warn',
 }
-NEXT_STEPS = {
-    ControllerState.UNCONFIGURED: 'configure, home, activate',
-    ControllerState.INACTIVE: 'activate',
-    ControllerState.HALTED: 'clear_faults',
-}
 FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
-
-
-def next_step(snapshot: ControllerSnapshot) -> str:
-    """Return what the operator does so that the drives follow setpoints, '' if they do."""
-    if snapshot.state is ControllerState.INACTIVE and snapshot.unhomed:
-        return 'home, activate'
-    return snapshot.next_step or NEXT_STEPS.get(snapshot.state, '')
 
 
 class StatusPublisher:
@@ -64,7 +52,7 @@ class StatusPublisher:
         elif math.isinf(self._active_since):
             self._active_since = node_time(self._node)
         status = DriverStatus(
-            snapshot.state.value, activity, next_step(snapshot), self._active_since)
+            snapshot.state.value, activity, snapshot.next_step, self._active_since)
         present = status, *_outcome(snapshot, last_failure)
         if present != self._published:
             self._published = present
@@ -80,7 +68,7 @@ def operation_status(
         'state': snapshot.state.value,
         'activity': stream.activity,
         'cause': snapshot.cause,
-        'next step': next_step(snapshot),
+        'next step': snapshot.next_step,
         'further causes': '; '.join(snapshot.further_causes),
         'notes': '; '.join(snapshot.notes),
         'not homed': ', '.join(snapshot.unhomed),
@@ -168,7 +156,7 @@ def finding_status(finding: Finding) -> DiagnosticStatus:
 def _outcome(snapshot: ControllerSnapshot, last_failure: str) -> tuple[str, str]:
     """Return level and message: what the drives do, why, what was rejected, what comes next."""
     level = STATE_LEVELS.get(snapshot.state, 'warn' if last_failure else 'ok')
-    doing, following = snapshot.state.value, next_step(snapshot)
+    doing, following = snapshot.state.value, snapshot.next_step
     if snapshot.cause:
         return level, f'{doing}: {snapshot.cause}; next: {following}'
     if last_failure:

@@ -23,6 +23,12 @@ from facade_manipulator.ros.diagnostics import RepeatedLog
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 FAILURE = TransitionCallbackReturn.FAILURE
+NAMES = {
+    Transition.TRANSITION_CONFIGURE: 'configure',
+    Transition.TRANSITION_CLEANUP: 'cleanup',
+    Transition.TRANSITION_ACTIVATE: 'activate',
+    Transition.TRANSITION_DEACTIVATE: 'deactivate',
+}
 
 
 class ManagedNode(LifecycleNode):
@@ -42,6 +48,10 @@ class ManagedNode(LifecycleNode):
         A job that raises makes its transition fail: the node returns to the state it came from.
         """
         return {}
+
+    def following_step(self) -> str:
+        """Return what follows on what is wrong in the message of a rejection: the next step."""
+        return ''
 
     @property
     def state_label(self) -> str:
@@ -67,10 +77,11 @@ class ManagedNode(LifecycleNode):
     def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response):
         transition = self._requested(request)
         if transition is None:
+            what = request.transition.label or NAMES.get(
+                request.transition.id, f'transition {request.transition.id}')
             self.report(
-                False,
-                f"transition '{request.transition.label or request.transition.id}' rejected: "
-                f"not possible from state '{self.state_label}'")
+                False, f'{what} is not possible, the node is {self.state_label}'
+                f'{self.following_step()}')
             response.success = False
             return response
         return Deferred(self._start(transition), self._complete)

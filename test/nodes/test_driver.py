@@ -184,7 +184,7 @@ def test_activation_is_rejected_before_homing_and_says_so(bench):
 def test_home_is_rejected_before_configure_with_the_next_step(bench):
     reply = bench.ask('home')
     assert not reply.success
-    assert 'configure the drives first' in reply.message
+    assert 'next: configure, home, activate' in reply.message
 
 
 @pytest.mark.parametrize('positions, names, reason', [
@@ -363,7 +363,7 @@ def test_a_loop_that_is_killed_leaves_the_driver_unconfigured_with_the_reason(be
     bench.node._loop._process.kill()
     bench.ros.until(lambda: bench.node.state_label == 'unconfigured', 'unconfigured')
     assert 'the control loop has ended by itself, exit status -9' in bench.message()
-    assert bench.values()['next step'].endswith('configure again')
+    assert bench.values()['next step'].endswith('then configure, home, activate')
     assert not bench.ask('home').success
     bench.bring_up()  # with another one, homed again
     assert bench.state() == 'active'
@@ -380,3 +380,14 @@ def test_a_rejected_request_that_is_repeated_is_logged_once(bench, capfd):
     for _ in range(20):
         assert not bench.ask('home').success
     assert capfd.readouterr().err.count('home is not possible') == 1
+
+
+def test_a_transition_that_the_state_does_not_allow_is_rejected_with_cause_and_next_step(bench):
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert bench.message() == ('unconfigured; activate is not possible, the node is unconfigured; '
+                               'next: configure, home, activate')
+    bench.bring_up()
+    bench.ask('halt')
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert bench.message() == (
+        'halted; activate is not possible, the node is active; next: clear_faults')

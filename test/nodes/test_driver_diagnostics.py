@@ -18,7 +18,7 @@ def monitor():
     """Return what was received at 10 s from a drive in operation."""
     made = AxisMonitor('q2', AxisSettings(node_id=2), SETTINGS)
     made.receive_heartbeat(OPERATIONAL, 10.0)
-    made.receive_tpdo1(pdo.encode_tpdo1(0x0637, 8, 0), 10.0, 10.0)
+    made.receive_tpdo(pdo.TPDO1, pdo.encode_tpdo1(0x0637, 8, 0), 10.0, 10.0)
     return made
 
 

@@ -37,7 +37,7 @@ class Fault(NamedTuple):
     home_again : bool
         Whether the drive's position can no longer be trusted.
     remedy : str
-        The operator's next step.
+        What the operator does about it before the drives are asked again.
 
     """
 
@@ -57,12 +57,9 @@ class Emergency(NamedTuple):
 
 _STRUCT = struct.Struct('<HB5s')
 
-_CLEAR = 'clear the faults, then activate'
-_REMOVE = 'remove the cause, clear the faults, then activate'
-_BUS = 'check wiring and termination of the bus, clear the faults, then configure again'
-_MASTER = ('check wiring and termination of the bus, and the load of this computer if its control '
-           'loop was late, clear the faults, then activate')
-_HOME = 'clear the faults, home the axes again, then activate'
+_REMOVE = 'remove the cause'
+_BUS = 'check wiring and termination of the bus'
+_MASTER = _BUS + ', and the load of this computer if its control loop was late'
 
 
 def _stop(message: str, remedy: str = _REMOVE) -> Fault:
@@ -70,7 +67,7 @@ def _stop(message: str, remedy: str = _REMOVE) -> Fault:
 
 
 def _lost(message: str) -> Fault:
-    return Fault(message, Reaction.DISABLE_ALL, True, _HOME)
+    return Fault(message, Reaction.DISABLE_ALL, True, _REMOVE)
 
 
 # (mask, code): the first entry that matches is taken, so the narrow masks come first
@@ -94,19 +91,19 @@ _FAULTS: dict[tuple[int, int], Fault] = {
     (0xFFFF, 0x81FD): _stop('the drive has switched itself off the CAN bus', _BUS),
     (0xFFFF, 0x8210): _stop('the drive has received a process data object of wrong length', _BUS),
     (0xFFFF, 0x8250): _stop('the drive misses its process data', _BUS),
-    (0xFFFF, 0x8611): _stop('the following error is beyond its window', _CLEAR),
-    (0xFFFF, 0x8612): _stop('a reference limit has been met', _CLEAR),
-    (0xFFFF, 0x8A80): _stop('the carriage is on its negative limit switch', _CLEAR),
-    (0xFFFF, 0x8A81): _stop('the carriage is on its positive limit switch', _CLEAR),
-    (0xFFFF, 0x8A82): _stop('the carriage is beyond a software position limit', _CLEAR),
+    (0xFFFF, 0x8611): _stop('the following error is beyond its window', ''),
+    (0xFFFF, 0x8612): _stop('a reference limit has been met', ''),
+    (0xFFFF, 0x8A80): _stop('the carriage is on its negative limit switch', ''),
+    (0xFFFF, 0x8A81): _stop('the carriage is on its positive limit switch', ''),
+    (0xFFFF, 0x8A82): _stop('the carriage is beyond a software position limit', ''),
     (0xFFFF, 0x8A88): _stop('safe torque off is open'),
     (0xFFFF, 0xFF01): _stop('the drive is overloaded'),
     (0xFFFF, 0xFF02): _lost('the watchdog of the drive has restarted it'),
     (0xFFF0, 0x7380): _lost('the position sensor has failed and the position is lost'),
-    (0xFFF0, 0x8A80): _stop('the carriage is at a limit', _CLEAR),
+    (0xFFF0, 0x8A80): _stop('the carriage is at a limit', ''),
     (0xFF00, 0x8100): _stop('communication with the drive is disturbed', _BUS),
     (0xFF00, 0x8200): _stop('the drive has rejected a frame', _BUS),
-    (0xFF00, 0x8600): _stop('the position controller has failed', _CLEAR),
+    (0xFF00, 0x8600): _stop('the position controller has failed', ''),
     (0xFF00, 0xFF00): _stop('a fault specific to the manufacturer'),
     (0xF000, 0x1000): _stop('a fault that the drive does not specify'),
     (0xF000, 0x2000): _stop('a fault of the motor current'),
@@ -119,7 +116,7 @@ _FAULTS: dict[tuple[int, int], Fault] = {
     (0xF000, 0x9000): _stop('an external fault'),
 }
 _UNKNOWN = _stop('a fault with a code that is in no table')
-_NO_FAULT = Fault('no fault', Reaction.QUICK_STOP_ALL, False, 'nothing to do')
+_NO_FAULT = Fault('no fault', Reaction.QUICK_STOP_ALL, False, '')
 
 
 def fault(code: int) -> Fault:

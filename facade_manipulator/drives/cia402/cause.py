@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-CLEAR_REMEDY = 'remove the cause, clear the faults, then activate'
-BUS_REMEDY = 'check the CAN bus, wait until it is back, clear the faults, then activate'
-TARGET_REMEDY = 'check the source of the setpoints, clear the faults, then activate'
+CLEAR_REMEDY = 'remove the cause'
+BUS_REMEDY = 'check the CAN bus, wait until it is back'
+TARGET_REMEDY = 'check the source of the setpoints'
 TRACKING_REMEDY = (
-    'find out which carriage is held back (its load, its drive, controller.drive_lag), clear the '
-    'faults, then activate')
-COMPUTER_REMEDY = 'take load off this computer, clear the faults, then activate'
-CONFIGURE_REMEDY = 'check its power and cable, then clean up and configure again'
-NOT_RESPONDING_REMEDY = 'switch the power of the drives off, find out why, configure again'
+    'find out which carriage is held back (its load, its drive, controller.drive_lag)')
+COMPUTER_REMEDY = 'take load off this computer'
+CONFIGURE_REMEDY = 'check its power and cable'
+NOT_RESPONDING_REMEDY = 'switch the power of the drives off, find out why'
 
 
 @dataclass(frozen=True)
@@ -25,13 +24,15 @@ class Cause:
     message : str
         What happened.
     remedy : str
-        The operator's next step.
+        What somebody does about it before the requests of `next_step`; ``''`` for nothing.
     axis : str
         Which axis it comes from; ``''`` for none of them.
     cut_power : bool
         Whether the drives lose power once they stand still.
     configure_again : bool
         Whether clearing is not enough: the drives must be configured again.
+    home_again : bool
+        Whether a position is lost.
     is_vague : bool
         Whether a further cause of the same axis says more.
     is_silence : bool
@@ -46,12 +47,23 @@ class Cause:
     axis: str = ''
     cut_power: bool = False
     configure_again: bool = False
+    home_again: bool = False
     is_vague: bool = False
     is_silence: bool = False
     is_restart: bool = False
 
     def __str__(self) -> str:
-        return f'{self.message}; next: {self.remedy}'
+        return f'{self.message}; next: {self.next_step}'
+
+    @property
+    def next_step(self) -> str:
+        """What to do, then which requests to make, by their names and in their order."""
+        requests = 'clear_faults, activate'
+        if self.configure_again:
+            requests = 'cleanup, configure, home, activate'
+        elif self.home_again:
+            requests = 'clear_faults, home, activate'
+        return f'{self.remedy}, then {requests}' if self.remedy else requests
 
     def is_completed_by(self, later: Cause) -> bool:
         """Return whether a later cause completes this one: a silent drive has restarted."""

@@ -190,8 +190,7 @@ class Group:
         """
         self._require('clear_faults', Phase.STOPPING, Phase.STOPPED)
         if self.needs_configuration:
-            raise DriveStateError(f'clear_faults is not enough: {self.severest_cause.message}; '
-                                  'clean up and configure again')
+            raise DriveStateError(f'clear_faults is not enough: {self.severest_cause.message}')
         if len(self._resets) == self._max_resets and now - self._resets[0] < RESET_WINDOW:
             wait = RESET_WINDOW - (now - self._resets[0])
             raise DriveStateError(
@@ -317,11 +316,10 @@ class Group:
             return
         if self.cause is not None:
             raise DriveStateError(
-                f'{request} is not possible, the drives are {self.phase.value}: {self.cause}')
-        allowed = ' or '.join(phase.value for phase in phases)
+                f'{request} is not possible, the drives are {self.phase.value}: '
+                f'{self.cause.message}')
         raise DriveStateError(
-            f'{request} is not possible while the drives are {self.phase.value}, '
-            f'only while they are {allowed}')
+            f'{request} is not possible while the drives are {self.phase.value}')
 
     def _require_settled(self, request: str) -> None:
         if not self.is_settled:

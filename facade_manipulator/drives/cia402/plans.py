@@ -16,13 +16,13 @@ from facade_manipulator.drives.cia402.states import Mode
 class Phase(Enum):
     """What the group is doing."""
 
-    OFF = 'power off'
-    ENABLING = 'powering on'
+    OFF = 'inactive'
+    ENABLING = 'activating'
     HOLDING = 'holding'
-    RUNNING = 'following targets'
+    RUNNING = 'active'
     RAMPING = 'coming to rest'
     HALTED = 'halted'
-    DISABLING = 'powering off'
+    DISABLING = 'deactivating'
     HOMING = 'homing'
     STOPPING = 'stopping'
     STOPPED = 'stopped'

@@ -232,10 +232,10 @@ def check_identity(
             owner = serials.get(actual) if field == 'serial_number' else None
             raise DriveIdentityError(
                 f'{where}: {field} = {actual} is not the configured {configured}: '
-                f'{_difference(actual, owner)}')
+                f'{_whose(actual, owner)}')
 
 
-def _difference(actual: int, owner: str | None) -> str:
+def _whose(actual: int, owner: str | None) -> str:
     if not actual:  # a configured 0 is no drive's number
         return 'it has none: configure 0, or look at its maker and node id'
     if owner:

@@ -29,7 +29,7 @@ from facade_manipulator.drives.controller.service_operations import CLOSING_TIME
 from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.controller.targets import allow_anything
-from facade_manipulator.errors import BusError, DriveStateError, ManipulatorError
+from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0
 _STATES = {
@@ -197,7 +197,7 @@ class DriveController:
                 self._require_free(operation)
                 message = operation.begin(time.monotonic())
             except ManipulatorError as error:
-                future.set_exception(error)
+                future.set_exception(self._with_next_step(error))
                 continue
             except Exception as error:
                 future.set_exception(error)
@@ -233,7 +233,17 @@ class DriveController:
         future = self._future
         self._operation = self._future = None
         self._publish(time.monotonic())
-        future.set_result(message)
+        future.set_result(self._explained(message) if isinstance(message, str) else message)
+
+    def _explained(self, message: str) -> str:
+        """Return the reply to a request, with the next step as it is now."""
+        step = self._session.next_step(self._present_state())
+        return f'{message.rstrip(".")}; next: {step}' if step else message
+
+    def _with_next_step(self, error: Exception) -> Exception:
+        if isinstance(error, (BusError, DriveError)):
+            error.args = (self._explained(str(error)),)
+        return error
 
     def _fail(self, error: Exception) -> None:
         operation, future = self._operation, self._future
@@ -241,7 +251,7 @@ class DriveController:
         if operation is not None:
             operation.give_up()
             self._publish(time.monotonic())
-            future.set_exception(error)
+            future.set_exception(self._with_next_step(error))
 
     def _reject_rest(self) -> None:
         while self._requests:
@@ -260,7 +270,7 @@ class DriveController:
         _log.exception('the control loop failed')
         message = f'the control loop failed: {type(error).__name__}: {error}'
         session = self._session
-        cause = Cause(message, 'report this, clear the faults, then activate')
+        cause = Cause(message, 'report this')
         if session.connection is not None:
             with suppress(BusError):
                 session.connection.exchange.stop_for(cause)

@@ -111,7 +111,7 @@ class CycleClock:
         if self.overdue_in_a_row >= bound:
             causes.append(Cause(
                 f'the kernel sent no SYNC for {self.overdue_in_a_row} periods, bound {bound}',
-                'clean up and configure again', configure_again=True))
+                'look at the interface', configure_again=True))
         return causes
 
     def _open(self, time: float, stamp: float) -> None:

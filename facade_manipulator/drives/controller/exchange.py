@@ -41,8 +41,7 @@ from facade_manipulator.errors import ManipulatorError
 
 LONGEST_WAIT = 0.02
 OTHER_MASTER_REMEDY = (
-    'find out who else commands the drives (a second driver, a configuration tool) and end it, '
-    'clear the faults, then activate')
+    'find out who else commands the drives (a second driver, a configuration tool) and end it')
 MAX_UNSENT = 8  # frames in a row: two cycles
 _EMERGENCY_LENGTH = 8
 

@@ -217,20 +217,19 @@ class AxisMonitor:
         self.silent_tpdos.discard(tpdo.name)
         if tpdo.carries(pdo.MOTION):
             self.motion = MotionFrame(values.get(VELOCITY), values.get(FOLLOWING_ERROR))
-        if tpdo.carries(pdo.CONDITION):
-            self._receive_condition()
+        cause = self._receive_condition() if tpdo.carries(pdo.CONDITION) else None
         if tpdo.name not in self._answers:
-            return None
+            return cause
         if time >= sync_time - SYNC_TOLERANCE:
             self._unanswered.discard(tpdo.name)
         self.is_fresh = not self._unanswered
         if len(values.keys() & pdo.STATUS) < len(pdo.STATUS):
-            return None
+            return cause
         before, self.status = self.status, StatusFrame(
             values[STATUSWORD], values[MODE], values[POSITION])
         if POSITION not in tpdo.indices:
-            return None
-        return self._receive_position(before, time)
+            return cause
+        return self._receive_position(before, time) or cause
 
     def _receive_position(self, before: StatusFrame | None, time: float) -> Cause | None:
         """
@@ -258,7 +257,7 @@ class AxisMonitor:
         self.distrust()
         return self._supervised(
             f'{self.title}: the position has jumped by {jump:.4g} m, bound {bound:.4g} m: it can '
-            'no longer be trusted', remedy='clear the faults, home, then activate',
+            'no longer be trusted', remedy='check the encoder and its cable', home_again=True,
             cut_power=True)
 
     def _compare_with_last(self) -> Cause | None:
@@ -273,15 +272,23 @@ class AxisMonitor:
         return self._supervised(
             f'{self.title} is {moved:.4g} m from where it was when the bus was lost, bound '
             f'{farthest:.4g} m: its position can no longer be trusted',
-            remedy='clear the faults, home, then activate', cut_power=True)
+            remedy='look whether it was pushed', home_again=True, cut_power=True)
 
-    def _receive_condition(self) -> None:
-        """Receive error code, torque and inputs."""
+    def _receive_condition(self) -> Cause | None:
+        """
+        Receive error code, torque and inputs.
+
+        Returns why all must stop if a drive in fault says by 603F alone what it is.
+
+        """
         values = self._values
         self.condition = ConditionFrame(
             values.get(ERROR_CODE), values.get(TORQUE), values.get(INPUTS))
-        if self.status is not None and self.status.statusword & Status.FAULT:
-            self.error_code = self.error_code or self.condition.error_code or 0
+        code = self.condition.error_code or 0
+        is_in_fault = self.status is not None and self.status.statusword & Status.FAULT
+        if not is_in_fault or is_error_reset(code) or code == self.error_code:
+            return None
+        return self._receive_error(code)
 
     def receive_emergency(self, data: bytes) -> Cause | None:
         """Receive an emergency message; return why all must stop, None if an error is gone."""
@@ -289,13 +296,16 @@ class AxisMonitor:
         if is_error_reset(code):
             self.error_code = 0
             return None
+        return self._receive_error(code)
+
+    def _receive_error(self, code: int) -> Cause | None:
         self.error_code = code
         meaning = fault(code)
         if meaning.home_again:
             self.distrust()
         return self._supervised(
             f'{self.title}: {describe(code)}', remedy=meaning.remedy,
-            cut_power=meaning.reaction is Reaction.DISABLE_ALL)
+            home_again=meaning.home_again, cut_power=meaning.reaction is Reaction.DISABLE_ALL)
 
     def receive_heartbeat(self, data: bytes, time: float) -> Cause | None:
         """Receive a heartbeat or boot-up message; return why all must stop, if they must."""
@@ -307,7 +317,7 @@ class AxisMonitor:
         if state != NmtState.OPERATIONAL:
             return self._supervised(
                 f'{self.title} is no longer operational (NMT state {state})',
-                remedy='check the bus, clear the faults, then activate')
+                remedy='check the bus')
         return None
 
     def end_cycle(self) -> Feedback:
@@ -360,8 +370,7 @@ class AxisMonitor:
         self.has_restarted = self._supervised_since is not None
         return self._supervised(
             f'{self.title} has restarted by itself and has lost its position',
-            remedy=CONFIGURE_REMEDY + ', home, then activate', configure_again=True,
-            is_restart=True)
+            remedy=CONFIGURE_REMEDY, configure_again=True, is_restart=True)
 
     def _supervised(self, message: str, **details) -> Cause | None:
         if self._supervised_since is None:

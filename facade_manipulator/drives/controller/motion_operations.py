@@ -39,7 +39,7 @@ class Activate(Operation):
         unhomed = self.session.unhomed
         if unhomed:
             raise DriveStateError(
-                f'activate is not possible, {" and ".join(unhomed)} must be homed: call home')
+                f'activate is not possible, {" and ".join(unhomed)} must be homed')
 
     def _require_inside(self) -> None:
         positions = self.session.positions()
@@ -88,7 +88,7 @@ class Halt(Operation):
         if self.session.is_off:
             return f'{self._given_up} is given up; the power is off.'
         done = self.session.has_done(Phase.HALTED)
-        return 'The carriages stand still and hold: activate to go on.' if done else None
+        return 'The carriages stand still and hold.' if done else None
 
 
 class Home(Operation):
@@ -113,7 +113,7 @@ class Home(Operation):
     def poll(self, now: float) -> str | None:
         """Wait until the power is off again."""
         if self.session.is_stopped:
-            raise DriveFaultError(f'{self.group.cause}. {self._conclude()}')
+            raise DriveFaultError(f'{self.group.cause.message}. {self._conclude()}')
         return self._conclude() if self.session.is_off else None
 
     def _conclude(self) -> str:

@@ -53,7 +53,7 @@ class Operation:
 
         """
         if self.session.group is None:
-            raise DriveStateError(f'{self.name} is not possible: configure the drives first')
+            raise DriveStateError(f'{self.name} is not possible, the drives are not configured')
         return self.session.group
 
     def begin(self, now: float) -> str | None:
@@ -90,7 +90,7 @@ class Operation:
 
         """
         if self.session.is_stopped:
-            raise DriveFaultError(str(self.group.cause))
+            raise DriveFaultError(self.group.cause.message)
 
 
 def result_of(job: Future) -> Any:

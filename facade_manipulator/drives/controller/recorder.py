@@ -200,7 +200,7 @@ class FaultRecorder:
         try:
             self._write_archive(path, frames_of(memory), causes)
             self._drop_oldest(path.parent)
-        except Exception as error:  # this thread's end is nobody else's: say it here or nowhere
+        except Exception as error:  # who else would notice that this thread has ended?
             self.last_outcome = (
                 f'the record of the fault could not be written: {type(error).__name__}: {error}')
             _log.error(self.last_outcome)

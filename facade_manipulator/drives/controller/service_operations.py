@@ -35,7 +35,7 @@ class Configure(Operation):
         """Open the bus and listen: another master's drives are not ours to reset."""
         session = self.session
         if session.connection is not None or session.lost is not None:
-            raise DriveStateError('configure is not possible, the bus is in use: clean up first')
+            raise DriveStateError('configure is not possible, the drives are configured already')
         session.open()
         session.connection.exchange.transmits = False
         self._deadline = now + LISTEN_PERIODS * session.settings.heartbeat_period
@@ -65,8 +65,8 @@ class Configure(Operation):
             self._deadline = now + settings.step_timeout + SLOWEST * settings.period
         if session.is_stopped:
             if session.group.needs_configuration:
-                raise DriveTimeoutError(str(session.group.cause))
-            return f'The drives are configured, but stopped: {session.group.cause}.'
+                raise DriveTimeoutError(session.group.cause.message)
+            return f'The drives are configured, but stopped: {session.group.cause.message}.'
         if session.silent_tpdos and now > self._deadline:
             raise DriveTimeoutError(
                 f'{", ".join(session.silent_tpdos)} did not come in answer to SYNC: '
@@ -99,7 +99,7 @@ class Cleanup(Operation):
             self.session.close()
             return 'The bus was lost; the drives have stopped by themselves.'
         if self.group.is_powered:
-            raise DriveStateError('cleanup is not possible while powered: deactivate first')
+            raise DriveStateError('cleanup is not possible while the drives have power')
         self.group.cut_power(now)
         self._deadline = now + STOP_AND_CUT * self.session.settings.step_timeout
         return None
@@ -113,7 +113,7 @@ class Cleanup(Operation):
 
 
 class ClearFaults(Operation):
-    """Check the drives again and reset their faults; they stay without power."""
+    """Check the drives again and reset their faults, the power stays off; or end a halt."""
 
     state = ControllerState.CLEARING
     name = 'clear_faults'
@@ -124,6 +124,9 @@ class ClearFaults(Operation):
         """Let the worker prove that the drives are still as they were configured."""
         session = self.session
         self._cause = self.group.cause
+        if self.group.phase is Phase.HALTED:
+            self.group.enable(now)
+            return 'The halt is ended; the drives follow setpoints.'
         if self._cause is None:
             return 'There is no fault to clear.'
         if session.lost is not None:
@@ -140,11 +143,8 @@ class ClearFaults(Operation):
             if self._job.done() and self.group.phase is Phase.STOPPED:
                 self._reset(now)
         elif session.is_stopped:
-            raise DriveFaultError(f'The faults remain: {self._latest()}')
-        if not session.is_off:
-            return None
-        following = f'home {" and ".join(session.unhomed)}, then ' if session.unhomed else ''
-        return f'The faults are cleared ({self._cause.message}); next: {following}activate.'
+            raise DriveFaultError(f'The faults remain: {self._latest().message}')
+        return f'The faults are cleared ({self._cause.message}).' if session.is_off else None
 
     def _reset(self, now: float) -> None:
         job, self._job = self._job, None
@@ -153,7 +153,7 @@ class ClearFaults(Operation):
         except DriveError as error:
             cause = Cause(str(error), CONFIGURE_REMEDY, configure_again=True)
             self.group.stop(cause, now)
-            raise DriveFaultError(f'The faults remain: {cause}') from error
+            raise DriveFaultError(f'The faults remain: {cause.message}') from error
         self.group.reset(now)
 
     def _latest(self) -> Cause:

@@ -46,6 +46,12 @@ from facade_manipulator.drives.controller.targets import MechanismChecks, Target
 from facade_manipulator.errors import BusError, DriveStateError
 
 FORGET_MASTER_HEARTBEAT = bytes.fromhex('2316100100000000')  # 1016h:01 = 0, answer not awaited
+FORBIDDEN_REMEDY = 'let software_stop be false'
+NEXT_STEPS = {
+    ControllerState.UNCONFIGURED: 'configure, home, activate',
+    ControllerState.INACTIVE: 'activate',
+    ControllerState.HALTED: 'clear_faults',
+}
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
 _NO_TARGETS = (None, None, None)
 
@@ -219,7 +225,7 @@ class Session:
         record = ControllerSnapshot(
             state, None, tuple([monitor.snapshot(target, now) for monitor, target in zip(
                 self.monitors, targets, strict=True)]),
-            causes, self.group.severest_cause.remedy if causes else '', notes,
+            causes, self.next_step(state), notes,
             bus_error=self.lost.message if self.lost is not None else '', bus_load=self.bus_load)
         if self.connection is None:
             return record
@@ -227,6 +233,20 @@ class Session:
         return record._replace(
             stamp=clock.sync_stamp or None, cycle=clock.statistics,
             bus=self.connection.bus.statistics)
+
+    def next_step(self, state: ControllerState) -> str:
+        """Return what the operator does so that the drives follow setpoints, '' if they do."""
+        unhomed = bool(self.unhomed)
+        if self.is_stopped:
+            cause = self.group.severest_cause
+            remedy = f'{FORBIDDEN_REMEDY}, {cause.remedy}' if self.forbidden else cause.remedy
+            return replace(
+                cause, remedy=remedy.removesuffix(', '),
+                home_again=cause.home_again or unhomed).next_step
+        requests = NEXT_STEPS.get(state, '')
+        if state is ControllerState.INACTIVE and unhomed:
+            requests = 'home, activate'
+        return f'{FORBIDDEN_REMEDY}, then {requests}' if requests and self.forbidden else requests
 
     # --- the bus: opened, lost, back, closed
 

@@ -436,9 +436,9 @@ def test_the_emergency_message_explains_a_fault_that_the_statusword_only_shows()
     assert 'current' in drives.group.cause.message
 
 
-SILENCE = Cause('q2 did not answer', 'configure again', 'q2', configure_again=True,
+SILENCE = Cause('q2 did not answer', 'look after it', 'q2', configure_again=True,
                 is_silence=True)
-RESTART = Cause('q2 has restarted', 'configure again, home', 'q2', configure_again=True,
+RESTART = Cause('q2 has restarted', 'look after it', 'q2', configure_again=True,
                 is_restart=True)
 
 
@@ -447,7 +447,8 @@ def test_a_drive_that_fell_silent_because_it_restarted_is_reported_in_one_messag
     for cause in (SILENCE, RESTART):
         drives.group.stop(cause, drives.now)
     assert str(drives.group.cause) == (
-        'q2 did not answer; q2 has restarted; next: configure again, home')
+        'q2 did not answer; q2 has restarted; next: look after it, then cleanup, configure, '
+        'home, activate')
     assert not drives.group.further_causes
     drives.group.stop(RESTART, drives.now)
     assert list(drives.group.further_causes) == [RESTART]
@@ -470,7 +471,7 @@ def test_the_next_step_is_that_of_the_cause_that_clearing_does_not_mend():
     drives.group.stop(RESTART, drives.now)
     assert drives.group.severest_cause is RESTART
     drives.until(Phase.STOPPED)
-    with pytest.raises(DriveStateError, match='not enough: q2 has restarted; clean up'):
+    with pytest.raises(DriveStateError, match='not enough: q2 has restarted'):
         drives.group.reset(drives.now)
 
 
@@ -527,7 +528,7 @@ def test_drives_that_must_be_configured_again_are_not_cleared():
     drives = running()
     drives.group.stop(Cause('q1 has restarted', configure_again=True), drives.now)
     drives.until(Phase.STOPPED)
-    with pytest.raises(DriveStateError, match='configure again'):
+    with pytest.raises(DriveStateError, match='not enough'):
         drives.group.reset(drives.now)
 
 

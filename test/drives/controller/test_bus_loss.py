@@ -92,7 +92,7 @@ def test_a_drive_that_was_restarted_behind_a_lost_bus_must_be_configured_again(m
         drives[1].reboot()
     rig.bus_is_missing = False
     rig.until(ControllerState.STOPPED)
-    assert 'configure again' in rig.rejection('clear_faults')
+    assert 'cleanup, configure' in rig.rejection('clear_faults')
     rig.do('cleanup', 'configure')
 
 

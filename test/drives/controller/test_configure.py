@@ -102,7 +102,7 @@ def test_a_drive_in_fault_is_configured_but_stopped(rig):
         rig.do('clear_faults')
     with rig.simulator.access() as drives:
         drives[0].remove_cause()
-    assert 'next: home q1 and q2 and q3, then activate' in rig.do('clear_faults')
+    assert 'next: home, activate' in rig.do('clear_faults')
     assert rig.state is ControllerState.INACTIVE
 
 

@@ -63,14 +63,14 @@ def test_every_sync_is_answered_by_commands_before_the_next(rig):
 
 def test_nothing_moves_before_all_axes_are_homed(rig):
     rig.do('configure')
-    with pytest.raises(DriveStateError, match='q1 and q2 and q3 must be homed: call home'):
+    with pytest.raises(DriveStateError, match='q3 must be homed; next: home, activate'):
         rig.do('activate')
     assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
 
 
 def test_halt_holds_the_carriages_and_activate_goes_on(rig):
     moving(rig)
-    assert 'activate to go on' in rig.do('halt')
+    assert 'next: clear_faults' in rig.do('halt')
     assert rig.state is ControllerState.HALTED
     held = rig.controller.snapshot().axes[0].target
     rig.cycles(5)
@@ -85,7 +85,7 @@ def test_a_halt_while_activating_is_accepted_and_powers_off(make_rig, cycles):
     inactive(rig)
     activation = rig.controller.activate()
     rig.cycles(cycles)
-    assert rig.do('halt') == 'The activation is given up; the power is off.'
+    assert rig.do('halt') == 'The activation is given up; the power is off; next: activate'
     with pytest.raises(DriveStateError, match='cancelled by halt'):
         activation.result(PATIENCE)
     assert rig.state is ControllerState.INACTIVE
@@ -125,7 +125,7 @@ def test_close_while_configuring_and_before_ends_at_once(make_rig):
 @pytest.mark.parametrize('request_name', [
     'cleanup', 'activate', 'deactivate', 'home', 'halt', 'clear_faults'])
 def test_requests_before_configure_say_so(rig, request_name):
-    with pytest.raises(DriveStateError, match=f'{request_name} is not possible: configure'):
+    with pytest.raises(DriveStateError, match=f'{request_name} is not possible.*next: configure'):
         rig.do(request_name)
 
 
@@ -147,7 +147,7 @@ def test_a_second_request_is_rejected_while_one_is_under_way(rig):
 
 def test_clearing_without_a_fault_says_that_there_is_none(rig):
     inactive(rig)
-    assert rig.do('clear_faults') == 'There is no fault to clear.'
+    assert rig.do('clear_faults') == 'There is no fault to clear; next: activate'
 
 
 @pytest.mark.parametrize('rate', [200, 500])

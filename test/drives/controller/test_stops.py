@@ -29,7 +29,7 @@ def test_a_lost_position_takes_the_power_from_all_and_asks_for_home(rig, situati
     rig.until_stopped()
     wait_until(lambda: State.QUICK_STOP_ACTIVE not in rig.drive_states, 'power off')
     assert rig.controller.snapshot().unhomed == ('q1',)
-    assert 'home q1, then activate' in rig.do('clear_faults')
+    assert 'next: home, activate' in rig.do('clear_faults')
     with pytest.raises(DriveStateError, match='q1 must be homed'):
         rig.do('activate')
     rig.do('home')
@@ -43,9 +43,9 @@ def test_a_silent_drive_stops_the_others_and_asks_to_configure_again(make_rig, s
     rig.until(ControllerState.STOPPED)
     snapshot = rig.controller.snapshot()
     assert 'q3 (node 3) did not answer 3 cycles in a row, bound 3' in snapshot.cause
-    assert 'configure again' in snapshot.next_step
+    assert 'cleanup, configure' in snapshot.next_step
     wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'all to stop')
-    assert 'configure again' in rig.rejection('clear_faults')
+    assert 'cleanup, configure' in rig.rejection('clear_faults')
     rig.drives[2].is_silent = False
     rig.do('cleanup', 'configure')
 
@@ -59,7 +59,7 @@ def test_a_drive_that_restarts_by_itself_is_no_longer_homed(make_rig, situation)
     wait_until(lambda: 'restarted' in rig.controller.snapshot().cause, 'the boot-up message')
     assert 'q2' in rig.controller.snapshot().unhomed
     wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'all to stop')
-    assert 'configure again' in rig.rejection('clear_faults')
+    assert 'cleanup, configure' in rig.rejection('clear_faults')
     rig.do('cleanup', 'configure', 'home')
 
 
@@ -140,7 +140,7 @@ def test_a_node_that_somebody_has_stopped_comes_back_with_the_next_step_that_is_
     rig.forge(0, STOP_NODE_2)
     rig.until(ControllerState.STOPPED)
     wait_until(lambda: rig.drives[1].nmt_state is NmtState.STOPPED, 'the node to stop')
-    assert 'clear the faults, then activate' in rig.controller.snapshot().next_step
+    assert 'clear_faults, activate' in rig.controller.snapshot().next_step
     assert 'next: activate' in rig.do('clear_faults')
     rig.do('activate')
 
@@ -155,8 +155,8 @@ def test_of_a_powered_node_that_somebody_has_stopped_nothing_is_claimed_that_was
     wait_until(lambda: len(rig.controller.snapshot().causes) > 1, 'what follows from it')
     assert 'still moving' not in rig.all_causes
     assert 'has sent no state for' in rig.all_causes
-    assert 'configure again' in rig.controller.snapshot().next_step
-    assert 'clean up and configure again' in rig.rejection('clear_faults')
+    assert 'cleanup, configure' in rig.controller.snapshot().next_step
+    assert 'cleanup, configure' in rig.rejection('clear_faults')
     rig.do('cleanup', 'configure', 'home', 'activate')
 
 
@@ -240,7 +240,7 @@ def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
     rig.until_stopped()
     snapshot = rig.controller.snapshot()
     assert snapshot.cause == 'the operator pressed the red button'
-    assert snapshot.next_step == 'release the button'
+    assert snapshot.next_step == 'release the button, then clear_faults, activate'
     rig.do('clear_faults')
     rig.source.speed = 0.0
     rig.do('activate')
