@@ -9,7 +9,7 @@ from facade_manipulator.commissioning.bitrate import guess_bitrate
 from facade_manipulator.commissioning.bus import ToolBus
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.scan import findings, has_unconfigured, Node, scan
-from facade_manipulator.drives.cia402 import AXIS_NAMES
+from facade_manipulator.drives.cia402 import AXIS_NAMES, fitting_profile
 from facade_manipulator.errors import CommissioningError
 
 _COLUMNS = ('node', 'serial number', 'name', 'firmware', 'vendor', 'product', 'state', 'profile')
@@ -73,13 +73,20 @@ def run_assign(context: Context) -> None:
                 'moves.')
             given = assign_all(assignment, node_ids, lambda found: _axis_of(found, context))
     machine.write({
-        name: {'node_id': node_ids[name], 'serial_number': found.serial_number}
+        name: {'node_id': node_ids[name], 'serial_number': found.serial_number,
+               'profile': _profile(context, name, found)}
         for name, found in given.items()})
     for name, found in given.items():
         operator.say(f'{name}: node {node_ids[name]}, serial number {found.serial_number}')
         machine.note('assign', f'node {node_ids[name]}, serial number {found.serial_number}',
                      axis=name)
     operator.say(f'{machine.path} is written.')
+
+
+def _profile(context: Context, name: str, found: Found) -> str:
+    """Return the profile that fits a drive; one of the user's own stays."""
+    present = context.machine.axis(name).profile
+    return present if present.endswith('.yaml') else fitting_profile(found.vendor_id)
 
 
 def _assign_one(

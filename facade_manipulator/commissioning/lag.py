@@ -20,7 +20,7 @@ from facade_manipulator.commissioning.moving import add_motion_options, motion_b
 from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.errors import CommissioningError
 
-FREQUENCIES = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # Hz
+FREQUENCIES = (1.0, 2.0, 5.0, 10.0, 20.0)  # Hz
 _AMPLITUDE = 0.003  # m, where the speed permits it
 _PERIODS, _SETTLING = 4, 1
 _DELAY = 2  # cycles from a target's sending to the SYNC at which the drive shall be there
@@ -131,9 +131,15 @@ def run_lag(context: Context) -> None:
     options, machine, operator = context.options, context.machine, context.operator
     speed, _ = motion_bounds(context)
     found: dict[str, AxisDynamics] = {}
+    for frequency in options.frequencies:
+        if not 0.1 <= frequency <= 0.25 / PERIOD:
+            raise CommissioningError(
+                f'--frequencies {frequency:g} Hz is not between 0.1 and {0.25 / PERIOD:g} Hz')
     for name in options.axes or AXIS_NAMES:
         with powered(context, name, 'sines of a few millimetres') as (motion, number):
-            found[name] = _measure(motion, number, speed, options.frequencies)
+            motion.require(TORQUE, 'which shows friction and backlash')
+            recording = record(motion, number, speed, options.frequencies)
+        found[name] = analyse(recording)
     operator.table(
         ('axis', 'lag', 'bandwidth', 'following error', 'Coulomb', 'viscous', 'backlash'),
         [_row(name, one) for name, one in found.items()])
@@ -155,32 +161,49 @@ def run_lag(context: Context) -> None:
         machine.write({'friction': friction}, node='/**/ik_service')
 
 
-def _measure(
+class Recording(NamedTuple):
+    """Sines by frequency [Hz] and a triangle: what was commanded, what the axis answered."""
+
+    sines: dict[float, tuple[np.ndarray, list[AxisSample]]]
+    triangle: list[AxisSample]
+
+
+def record(
     motion: Motion, number: int, speed: float, frequencies: Sequence[float]
-) -> AxisDynamics:
-    motion.require(TORQUE, 'which shows friction and backlash')
-    responses, sines = [], []
+) -> Recording:
+    """Move and record; nothing is computed here, for each cycle feeds the drives' watchdog."""
+    sines = {}
     for frequency in frequencies:
-        if not 0.1 <= frequency <= 0.25 / PERIOD:
-            raise CommissioningError(
-                f'--frequencies {frequency:g} Hz is not between 0.1 and {0.25 / PERIOD:g} Hz')
-        amplitude = min(_AMPLITUDE, speed / (2.0 * math.pi * frequency), motion.window)
-        count = round((_PERIODS + _SETTLING) / frequency / PERIOD)
-        angle = 2.0 * math.pi * frequency * PERIOD * np.arange(count)
-        fade = np.minimum(1.0, angle / (2.0 * math.pi))  # begins without a jump of the speed
-        targets, samples = follow(motion, number, amplitude * fade * np.sin(angle))
+        sines[frequency] = follow(motion, number, sine(frequency, speed, motion.window))
+        follow(motion, number, np.linspace(sines[frequency][0][-1], 0.0, 20))
+    return Recording(sines, follow(motion, number, triangle())[1])
+
+
+def sine(frequency: float, speed: float, window: float) -> np.ndarray:
+    """Return displacements [m] of some periods, within a speed, begun without a jump of it."""
+    amplitude = min(_AMPLITUDE, speed / (2.0 * math.pi * frequency), window)
+    angle = 2.0 * math.pi * frequency * PERIOD * np.arange(
+        round((_PERIODS + _SETTLING) / frequency / PERIOD))
+    return amplitude * np.minimum(1.0, angle / (2.0 * math.pi)) * np.sin(angle)
+
+
+def analyse(recording: Recording) -> AxisDynamics:
+    """Return what a recording shows of an axis."""
+    responses, motions = [], []
+    for frequency, (targets, samples) in recording.sines.items():
         first = round(_SETTLING / frequency / PERIOD)
         positions = np.array([sample.position for sample in samples])
         responses.append(response(frequency, targets[first:-_DELAY], positions[first + _DELAY:]))
-        sines.append((np.array([sample.velocity for sample in samples[first:]]),
-                      np.array([sample.force for sample in samples[first:]])))
-        follow(motion, number, np.linspace(targets[-1], 0.0, 20))
-    _, samples = follow(motion, number, triangle())
-    velocity = np.array([sample.velocity for sample in samples])
-    force = np.array([sample.force for sample in samples])
-    backlash = find_backlash(np.array([sample.position for sample in samples]), force)
-    return AxisDynamics(
-        tuple(responses), *fit_friction([*sines, (velocity, force)]), backlash)
+        motions.append(_loads(samples[first:]))
+    motions.append(_loads(recording.triangle))
+    backlash = find_backlash(
+        np.array([sample.position for sample in recording.triangle]), motions[-1][1])
+    return AxisDynamics(tuple(responses), *fit_friction(motions), backlash)
+
+
+def _loads(samples: list[AxisSample]) -> tuple[np.ndarray, np.ndarray]:
+    return (np.array([sample.velocity for sample in samples]),
+            np.array([sample.force for sample in samples]))
 
 
 def triangle() -> np.ndarray:
