@@ -18,7 +18,9 @@ from facade_manipulator.drives.canopen import (
     NmtCommand,
     open_bus,
     Patience,
+    pdo,
     PumpedNetwork,
+    sdo_request_cob_id,
     SdoChannel,
     SYNC_COB_ID,
 )
@@ -26,6 +28,15 @@ from facade_manipulator.errors import BusError, DriveStateError, DriveTimeoutErr
 
 LISTENING_TIME = 0.6  # s: the longest period of a driver's heartbeat, and something
 _RECEIVING = 0.05
+_NODES = range(1, MASTER_NODE_ID)
+# what only a master sends, and what it is
+_ONLY_MASTERS = {
+    (heartbeat_cob_id(MASTER_NODE_ID),): f'the heartbeat of node {MASTER_NODE_ID}',
+    (SYNC_COB_ID,): 'SYNC',
+    (NMT_COB_ID,): 'an NMT command',
+    tuple(pdo.rpdo_cob_id(1, node_id) for node_id in _NODES): 'process data for a drive',
+    tuple(sdo_request_cob_id(node_id) for node_id in _NODES): 'an SDO request',
+}
 STORING = Patience(timeout=5.0, attempts=1)  # a second attempt would store what is there then
 
 
@@ -166,9 +177,9 @@ class ToolBus:
 
         """
         received = {frame.cob_id for frame in self.collect(LISTENING_TIME)}
-        signs = {heartbeat_cob_id(MASTER_NODE_ID): f'the heartbeat of node {MASTER_NODE_ID}',
-                 SYNC_COB_ID: 'SYNC'}
-        for cob_id in received & signs.keys():
-            raise DriveStateError(
-                f'{signs[cob_id]} ({cob_id:03X}h) is on {self.frames}: a driver runs on this bus, '
-                'and two masters must not command one drive; end the driver, then try again')
+        for cob_ids, what in _ONLY_MASTERS.items():
+            for cob_id in received.intersection(cob_ids):
+                raise DriveStateError(
+                    f'{what} ({cob_id:03X}h) is on {self.frames}: a driver runs on this bus, or '
+                    'another tool, and two masters must not command one drive; end it, then try '
+                    'again')

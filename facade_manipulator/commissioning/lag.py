@@ -161,7 +161,7 @@ def run_lag(context: Context) -> None:
         machine.write({'friction': friction}, node='/**/ik_service')
 
 
-class Recording(NamedTuple):
+class AxisRecord(NamedTuple):
     """Sines by frequency [Hz] and a triangle: what was commanded, what the axis answered."""
 
     sines: dict[float, tuple[np.ndarray, list[AxisSample]]]
@@ -170,13 +170,13 @@ class Recording(NamedTuple):
 
 def record(
     motion: Motion, number: int, speed: float, frequencies: Sequence[float]
-) -> Recording:
+) -> AxisRecord:
     """Move and record; nothing is computed here, for each cycle feeds the drives' watchdog."""
     sines = {}
     for frequency in frequencies:
         sines[frequency] = follow(motion, number, sine(frequency, speed, motion.window))
         follow(motion, number, np.linspace(sines[frequency][0][-1], 0.0, 20))
-    return Recording(sines, follow(motion, number, triangle())[1])
+    return AxisRecord(sines, follow(motion, number, triangle())[1])
 
 
 def sine(frequency: float, speed: float, window: float) -> np.ndarray:
@@ -187,7 +187,7 @@ def sine(frequency: float, speed: float, window: float) -> np.ndarray:
     return amplitude * np.minimum(1.0, angle / (2.0 * math.pi)) * np.sin(angle)
 
 
-def analyse(recording: Recording) -> AxisDynamics:
+def analyse(recording: AxisRecord) -> AxisDynamics:
     """Return what a recording shows of an axis."""
     responses, motions = [], []
     for frequency, (targets, samples) in recording.sines.items():

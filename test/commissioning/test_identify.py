@@ -37,7 +37,8 @@ def test_a_scan_finds_drives_without_a_node_id(make_rig, capsys):
     assert 'a drive without a node id' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('frame', [(0x77F, b'\x05'), (0x80, b'')])
+@pytest.mark.parametrize('frame', [
+    (0x77F, b'\x05'), (0x80, b''), (0x000, b'\x80\x09'), (0x202, bytes(7)), (0x602, bytes(8))])
 def test_no_command_works_beside_a_driver(make_rig, capsys, frame):
     rig = make_rig('--new')
     with can.Bus(interface='virtual', channel=rig.channel) as driver:
