@@ -101,7 +101,8 @@ def _static_transforms() -> list:
 def generate_launch_description() -> LaunchDescription:
     """Describe the manipulator's nodes and arguments."""
     arguments = (
-        ('use_mock_hardware', 'false', 'simulate the drives and the gondola', ['true', 'false']),
+        ('use_mock_hardware', 'false', 'simulate the drives and the gondola',
+         ['true', 'false', 'True', 'False']),
         ('record', 'true', 'keep a black box of the last minutes', ['true', 'false']),
         ('namespace', '', 'namespace of the nodes, one per gondola', None),
         ('config', str(config_path('manipulator.yaml')), 'parameter file', None),

@@ -32,7 +32,7 @@ from facade_manipulator.drives.controller import (
     POWERED_STATES,
     RecorderSettings,
 )
-from facade_manipulator.errors import InputError, ManipulatorError
+from facade_manipulator.errors import DriveStateError, InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import LoopProcess, LoopSetup, start_process, StoppingAnalysis
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
@@ -53,6 +53,7 @@ from facade_manipulator.ros import (
     declare,
     Deferred,
     DiagnosticsPublisher,
+    DRIVER_STATUS,
     LATEST,
     ManagedNode,
     reject_simulated_time,
@@ -259,6 +260,13 @@ class DriverNode(ManagedNode):
 
     def _configure(self) -> Future:
         """Configure; if the loop's process has ended, start another one before."""
+        if self.count_publishers(DRIVER_STATUS) > 1:
+            job: Future = Future()
+            job.set_exception(DriveStateError(
+                f'configure is not possible, another driver runs in namespace '
+                f'{self.get_namespace()}, and both would follow the setpoints; next: end one of '
+                'the two, then configure, home, activate'))
+            return job
         if not self._loop.is_lost:
             return self._loop.request('configure')
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from difflib import get_close_matches
+from itertools import pairwise
 from pathlib import Path
 import sys
 from typing import Any, NamedTuple
@@ -87,7 +88,7 @@ def _require(
 def _given(words: list[str]) -> Iterator[Given]:
     """Yield what stands between ``--ros-args`` and ``--``."""
     is_ros = False
-    for word, value in zip(words, [*words[1:], ''], strict=True):
+    for word, value in pairwise([*words, '']):
         if word in ('--ros-args', '--'):
             is_ros = word == '--ros-args'
         elif is_ros and word == '--params-file':

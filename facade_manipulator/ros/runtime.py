@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Sequence
 import gc
+import os
+from pathlib import Path
 import signal
 import sys
 
@@ -15,6 +18,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.executors import choose_executor, spin
@@ -53,8 +57,11 @@ def run(
             signal.signal(number, lambda number, _: received.append(number))
     nodes: Sequence[Node] = ()
     try:
+        _reject_other_arguments(args)
         nodes = _start(make_nodes, args)
         require_known_parameters(nodes, args)
+        for node in nodes:  # a managed node says what is next
+            node.get_logger().info('ready' + getattr(node, 'following_step', str)())
         _spin(nodes, received, choose_executor() if experimental else SingleThreadedExecutor(),
               manager)
     except ExternalShutdownException:
@@ -77,6 +84,16 @@ def run(
     return 0
 
 
+def _reject_other_arguments(args: list[str] | None) -> None:
+    """Answer ``--help``, and end at an argument that ROS does not read: nobody else does."""
+    words = remove_ros_args(args=sys.argv if args is None else ['node', *args])
+    argparse.ArgumentParser(
+        prog=Path(words[0]).name, description='A node of facade_manipulator.', epilog=(
+            'ROS arguments follow --ros-args: --params-file FILE, -p NAME:=VALUE, -r __ns:=/NAME. '
+            'Parameters: ros2 param list, ros2 param describe, config/manipulator.yaml.'),
+    ).parse_args(words[1:])
+
+
 def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> Sequence[Node]:
     """
     Make the nodes; what ROS itself rejects, such as a parameter file, is a message too.
@@ -87,7 +104,9 @@ def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> 
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         return make_nodes()
     except rclpy_implementation.RCLError as error:
-        raise ManipulatorError(str(error)) from error
+        is_enforced = os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce'
+        hint = ': ROS_SECURITY_STRATEGY is Enforce; is this enclave in its keystore?'
+        raise ManipulatorError(f'{error}{hint if is_enforced else ""}') from error
 
 
 def _spin(

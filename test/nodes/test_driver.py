@@ -391,3 +391,9 @@ def test_a_transition_that_the_state_does_not_allow_is_rejected_with_cause_and_n
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     assert bench.message() == (
         'halted; activate is not possible, the node is active; next: clear_faults')
+
+
+def test_a_second_driver_in_the_namespace_is_not_configured_and_says_so(bench, ros):
+    ros.add(DriverNode(parameter_overrides=[*SIMULATED]))
+    ros.until(lambda: bench.node.count_publishers('driver/status') == 2, 'two drivers')
+    assert 'another driver runs in namespace /' in str(bench.node._configure().exception(1.0))

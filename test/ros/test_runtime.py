@@ -43,7 +43,7 @@ def ending(how):
 
 @pytest.mark.parametrize('number', runtime.STOP_SIGNALS)
 def test_a_signal_ends_a_node_in_order(ros_domain, handlers, capfd, number):
-    assert runtime.run(ending(lambda: os.kill(os.getpid(), number))) == 0
+    assert runtime.run(ending(lambda: os.kill(os.getpid(), number)), []) == 0
     assert 'ended' not in capfd.readouterr().err
 
 
@@ -52,7 +52,7 @@ def test_a_signal_ends_a_node_where_nothing_happens(ros_domain, handlers, number
     timers = [Timer(0.3, os.kill, (os.getpid(), number)), Timer(DEADLINE, rclpy.try_shutdown)]
     for timer in timers:
         timer.start()
-    assert runtime.run(lambda: [rclpy.create_node('idle')]) == 0
+    assert runtime.run(lambda: [rclpy.create_node('idle')], []) == 0
     timers[1].cancel()
 
 
@@ -60,7 +60,7 @@ def test_a_node_that_moves_drives_is_not_run_in_an_experimental_executor(
         ros_domain, handlers, monkeypatch):
     monkeypatch.setattr(runtime, 'choose_executor', pytest.fail)
     end = ending(lambda: os.kill(os.getpid(), signal.SIGINT))
-    assert runtime.run(end, experimental=False) == 0
+    assert runtime.run(end, [], experimental=False) == 0
 
 
 def test_an_error_in_a_callback_ends_the_node_and_is_not_hidden(ros_domain, handlers):
@@ -68,7 +68,7 @@ def test_an_error_in_a_callback_ends_the_node_and_is_not_hidden(ros_domain, hand
         raise ZeroDivisionError('nobody foresaw this')
 
     with pytest.raises(ZeroDivisionError, match='nobody foresaw'):
-        runtime.run(ending(fail))
+        runtime.run(ending(fail), [])
 
 
 def test_no_event_leaves_anything_on_the_future_that_ends_it(ros, executor):
@@ -89,5 +89,20 @@ def test_no_event_leaves_anything_on_the_future_that_ends_it(ros, executor):
 
 
 def test_no_node_ends_in_silence_when_ros_is_shut_down(ros_domain, handlers, capfd):
-    assert runtime.run(ending(rclpy.try_shutdown)) == 1
+    assert runtime.run(ending(rclpy.try_shutdown), []) == 1
     assert 'by no signal' in capfd.readouterr().err
+
+
+def test_a_node_says_when_it_is_ready(ros_domain, handlers, capfd):
+    assert runtime.run(ending(lambda: os.kill(os.getpid(), signal.SIGINT)), []) == 0
+    assert '[ending]: ready' in capfd.readouterr().err
+
+
+@pytest.mark.parametrize('arguments, status, text', [
+    (['--help'], 0, '--params-file'), (['--bogus'], 2, 'unrecognized arguments: --bogus'),
+    (['--ros-args', '-p', 'a:=1', '--', 'more'], 2, 'unrecognized arguments: more')])
+def test_other_arguments_start_nothing(handlers, capfd, arguments, status, text):
+    with pytest.raises(SystemExit) as end:
+        runtime.run(pytest.fail, arguments)
+    captured = capfd.readouterr()
+    assert end.value.code == status and text in captured.out + captured.err

@@ -102,7 +102,8 @@ def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
 
 
 def _serial_numbers(options: argparse.Namespace) -> Sequence[int]:
-    return options.serial_numbers or (_NEW_SERIALS if options.new else options.node_ids)
+    others = _NEW_SERIALS if options.new else options.node_ids
+    return getattr(options, 'serial_numbers', others)
 
 
 def _one_each(name: str, values: Sequence[Any], count: int) -> Sequence[Any]:
@@ -146,7 +147,8 @@ def _parser() -> argparse.ArgumentParser:
         help='-1: positive counts move the carriage to negative q')
     add('--leads', type=float, nargs='+', default=[AxisScale().lead],
         help='travel of the carriage per revolution of the screw [m]')
-    add('--serial-numbers', type=_number, nargs='+', help='default: the node ids')
+    add('--serial-numbers', type=_number, nargs='+', default=argparse.SUPPRESS,
+        help='serial numbers (default: the node ids)')
     add('--new', type=int, nargs='?', const=1, default=0, choices=(1, UNCONFIGURED),
         help=f'as from the box: all are node 1, or with {UNCONFIGURED} have no node id, until LSS '
              'gives them one')
