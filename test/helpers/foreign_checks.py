@@ -6,7 +6,8 @@ from contextlib import suppress
 from dataclasses import replace
 
 import can
-from drive_rig import SETTINGS, Source
+from drive_rig import SETTINGS as FAST
+from drive_rig import Source
 from foreign_drives import ENABLED, FOLLOWING_ERROR, ForeignDrives, LOST_HEARTBEAT, NAME, PDOS
 import pytest
 from support import wait_until
@@ -23,6 +24,7 @@ from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.resources import config_path
 
 PATIENCE = 30.0
+SETTINGS = replace(FAST, rate=20)  # Hz: all are in one process, and so is the guest's one CPU
 
 
 class ForeignRig:

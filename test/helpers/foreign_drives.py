@@ -79,7 +79,6 @@ class ForeignDrive:
 
     def close(self) -> None:
         """Leave the bus."""
-        self.objects.write(0x1017, 0, 0)
         self.network.stop()
         self._bus.shutdown()
 
@@ -155,9 +154,11 @@ class ForeignDrives:
         self._scheduler.add(LOOK_PERIOD, self._look)
 
     def close(self) -> None:
-        """Leave the bus; the timers end."""
+        """End the timers, leave the bus."""
         self._look = lambda: None
         for drive in self.drives:
-            drive.close()
+            drive.objects.write(0x1017, 0, 0)
         self._scheduler.stop()
         self._thread.join(5.0)
+        for drive in self.drives:
+            drive.close()
