@@ -272,7 +272,8 @@ def test_the_self_test_reports_each_part(bench):
     assert before.passed == b'\x01' and before.status[0].message  # a new drive's first question
     bench.change(Transition.TRANSITION_CONFIGURE)
     reply = bench.ros.call(bench.operator, SelfTest, 'driver/self_test')
-    assert reply.passed == b'\x01', [status.message for status in reply.status]
+    assert reply.passed == b'\x01', [
+        status.message for status in reply.status if status.level != DiagnosticStatus.OK]
     assert len(reply.status) >= 3
 
 
