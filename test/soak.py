@@ -14,7 +14,6 @@ from collections.abc import Iterator
 import os
 from pathlib import Path
 import sys
-import tempfile
 import time
 import traceback
 
@@ -28,15 +27,12 @@ from hypothesis import Phase, settings  # noqa: E402
 from hypothesis.stateful import run_state_machine_as_test  # noqa: E402
 from walk import Walk  # noqa: E402
 
-from facade_manipulator.drives.cia402.settings import DEFAULT_AXES  # noqa: E402
-from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings  # noqa: E402
 from facade_manipulator.drives.controller.settings import ControllerSettings  # noqa: E402
 from facade_manipulator.drives.controller.snapshot import ControllerState, CycleStatistics  # noqa: E402
 
 MOST_GROWTH = 5.0  # MB
 WARM_UP = 60.0  # s: rings and caches fill
 WALKS = 50
-RECORD = 30.0  # s
 LOOK_EVERY = 0.5  # s
 REPORT_EVERY = 60.0  # s
 SETTINGS = ControllerSettings()
@@ -115,10 +111,8 @@ def main() -> int:
     parser.add_argument('--walk', type=float, default=3600.0, help='time of the walk [s]')
     options = parser.parse_args()
     take_precedence()
-    with tempfile.TemporaryDirectory() as folder, complaints() as said:
-        recorder = FaultRecorder(
-            RecorderSettings(directory=folder, duration=RECORD), DEFAULT_AXES, 'soak')
-        rig = StreamRig('soak', SETTINGS, recorder=recorder)
+    with complaints() as said:
+        rig = StreamRig('soak', SETTINGS)
         try:
             rig.get_ready()
             SITUATIONS['moving'](rig)

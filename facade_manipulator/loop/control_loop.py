@@ -28,10 +28,8 @@ from facade_manipulator.drives.controller import (
     ControllerSnapshot,
     ControllerState,
     DriveController,
-    FaultRecorder,
     MechanismChecks,
     POWERED_STATES,
-    RecorderSettings,
     Session,
 )
 from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
@@ -68,7 +66,6 @@ class LoopSetup:
     bus: BusSettings
     stream: StreamSettings
     limits: MotionLimits
-    recorder: RecorderSettings
     simulate_drives: bool = False
 
     def check_limits(self, limits: MotionLimits) -> None:
@@ -134,8 +131,7 @@ class ControlLoop:
             setup.controller, setup.axes,
             BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate, str(setup.bus)),
             MechanismChecks(
-                self.follower, guard, HomingGuard(setup.geometry), _measured_guard(setup)),
-            FaultRecorder(setup.recorder, setup.axes, setup.bus.channel)))
+                self.follower, guard, HomingGuard(setup.geometry), _measured_guard(setup))))
         self.simulator = _simulate(setup) if setup.simulate_drives else None
         self._setup = setup
         self._channel = channel

@@ -11,13 +11,11 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import State
-from rclpy.logging import get_logging_directory
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -30,7 +28,6 @@ from facade_manipulator.drives.controller import (
     ControllerState,
     Finding,
     POWERED_STATES,
-    RecorderSettings,
 )
 from facade_manipulator.errors import DriveStateError, InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
@@ -168,7 +165,7 @@ class DriverNode(ManagedNode):
             declare(self, StreamSettings, 'stream', self._change_stream),
             declare(self, MotionLimits, 'limits', self._change_limits,
                     lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
-            self._declare_recorder(), self._settings.simulate_drives)
+            self._settings.simulate_drives)
 
     def _declare_axes(self, geometry: Geometry) -> tuple[AxisSettings, ...]:
         least, greatest = geometry.stroke
@@ -176,13 +173,6 @@ class DriverNode(ManagedNode):
             declare(self, AxisSettings, name, node_id=axis.node_id,
                     home_position=axis.home_position, lower_limit=least, upper_limit=greatest)
             for name, axis in zip(CARRIAGES, DEFAULT_AXES, strict=True))
-
-    def _declare_recorder(self) -> RecorderSettings:
-        settings = declare(self, RecorderSettings, 'recorder')
-        if settings.directory:
-            return settings
-        folder = Path(str(get_logging_directory())) / 'drive_faults'
-        return replace(settings, directory=str(folder))
 
     def _offer(self) -> None:
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)

@@ -17,7 +17,6 @@ from facade_manipulator.drives.controller import (
     ControllerSettings,
     ControllerSnapshot,
     ControllerState,
-    RecorderSettings,
 )
 from facade_manipulator.errors import ManipulatorError, RecordError
 from facade_manipulator.kinematics import Carriages, mechanism_of
@@ -208,7 +207,7 @@ def _setup(run: RecordedRun) -> LoopSetup:
     return LoopSetup(
         geometry, controller, axes, BusSettings(interface='virtual'),
         settings_from(StreamSettings, values, 'stream'),
-        settings_from(MotionLimits, values, 'limits'), RecorderSettings(), simulate_drives=True)
+        settings_from(MotionLimits, values, 'limits'), simulate_drives=True)
 
 
 def _actions(

@@ -61,8 +61,9 @@ REMOVED = {
     'controller.max_resets_per_minute': 'is fixed at 3 now',
     'controller.reopen_after': 'is fixed at 1 s now',
     'controller.own_garbage_collection': 'is fixed at true now',
-    'recorder.aftermath': 'is fixed at 1 s now',
-    'recorder.frame_rate': 'is fixed at 2000 Hz now',
+    **dict.fromkeys(
+        ('recorder.directory', 'recorder.duration', 'recorder.aftermath', 'recorder.frame_rate',
+         'recorder.max_files'), 'belongs to the node recorder now, which keeps the black box'),
     'stream.oldest': 'is fixed at 0.2 s now',
     'stream.earliest': 'is fixed at 1 s now',
     # gondola_simulator

@@ -65,7 +65,7 @@ class Rig:
 
     def __init__(
         self, channel: str, interface='virtual', settings=SETTINGS, axes=DEFAULT_AXES,
-        drives=None, source=None, recorder=None, **checks,
+        drives=None, source=None, **checks,
     ) -> None:
         self.channel = channel
         self.interface = interface
@@ -82,7 +82,7 @@ class Rig:
                    'drives that are on')  # a boot-up while they are reset means: once more
         self.controller = DriveController(Session(
             settings, axes, BusAccess(self.open_bus),
-            MechanismChecks(self.source, **checks), recorder))
+            MechanismChecks(self.source, **checks)))
 
     def _new_bus(self) -> can.BusABC:
         return can.Bus(interface=self.interface, channel=self.channel)

@@ -16,7 +16,6 @@ from support import wait_until
 
 from facade_manipulator.drives.canopen.link import BusSettings
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
-from facade_manipulator.drives.controller.recorder import RecorderSettings
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.kinematics import Geometry
@@ -42,7 +41,7 @@ def loop_setup(controller: ControllerSettings = CONTROLLER) -> LoopSetup:
     bus = BusSettings(channel=f'loop {os.getpid()} {next(_channels)}')
     return LoopSetup(
         Geometry(), controller, DEFAULT_AXES, bus, StreamSettings(), MotionLimits(),
-        RecorderSettings(), simulate_drives=True)
+        simulate_drives=True)
 
 
 def serve(loop: ControlLoop) -> None:

@@ -13,7 +13,6 @@ Linux kernel, include/uapi/linux/can/error.h: classes and data bytes of error fr
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import IntEnum
 import errno
 from threading import Lock
@@ -111,18 +110,13 @@ class CanBus:
     ----------
     bus : can.BusABC
         Owned from now on: `close` shuts it down.
-    tap : callable, optional
-        Takes time stamp [s], COB-ID and data of each frame that comes in or goes out.
 
     """
 
-    def __init__(
-        self, bus: can.BusABC, tap: Callable[[float, int, bytes], None] | None = None
-    ) -> None:
+    def __init__(self, bus: can.BusABC) -> None:
         self.has_kernel_sync = isinstance(bus, SocketcanBus)
         self._bus = bus
         self._port = port_of(bus)
-        self._tap = tap
         self._sending = Lock()
         self._sync_task: can.CyclicSendTaskABC | None = None
         self._received = self._sent = self._ignored = 0
@@ -177,8 +171,6 @@ class CanBus:
             self._set_aside(kind, cob_id, data)
             return None
         self._received += 1
-        if self._tap is not None:
-            self._tap(stamp, cob_id, data)
         return Frame(cob_id, data, _monotonic(stamp), stamp)
 
     def send(self, cob_id: int, data: bytes = b'') -> None:
@@ -199,8 +191,6 @@ class CanBus:
         except (can.CanError, OSError, ValueError) as error:
             raise self._send_error(error) from error
         self._sent += 1
-        if self._tap is not None:
-            self._tap(time.time(), cob_id, data)
 
     def start_sync(self, period: float) -> None:
         """

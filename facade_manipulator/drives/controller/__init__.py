@@ -13,7 +13,6 @@ from facade_manipulator.drives.controller.configuration import (
 )
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.cycle import CycleStatistics, LATENESS_BOUNDS
-from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
 from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import (
@@ -34,14 +33,12 @@ __all__ = [
     'ControllerState',
     'CycleStatistics',
     'DriveController',
-    'FaultRecorder',
     'Finding',
     'LATENESS_BOUNDS',
     'MechanismChecks',
     'object_writes',
     'pdo_writes',
     'POWERED_STATES',
-    'RecorderSettings',
     'Session',
     'write_objects',
 ]

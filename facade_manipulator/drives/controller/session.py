@@ -39,7 +39,6 @@ from facade_manipulator.drives.controller.configuration import object_writes
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.realtime import Collector
-from facade_manipulator.drives.controller.recorder import FaultRecorder
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
@@ -101,8 +100,6 @@ class Session:
         q1, q2, q3.
     bus : BusAccess
     mechanism : MechanismChecks
-    recorder : FaultRecorder, optional
-        Gets every frame, and writes the last minute down when the drives stop.
 
     Attributes
     ----------
@@ -126,7 +123,7 @@ class Session:
 
     def __init__(
         self, settings: ControllerSettings, axes: tuple[AxisSettings, ...], bus: BusAccess,
-        mechanism: MechanismChecks, recorder: FaultRecorder | None = None,
+        mechanism: MechanismChecks,
     ) -> None:
         check_axes(axes)
         self.settings = settings
@@ -140,7 +137,6 @@ class Session:
             object_writes(profile, axis, settings)
         self.targets = Targets(self.axes, settings, mechanism)
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
-        self.recorder = recorder
         self.collector = Collector(settings.rate)
         self.forbidden = ''
         self._bus = bus
@@ -216,11 +212,8 @@ class Session:
     def snapshot(
         self, state: ControllerState, notes: tuple[str, ...], now: float
     ) -> ControllerSnapshot:
-        """Return the record of this cycle; the fault recorder sees why the drives are stopped."""
-        causes, recorder, notes = self.causes, self.recorder, notes + self.notes
-        if recorder is not None:
-            recorder.watch(causes, now)
-            notes += (recorder.last_outcome,) if recorder.last_outcome else ()
+        """Return the record of this cycle."""
+        causes, notes = self.causes, notes + self.notes
         targets = self.targets.positions or _NO_TARGETS
         record = ControllerSnapshot(
             state, None, tuple([monitor.snapshot(target, now) for monitor, target in zip(
@@ -272,9 +265,8 @@ class Session:
             bus, exchange, Commissioning(bus, drives, self.settings, exchange.reception))
 
     def _open_bus(self) -> CanBus:
-        tap = self.recorder.add if self.recorder is not None else None
         try:
-            return CanBus(self._bus.open(), tap)
+            return CanBus(self._bus.open())
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f'the CAN bus cannot be opened: {error}') from error
 

@@ -15,7 +15,6 @@ from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, State
-from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveStateError, LimitError
 
@@ -269,21 +268,15 @@ def test_what_has_power_is_stopped_when_it_is_forbidden_until_that_ends(rig, sit
     rig.do('activate')
 
 
-def recorder(watch):
-    """Return a recorder that is called at the end of each cycle, as every one is."""
-    made = FaultRecorder(RecorderSettings(), DEFAULT_AXES)
-    made.watch = watch
-    return made
-
-
 def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_rig):
     trouble = []
 
-    def watch(causes, now):
+    def observe(snapshot):
         if trouble:
             raise KeyError(trouble.pop())
 
-    rig = make_rig(recorder=recorder(watch))
+    rig = make_rig()
+    rig.controller.observe = observe
     at_rest(rig)
     trouble.append('surprise')
     rig.until_stopped()
@@ -294,12 +287,13 @@ def test_an_error_that_nobody_foresaw_stops_the_drives_and_not_the_thread(make_r
 def test_a_loop_that_stood_still_blames_this_computer_and_no_drive(make_rig):
     pauses = []
 
-    def watch(causes, now):
+    def observe(snapshot):
         if pauses:
             time.sleep(pauses.pop())
 
     settings = replace(SETTINGS, heartbeat_timeout=0.3)
-    rig = make_rig(settings=settings, recorder=recorder(watch))
+    rig = make_rig(settings=settings)
+    rig.controller.observe = observe
     at_rest(rig)
     pauses.append(1.2 * settings.heartbeat_timeout)
     rig.until_stopped()
