@@ -10,7 +10,6 @@ lifecycle backwards by itself: carriages to rest, power off, bus closed.
 
 from pathlib import Path
 
-from ament_index_python.packages import get_package_prefix, PackageNotFoundError
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
 from launch.conditions import IfCondition
@@ -58,8 +57,7 @@ def _nodes(context) -> list:
     configure = EmitEvent(event=ChangeState(
         lifecycle_node_matcher=matches_action(driver),
         transition_id=Transition.TRANSITION_CONFIGURE))
-    return [*(_end_with(node) for node in nodes), *nodes, recorder, *_static_transforms(),
-            configure]
+    return [*(_end_with(node) for node in nodes), *nodes, recorder, configure]
 
 
 def _common(context, executable: str) -> dict:
@@ -85,17 +83,6 @@ def _end_with(node: Node) -> RegisterEventHandler:
             reason=f'{event.process_name} ended with exit status {event.returncode}'))]
 
     return RegisterEventHandler(OnProcessExit(target_action=node, on_exit=shut_down))
-
-
-def _static_transforms() -> list:
-    """Publish the rail's nominal place on the wall, where tf2 is installed."""
-    try:
-        get_package_prefix('tf2_ros')
-    except PackageNotFoundError:
-        return []
-    return [Node(
-        package='tf2_ros', executable='static_transform_publisher', name='nominal_place',
-        arguments=['--frame-id', 'facade', '--child-frame-id', 'rail'])]
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -46,6 +46,7 @@ from facade_manipulator.ros import (
     run,
     seconds,
     steady_timer,
+    Transforms,
 )
 
 LOG_PAUSE = 10.0  # s, of a supervisor that sends goals all the time
@@ -86,6 +87,7 @@ class CompensatorNode(Node):
         self._progress = GoalReport(self, self._compensator, self._report.held_back)
         self.corrected = PoseStream(self, 'corrected_pose', RAIL, LATEST)
         self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
+        self._rail = Transforms(self, FACADE, RAIL)
         self._disturbance_codec = estimate_codec('disturbance', FACADE)
         self._head_codec = pose_codec('end_effector_pose', RAIL)
         self._subscribe(heads)
@@ -187,6 +189,7 @@ class CompensatorNode(Node):
         if corrected is not None:
             self.corrected.publish(corrected.time, corrected.pose)
             self._reference.publish(corrected.time, corrected.reference)
+            self._rail.publish(corrected.time, corrected.disturbance)
             self._report.note(now, corrected)
         self._progress.update(now)
         if self._report.changed(now):

@@ -32,6 +32,7 @@ from facade_manipulator.ros import (
     diagnostic_status,
     DiagnosticsPublisher,
     DriverWatch,
+    END_EFFECTOR,
     LATCHED,
     LATEST,
     node_time,
@@ -50,6 +51,7 @@ from facade_manipulator.ros import (
     setpoint_codec,
     states_codec,
     steady_timer,
+    Transforms,
 )
 
 ACTUATOR_SPACE = 'actuator_space'
@@ -83,6 +85,7 @@ class IkServiceNode(Node):
         self._driver = DriverWatch(self, self._change_driver)
         self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
         self.heads = PoseStream(self, 'end_effector_pose', RAIL, RELIABLE)
+        self._end_effector = Transforms(self, RAIL, END_EFFECTOR)
         self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
         self._rejected_requests = self.create_publisher(
             DiagnosticStatus, 'ik_service/rejections', RECENT)
@@ -180,6 +183,7 @@ class IkServiceNode(Node):
             require_finite(CARRIAGES, position, 'joint_states position of')
             self._head = self._mechanism.forward_kinematics(Carriages(*position))
             self.heads.publish(time, self._head)
+            self._end_effector.publish(time, self._head)
             self._contact.publish(time, self._head, velocity, effort)
 
     def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:

@@ -46,6 +46,7 @@ from facade_manipulator.ros.parameter_reader import ParameterReader
 from facade_manipulator.ros.parameters import accept_old_names, declare
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE, run, USAGE_ERROR
 from facade_manipulator.ros.software_stop import SoftwareStop
+from facade_manipulator.ros.transforms import Transforms
 
 __all__ = [
     'accept_old_names',
@@ -96,6 +97,7 @@ __all__ = [
     'states_codec',
     'steady_timer',
     'type_name',
+    'Transforms',
     'USAGE_ERROR',
     'VARIANCES',
     'wrench_stamped',
