@@ -1,29 +1,33 @@
 """
-The driver's side of ROS, seen from its own process: setpoints in, joint states out.
+The driver's side of ROS, seen from its own processes: setpoints in, joint states out.
 
-`driver_role.py driver|relay`: the real driver, active, or an empty relay. Beside the executor
-a thread of the process runs the CAN cycle at 500 Hz, as in the section `bus`, which measures that
-thread; here the main thread alone counts, that of the executor. Between the lines `begin` and
-`end` on stdin it notes how long each setpoint took from its sender until it was taken.
+`driver_role.py driver|relay`: the real driver, active, with its control loop in a process of its
+own (`loop_role.py`), or an empty relay that runs a CAN cycle at the same rate. What the CAN cycle
+costs is measured in the section `bus` and is left out here; all else counts: every thread of the
+node, the thread of the loop that receives from it, and what the control thread spends on sending
+states. Between the lines `begin` and `end` on stdin it notes how long each setpoint took from its
+sender until it was taken.
 """
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 import signal
+import socket
+import subprocess
 import sys
-from threading import Event, get_ident, Thread
+from threading import Event, Thread
 import time
 
-import can
-from cycle_makers import Answers
-from pipeline_role import CHANNEL, real_driver, RelayDriver
+from cycle_makers import cpu_of
+from pipeline_role import PATIENCE, RelayDriver
 import rclpy
-from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
-from ros_roles import JOINT_STATES_PERIOD
+from ros_roles import HORIZON, JOINT_STATES_PERIOD
 from sensor_msgs.msg import JointState
 
+from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.ros.conversions import CARRIAGES
 from facade_manipulator.ros.executors import choose_executor
 from facade_manipulator.ros.runtime import RELIABLE
@@ -34,19 +38,48 @@ CYCLE_RATE = 500.0
 class DriverRelay(RelayDriver):
     """Hears setpoints, publishes joint states, sends targets on a bus, and does nothing else."""
 
-    def __init__(self, taken: list) -> None:
-        super().__init__(CYCLE_RATE, taken)
+    def __init__(self) -> None:
+        self._taken: list[tuple[float, float]] = []
+        super().__init__(CYCLE_RATE, self._taken)
         self._states = self.create_publisher(JointState, 'joint_states', RELIABLE)
         self._message = JointState(
             name=CARRIAGES, position=(0.0,) * 3, velocity=(0.0,) * 3, effort=(0.0,) * 3)
         self.create_timer(JOINT_STATES_PERIOD, lambda: self._states.publish(self._message))
 
+    def take(self) -> tuple[list[float], float]:
+        """Return the latencies [s] since last asked, and the CPU outside this process's [s]."""
+        latencies = [end - sent for sent, end in self._taken]
+        self._taken.clear()
+        return latencies, -cpu_of(self.cycle)
 
-def answer_instead(driver: Node) -> None:
-    """Give an active driver drives that cost next to nothing."""
-    Answers(can.Bus(interface='virtual', channel=CHANNEL))
-    simulator = driver._loop._process.loop.simulator
-    simulator.stop()
+    def close(self) -> None:
+        """Do nothing."""
+
+
+class ObservedDriver(DriverNode):
+    """The driver, whose loop's process tells what it takes."""
+
+    def __init__(self) -> None:
+        super().__init__(launch=self._launch)
+        Thread(target=self._bring_up, daemon=True).start()
+
+    def _launch(self, end: socket.socket) -> subprocess.Popen:
+        number = end.fileno()
+        self._process = subprocess.Popen(
+            [sys.executable, Path(__file__).with_name('loop_role.py'), str(number)],
+            pass_fds=(number,), stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        return self._process
+
+    def _bring_up(self) -> None:
+        for request in ('configure', 'home', 'activate'):
+            print(self._loop.request(request).result(PATIENCE), file=sys.stderr)
+
+    def take(self) -> tuple[list[float], float]:
+        """Return the latencies [s] since last asked, and the CPU outside this process [s]."""
+        self._process.stdin.write('take\n')
+        self._process.stdin.flush()
+        ages, cpu = json.loads(self._process.stdout.readline())
+        return [HORIZON + age for age in ages], cpu
 
 
 def main() -> None:
@@ -54,27 +87,26 @@ def main() -> None:
     stopping = Event()
     signal.signal(signal.SIGINT, lambda *_: stopping.set())
     rclpy.init(args=sys.argv, signal_handler_options=SignalHandlerOptions.NO)
-    taken: list[tuple[float, float]] = []
-    clock = time.pthread_getcpuclockid(get_ident())
-    is_real = sys.argv[1] == 'driver'
-    driver = real_driver(taken, answer_instead) if is_real else DriverRelay(taken)
+    driver = ObservedDriver() if sys.argv[1] == 'driver' else DriverRelay()
     executor = choose_executor()
     executor.add_node(driver)
 
+    def take():
+        latencies, elsewhere = driver.take()
+        return latencies, time.process_time() + elsewhere, time.monotonic()
+
     def obey():
+        begin = take()
         for word in sys.stdin:
-            if word.strip() == 'begin':
-                taken.clear()
-                begin, used = time.monotonic(), time.clock_gettime(clock)
-            else:
-                cpu = (time.clock_gettime(clock) - used) / (time.monotonic() - begin)
-                print(json.dumps([[end - sent for sent, end in taken], cpu]), flush=True)
+            end = latencies, used, now = take()
+            if word.strip() == 'end':
+                print(json.dumps([latencies, (used - begin[1]) / (now - begin[2])]), flush=True)
+            begin = end
 
     Thread(target=obey, daemon=True).start()
     while not stopping.is_set():
         executor.spin_once(timeout_sec=0.2)
-    if hasattr(driver, 'close'):
-        driver.close()
+    driver.close()
 
 
 if __name__ == '__main__':

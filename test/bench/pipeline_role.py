@@ -8,7 +8,6 @@ sends what it hears last once a cycle. Prints the latencies of each part after `
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable
 import json
 from pathlib import Path
 import signal
@@ -62,7 +61,8 @@ class RelayDriver(Node):
         self._bus = can.Bus(interface='virtual', channel=CHANNEL)
         self.create_subscription(JointState, 'joint_setpoints', self._hear, LATEST)
         self._period = 1.0 / rate
-        Thread(target=self._command, daemon=True).start()
+        self.cycle = Thread(target=self._command, daemon=True)
+        self.cycle.start()
 
     def _hear(self, message: JointState) -> None:
         stamp = message.header.stamp
@@ -79,9 +79,7 @@ class RelayDriver(Node):
             time.sleep(max(0.0, due - time.monotonic()))
 
 
-def real_driver(
-    heard: list, when_active: Callable[[Node], None] = lambda driver: None
-) -> Node:
+def real_driver(heard: list) -> Node:
     """Return the driver node, homed and active soon, that then notes each setpoint it takes."""
     sys.path.append(str(Path(__file__).resolve().parents[1] / 'helpers'))
     from loop_bench import LoopThread
@@ -99,7 +97,6 @@ def real_driver(
     def bring_up():
         for request in ('configure', 'home', 'activate'):
             print(driver._loop.request(request).result(PATIENCE), file=sys.stderr)
-        when_active(driver)
         follower.add = note
 
     Thread(target=bring_up, daemon=True).start()

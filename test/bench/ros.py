@@ -36,7 +36,7 @@ COMPENSATOR = Layout(
 IK_SERVICE = Layout(('ik_service',), ('ik_relay',), 'events', 'poses', 'hear_setpoints')
 DEPLOYMENT = Layout(
     ('manipulator',), ('compensator_relay', 'ik_relay'), 'single', 'inputs', 'hear_setpoints')
-DRIVER = 'the thread of its executor, setpoint sent to taken'
+DRIVER = 'both processes without the CAN cycle, setpoint sent to taken'
 PATIENT = (  # of drives that must not stop where the computer is busy
     '-p', 'controller.max_missed_cycles:=10', '-p', 'controller.watchdog_timeout:=1.0',
     '-p', 'controller.heartbeat_timeout:=0.5')
@@ -94,7 +94,7 @@ def medians(measure: Callable[[bool], Load], rounds: int) -> tuple[Load, Load]:
 
 
 def run_driver(is_ours: bool, rate: float, quick: bool) -> Load:
-    """Measure the driver's side of ROS: latencies of setpoints, CPU of the executor's thread."""
+    """Measure the driver's side of ROS: latencies of setpoints, CPU of both processes."""
     with Processes(DOMAIN) as processes:
         role = processes.script(
             'driver_role', 'driver' if is_ours else 'relay', '--ros-args',
