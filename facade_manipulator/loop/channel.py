@@ -145,10 +145,13 @@ class Channel:
         ChannelClosedError
 
         """
-        if not self._poll.poll(None if timeout is None else 1e3 * timeout):
+        if timeout != 0.0 and not self._poll.poll(None if timeout is None else 1e3 * timeout):
             return None
         try:
-            length, _, flags, _ = self._socket.recvmsg_into([self._buffer])
+            length, _, flags, _ = self._socket.recvmsg_into(
+                [self._buffer], 0, socket.MSG_DONTWAIT)
+        except BlockingIOError:
+            return None
         except OSError as error:
             raise ChannelClosedError('the other process has ended') from error
         if length == 0:

@@ -1,8 +1,11 @@
 """
 The node's side of the control loop: start its process, ask, publish setpoints, read its state.
 
-Nothing here waits but `start` and `close`. A process that has ended is not started again by
-itself: the drives have stopped, and whoever wants them to move configures again.
+Nothing here waits but `start` and `close`. What the loop has sent is read when the node feeds its
+watchdog or asks for it: a thread that waits for it would be woken in each cycle, and take the
+interpreter from the executor, for states of which few are looked at. A process that has ended is
+not started again by itself: the drives have stopped, and whoever wants them to move configures
+again.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ import os
 import socket
 import subprocess
 import sys
-from threading import Thread
+from threading import Lock
 from typing import Any, Protocol
 
 from facade_manipulator.drives.cia402 import Cause
@@ -77,7 +80,7 @@ class LoopProcess:
     setup : LoopSetup
         Whose limits and stream are kept up to date, should the loop be started again.
     on_rejection : callable
-        Takes reason and message of a setpoint that the loop has rejected; called in a thread.
+        Takes reason and message of a setpoint that the loop has rejected; called by `read`.
     launch : callable
         Starts the process.
 
@@ -96,6 +99,7 @@ class LoopProcess:
         self._on_rejection = on_rejection
         self._launch = launch
         self._numbers = count()
+        self._reading = Lock()
         self._forbidden = ''
         self.start()
 
@@ -115,13 +119,11 @@ class LoopProcess:
         # only now does anybody else send: the setup has to be first
         self._jobs: dict[int, Future] = {}
         self._unanswered = 0
-        self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
         self._closing = False
         self._decoded = None, first
         self._latest: Message | None = None
         self._process, self._channel = process, channel
-        Thread(target=self._receive, args=(channel,), name='control loop messages',
-               daemon=True).start()
+        self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
         if self._forbidden:
             self._send('forbid', self._forbidden, must_arrive=True)
         if self._setup is not setup:  # changed meanwhile
@@ -150,8 +152,9 @@ class LoopProcess:
         self._send('setpoint', *setpoint)
 
     def feed(self) -> None:
-        """Show that the node is alive, and end a loop that hangs."""
+        """Show that the node is alive, read what the loop has sent, and end a loop that hangs."""
         self._send('feed')
+        self.read()
         self._unanswered += 1
         if self._unanswered > MAX_UNANSWERED and self._lost is None:
             self._process.kill()  # its drives miss the master's heartbeat and stop
@@ -193,7 +196,7 @@ class LoopProcess:
         try:
             self._channel.send(*message, must_arrive=must_arrive)
         except ChannelClosedError:
-            return  # the thread that receives meets the same and says so
+            return  # whoever reads meets the same and says so
 
     # --- what the loop says
 
@@ -220,19 +223,18 @@ class LoopProcess:
             self._decoded = latest, state
         return state
 
-    def _receive(self, channel: Channel) -> None:
-        """Take what the loop sends until one of the two ends; a thread of its own."""
+    def read(self) -> None:
+        """Take what the loop has sent meanwhile."""
+        if self._lost is not None or not self._reading.acquire(blocking=False):
+            return  # nothing comes any more, or another thread takes it just now
         try:
-            while True:
-                message = channel.receive(None)
-                if message is not None:
-                    self._handle(message)
+            while (message := self._channel.receive(0.0)) is not None:
+                self._handle(message)
         except ChannelClosedError:
-            if channel is self._channel:  # else another loop has been started meanwhile
-                status = _exit_status(self._process)
-                self._lose(f'the control loop has ended by itself, exit status {status}')
+            status = _exit_status(self._process)
+            self._lose(f'the control loop has ended by itself, exit status {status}')
         finally:
-            channel.close()
+            self._reading.release()
 
     def _handle(self, message: Message) -> None:
         self._unanswered = 0
@@ -257,6 +259,7 @@ class LoopProcess:
         self._lost = ControllerSnapshot(
             state, None, tuple(AxisSnapshot(one.name, one.node_id) for one in snapshot.axes),
             () if self._closing else (cause,), '' if self._closing else LOST_REMEDY), status
+        self._channel.close()
         for number in list(self._jobs):
             job = self._jobs.pop(number, None)
             if job is not None:
@@ -270,6 +273,8 @@ class LoopProcess:
             self._process.wait(CLOSE_TIMEOUT)
         except subprocess.TimeoutExpired:
             self._process.kill()
+        self.read()
+        self._lose('the control loop is closed')
 
 
 def _receive_ready(channel: Channel) -> tuple[ControllerSnapshot, StreamStatus]:

@@ -282,7 +282,7 @@ class DriverNode(ManagedNode):
             self._rejections.add(error)
 
     def _add_rejection(self, reason: str, message: str) -> None:
-        """Count a setpoint that the loop has rejected, in the thread that receives from it."""
+        """Count a setpoint that the loop has rejected."""
         self._rejections.add(InputError(reason, message))
 
     def _require_active(self) -> None:

@@ -1,10 +1,10 @@
 """
 The process of the control loop, as the driver starts it, that tells what it takes.
 
-A line on stdin is answered with the ages [s] at which setpoints were taken since the last one, each
-against the instant it is meant for, and with the CPU [s] that the channel to the node has cost so
-far: all of the thread that receives, and of the control thread what it spends on sending states.
-Once active, drives that cost next to nothing take the place of the simulated ones.
+A line on stdin is answered with the ages [s] at which setpoints were taken since the last one,
+each against the instant it is meant for, and with the CPU [s] that the channel to the node has
+cost so far: all of the thread that receives, and of the control thread what it spends on sending
+states. Once active, drives that cost next to nothing take the place of the simulated ones.
 """
 
 from __future__ import annotations

@@ -106,6 +106,7 @@ class LoopBench:
                 return
             if self.feeds.is_set() and number % 2 == 0:
                 self.process.feed()
+            self.process.read()
             if self.streams.is_set():
                 self.process.send_setpoint(self.setpoint())
 

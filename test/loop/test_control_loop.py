@@ -187,7 +187,7 @@ def test_close_while_moving_ramps_down_and_powers_off(make_bench):
 def test_a_node_that_reads_nothing_holds_nothing_up(make_bench, monkeypatch):
     bench = in_thread(make_bench)
     bench.move()
-    monkeypatch.setattr(bench.process, '_handle', lambda message: time.sleep(3.0))
+    monkeypatch.setattr(bench.process, 'read', lambda: None)
     monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 10_000)
     wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
     cycle = bench.loop.controller.snapshot().cycle
