@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 from facade_manipulator.errors import ManipulatorError
 
-VERSION = 2  # of the messages; both ends must have the same
+VERSION = 3  # of the messages; both ends must have the same
 MAX_MESSAGE = 1 << 16  # bytes
 BUFFER = 1 << 17  # bytes, about a second of states
 MAX_BACKLOG = 64

@@ -161,8 +161,7 @@ class ControlLoop:
         """Do what the node says until it closes, has ended, or is silent while there is power."""
         try:
             self._channel.send(
-                'ready', VERSION, self.controller.snapshot(), self._stream_status(),
-                must_arrive=True)
+                'ready', VERSION, *self._state(self.controller.snapshot()), must_arrive=True)
             self.controller.observe = self._send_state
             while not self._ends:
                 self._handle(self._channel.receive(LOOK_PERIOD))
@@ -248,15 +247,21 @@ class ControlLoop:
     def _send_state(self, snapshot: ControllerSnapshot) -> None:
         """Send the state of a cycle, in the control thread."""
         try:
-            self._channel.send('state', snapshot, self._stream_status())
+            self._channel.send('state', *self._state(snapshot))
         except ChannelClosedError:
             self.end()
 
-    def _stream_status(self) -> StreamStatus:
+    def _state(self, snapshot: ControllerSnapshot) -> tuple[tuple, tuple]:
+        """Return controller and stream as `unpack_state` takes them."""
         follower = self.follower
-        return StreamStatus(
+        return snapshot.pack(), (
             follower.activity.value, follower.limited_cycles, follower.brakes,
             follower.last_rejection, self._margins, self._channel.dropped)
+
+
+def unpack_state(snapshot: tuple, status: tuple) -> tuple[ControllerSnapshot, StreamStatus]:
+    """Return controller and stream as the loop has sent them."""
+    return ControllerSnapshot.unpack(snapshot), StreamStatus(*status)
 
 
 def _measured_guard(setup: LoopSetup) -> MechanismGuard:

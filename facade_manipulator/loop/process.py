@@ -35,7 +35,7 @@ from facade_manipulator.loop.channel import (
     socket_pair,
     VERSION,
 )
-from facade_manipulator.loop.control_loop import LoopSetup, StreamStatus
+from facade_manipulator.loop.control_loop import LoopSetup, StreamStatus, unpack_state
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 
 START_TIMEOUT = 30.0  # s
@@ -219,7 +219,7 @@ class LoopProcess:
             return self._lost
         latest, (decoded, state) = self._latest, self._decoded
         if latest is not decoded:
-            state = latest.content
+            state = unpack_state(*latest.content)
             self._decoded = latest, state
         return state
 
@@ -289,7 +289,7 @@ def _receive_ready(channel: Channel) -> tuple[ControllerSnapshot, StreamStatus]:
     if kind != 'ready' or content[0] != VERSION:
         raise ManipulatorError(
             'the process of the control loop did not start: see its output above')
-    return content[1:]
+    return unpack_state(*content[1:])
 
 
 def _exit_status(process: Process) -> int | str:
