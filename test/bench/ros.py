@@ -43,7 +43,8 @@ PATIENT = (  # of drives that must not stop where the computer is busy
 EMPTY_DEPLOYMENT = DEPLOYMENT._replace(relays=('deployment_relay',), executor='events')
 WHY = {  # of goals missed
     'R1': 'the compensator learns at every other estimate; what takes 0.1 ms in a loop takes '
-          '0.4 ms after a sleep of 10 ms, in caches that are cold by then',
+          '0.4 ms after a sleep of 10 ms, in caches that are cold by then; the driver passes each '
+          'setpoint on to a second process, which has to be woken, and hears its state in turn',
     'R2': 'an empty relay of the same shape, both stages in one callback on the EventsExecutor, '
           'takes 0.28 of the CPU of the three relays by itself, 0.18 to 0.20 if it passes bytes',
 }
