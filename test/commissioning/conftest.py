@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from commission_rig import CommissionRig
 import pytest
 
-from facade_manipulator.commissioning import motion
+from facade_manipulator.commissioning import bus, motion
 
 
 @pytest.fixture(autouse=True)
@@ -18,7 +18,8 @@ def _without_pauses(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch, request):
-    """Let motion bear a busy computer, unless the test is about the time of a stop."""
+    """Let motion bear a busy computer, unless the test is about the time of a stop; listen less."""
+    monkeypatch.setattr(bus, 'LISTENING_TIME', 0.2)
     if 'stop_times' not in request.fixturenames:
         monkeypatch.setattr(motion, 'HEARTBEAT_TIMEOUT', 0.5)
         monkeypatch.setattr(motion, '_MISSED', 40)
