@@ -18,7 +18,7 @@ def _without_pauses(monkeypatch):
 
 @pytest.fixture(autouse=True)
 def patient(monkeypatch, request):
-    """Bear a busy computer, but where the time of a stop is measured; listen for a shorter time."""
+    """Bear a busy computer, but where the time of a stop is measured; listen less long."""
     monkeypatch.setattr(bus, 'LISTENING_TIME', 0.2)
     if 'stop_times' not in request.fixturenames:
         monkeypatch.setattr(motion, 'HEARTBEAT_TIMEOUT', 0.5)
