@@ -124,6 +124,18 @@ def test_what_is_imported_is_declared(keywords):
     assert not missing
 
 
+def test_what_rosdep_cannot_install_is_in_the_documents_with_its_range(keywords):
+    text = (TOP / 'docs/commissioning.md').read_text()
+    (line,) = re.findall(r'pip install --user [^\n]*\\\n([^\n#]*)', text)
+    of_rosdep = {element.text.removeprefix('python3-') for element in MANIFEST.iter('exec_depend')}
+    of_rosdep |= {'pillow' if name == 'pil' else 'pyyaml' if name == 'yaml' else f'python-{name}'
+                  for name in of_rosdep} | of_rosdep
+    missing = {wanted for wanted in keywords['install_requires']
+               if re.split('[<>=]', wanted)[0].lower() not in of_rosdep}
+    assert set(re.findall(r"'([^']+)'", line)) == missing
+    assert not [name for name in of_rosdep if name.endswith('-pip')]
+
+
 def third_party_imports() -> set[str]:
     found = set()
     for path in Path(facade_manipulator.__file__).parent.rglob('*.py'):
