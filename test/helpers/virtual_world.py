@@ -173,7 +173,10 @@ class Bus:
         self._received: deque[can.Message] = deque()
         self._is_open = True
 
-    def recv(self, timeout: float) -> can.Message | None:
+    def _recv_internal(self, timeout: float) -> tuple[can.Message | None, bool]:
+        return self._receive(timeout), False
+
+    def _receive(self, timeout: float) -> can.Message | None:
         world = self._world
         end = world.time.now + max(timeout, 0.0)
         while True:

@@ -64,7 +64,8 @@ class MessagePort:
 
     def receive(self, timeout: float) -> Received | None:
         """Wait for a frame; see `Port`."""
-        message = self._bus.recv(timeout)
+        # recv would wait on for as long as the system clock is set back meanwhile
+        message, _ = self._bus._recv_internal(timeout)
         if message is None:
             return None
         kind = Kind.DATA
