@@ -302,7 +302,7 @@ class Walk(RuleBasedStateMachine):
             return ('activate',)
         if self.state is not ControllerState.STOPPED:
             return ()
-        return ('cleanup', 'configure') if 'configure again' in words else ('clear_faults',)
+        return ('cleanup', 'configure') if 'cleanup' in words else ('clear_faults',)
 
     def _heal(self) -> None:
         self.world.bus_is_down = False
