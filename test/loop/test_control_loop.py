@@ -185,30 +185,39 @@ def test_close_while_moving_ramps_down_and_powers_off(make_bench):
 
 
 def test_a_node_that_reads_nothing_holds_nothing_up(make_bench, monkeypatch):
-    bench = in_thread(make_bench)
-    bench.move()
-    monkeypatch.setattr(bench.process, 'read', lambda: None)
     monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 10_000)
-    wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
-    cycle = bench.loop.controller.snapshot().cycle
-    wait_until(lambda: bench.loop.controller.snapshot().cycle.cycles > cycle.cycles + 50, 'cycles')
-    snapshot = bench.loop.controller.snapshot()
-    assert snapshot.state is ControllerState.ACTIVE, snapshot.cause
-    monkeypatch.undo()
-    wait_until(lambda: bench.process.stream_status().dropped, 'the newest state')
+
+    def prove():
+        bench = in_thread(make_bench)
+        bench.move()
+        with monkeypatch.context() as patch:
+            patch.setattr(bench.process, 'read', lambda: None)
+            wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
+            cycle = bench.loop.controller.snapshot().cycle
+            wait_until(
+                lambda: bench.loop.controller.snapshot().cycle.cycles > cycle.cycles + 50,
+                'cycles')
+            snapshot = bench.loop.controller.snapshot()
+            assert snapshot.state is ControllerState.ACTIVE, snapshot.cause
+        wait_until(lambda: bench.process.stream_status().dropped, 'the newest state')
+
+    patiently(prove)
 
 
 def test_a_node_that_holds_its_interpreters_lock_for_a_second_stops_nothing(make_bench):
     """As a middleware does in a C call; the stream is stale meanwhile, and goes on after."""
-    bench = make_bench()
-    bench.move()
-    before = bench.process.snapshot(), bench.process.stream_status()
-    ctypes.PyDLL(None).usleep(1_000_000)
-    wait_until(lambda: bench.process.stream_status().brakes > before[1].brakes, 'the pause')
-    wait_until(lambda: bench.process.stream_status().activity == 'following', 'the stream')
-    after = bench.process.snapshot()
-    assert after.state is ControllerState.ACTIVE, after.cause
-    assert after.cycle.cycles - before[0].cycle.cycles > 60  # of some 100 within the second
+    def prove():
+        bench = make_bench()
+        bench.move()
+        before = bench.process.snapshot(), bench.process.stream_status()
+        ctypes.PyDLL(None).usleep(1_000_000)
+        wait_until(lambda: bench.process.stream_status().brakes > before[1].brakes, 'the pause')
+        wait_until(lambda: bench.process.stream_status().activity == 'following', 'the stream')
+        after = bench.process.snapshot()
+        assert after.state is ControllerState.ACTIVE, after.cause
+        assert after.cycle.cycles - before[0].cycle.cycles > 60  # of some 100 within the second
+
+    patiently(prove)
 
 
 def test_a_message_that_makes_no_sense_ends_nothing(make_bench):
@@ -245,13 +254,16 @@ def test_limits_and_stream_are_changed_while_it_runs_and_kept_for_another_loop(m
 
 
 def test_a_stop_is_latched_with_its_cause(make_bench):
-    bench = make_bench()
-    bench.move()
-    bench.process.stop('software_stop was set')
-    bench.until(ControllerState.STOPPED)
-    assert bench.process.snapshot().cause == 'software_stop was set'
-    with pytest.raises(DriveError, match='software_stop was set'):
-        bench.do('activate')
+    def prove():
+        bench = make_bench()
+        bench.move()
+        bench.process.stop('software_stop was set')
+        bench.until(ControllerState.STOPPED)
+        assert bench.process.snapshot().cause == 'software_stop was set'
+        with pytest.raises(DriveError, match='software_stop was set'):
+            bench.do('activate')
+
+    patiently(prove)
 
 
 def test_settings_that_contradict_are_rejected_at_the_start():
