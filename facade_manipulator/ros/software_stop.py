@@ -45,4 +45,7 @@ class SoftwareStop:
 
     def _receive(self, message: Bool) -> None:
         self._received_at = time.monotonic()
-        self._forbid('software_stop was set' if message.data else '')
+        if message.data:
+            self._forbid('software_stop was set')
+        else:
+            self._forbid('')

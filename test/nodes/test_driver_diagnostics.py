@@ -1,6 +1,7 @@
 """What the driver says of its drives: what is old is shown as old."""
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from frames import encode_tpdo1
 import pytest
 
 from facade_manipulator.drives.canopen import pdo
@@ -18,7 +19,7 @@ def monitor():
     """Return what was received at 10 s from a drive in operation."""
     made = AxisMonitor('q2', AxisSettings(node_id=2), SETTINGS)
     made.receive_heartbeat(OPERATIONAL, 10.0)
-    made.receive_tpdo(pdo.TPDO1, pdo.encode_tpdo1(0x0637, 8, 0), 10.0, 10.0)
+    made.receive_tpdo(pdo.TPDO1, encode_tpdo1(0x0637, 8, 0), 10.0, 10.0)
     return made
 
 
