@@ -9,6 +9,7 @@ those the analysis says up to which speed, or with which gap, they end well.
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 from typing import NamedTuple
 
@@ -205,6 +206,7 @@ class StoppingAnalysis:
 
     def _distance(self, failure: Failure, speed: float) -> float:
         """Return the least distance of two neighbours of which either one fails [m]."""
+        limits = replace(self._limits, speed=speed)
         delay = failure.delay + failure.unnoticed * self._free / speed
 
         def brake(number: int, failing: int) -> Brake:
@@ -215,6 +217,5 @@ class StoppingAnalysis:
 
         return min(
             least_distance(
-                self._geometry.carriage_gap, speed, self._limits.acceleration,
-                *(brake(one, failing) for one in pair))
+                self._geometry.carriage_gap, limits, *(brake(one, failing) for one in pair))
             for pair in NEIGHBOURS for failing in pair)

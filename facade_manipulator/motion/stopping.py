@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from facade_manipulator.motion.limits import MotionLimits
+
 SPEEDS, TIMES = 41, 65  # of the search; twice as many of both change 0.1 mm
 SHORTEST = 1e-9  # s
 
@@ -23,21 +25,21 @@ class Brake(NamedTuple):
     deceleration: float
 
 
-def least_distance(
-    gap: float, speed: float, acceleration: float, left: Brake, right: Brake,
-) -> float:
+def least_distance(gap: float, limits: MotionLimits, left: Brake, right: Brake) -> float:
     """
     Return the least distance of neighbours that stop on their own, over all they may be doing.
 
     Whatever speeds up to the limit the two have, they are at least as far apart as lets all three
-    brake together, on their path and at the limit of acceleration, with `gap` left at rest.
+    brake together, on their path and at the limit of acceleration, with `gap` left at rest. On
+    that path a carriage that moves off its neighbour first loses its acceleration, at the limit of
+    jerk, and gains a²/2j of speed meanwhile; where it stops on its own it does not.
 
     Parameters
     ----------
     gap : float
         Least distance that is commanded [m].
-    speed, acceleration : float
-        Limits of what is commanded [m/s, m/s²].
+    limits : MotionLimits
+        Of what is commanded.
     left, right : Brake
         How the two stop.
 
@@ -47,12 +49,15 @@ def least_distance(
         Least distance [m]; below 0 they would have to pass through each other.
 
     """
+    speed, acceleration = limits.speed, limits.acceleration
     speeds = np.linspace(-speed, speed, SPEEDS)
     end = max(one.delay + speed / one.deceleration for one in (left, right))
     times = np.linspace(0.0, end, TIMES)
     v1, v2 = speeds[:, None], speeds[None, :]
-    together = np.maximum(np.abs(v1), np.abs(v2)) / (2.0 * acceleration)
-    start = gap + np.maximum(0.0, (v1 - v2) * together)
+    gained = 0.5 * acceleration ** 2 / limits.jerk
+    off1, off2 = v1 - np.minimum(gained, speed + v1), v2 + np.minimum(gained, speed - v2)
+    together = np.maximum(np.abs(off1), np.abs(off2)) / (2.0 * acceleration)
+    start = gap + np.maximum(0.0, (off1 - off2) * together)
     way1, way2 = _way(speeds, times, left), _way(speeds, times, right)
     return float(np.min(start[..., None] + way2[None, :, :] - way1[:, None, :]))
 
