@@ -64,10 +64,6 @@ def _lose_position(rig: StreamRig) -> None:
         drives[VICTIM].lose_position()
 
 
-def _send_short_pdo(rig: StreamRig) -> None:
-    rig.forge(pdo.RPDO1.cob_id(VICTIM + 1), b'\x0f\x00')
-
-
 def _silence(rig: StreamRig) -> None:
     with rig.simulator.access() as drives:
         drives[VICTIM].is_silent = True
@@ -183,6 +179,13 @@ def _by_itself(frames: list[can.Message], node: int) -> float | None:
                  if frame.arbitration_id == pdo.emergency_cob_id(node)), None)
 
 
+def _commanded_or_restarted(frames: list[can.Message], node: int) -> float | None:
+    """Return when a drive was commanded to stop, or came back without power: it gets nothing."""
+    return next((frame.timestamp for frame in frames if bytes(frame.data) == b'\0'
+                 and frame.arbitration_id == pdo.heartbeat_cob_id(node)),
+                None) or _commanded(frames, node)
+
+
 @dataclass(frozen=True)
 class Row:
     """
@@ -226,7 +229,7 @@ ROWS = {
     'limit switch 8A81': Row(_emergency(0x8A81), 'positive limit switch'),
     'position limit 8A82': Row(_emergency(0x8A82), 'software position limit'),
     'communication 8120': Row(_emergency(0x8120), 'error passive', 'check wiring'),
-    'short PDO 8210': Row(_send_short_pdo, 'wrong length', 'check wiring'),
+    'short PDO 8210': Row(_emergency(0x8210), 'wrong length', 'check wiring'),
     'position lost 7380': _lost(_lose_position, 'position is lost'),
     'encoder reversed 7392': _lost(_emergency(0x7392), 'counts against the motor'),
     'drive watchdog FF02': _lost(_emergency(0xFF02), 'watchdog of the drive'),
@@ -242,7 +245,8 @@ ROWS = {
     'heartbeat missing': _node(_stop_heart, 'sent no heartbeat', math.inf),
     'unexpected boot-up': _node(
         _reboot, 'has restarted by itself', next_step='cleanup, configure, home',
-        recover=_configure_and_home_again, reply='q2 (node 2)'),
+        recover=_configure_and_home_again, reply='q2 (node 2)',
+        stopped=_commanded_or_restarted),
     'bus-off': _bus(_bus_off, 'bus-off'),
     'link down': _bus(_link_down, ''),
     'ENOBUFS': _bus(_congest, 'send queue is full'),

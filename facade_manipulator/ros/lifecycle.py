@@ -84,7 +84,7 @@ class ManagedNode(LifecycleNode):
                 f'{self.following_step()}')
             response.success = False
             return response
-        return Deferred(self._start(transition), self._complete)
+        return Deferred(self._begin(transition), self._complete)
 
     def configure_soon(self) -> None:
         """Configure by itself, without a request, once the node is spun."""
@@ -92,11 +92,11 @@ class ManagedNode(LifecycleNode):
             timer.cancel()
             if self._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED:
                 self.replies.when_done(
-                    self._start(Transition.TRANSITION_CONFIGURE), self._complete)
+                    self._begin(Transition.TRANSITION_CONFIGURE), self._complete)
 
         timer = steady_timer(self, 0.0, configure)
 
-    def _start(self, transition: int) -> Future:
+    def _begin(self, transition: int) -> Future:
         self._state_machine.trigger_transition_by_id(transition, True)
         return self.transition_jobs()[self._state_machine.current_state[0]]()
 

@@ -57,7 +57,6 @@ def run(
             signal.signal(number, lambda number, _: received.append(number))
     nodes: Sequence[Node] = ()
     try:
-        _reject_other_arguments(args)
         nodes = _start(make_nodes, args)
         require_known_parameters(nodes, args)
         for node in nodes:  # a managed node says what is next
@@ -101,6 +100,7 @@ def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> 
     rclpy has no public name for that error (tried on 7.1.6): without the import no node starts.
     """
     try:
+        _reject_other_arguments(args)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         return make_nodes()
     except rclpy_implementation.RCLError as error:

@@ -260,13 +260,6 @@ def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(be
     assert bench.values()['next step']
 
 
-def test_the_last_minute_before_a_fault_is_written_down(ros, tmp_path):
-    bench = Bench(ros, Parameter('recorder.directory', value=str(tmp_path)))
-    bench.bring_up()
-    bench.node._loop.disturb(0, 'inject_fault', 0x7320)
-    bench.ros.until(lambda: list(tmp_path.glob('drive_fault_*.zip')), 'the record')
-
-
 def test_the_self_test_reports_each_part(bench):
     before = bench.ros.call(bench.operator, SelfTest, 'driver/self_test')
     assert before.passed == b'\x01' and before.status[0].message  # a new drive's first question

@@ -21,7 +21,7 @@ from facade_manipulator.errors import ManipulatorError
 
 @situations
 def test_a_lost_bus_is_found_again_and_stays_stopped_until_cleared(make_rig, situation):
-    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.1))
+    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.25))
     SITUATIONS[situation](rig)
     rig.bus_is_missing = True
     rig.buses[-1].shutdown()
@@ -40,7 +40,7 @@ def test_a_lost_bus_is_found_again_and_stays_stopped_until_cleared(make_rig, sit
 
 
 def test_bus_off_is_a_lost_bus(make_rig):
-    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.1))
+    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.25))
     at_rest(rig)
     rig.listener.send(can.Message(
         arbitration_id=0x040, data=bytes(8), is_error_frame=True, is_extended_id=False))
@@ -50,7 +50,7 @@ def test_bus_off_is_a_lost_bus(make_rig):
 
 
 def test_a_queue_that_stays_full_is_a_lost_bus(make_rig):
-    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.1))
+    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.25))
     at_rest(rig)
 
     def full(message, timeout=None):
@@ -83,7 +83,7 @@ def test_close_while_the_bus_is_lost(make_rig):
 
 
 def test_a_drive_that_was_restarted_behind_a_lost_bus_must_be_configured_again(make_rig):
-    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.1, step_timeout=0.4))
+    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.25, step_timeout=0.4))
     inactive(rig)
     rig.bus_is_missing = True
     rig.buses[-1].shutdown()
@@ -130,7 +130,7 @@ def test_a_drive_that_has_restarted_with_stored_objects_behind_a_lost_bus_is_not
 
 
 def test_carriages_that_are_elsewhere_after_the_bus_was_lost_are_not_homed(make_rig):
-    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.1))
+    rig = make_rig(settings=replace(SETTINGS, reopen_after=0.25))
     inactive(rig)
     lose_the_bus(rig, push)
     wait_until(lambda: len(rig.controller.snapshot().unhomed) == 3, 'doubt')
