@@ -164,6 +164,14 @@ def _wait_for_the_bus(rig: StreamRig) -> None:
     _clear(rig)
 
 
+def _wait_for_the_bus_and_home(rig: StreamRig) -> None:
+    """No drive was heard meanwhile: each may have restarted."""
+    rig.until(ControllerState.STOPPED)
+    assert 'home' in rig.clear()
+    if not rig.is_homing_rig:
+        rig.do('home')
+
+
 # --- when all three were stopped
 
 def _commanded(frames: list[can.Message], node: int) -> float | None:
@@ -180,10 +188,8 @@ def _by_itself(frames: list[can.Message], node: int) -> float | None:
 
 
 def _commanded_or_restarted(frames: list[can.Message], node: int) -> float | None:
-    """Return when a drive was commanded to stop, or came back without power: it gets nothing."""
-    return next((frame.timestamp for frame in frames if bytes(frame.data) == b'\0'
-                 and frame.arbitration_id == pdo.heartbeat_cob_id(node)),
-                None) or _commanded(frames, node)
+    """Return when a drive was commanded to stop; the one that restarted gets nothing."""
+    return 0.0 if node == VICTIM + 1 else _commanded(frames, node)
 
 
 @dataclass(frozen=True)
@@ -219,8 +225,11 @@ def _node(
                **{'recover': _configure_again, **details})
 
 
-def _bus(inject: Callable[[StreamRig], None], message: str) -> Row:
-    return Row(inject, message, 'wait until it is back', _wait_for_the_bus, cycles=math.inf,
+def _bus(
+    inject: Callable[[StreamRig], None], message: str,
+    recover: Callable[[StreamRig], None] = _wait_for_the_bus,
+) -> Row:
+    return Row(inject, message, 'wait until it is back', recover, cycles=math.inf,
                stopped=_by_itself, axis='')
 
 
@@ -255,7 +264,7 @@ ROWS = {
 # what an interface of the kernel's can meet in earnest; bus-off is an error frame on either bus
 REAL = {
     'link down': _bus(_interface_down, 'down'),
-    'ENOBUFS': _bus(_interface_congested, 'send queue is full'),
+    'ENOBUFS': _bus(_interface_congested, 'send queue is full', _wait_for_the_bus_and_home),
 }
 
 

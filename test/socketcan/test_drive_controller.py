@@ -48,7 +48,7 @@ def is_sync(frame):
 
 def test_a_day_on_a_real_bus(rig):
     moving(rig)
-    assert 'activate to go on' in rig.do('halt')
+    assert 'next: clear_faults' in rig.do('halt')
     rig.do('deactivate')
     assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
     rig.frames()

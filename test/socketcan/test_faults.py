@@ -258,13 +258,10 @@ def processor_time(pid: int) -> float:
 def test_an_interface_that_goes_and_comes_back_leaves_the_driver_inactive(
         active, driver, watcher, vcan0):
     make_sure_of_power(active, watcher)
-    before = record(active)
     switch(vcan0, up=False)
     try:
         active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
         assert_says(active, 'bus', 'down')
-        # writing down a minute of frames is work, too
-        active.wait_until(lambda: record(active) != before, 'the record of the fault', 30.0)
         used = busy_share(driver.pid)
         print(f'{100.0 * used:.0f} % of the processor while the bus is gone')
         assert used < MOST_BUSY
@@ -276,13 +273,6 @@ def test_an_interface_that_goes_and_comes_back_leaves_the_driver_inactive(
     assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
     go_on(active)
     wait_until_enabled(watcher)
-
-
-def record(client) -> list[str]:
-    """Return where the driver says that it has written down the last fault."""
-    values = client.component('driver: operation').status.values
-    return [path for item in values if item.key == 'notes'
-            for path in re.findall('recorded in (.*)', item.value)]
 
 
 def cleared(client) -> bool:
