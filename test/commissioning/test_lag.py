@@ -88,7 +88,7 @@ def test_lag_and_friction_of_the_simulated_axes_are_found_and_written(make_rig, 
                if entry['check'] == 'lag']
     assert len(results) == 3
     for result in results:
-        assert float(result.split(', ')[-1].removesuffix(' mm')) == pytest.approx(0.6, abs=0.15)
+        assert float(result.split(', ')[-1].removesuffix(' mm')) == pytest.approx(0.6, abs=0.2)
     assert (rig.folder / 'machine.lag.png').stat().st_size > 1000
 
 
