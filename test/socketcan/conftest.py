@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import os
 from pathlib import Path
 
@@ -10,9 +11,10 @@ from listener import Listener
 import pytest
 import rclpy
 from stack import as_driver, as_drives, bring_up, DRIVER, PATIENCE
-from support import wait_until
+from support import patiently, wait_until
 from vcan import MISSING
 
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')
@@ -66,5 +68,12 @@ def client(ros_domain):
 @pytest.fixture
 def active(driver, client):
     """Bring the drives up as an operator does: configure, home, activate."""
-    bring_up(client)
+    patiently(lambda: bring_up(client), lambda: begin_again(client))
     return client
+
+
+def begin_again(client):
+    """Let go of drives that a busy guest has stopped on the way up."""
+    for request in (client.clear_faults, client.deactivate, client.cleanup):
+        with suppress(ManipulatorError):
+            request()
