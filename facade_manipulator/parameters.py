@@ -82,6 +82,12 @@ def settings(cls: type[Class]) -> type[Class]:
     return dataclass(frozen=True)(cls)
 
 
+def as_fields(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values of a file or a node as the fields of settings have them: lists as tuples."""
+    return {name: tuple(value) if isinstance(value, list) else value
+            for name, value in values.items()}
+
+
 def settings_from(
     cls: type[Class], values: Mapping[str, Any], prefix: str = ''
 ) -> Class:
@@ -104,8 +110,8 @@ def settings_from(
 
     """
     names = {f'{prefix}.{item.name}' if prefix else item.name: item.name for item in fields(cls)}
-    return cls(**{names[name]: tuple(value) if isinstance(value, list) else value
-                  for name, value in values.items() if name in names})
+    return cls(**as_fields({
+        names[name]: value for name, value in values.items() if name in names}))
 
 
 def check_parameters(instance: Any) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameter_file import ALL_NODES, read_parameters
+from facade_manipulator.parameters import as_fields
 
 
 def read_geometry(path: Path) -> Geometry:
@@ -21,8 +22,6 @@ def read_geometry(path: Path) -> Geometry:
     """
     values = read_parameters(path, ALL_NODES).get('geometry') or {}
     try:
-        return Geometry(**{
-            name: tuple(value) if isinstance(value, list) else value
-            for name, value in values.items()})
+        return Geometry(**as_fields(values))
     except TypeError as error:
         raise ParameterError(f'{path}: geometry: {error}') from error

@@ -42,6 +42,7 @@ from facade_manipulator.demo.view import live_view, summary_lines
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.monitor import Observer
+from facade_manipulator.parameters import as_fields
 from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
 from facade_manipulator.simulation import compensator_parameters, load_scenario, Scenario
 
@@ -173,9 +174,7 @@ def _geometry() -> Geometry:
     """Return the mechanism with which the nodes are started."""
     content = yaml.safe_load(config_path('manipulator.yaml').read_text(encoding='utf-8'))
     values = content['/**']['ros__parameters'].get('geometry', {})
-    return Geometry(**{
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in values.items()})
+    return Geometry(**as_fields(values))
 
 
 def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:

@@ -21,6 +21,7 @@ from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import Outcome, StoppingAnalysis
 from facade_manipulator.motion import MotionLimits
+from facade_manipulator.parameters import as_fields
 from facade_manipulator.resources import config_path
 
 NODES = ('**', 'driver')  # whose sections the driver reads
@@ -88,9 +89,7 @@ def _settings(default: Any, values: dict, prefix: str) -> Any:
     for name in values:
         if name not in known:
             raise ParameterError(f'{prefix}.{name} is no parameter of the driver')
-    return replace(default, **{
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in values.items()})
+    return replace(default, **as_fields(values))
 
 
 def report(geometry: Geometry, analysis: StoppingAnalysis) -> list[str]:

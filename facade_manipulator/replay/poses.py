@@ -12,12 +12,12 @@ import numpy as np
 from facade_manipulator.blackbox import Received, RecordedRun
 from facade_manipulator.compensation import Compensator, CompensatorSettings, DEFAULTS
 from facade_manipulator.errors import ManipulatorError, RecordError
-from facade_manipulator.kinematics import Geometry, Pose, Wrench
+from facade_manipulator.kinematics import Carriages, Geometry, Pose, Wrench
 from facade_manipulator.motion import GoalSettings, SetpointStream
 from facade_manipulator.parameters import settings_from
 
 SETTLING = 20.0  # s: what the compensator learnt before the recording it has to learn again
-CARRIAGES = ('q1', 'q2', 'q3')
+CARRIAGES = Carriages._fields
 VARIANCES = (0, 7, 35)  # of x, y and yaw in a covariance
 
 

@@ -22,7 +22,7 @@ from facade_manipulator.drives.simulated.lss import UNCONFIGURED
 from facade_manipulator.drives.simulated.motor import SimulationSettings
 from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.errors import BusError, ManipulatorError
-from facade_manipulator.parameters import METADATA_KEY
+from facade_manipulator.parameters import as_fields, METADATA_KEY
 
 USAGE_ERROR, BUS_ERROR = 2, 3
 
@@ -115,9 +115,8 @@ def _one_each(name: str, values: Sequence[Any], count: int) -> Sequence[Any]:
 
 
 def _chosen(options: argparse.Namespace, settings: type) -> dict[str, Any]:
-    chosen = {item.name: getattr(options, item.name, item.default) for item in fields(settings)}
-    return {name: tuple(value) if isinstance(value, list) else value
-            for name, value in chosen.items()}
+    return as_fields({
+        item.name: getattr(options, item.name, item.default) for item in fields(settings)})
 
 
 def _without_ros(arguments: Sequence[str]) -> list[str]:
