@@ -16,10 +16,8 @@ REQUIRES = [
     'mcap>=1.2,<2',  # the black box's files, which Foxglove and ros2 bag read
     'mcap-ros2-support>=0.5.5,<1',  # reads their messages by the definitions in the file
     'PyYAML>=6,<7',  # drive profiles and scenarios
-    'rich>=13,<16',  # tables in the terminal: demo, monitor, study
+    'rich>=13,<16',  # tables in the terminal: demo, monitor, commission, study
     'ruamel.yaml>=0.17.21,<0.19',  # parameter files that a tool writes keep their comments
-    'Pillow>=9,<14',  # the demo's animation
-    'matplotlib>=3.6,<4',  # pictures of demo, bench and study
 ]
 EXTRAS = {
     'build': ['setuptools>=68,<80'],  # installs this package into .venv; colcon wants it below 80
@@ -27,8 +25,10 @@ EXTRAS = {
         'ros-jazzy-rclpy[fastrtps]==7.1.6',
         'ros-jazzy-common-interfaces==5.3.6',
     ],
-    'study': [
+    'study': [  # of no node: who starts the machine needs none of it
         'scipy>=1.11,<2',  # optimisation over the workspace, least squares of the calibration
+        'matplotlib>=3.6,<4',  # pictures of demo, replay, commission, calibrate, bench and study
+        'Pillow>=9,<14',  # the demo's animation
     ],
     'test': [
         'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here

@@ -33,6 +33,13 @@ class ManipulatorError(Exception):
     """Base of every error that this package raises on purpose."""
 
 
+def missing_package(error: ModuleNotFoundError) -> str:
+    """Return what to say of a package that is none of the machine's own needs."""
+    name = str(error.name).partition('.')[0].lower()
+    return (f'the Python package {name} is needed for this: sudo apt install python3-{name}, or '
+            "pip install the extra 'study' of facade_manipulator")
+
+
 class ParameterError(ManipulatorError, ValueError):
     """A parameter is not finite, out of range or contradicts another one."""
 

@@ -124,16 +124,34 @@ def test_what_is_imported_is_declared(keywords):
     assert not missing
 
 
-def test_what_rosdep_cannot_install_is_in_the_documents_with_its_range(keywords):
+def test_what_rosdep_cannot_install_is_in_the_documents(keywords):
     text = (TOP / 'docs/commissioning.md').read_text()
-    (line,) = re.findall(r'pip install --user [^\n]*\\\n([^\n#]*)', text)
+    (line,) = re.findall(r'pip install --target [^\n]*\\\n([^\n#]*)', text)
     of_rosdep = {element.text.removeprefix('python3-') for element in MANIFEST.iter('exec_depend')}
     of_rosdep |= {'pillow' if name == 'pil' else 'pyyaml' if name == 'yaml' else f'python-{name}'
                   for name in of_rosdep} | of_rosdep
-    missing = {wanted for wanted in keywords['install_requires']
-               if re.split('[<>=]', wanted)[0].lower() not in of_rosdep}
-    assert set(re.findall(r"'([^']+)'", line)) == missing
+    missing = {distribution_name(wanted) for wanted in keywords['install_requires']} - of_rosdep
+    missing |= {distribution_name(needed) for wanted in missing
+                for needed in distribution(wanted).requires or () if 'extra ==' not in needed}
+    assert set(line.split()) == missing - of_rosdep
     assert not [name for name in of_rosdep if name.endswith('-pip')]
+
+
+def distribution_name(requirement):
+    return re.split(r'[^\w.-]', requirement)[0].lower()
+
+
+def test_no_node_needs_what_draws_and_fits(keywords):
+    unwanted = {'matplotlib', 'PIL', 'scipy'}
+    assert {DISTRIBUTION_OF.get(name, name) for name in unwanted} == {
+        distribution_name(wanted) for wanted in keywords['extras_require']['study']}
+    nodes = sorted(f'facade_manipulator.nodes.{path.stem}' for path in (
+        TOP / 'facade_manipulator/nodes').glob('*.py')) + ['facade_manipulator.loop.__main__']
+    subprocess.run([sys.executable, '-c', f"""
+import importlib, sys
+sys.modules.update(dict.fromkeys({unwanted}))  # to import one of them is an error
+for module in {nodes}:
+    importlib.import_module(module)"""], check=True)
 
 
 def third_party_imports() -> set[str]:

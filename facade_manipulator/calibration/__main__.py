@@ -23,7 +23,7 @@ from facade_manipulator.calibration.parameter_file import read_geometry
 from facade_manipulator.calibration.tables import parse_table, read_table
 from facade_manipulator.calibration.unknowns import heads, UNKNOWNS, unknowns_named
 from facade_manipulator.calibration.wall_fit import fit_wall, report_wall, touched_points
-from facade_manipulator.errors import CalibrationError, ManipulatorError
+from facade_manipulator.errors import CalibrationError, ManipulatorError, missing_package
 from facade_manipulator.files import atomic_write
 from facade_manipulator.parameter_file import ALL_NODES, write_parameters
 from facade_manipulator.resources import config_path
@@ -47,8 +47,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f'calibrate: {error}', file=sys.stderr)
         return 1
     except ModuleNotFoundError as error:
-        print(f'calibrate: the Python package {error.name} is needed for this; install it with '
-              "the extra 'study'", file=sys.stderr)
+        print(f'calibrate: {missing_package(error)}', file=sys.stderr)
         return 1
     return 0
 

@@ -18,7 +18,7 @@ from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.motion import AxisSample, Motion, PERIOD, TORQUE
 from facade_manipulator.commissioning.moving import add_motion_options, motion_bounds, powered
 from facade_manipulator.drives.cia402 import AXIS_NAMES
-from facade_manipulator.errors import CommissioningError
+from facade_manipulator.errors import CommissioningError, missing_package
 
 FREQUENCIES = (1.0, 2.0, 5.0, 10.0, 20.0)  # Hz
 _AMPLITUDE = 0.003  # m, where the speed permits it
@@ -144,8 +144,11 @@ def run_lag(context: Context) -> None:
         ('axis', 'lag', 'bandwidth', 'following error', 'Coulomb', 'viscous', 'backlash'),
         [_row(name, one) for name, one in found.items()])
     picture = options.picture or machine.beside('.lag.png')
-    draw(picture, found)
-    operator.say(f'{picture} shows them.')
+    try:
+        draw(picture, found)
+        operator.say(f'{picture} shows them.')
+    except ModuleNotFoundError as error:
+        operator.say(f'! no picture: {missing_package(error)}')
     for name, one in found.items():
         machine.note('lag', ', '.join(_row(name, one)[1:]), axis=name)
     warnings = unlike(found)

@@ -39,7 +39,7 @@ from facade_manipulator.demo.report import (
     write_json,
 )
 from facade_manipulator.demo.view import live_view, summary_lines
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import ManipulatorError, missing_package
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.monitor import Observer
 from facade_manipulator.parameters import as_fields
@@ -238,6 +238,9 @@ def main(args: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         console.print('interrupted: drives stopped, nodes ended')
         return INTERRUPTED
+    except ModuleNotFoundError as error:
+        console.print(f'no pictures: {missing_package(error)}', style='red')
+        return FAILED
     except ManipulatorError as error:
         console.print(f'the demo ended: {error}', style='red')
         return FAILED

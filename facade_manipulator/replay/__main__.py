@@ -9,9 +9,8 @@ from pathlib import Path
 import sys
 
 from facade_manipulator.blackbox import read_recording, RecordedRun
-from facade_manipulator.errors import ManipulatorError, RecordError
+from facade_manipulator.errors import ManipulatorError, missing_package, RecordError
 from facade_manipulator.files import atomic_write
-from facade_manipulator.replay.picture import draw
 from facade_manipulator.replay.poses import (
     Comparison,
     planar,
@@ -44,6 +43,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except (ManipulatorError, OSError) as error:
         print(f'replay: {error}', file=sys.stderr)
         return 1
+    except ModuleNotFoundError as error:
+        print(f'replay: {PAGE} is written, {PICTURE} is not: {missing_package(error)}',
+              file=sys.stderr)
+        return 1
     return 0
 
 
@@ -57,10 +60,12 @@ def _replay(run: RecordedRun, options: argparse.Namespace) -> None:
     text = page(options.file, run, poses, setpoints, stop)
     with atomic_write(options.output / PAGE) as draft:
         draft.write_text(text, encoding='utf-8')
+    print(text)
     last = (stop.recorded.time if stop and stop.recorded else run.end) - run.begin
+    from facade_manipulator.replay.picture import draw  # matplotlib: no need of a machine's
+
     draw(options.output / PICTURE, run, poses, setpoints, stop,
          (max(0.0, last - options.seconds), last + AFTER))
-    print(text)
     print(f'written in {options.output}/: {PAGE}, {PICTURE}')
 
 

@@ -14,7 +14,12 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from facade_manipulator.errors import LimitError, ManipulatorError, ParameterError
+from facade_manipulator.errors import (
+    LimitError,
+    ManipulatorError,
+    missing_package,
+    ParameterError,
+)
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameters import METADATA_KEY
 from facade_manipulator.workspace.accuracy import DriveTrain, worth_rows
@@ -58,8 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f'workspace_study: {error}', file=sys.stderr)
         return BAD_INPUT
     except ModuleNotFoundError as error:
-        print(f'workspace_study: the Python package {error.name} is needed for this; install it '
-              "with the extra 'study'", file=sys.stderr)
+        print(f'workspace_study: {missing_package(error)}', file=sys.stderr)
         return BAD_INPUT
     except KeyboardInterrupt:
         print('workspace_study: interrupted, nothing was written', file=sys.stderr)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from types import SimpleNamespace as Message
 
 import numpy as np
@@ -182,6 +183,17 @@ def test_a_file_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
     assert 0 < len(half.topics['can_frames']) < 60_000
     ids = [one.message.id for one in half.topics['can_frames']]
     assert ids == [k & 0x7FF for k in range(len(ids))]
+
+
+def test_without_what_draws_the_page_is_written(tmp_path, monkeypatch, capsys):
+    path = tmp_path / 'a.mcap'
+    write_mcap(path, [CAN_TOPIC], [Kept(0.0, 'can_frames', frame_bytes(BEGIN, 1, b''))], BEGIN, {
+        'black box': {'reasons': 'a', 'namespace': '/', 'begin': str(BEGIN)}})
+    monkeypatch.delitem(sys.modules, 'facade_manipulator.replay.picture', raising=False)
+    monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
+    assert main([str(path), '--no-drives', '--output', str(tmp_path)]) == 1
+    assert 'python3-matplotlib' in capsys.readouterr().err
+    assert [made.name for made in tmp_path.glob('replay*')] == ['replay.md']
 
 
 @pytest.mark.parametrize('content', [b'', b'no mcap at all', b'\x89MCAP0\r\n'])
