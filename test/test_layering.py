@@ -21,6 +21,7 @@ ROOMS = {
     'files': set(),
     'parameter_file': BASE | {'files'},
     'kinematics': BASE,
+    'messages': BASE | {'kinematics'},
     'workspace': BASE | {'kinematics', 'resources', 'files'},
     'prediction': BASE | {'kinematics'},
     'calibration': BASE | {'kinematics', 'resources', 'files', 'parameter_file'},
@@ -38,12 +39,12 @@ ROOMS = {
     'commissioning': BASE | {'files', 'resources', 'parameter_file', 'drives.canopen',
                              'drives.cia402', 'drives.controller'},
     'replay': BASE | {'blackbox', 'compensation', 'drives.canopen', 'drives.cia402',
-                      'drives.controller', 'files', 'kinematics', 'loop', 'motion'},
+                      'drives.controller', 'files', 'kinematics', 'loop', 'messages', 'motion'},
     'simulation': BASE | {'kinematics', 'motion', 'prediction', 'compensation', 'resources'},
 }
 ROS_ROOMS = {'ros', 'nodes', 'demo'}  # these may import everything
-PURE_ROOMS = {'errors', 'parameters', 'kinematics', 'prediction', 'motion', 'compensation',
-              'simulation'}
+PURE_ROOMS = {'errors', 'parameters', 'kinematics', 'messages', 'prediction', 'motion',
+              'compensation', 'simulation'}
 DRAWING = {('simulation', 'pictures')}
 CLOCKS_AND_IO = {'datetime', 'os', 'random', 'select', 'signal', 'socket', 'subprocess', 'time'}
 ROS_PREFIXES, ROS_SUFFIXES = ('rcl', 'ros', 'launch', 'tf2', 'ament'), ('_msgs', '_srvs')

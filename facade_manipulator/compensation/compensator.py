@@ -148,7 +148,7 @@ class Compensator:
         self.initialisations = 0
         self._suspension = settings.suspension
         self._strokes = StrokeWatch()
-        self._gate = EstimateGate(settings.estimate)
+        self.gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
         self._workspace_limit = WorkspaceLimit(geometry, settings.workspace_limit)
         self._tracker = Tracker(self.settings.speed, self.settings.acceleration)
@@ -194,7 +194,7 @@ class Compensator:
         self._tracker.change_limits(settings.speed, settings.acceleration)
 
     def _change_estimate(self, settings: EstimateSettings) -> None:
-        if self._gate.change_settings(settings):
+        if self.gate.change_settings(settings):
             self.correction.learn_again()
 
     def _change_workspace_limit(self, settings: WorkspaceLimitSettings) -> None:
@@ -266,10 +266,10 @@ class Compensator:
         self._mechanism.certify(goal, self.settings.min_conditioning)
 
     def add_estimate(
-        self, now: float, stamp: float, pose: Pose, variances: Sequence[float]
+        self, now: float, stamp: float, pose: Pose, variances: Sequence[float], tilt: float = 0.0
     ) -> None:
         """
-        Learn from an estimate of the disturbance.
+        Learn from an estimate of the disturbance, all as `EstimateGate.check` takes it.
 
         Raises
         ------
@@ -277,7 +277,7 @@ class Compensator:
             If it cannot be true.
 
         """
-        self.correction.add_estimate(self._gate.check(now, stamp, pose, variances))
+        self.correction.add_estimate(self.gate.check(now, stamp, pose, variances, tilt))
 
     @property
     def sway_energy(self) -> Triple | None:

@@ -12,8 +12,9 @@ from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 
 from facade_manipulator.kinematics import compose, invert, Pose, subtract, Wrench
+from facade_manipulator.messages import planar_pose, planar_wrench, seconds
 from facade_manipulator.motion import TimedBuffer
-from facade_manipulator.ros import planar_pose, planar_wrench, RELIABLE, seconds
+from facade_manipulator.ros import RELIABLE
 from facade_manipulator.simulation import Facade
 
 PARTS = ('head_pose', 'wall_error', 'uncompensated_error')

@@ -11,13 +11,22 @@ import csv
 from pathlib import Path
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import (
+    carriages_from,
+    planar_pose,
+    pose_numbers,
+    projected,
+    seconds,
+)
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import carriages_from, declare, planar_pose, Rejections, run, seconds
+from facade_manipulator.ros import declare, Rejections, run
 
 COLUMNS = {'disturbance': ('x', 'y', 'theta'), 'joints': ('q1', 'q2', 'q3'),
            'wall': ('x', 'y', 'theta')}
@@ -48,8 +57,8 @@ class CalibrationRecorder(Node):
         for name, columns in COLUMNS.items():
             self._tables[name].writerow(['time', *columns])
         for kind, topic, name, read in (
-                (PoseWithCovarianceStamped, 'disturbance', 'disturbance',
-                 lambda message: planar_pose(message.pose.pose, 'disturbance')),
+                (PoseWithCovarianceStamped, 'disturbance', 'disturbance', _disturbance),
+                (Odometry, 'disturbance_odometry', 'disturbance', _disturbance),
                 (JointState, 'joint_states', 'joints',
                  lambda message: carriages_from(message.name, message.position, 'joint_states')),
                 (PoseStamped, 'head_on_wall', 'wall',
@@ -71,6 +80,10 @@ class CalibrationRecorder(Node):
         """End the recording."""
         for file in self._files.values():
             file.close()
+
+
+def _disturbance(message: PoseWithCovarianceStamped | Odometry) -> Pose:
+    return projected(pose_numbers(message.pose.pose), 'disturbance')[0]
 
 
 def main(args: list[str] | None = None) -> int:

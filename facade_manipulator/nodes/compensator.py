@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
     PointStamped,
@@ -9,6 +11,7 @@ from geometry_msgs.msg import (
     PoseWithCovarianceStamped,
     WrenchStamped,
 )
+from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
@@ -19,8 +22,20 @@ from facade_manipulator.compensation import (
     DEFAULTS,
     WorkspaceLimit,
 )
-from facade_manipulator.errors import LimitError, ManipulatorError
+from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.messages import (
+    END_EFFECTOR,
+    estimate_numbers,
+    FACADE,
+    planar,
+    planar_pose,
+    planar_wrench,
+    projected,
+    RAIL,
+    require_frame,
+    seconds,
+)
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
 from facade_manipulator.nodes.goal_report import GoalReport
 from facade_manipulator.parameters import parameter, settings
@@ -29,22 +44,14 @@ from facade_manipulator.ros import (
     declare,
     DiagnosticsPublisher,
     DriverWatch,
-    END_EFFECTOR,
     estimate_codec,
-    FACADE,
     LATEST,
     node_time,
-    planar,
-    planar_pose,
-    planar_wrench,
     pose_codec,
     PoseStream,
-    RAIL,
     Rejections,
     RELIABLE,
-    require_frame,
     run,
-    seconds,
     steady_timer,
     Transforms,
 )
@@ -112,6 +119,8 @@ class CompensatorNode(Node):
         self.create_subscription(
             PoseWithCovarianceStamped, 'disturbance', self._receive_disturbance,
             qos_profile_sensor_data, raw=True)
+        self.create_subscription(
+            Odometry, 'disturbance_odometry', self._receive_odometry, qos_profile_sensor_data)
         if heads is not None:
             heads.connect(self._add_head, subscribes=False)
         else:
@@ -157,9 +166,27 @@ class CompensatorNode(Node):
 
     def _receive_disturbance(self, data: bytes) -> None:
         with self._rejections:
-            time, (*pose, x, y, yaw) = self._disturbance_codec.read(data)
-            self._compensator.add_estimate(
-                node_time(self), time, planar(pose, 'disturbance'), (x, y, yaw))
+            self._add_estimate(*self._disturbance_codec.read(data))
+
+    def _receive_odometry(self, message: Odometry) -> None:
+        with self._rejections:
+            require_frame(message.header.frame_id, FACADE, 'disturbance_odometry')
+            if not message.child_frame_id:
+                raise InputError('frame', 'disturbance_odometry has no child_frame_id, expected '
+                                 f"'{RAIL}' or the estimator's own")
+            self._add_estimate(
+                seconds(message.header.stamp), estimate_numbers(message),
+                is_of_rail=message.child_frame_id == RAIL)
+
+    def _add_estimate(
+        self, time: float, numbers: Sequence[float], is_of_rail: bool = True
+    ) -> None:
+        *pose, x, y, yaw = numbers
+        place, self._report.out_of_plane = projected(pose, 'disturbance')
+        if not is_of_rail:
+            place = self._compensator.gate.displacement(place)
+        self._compensator.add_estimate(
+            node_time(self), time, place, (x, y, yaw), self._report.out_of_plane.tilt)
 
     def _receive_head(self, data: bytes) -> None:
         with self._rejections:

@@ -14,6 +14,7 @@ from facade_manipulator.compensation import (
     PressMode,
 )
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import OutOfPlane
 from facade_manipulator.ros import diagnostic_status
 
 LEAST_ERROR = 1e-4  # m or rad, from which an axis counts as held back
@@ -39,6 +40,7 @@ class CompensatorReport:
         self._held_until: dict[tuple[str, str], float] = {}
         self._published_outcome = ('', '')
         self._next_look = -math.inf
+        self.out_of_plane = OutOfPlane(0.0, 0.0)  # of the newest estimate
 
     def note(self, now: float, corrected: CorrectedPose) -> None:
         """Note a corrected pose and what held it back."""
@@ -114,6 +116,10 @@ class CompensatorReport:
             'lag of the head [ms]': 1e3 * self._compensator.following.lag,
             'initialisations': self._compensator.initialisations,
         }
+        if any(self.out_of_plane):
+            values['left out of the estimate'] = (
+                f'z {1e3 * self.out_of_plane.height:+.1f} mm, '
+                f'tilt {math.degrees(self.out_of_plane.tilt):.2f} deg')
         if self._last is not None:
             values['corrected disturbance'] = millimetres(self._last.disturbance)
             values['saturation error'] = millimetres(self._last.saturation_error)

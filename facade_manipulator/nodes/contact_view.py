@@ -12,8 +12,9 @@ from rclpy.qos import qos_profile_sensor_data
 from facade_manipulator.compensation import contact_wrench, FrictionSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
+from facade_manipulator.messages import CARRIAGES, END_EFFECTOR, require_finite
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import CARRIAGES, declare, END_EFFECTOR, require_finite, wrench_stamped
+from facade_manipulator.ros import declare, wrench_stamped
 
 
 @settings

@@ -33,6 +33,7 @@ from facade_manipulator.errors import DriveStateError, InputError, ManipulatorEr
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import LoopProcess, LoopSetup, start_process, StoppingAnalysis
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
+from facade_manipulator.messages import CARRIAGES, carriages_from, require_finite
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
@@ -45,8 +46,6 @@ from facade_manipulator.nodes.driver_diagnostics import (
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
-    CARRIAGES,
-    carriages_from,
     declare,
     Deferred,
     DiagnosticsPublisher,
@@ -56,7 +55,6 @@ from facade_manipulator.ros import (
     reject_simulated_time,
     Rejections,
     RELIABLE,
-    require_finite,
     run,
     setpoint_codec,
     SoftwareStop,

@@ -18,29 +18,31 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
+from facade_manipulator.messages import (
+    CARRIAGES,
+    carriages_from,
+    END_EFFECTOR,
+    FACADE,
+    planar_pose,
+    require_frame,
+    seconds,
+    VARIANCES,
+)
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
-    CARRIAGES,
-    carriages_from,
     declare,
     diagnostic_status,
     DiagnosticsPublisher,
-    END_EFFECTOR,
-    FACADE,
     LATEST,
     node_time,
-    planar_pose,
     pose_message,
     pose_stamped,
     Rejections,
     RELIABLE,
-    require_frame,
     run,
-    seconds,
     stamp,
     steady_timer,
-    VARIANCES,
     wrench_stamped,
 )
 from facade_manipulator.simulation import (

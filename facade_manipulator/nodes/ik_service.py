@@ -14,6 +14,15 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
+from facade_manipulator.messages import (
+    CARRIAGES,
+    END_EFFECTOR,
+    planar,
+    planar_pose,
+    RAIL,
+    require_finite,
+    require_frame,
+)
 from facade_manipulator.motion import (
     Approach,
     certified_path,
@@ -27,26 +36,19 @@ from facade_manipulator.nodes.linkage import LinkageView
 from facade_manipulator.nodes.workspace_map import WorkspaceMap
 from facade_manipulator.ros import (
     accept_old_names,
-    CARRIAGES,
     declare,
     diagnostic_status,
     DiagnosticsPublisher,
     DriverWatch,
-    END_EFFECTOR,
     LATCHED,
     LATEST,
     node_time,
-    planar,
-    planar_pose,
     pose_codec,
     PoseStream,
-    RAIL,
     RECENT,
     rejection_status,
     Rejections,
     RELIABLE,
-    require_finite,
-    require_frame,
     run,
     setpoint_codec,
     states_codec,

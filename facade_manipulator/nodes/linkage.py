@@ -8,6 +8,7 @@ from typing import Any
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Vector3
+from nav_msgs.msg import Odometry
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
@@ -16,6 +17,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.messages import pose_numbers, projected, RAIL
 from facade_manipulator.nodes.shapes import MechanismView, Shape, shapes
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
@@ -23,9 +25,7 @@ from facade_manipulator.ros import (
     LATEST,
     LEVELS,
     node_time,
-    planar_pose,
     pose_message,
-    RAIL,
     RELIABLE,
     steady_timer,
 )
@@ -86,6 +86,8 @@ class LinkageView:
               for topic in ('end_effector_pose', 'corrected_pose', 'goal_pose')),
             create(PoseWithCovarianceStamped, 'disturbance', self._receive_disturbance,
                    qos_profile_sensor_data),
+            create(Odometry, 'disturbance_odometry', self._receive_disturbance,
+                   qos_profile_sensor_data),
             create(DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE),
         ]
         self._timer.reset()
@@ -100,12 +102,13 @@ class LinkageView:
     def _receiver(self, topic: str) -> Callable[[PoseStamped], None]:
         return lambda message: self._keep_pose(topic, message.pose)
 
-    def _receive_disturbance(self, message: PoseWithCovarianceStamped) -> None:
-        self._keep_pose('disturbance', message.pose.pose)
+    def _receive_disturbance(self, message: PoseWithCovarianceStamped | Odometry) -> None:
+        if getattr(message, 'child_frame_id', RAIL) == RAIL:
+            self._keep_pose('disturbance', message.pose.pose)
 
     def _keep_pose(self, topic: str, message: Any) -> None:
         try:
-            self._keep(topic, planar_pose(message, topic))
+            self._keep(topic, projected(pose_numbers(message), topic)[0])
         except ManipulatorError:
             self._values.pop(topic, None)  # the node that rejects it says why
 

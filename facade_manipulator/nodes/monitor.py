@@ -21,14 +21,8 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.ros import (
-    CARRIAGES,
-    Component,
-    LATEST,
-    ManipulatorClient,
-    planar_pose,
-    RELIABLE,
-)
+from facade_manipulator.messages import CARRIAGES, planar_pose
+from facade_manipulator.ros import Component, LATEST, ManipulatorClient, RELIABLE
 
 REFRESH_PERIOD = 0.25
 SILENT_AFTER = 2.5  # s without diagnostics of a component, which come once a second

@@ -16,6 +16,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
@@ -59,6 +60,7 @@ STREAM = qos_profile_sensor_data  # best effort: it never holds a publisher up
 TOPICS = {
     'goal_pose': (PoseStamped, RELIABLE),
     'disturbance': (PoseWithCovarianceStamped, STREAM),
+    'disturbance_odometry': (Odometry, STREAM),
     'contact_wrench': (WrenchStamped, STREAM),
     'lateral_offset': (PointStamped, STREAM),
     'corrected_pose': (PoseStamped, STREAM),

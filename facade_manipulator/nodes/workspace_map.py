@@ -9,8 +9,9 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
 from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.messages import RAIL
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import declare, LATCHED, pose_message, RAIL, steady_timer
+from facade_manipulator.ros import declare, LATCHED, pose_message, steady_timer
 from facade_manipulator.workspace import lci_grid
 
 PERIOD = 0.25

@@ -39,6 +39,9 @@ class EstimateSettings:
     delay: float = parameter(
         0.0, 'How much later than the motion the stamps of the estimator are', unit='s',
         minimum=-0.5, maximum=0.5)
+    tilt: float = parameter(
+        0.05, 'Largest tilt of the rail out of the plane; it is left out of the estimate',
+        unit='rad', minimum=1e-3, maximum=0.2)
 
 
 class Variances(NamedTuple):
@@ -78,7 +81,8 @@ class EstimateGate:
         return is_another
 
     def check(
-        self, now: float, stamp: float, pose: Pose, variances: Sequence[float] = (0.0, 0.0, 0.0)
+        self, now: float, stamp: float, pose: Pose,
+        variances: Sequence[float] = (0.0, 0.0, 0.0), tilt: float = 0.0,
     ) -> Estimate:
         """
         Return the estimate if it can be true.
@@ -91,17 +95,23 @@ class EstimateGate:
             [m, m, rad].
         variances : sequence of float
             Of x, y and θ; 0, negative or not finite means unknown.
+        tilt : float
+            Angle by which the rail is out of the plane [rad].
 
         Raises
         ------
         InputError
-            With reason ``'not_finite'``, ``'range'``, ``'stale'``, ``'future'``,
-            ``'out_of_order'`` or ``'jump'``. A jump that lasts is accepted as soon as the
-            fastest gondola could have got there.
+            With reason ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
+            ``'future'``, ``'out_of_order'`` or ``'jump'``. A jump that lasts is accepted as soon
+            as the fastest gondola could have got there.
 
         """
         stamp -= self.settings.delay
         self._check_values(pose)
+        if tilt > self.settings.tilt:
+            raise InputError(
+                'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
+                f'{self.settings.tilt:g} rad (estimate.tilt)')
         self._check_age(now - stamp)
         if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = None  # the clock was set back: its stamps mean nothing any more
@@ -110,6 +120,10 @@ class EstimateGate:
             self._check_jump(stamp - self._last.stamp, pose)
         self._last = Estimate(stamp, pose, self._variances_of(tuple(variances)))
         return self._last if self._mounting == ZERO_POSE else self._of_rail(self._last)
+
+    def displacement(self, place: Pose) -> Pose:
+        """Return how far an estimator has moved of where it is itself, both in `facade`."""
+        return Pose(place.x - self._mounting.x, place.y - self._mounting.y, place.theta)
 
     def _of_rail(self, estimate: Estimate) -> Estimate:
         """Return the estimate of the rail; noise of the yaw is noise of where the rail is."""

@@ -7,16 +7,17 @@ from collections.abc import Callable, Sequence
 import csv
 from pathlib import Path
 import sys
+from typing import Any
 
 from facade_manipulator.blackbox import read_recording, RecordedRun
 from facade_manipulator.errors import ManipulatorError, missing_package, RecordError
 from facade_manipulator.files import atomic_write
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import pose_numbers, projected, seconds
 from facade_manipulator.replay.poses import (
     Comparison,
-    planar,
     replay_poses,
     replay_setpoints,
-    seconds,
 )
 from facade_manipulator.replay.report import page
 from facade_manipulator.replay.stop import replay_stop
@@ -79,7 +80,7 @@ def _compare(replay: Callable[[RecordedRun], Comparison], run: RecordedRun) -> C
 
 def _write_disturbance(run: RecordedRun, path: Path) -> None:
     """Write the recorded disturbance as a scenario's recording."""
-    rows = sorted({seconds(one.message.header.stamp): planar(one.message.pose.pose)
+    rows = sorted({seconds(one.message.header.stamp): _place(one.message)
                    for one in run.topics['disturbance']}.items())
     if len(rows) < 2:
         raise RecordError('the recording has no disturbance')
@@ -89,6 +90,10 @@ def _write_disturbance(run: RecordedRun, path: Path) -> None:
         writer.writerows([f'{time - rows[0][0]:.6f}', *pose] for time, pose in rows)
     print(f'{len(rows)} estimates over {rows[-1][0] - rows[0][0]:.1f} s written to {path}: a '
           'scenario plays them with mission.motion recording')
+
+
+def _place(message: Any) -> Pose:
+    return projected(pose_numbers(message.pose.pose), 'disturbance')[0]
 
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:

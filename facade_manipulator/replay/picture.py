@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator.blackbox import RecordedRun
-from facade_manipulator.replay.poses import CARRIAGES, carriages, Comparison
+from facade_manipulator.messages import CARRIAGES
+from facade_manipulator.replay.poses import carriages, Comparison
 from facade_manipulator.replay.stop import StopReplay
 
 RECORDED, REPLAYED, MEASURED, STOP = '#999999', '#0072b2', '#009e73', '#d55e00'

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from heapq import merge
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,13 +11,20 @@ import numpy as np
 from facade_manipulator.blackbox import Received, RecordedRun
 from facade_manipulator.compensation import Compensator, CompensatorSettings, DEFAULTS
 from facade_manipulator.errors import ManipulatorError, RecordError
-from facade_manipulator.kinematics import Carriages, Geometry, Pose, Wrench
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.messages import (
+    estimate_numbers,
+    in_order,
+    planar_pose,
+    planar_wrench,
+    projected,
+    RAIL,
+    seconds,
+)
 from facade_manipulator.motion import GoalSettings, SetpointStream
 from facade_manipulator.parameters import settings_from
 
 SETTLING = 20.0  # s: what the compensator learnt before the recording it has to learn again
-CARRIAGES = Carriages._fields
-VARIANCES = (0, 7, 35)  # of x, y and yaw in a covariance
 
 
 class Comparison(NamedTuple):
@@ -60,21 +66,9 @@ class Comparison(NamedTuple):
         return (self.replayed - self.recorded)[self.settled]
 
 
-def seconds(stamp: Any) -> float:
-    """Return a message's stamp [s]."""
-    return stamp.sec + 1e-9 * stamp.nanosec
-
-
-def planar(pose: Any) -> Pose:
-    """Return a pose message in the plane of the mechanism [m, rad]."""
-    turn = pose.orientation
-    return Pose(pose.position.x, pose.position.y, 2.0 * math.atan2(turn.z, turn.w))
-
-
-def carriages(message: Any) -> list[float]:
-    """Return the positions of q1, q2, q3 in a JointState [m]."""
-    order = dict(zip(message.name, message.position, strict=True))
-    return [order[name] for name in CARRIAGES]
+def carriages(message: Any) -> tuple[float, float, float]:
+    """Return the positions of q1, q2, q3 in a JointState [m], finite or not."""
+    return in_order(message.name, message.position, 'position')
 
 
 def geometry_of(run: RecordedRun, node: str) -> Geometry:
@@ -115,7 +109,7 @@ def replay_poses(run: RecordedRun) -> Comparison:
             continue
         corrected = compensator.update(now)
         if corrected is not None:
-            pairs.append((corrected.time, planar(message.pose), corrected.pose))
+            pairs.append((corrected.time, _corrected(message), corrected.pose))
     return Comparison.of(pairs, run.begin + SETTLING, rejections)
 
 
@@ -131,26 +125,37 @@ def replay_setpoints(run: RecordedRun) -> Comparison:
     for _, message in run.topics['corrected_pose']:
         time = seconds(message.header.stamp)
         setpoint = _attempt(
-            lambda: stream.setpoint(time, planar(message.pose)), rejections)  # noqa: B023
+            lambda: stream.setpoint(time, _corrected(message)), rejections)  # noqa: B023
         if setpoint is not None and _key(message) in recorded:
             pairs.append((time, recorded[_key(message)], setpoint.position))
     return Comparison.of(pairs, run.begin, rejections)
+
+
+def _corrected(message: Any) -> Pose:
+    return planar_pose(message.pose, 'corrected_pose')
 
 
 def _key(message: Any) -> tuple[int, int]:
     return message.header.stamp.sec, message.header.stamp.nanosec
 
 
+def _add_estimate(compensator: Compensator, now: float, message: Any) -> None:
+    *pose, x, y, yaw = estimate_numbers(message)
+    place, (_, tilt) = projected(pose, 'disturbance')
+    if getattr(message, 'child_frame_id', RAIL) != RAIL:
+        place = compensator.gate.displacement(place)
+    compensator.add_estimate(now, seconds(message.header.stamp), place, (x, y, yaw), tilt)
+
+
 INPUTS: dict[str, Callable[[Compensator, float, Any], None]] = {
-    'goal_pose': lambda compensator, _, message: compensator.set_goal(planar(message.pose)),
-    'disturbance': lambda compensator, now, message: compensator.add_estimate(
-        now, seconds(message.header.stamp), planar(message.pose.pose),
-        [message.pose.covariance[index] for index in VARIANCES]),
+    'goal_pose': lambda compensator, _, message: compensator.set_goal(
+        planar_pose(message.pose, 'goal_pose')),
+    'disturbance': _add_estimate,
+    'disturbance_odometry': _add_estimate,
     'end_effector_pose': lambda compensator, _, message: compensator.following.add_head(
-        seconds(message.header.stamp), planar(message.pose)),
+        seconds(message.header.stamp), planar_pose(message.pose, 'end_effector_pose')),
     'contact_wrench': lambda compensator, now, message: compensator.contact.add_wrench(
-        now, seconds(message.header.stamp), Wrench(
-            message.wrench.force.x, message.wrench.force.y, message.wrench.torque.z)),
+        now, seconds(message.header.stamp), planar_wrench(message)),
     'lateral_offset': lambda compensator, now, message: compensator.contact.add_lateral_offset(
         now, seconds(message.header.stamp), message.point.x),
 }

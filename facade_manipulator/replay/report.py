@@ -11,7 +11,8 @@ import numpy as np
 
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.replay.poses import CARRIAGES, Comparison, SETTLING
+from facade_manipulator.messages import CARRIAGES
+from facade_manipulator.replay.poses import Comparison, SETTLING
 from facade_manipulator.replay.stop import Stop, StopReplay
 
 SAME_SETPOINT = 1e-9  # m

@@ -21,6 +21,7 @@ from facade_manipulator.drives.controller import (
 from facade_manipulator.errors import ManipulatorError, RecordError
 from facade_manipulator.kinematics import Carriages, mechanism_of
 from facade_manipulator.loop import LoopProcess, LoopSetup
+from facade_manipulator.messages import seconds
 from facade_manipulator.motion import (
     Approach,
     GoalSettings,
@@ -31,7 +32,7 @@ from facade_manipulator.motion import (
     StreamSettings,
 )
 from facade_manipulator.parameters import settings_from
-from facade_manipulator.replay.poses import carriages, geometry_of, seconds
+from facade_manipulator.replay.poses import carriages, geometry_of
 
 PERIOD = 0.01  # s
 LEAD = 0.06  # s, by which setpoints of the approach come before their time
@@ -216,7 +217,7 @@ def _actions(
     """Return what is to be done at which time of the recording; each receives the time's shift."""
     actions: list[tuple[float, Callable[[float], None]]] = [
         (one.time, lambda shift, message=one.message: rig.loop.send_setpoint(Setpoint(
-            seconds(message.header.stamp) + shift, tuple(carriages(message)),
+            seconds(message.header.stamp) + shift, carriages(message),
             tuple(message.velocity)))) for one in setpoints]
     actions += [
         (fault.time, lambda _, fault=fault: rig.loop.disturb(

@@ -33,18 +33,18 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.ros.conversions import (
+from facade_manipulator.messages import (
     CARRIAGES,
+    estimate_numbers,
     in_order,
-    planar_numbers,
     POSE_NUMBERS,
     pose_numbers,
     RAIL,
     require_frame,
     seconds,
-    stamp_numbers,
     VARIANCES,
 )
+from facade_manipulator.ros.conversions import planar_numbers, stamp_numbers
 
 ENCAPSULATION = {'little': b'\0\1', 'big': b'\0\0'}[sys.byteorder]
 NUMBER = None
@@ -185,8 +185,7 @@ def estimate_codec(topic: str, frame_id: str) -> Codec:
     """
     def numbers_of(message: PoseWithCovarianceStamped) -> tuple[float, ...]:
         require_frame(message.header.frame_id, frame_id, topic)
-        covariance = message.pose.covariance
-        return (*pose_numbers(message.pose.pose), *(float(covariance[k]) for k in VARIANCES))
+        return estimate_numbers(message)
 
     covariance = chain.from_iterable(
         (doubles(1), unread(end - begin - 1))

@@ -27,8 +27,8 @@ from rclpy.signals import SignalHandlerOptions
 from ros_roles import HORIZON, JOINT_STATES_PERIOD
 from sensor_msgs.msg import JointState
 
+from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.ros.conversions import CARRIAGES
 from facade_manipulator.ros.executors import choose_executor
 from facade_manipulator.ros.runtime import RELIABLE
 

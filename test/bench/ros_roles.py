@@ -26,14 +26,9 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
+from facade_manipulator.messages import CARRIAGES, RAIL, seconds
 from facade_manipulator.ros.codec import setpoint_codec
-from facade_manipulator.ros.conversions import (
-    CARRIAGES,
-    pose_stamped,
-    RAIL,
-    seconds,
-    stamp,
-)
+from facade_manipulator.ros.conversions import pose_stamped, stamp
 from facade_manipulator.ros.executors import choose_executor
 from facade_manipulator.ros.runtime import LATEST, RELIABLE
 

@@ -5,11 +5,15 @@ import signal
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import (
+    Point,
     PointStamped,
     PoseStamped,
     PoseWithCovarianceStamped,
+    Quaternion,
     WrenchStamped,
 )
+from geometry_msgs.msg import Pose as PoseMessage
+from nav_msgs.msg import Odometry
 import pytest
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
@@ -18,14 +22,9 @@ from support import wait_until
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose
+from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.ros.conversions import (
-    planar_pose,
-    pose_message,
-    pose_stamped,
-    seconds,
-    stamp,
-)
+from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
 from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
 
@@ -148,6 +147,34 @@ def test_a_bad_estimate_is_rejected_and_counted(neighbours, arguments, reason):
     neighbours.ros.until(
         lambda: neighbours.value(f'rejected: {reason}') == '1', 'the count of the rejection')
     assert 'no estimate' in neighbours.message()
+
+
+def odometry(time, child, x=0.0, tilt=0.0):
+    message = Odometry(child_frame_id=child)
+    message.header.frame_id, message.header.stamp = 'facade', stamp(time)
+    message.pose.pose = PoseMessage(
+        position=Point(x=x, z=0.4), orientation=Quaternion(x=math.sin(tilt / 2),
+                                                           w=math.cos(tilt / 2)))
+    return message
+
+
+@pytest.mark.parametrize(('child', 'place'), [('rail', 0.05), ('prism', 0.55)])
+def test_odometry_of_the_rail_or_of_the_estimator_is_an_estimate(ros, child, place):
+    neighbours = Neighbours(ros, **{'estimate.mounting': [0.5 * (child == 'prism'), 0.0, 0.0]})
+    estimates = neighbours.node.create_publisher(
+        Odometry, 'disturbance_odometry', qos_profile_sensor_data)
+    timer = neighbours.node.create_timer(0.02, lambda: estimates.publish(
+        odometry(neighbours.now(), child, place, tilt=0.01)))
+    neighbours.send_goal()
+    neighbours.until_corrected(
+        lambda pose: near(compose(Pose(0.05, 0.0, 0.0), pose), GOAL), 'the corrected goal')
+    neighbours.ros.until(lambda: neighbours.value('left out of the estimate')
+                         == 'z +400.0 mm, tilt 0.57 deg', 'what is out of the plane')
+    timer.cancel()
+    for message, reason in ((odometry(neighbours.now(), child, place, tilt=0.06), 'out_of_plane'),
+                            (odometry(neighbours.now(), '', place), 'frame')):
+        estimates.publish(message)
+        neighbours.ros.until(lambda r=reason: neighbours.value(f'rejected: {r}') == '1', reason)
 
 
 def test_an_estimator_that_falls_silent_is_reported_and_the_correction_fades(neighbours):

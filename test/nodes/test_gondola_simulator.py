@@ -14,8 +14,9 @@ from std_srvs.srv import Trigger
 from support import wait_until
 
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
+from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.gondola_simulator import GondolaSimulatorNode
-from facade_manipulator.ros.conversions import planar_pose, pose_stamped, seconds, stamp
+from facade_manipulator.ros.conversions import pose_stamped, stamp
 from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 GOAL = Pose(0.03, 0.25, 0.02)

@@ -18,9 +18,10 @@ import yaml
 from facade_manipulator import config_path
 from facade_manipulator.kinematics import inverse_kinematics, Pose
 from facade_manipulator.kinematics.linkage import joints
+from facade_manipulator.messages import planar_pose
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.shapes import MechanismView, shapes, STATE_COLOURS
-from facade_manipulator.ros.conversions import planar_pose, pose_message, pose_stamped
+from facade_manipulator.ros.conversions import pose_message, pose_stamped
 from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 MIDDLE = Pose(0.05, 0.25, 0.1)

@@ -5,8 +5,9 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import Carriages, Geometry, inverse_kinematics, Pose
+from facade_manipulator.messages import CARRIAGES, planar_pose, seconds
 from facade_manipulator.nodes.manipulator import make_nodes
-from facade_manipulator.ros.conversions import CARRIAGES, planar_pose, pose_stamped, seconds
+from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 PLACE = Pose(0.02, 0.25, 0.0)

@@ -3,7 +3,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose, ZERO_POSE
+from facade_manipulator.kinematics import compose, Pose, ZERO_POSE
 from facade_manipulator.prediction import (
     EstimateGate,
     EstimateSettings,
@@ -42,6 +42,21 @@ def test_the_gate_returns_the_rail_at_the_time_of_the_motion():
     assert estimate.stamp == pytest.approx(9.95)
     assert estimate.pose == pytest.approx(rail)
     assert estimate.variances == pytest.approx((1.09e-6, 1.25e-6, 1e-6))
+
+
+@given(poses, poses)
+def test_where_the_estimator_is_says_the_same_as_how_far_it_has_moved(rail, mounting):
+    gate = EstimateGate(EstimateSettings(mounting=tuple(mounting)))
+    assert gate.displacement(compose(rail, mounting)) == pytest.approx(
+        estimator_motion(rail, mounting), abs=1e-12)
+
+
+def test_a_tilt_is_accepted_up_to_its_bound():
+    gate = EstimateGate(EstimateSettings(tilt=0.03))
+    assert gate.check(10.0, 9.97, ZERO_POSE, tilt=0.03).pose == ZERO_POSE
+    with pytest.raises(InputError, match='0.031 rad .* bound 0.03 rad') as rejection:
+        gate.check(10.02, 9.99, ZERO_POSE, tilt=0.031)
+    assert rejection.value.reason == 'out_of_plane'
 
 
 def test_stamps_ahead_of_the_clock_are_accepted_when_their_lead_is_known():

@@ -32,7 +32,7 @@ def header(time):
 def pose_message(time, pose):
     return Message(header=header(time), pose=Message(
         position=Message(x=pose.x, y=pose.y, z=0.0),
-        orientation=Message(z=math.sin(pose.theta / 2), w=math.cos(pose.theta / 2))))
+        orientation=Message(x=0.0, y=0.0, z=math.sin(pose.theta / 2), w=math.cos(pose.theta / 2))))
 
 
 def sway(time):

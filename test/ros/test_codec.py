@@ -12,15 +12,10 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import CARRIAGES, seconds, VARIANCES
 from facade_manipulator.ros import codec as codec
 from facade_manipulator.ros.codec import estimate_codec, pose_codec, setpoint_codec, states_codec
-from facade_manipulator.ros.conversions import (
-    CARRIAGES,
-    pose_stamped,
-    seconds,
-    set_stamp,
-    VARIANCES,
-)
+from facade_manipulator.ros.conversions import pose_stamped, set_stamp
 
 STAMP = 12.5
 ARRAYS = ('position', 'velocity', 'effort')

@@ -8,15 +8,18 @@ import pytest
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, Wrench
-from facade_manipulator.ros.conversions import (
+from facade_manipulator.messages import (
     carriages_from,
-    diagnostic_status,
     planar_pose,
     planar_wrench,
-    pose_message,
-    pose_stamped,
+    projected,
     require_frame,
     seconds,
+)
+from facade_manipulator.ros.conversions import (
+    diagnostic_status,
+    pose_message,
+    pose_stamped,
     stamp,
     wrench_stamped,
 )
@@ -45,13 +48,32 @@ def test_the_two_signs_of_a_quaternion_are_the_same_pose():
     assert planar_pose(message, 'goal').theta == pytest.approx(0.3)
 
 
+@given(st.builds(Pose, lengths, lengths, angles), angles, st.floats(0.0, 0.2), lengths)
+def test_a_tilted_pose_is_seen_as_the_nearest_in_the_plane(place, direction, tilt, height):
+    numbers = tilted(place, direction, tilt, height)
+    found, out_of_plane = projected(numbers, 'disturbance')
+    assert found == pytest.approx(place, abs=1e-9)
+    assert out_of_plane == pytest.approx((height, tilt), abs=1e-7)
+    x, y, z, w = numbers[3:]
+    turn = math.atan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))  # of the x axis
+    assert abs(math.remainder(turn - place.theta, math.tau)) <= 0.5 * tilt ** 2 + 1e-9
+
+
+def tilted(place, direction, tilt, height):
+    """Return the numbers of a pose turned about z, then tilted about an axis in the plane."""
+    turn, half = (math.cos(place.theta / 2), math.sin(place.theta / 2)), math.sin(tilt / 2)
+    ax, ay, w = half * math.cos(direction), half * math.sin(direction), math.cos(tilt / 2)
+    return (place.x, place.y, height, ax * turn[0] + ay * turn[1], ay * turn[0] - ax * turn[1],
+            w * turn[1], w * turn[0])
+
+
 @pytest.mark.parametrize('message, reason, expected', [
     (PoseMessage(position=Point(x=math.nan)), 'not_finite', 'goal x = nan'),
     (PoseMessage(position=Point(y=math.inf)), 'not_finite', 'goal y = inf'),
     (PoseMessage(position=Point(z=math.nan)), 'not_finite', 'goal z = nan'),
     (PoseMessage(orientation=Quaternion(w=math.nan)), 'not_finite', 'orientation.w = nan'),
     (PoseMessage(position=Point(z=0.01)), 'out_of_plane', 'z = 0.01 m'),
-    (PoseMessage(orientation=Quaternion(x=0.1, w=math.sqrt(0.99))), 'out_of_plane', '0.2 rad'),
+    (PoseMessage(orientation=Quaternion(x=0.1, w=math.sqrt(0.99))), 'out_of_plane', '0.2003 rad'),
     (PoseMessage(orientation=Quaternion(w=0.0)), 'quaternion', 'norm 0'),
     (PoseMessage(orientation=Quaternion(z=1.0, w=1.0)), 'quaternion', 'norm 1.41421'),
 ])

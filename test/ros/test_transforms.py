@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import pytest
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.ros.conversions import seconds
+from facade_manipulator.messages import seconds
 from facade_manipulator.ros.transforms import Transforms
 
 

@@ -1,0 +1,181 @@
+"""
+What messages say: stamps, poses in the plane, carriages; what they must not say is rejected.
+
+Needs no ROS: a message is whatever has its fields, of rclpy or read from a file.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+from reprlib import repr as quoted  # a message stays short, whatever is sent
+from typing import Any, NamedTuple
+
+from facade_manipulator.errors import InputError
+from facade_manipulator.kinematics import Carriages, Pose, wrap_angle, Wrench
+
+PLANE_TOLERANCE = 1e-6  # m
+TILT_TOLERANCE = 1e-3  # rad
+NORM_TOLERANCE = 1e-3  # quaternions are often sent rounded
+CARRIAGES = Carriages._fields
+POSE_NUMBERS = (
+    'x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')
+FACADE, RAIL, END_EFFECTOR = 'facade', 'rail', 'end_effector'  # the frames' names
+VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
+
+
+def seconds(stamp: Any) -> float:
+    """Return a stamp in seconds; float64 resolves 0.24 µs at today's epoch."""
+    return stamp.sec + stamp.nanosec * 1e-9
+
+
+def require_frame(frame_id: str, expected: str, what: str) -> None:
+    """
+    Reject a message of another frame.
+
+    Raises
+    ------
+    InputError
+        With reason ``'frame'``.
+
+    """
+    if frame_id != expected:
+        raise InputError('frame', f"{what} is in frame {quoted(frame_id)}, expected '{expected}'")
+
+
+def planar_pose(message: Any, what: str) -> Pose:
+    """
+    Return the planar pose of a message.
+
+    Parameters
+    ----------
+    message : geometry_msgs.msg.Pose
+        Position in m, unit quaternion; in the plane, so z = 0 and roll = pitch = 0.
+    what : str
+        Name of the message in the message of a rejection, such as ``'goal'``.
+
+    Raises
+    ------
+    InputError
+        With reason ``'not_finite'``, ``'quaternion'`` or ``'out_of_plane'``.
+
+    """
+    return planar(pose_numbers(message), what)
+
+
+def pose_numbers(message: Any) -> tuple[float, ...]:
+    """Return the seven numbers of a pose, position [m] and quaternion."""
+    position, q = message.position, message.orientation
+    return position.x, position.y, position.z, q.x, q.y, q.z, q.w
+
+
+def estimate_numbers(message: Any) -> tuple[float, ...]:
+    """Return the numbers of an estimated pose: those of the pose, variances of x, y and yaw."""
+    estimate = message.pose
+    return (*pose_numbers(estimate.pose), *(float(estimate.covariance[k]) for k in VARIANCES))
+
+
+def planar(numbers: Sequence[float], what: str) -> Pose:
+    """Return the planar pose of the seven numbers of a pose; else as `planar_pose`."""
+    pose, (height, tilt) = projected(numbers, what)
+    if abs(height) > PLANE_TOLERANCE:
+        raise InputError(
+            'out_of_plane', f'{what} z = {height:.6g} m is out of the plane z = 0 m')
+    if tilt > TILT_TOLERANCE:
+        raise InputError(
+            'out_of_plane', f'{what} is tilted by {tilt:.4g} rad out of the plane, bound '
+            f'{TILT_TOLERANCE:g} rad')
+    return pose
+
+
+class OutOfPlane(NamedTuple):
+    """What a pose in space has beyond the nearest one in the plane: height [m], tilt [rad]."""
+
+    height: float
+    tilt: float
+
+
+def projected(numbers: Sequence[float], what: str) -> tuple[Pose, OutOfPlane]:
+    """
+    Return the planar pose nearest to a pose in space, and what that leaves out.
+
+    The yaw is the turn about z after which only a tilt about an axis in the plane remains: of all
+    turns in the plane the one that moves its points least differently.
+
+    Raises
+    ------
+    InputError
+        With reason ``'not_finite'`` or ``'quaternion'``.
+
+    """
+    require_finite(POSE_NUMBERS, numbers, what)
+    x, y, z, qx, qy, qz, qw = numbers
+    norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
+    if abs(norm - 1.0) > NORM_TOLERANCE:
+        raise InputError(
+            'quaternion', f'{what} orientation has norm {norm:.6g}, not 1 within '
+            f'{NORM_TOLERANCE:g}')
+    tilt = 2.0 * math.atan2(math.hypot(qx, qy), math.hypot(qz, qw))
+    return Pose(x, y, wrap_angle(2.0 * math.atan2(qz, qw))), OutOfPlane(z, tilt)
+
+
+def require_finite(names: Sequence[str], values: Sequence[float], what: str) -> None:
+    """
+    Reject what is no number.
+
+    Raises
+    ------
+    InputError
+        With reason ``'not_finite'``.
+
+    """
+    if all(map(math.isfinite, values)):
+        return
+    for name, value in zip(names, values, strict=True):
+        if not math.isfinite(value):
+            raise InputError.not_finite(f'{what} {name}', value)
+
+
+def carriages_from(
+    names: Sequence[str], values: Sequence[float], what: str
+) -> tuple[float, float, float]:
+    """
+    Return the values of q1, q2 and q3, whatever their order in a JointState.
+
+    Parameters
+    ----------
+    names, values : sequence
+        The message's names and one of its arrays.
+    what : str
+        Name of the array in the message of a rejection, such as ``'setpoint position'``.
+
+    Raises
+    ------
+    InputError
+        With reason ``'names'`` or ``'not_finite'``.
+
+    """
+    carriages = in_order(names, values, what)
+    require_finite(CARRIAGES, carriages, f'{what} of')
+    return carriages
+
+
+def in_order(
+    names: Sequence[str], values: Sequence[float], what: str
+) -> tuple[float, float, float]:
+    """Return the values of q1, q2 and q3, finite or not; else as `carriages_from`."""
+    if len(values) != len(names):
+        raise InputError('names', f'{what} has {len(values)} values for {len(names)} names')
+    if tuple(names) == CARRIAGES:  # any order will do, but it costs
+        return tuple(values)
+    if sorted(names) != sorted(CARRIAGES):
+        raise InputError(
+            'names', f'{what} names {quoted(list(names))}, '
+            f'expected each of {", ".join(CARRIAGES)} once')
+    return tuple(values[names.index(name)] for name in CARRIAGES)
+
+
+def planar_wrench(message: Any) -> Wrench:
+    """Return what a wrench has in the plane; what is not in it is no matter of the mechanism."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return Wrench(force.x, force.y, torque.z)
