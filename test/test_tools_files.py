@@ -1,0 +1,78 @@
+"""Files for other tools: layouts name what is published, the container does what README says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import re
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+import yaml
+
+from facade_manipulator import config_path
+from facade_manipulator.messages import CARRIAGES
+from facade_manipulator.nodes.recorder import COMPONENTS, TOPICS
+
+TOP = Path(__file__).resolve().parents[1]
+MARKERS = {'/ik_service/linkage', '/ik_service/workspace'}
+
+
+def require_field(topic: str, path: list[str]) -> None:
+    """Raise unless a message of the topic has a field."""
+    kind, _ = TOPICS[topic if topic == '/diagnostics' else topic.removeprefix('/')]
+    value = kind()
+    for name in path:
+        value = getattr(value, name)
+
+
+def test_the_layout_of_foxglove_shows_what_is_published():
+    layout = json.loads(config_path('foxglove.json').read_text())
+    panels = layout['configById']
+    topics, paths = set(), []
+    for panel in panels.values():
+        topics |= set(panel.get('topics', ()))
+        paths += [panel[key] for key in ('topicPath', 'topicToRender') if key in panel]
+        paths += [path['value'] for path in panel.get('paths', ())]
+    assert topics == MARKERS
+    for path in paths:
+        topic, *fields = re.sub(r'\[[0-2]]', '', path).split('.')
+        require_field(topic, fields)
+    assert set(re.findall(r'"(\w+!\w+)"', json.dumps(layout['layout']))) == set(panels)
+
+
+def test_the_layout_of_plotjuggler_shows_what_is_published():
+    root = ElementTree.parse(config_path('plotjuggler.xml')).getroot()
+    curves = [curve.get('name') for curve in root.iter('curve')]
+    assert len(curves) == len(set(curves)) > 10
+    for curve in curves:
+        _, topic, *fields = curve.split('/')
+        if topic.startswith('joint_'):
+            assert fields.pop(0) in CARRIAGES
+        require_field(f'/{topic}', fields)
+    assert all(len(splitter) == int(splitter.get('count')) == len(splitter.get('sizes').split(';'))
+               for splitter in root.iter('DockSplitter'))
+
+
+@pytest.mark.parametrize('node', [*COMPONENTS, 'recorder'])
+@pytest.mark.parametrize('namespace', ['', 'gondola_1/'])
+def test_the_aggregator_sums_up_every_component_once(node, namespace):
+    (content,) = yaml.safe_load(config_path('diagnostic_aggregator.yaml').read_text()).values()
+    analyzers = [one for one in content['ros__parameters'].values() if isinstance(one, dict)]
+    assert len({one['path'] for one in analyzers}) == len(analyzers)
+    name = f'{namespace}{node}: operation'
+    assert [any(part in name for part in one['contains']) for one in analyzers].count(True) == 1
+
+
+def test_the_container_does_what_the_documents_say():
+    lines = config_path('deploy/Dockerfile').read_text().replace('\\\n', '').splitlines()
+    steps = dict(line.split(' ', 1) for line in lines if not line.startswith('#'))
+    assert list(steps) == ['FROM', 'RUN', 'WORKDIR', 'COPY', 'CMD'] and steps['COPY'] == '. .'
+    assert json.loads(steps['CMD']) == ['make', 'demo']
+    documents = (TOP / 'docs/development.md').read_text()
+    commands = [line[1:].strip() for line in lines if line.startswith('#   ')]
+    assert len(commands) == 3 and '\n'.join(commands) in documents
+    targets = re.findall(r'^([a-z-]+):', (TOP / 'Makefile').read_text(), re.MULTILINE)
+    assert {'setup', 'demo', 'test'} <= set(targets) and steps['RUN'] == 'make setup'
+    ignored = config_path('deploy/Dockerfile.dockerignore').read_text().split()
+    assert '.venv' in ignored and not any((TOP / name).is_file() for name in ignored)
