@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from math import sqrt
+from math import isfinite, sqrt
 
 from facade_manipulator.errors import CarriageGapError, SingularityError, StrokeLimitError
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
+from facade_manipulator.kinematics.forward import closed_number
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 from facade_manipulator.kinematics.inverse import links
 from facade_manipulator.kinematics.jacobian import branch_number, squared_index
 
@@ -66,6 +67,25 @@ def certify(
     check_number(branch_number(at))
     check_index(squared_index(at, index_ratio(geometry, characteristic_length)), min_conditioning)
     return Carriages(q1, q2, x)
+
+
+def certify_carriages(geometry: Geometry, carriages: Carriages) -> None:
+    """
+    Check carriage positions [m]: the links close there, on the machine's branch.
+
+    How well the pose is conditioned is not asked.
+
+    Raises
+    ------
+    ParameterError, UnreachableError, SingularityError, CarriageGapError, StrokeLimitError
+        As `certify`.
+
+    """
+    q1, q2, q3 = carriages
+    if not isfinite(q1 + q2 + q3):
+        raise not_finite(carriages)
+    check_carriages(geometry, carriages)
+    check_number(closed_number(geometry, q1 - q3, q2 - q3))
 
 
 def index_ratio(geometry: Geometry, characteristic_length: float | None) -> float:

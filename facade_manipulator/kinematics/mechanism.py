@@ -10,13 +10,12 @@ node starts; nothing asks again in a cycle.
 from __future__ import annotations
 
 from functools import partial
-from math import isfinite
 
 from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.calibrated import CalibratedMechanism
-from facade_manipulator.kinematics.certify import certify, check_carriages, check_number
-from facade_manipulator.kinematics.forward import closed_number, forward_kinematics
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
+from facade_manipulator.kinematics.certify import certify, certify_carriages
+from facade_manipulator.kinematics.forward import forward_kinematics
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
 from facade_manipulator.kinematics.inverse import inverse_kinematics
 from facade_manipulator.kinematics.jacobian import (
     carriage_velocity,
@@ -45,15 +44,7 @@ class NominalMechanism:
         self.carriage_velocity = partial(carriage_velocity, geometry)
         self.end_effector_force = partial(end_effector_force, geometry)
         self.certify = partial(certify, geometry)
-
-    def check(self, carriages: Carriages) -> None:
-        """Check carriage positions."""
-        q1, q2, q3 = carriages
-        if not isfinite(q1 + q2 + q3):
-            raise not_finite(carriages)
-        check_carriages(self.geometry, carriages)
-        # Its carriages are these, so of `certify` only reach and branch are left.
-        check_number(closed_number(self.geometry, q1 - q3, q2 - q3))
+        self.check = partial(certify_carriages, geometry)
 
     def on_rail(self, carriages: Carriages) -> Carriages:
         """Return the carriages: the drives are right."""

@@ -29,9 +29,9 @@ class MechanismGuard:
 
     def __init__(self, geometry: Geometry, tolerance: float = ROUNDING) -> None:
         least, greatest = geometry.stroke
-        self._mechanism = mechanism_of(replace(
+        self._check = mechanism_of(replace(
             geometry, stroke=(least - tolerance, greatest + tolerance),
-            carriage_gap=max(geometry.carriage_length, geometry.carriage_gap - tolerance)))
+            carriage_gap=max(geometry.carriage_length, geometry.carriage_gap - tolerance))).check
         self._passed: Carriages | None = None
 
     def __call__(self, positions: tuple[float, float, float]) -> None:
@@ -49,7 +49,7 @@ class MechanismGuard:
         if positions == self._passed:  # whoever commands and whoever sends ask for the same
             return
         carriages = Carriages(*positions)
-        self._mechanism.check(carriages)
+        self._check(carriages)
         self._passed = carriages
 
 

@@ -132,17 +132,16 @@ class CompensatorNode(Node):
             PointStamped, 'lateral_offset', self._receive_lateral_offset, qos_profile_sensor_data)
 
     def _receive_goal(self, message: PoseStamped) -> None:
-        stamp = message.header.stamp
+        now, stamp = node_time(self), message.header.stamp
         try:
             require_frame(message.header.frame_id, FACADE, 'goal_pose')
             goal = planar_pose(message.pose, 'goal_pose')
-            self._compensator.require_inside(goal)
+            self._follow(now, goal)
         except ManipulatorError as error:
             self._rejections.add(error, 'goal_pose' if isinstance(error, LimitError) else '')
             self._progress.reject(stamp, str(error))
             return
-        self._goal = node_time(self), goal
-        self._choose_goal()
+        self._goal = now, goal
         if self._driver.is_idle:
             reason = (f'the drives are {self._driver.status.state}: send it again once they are '
                       'active')
@@ -154,15 +153,17 @@ class CompensatorNode(Node):
 
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it came before the drives were activated."""
-        if self._goal is None:
-            return
-        came, goal = self._goal
-        if self._driver.may_move(came):
+        if self._goal is not None:
             with self._rejections:  # its bounds may have been changed meanwhile
-                self._compensator.set_goal(goal)
-        else:
-            self._compensator.drop_goal()
-            self._progress.end(f'the drives are {self._driver.status.state}')
+                self._follow(*self._goal)
+
+    def _follow(self, came: float, goal: Pose) -> None:
+        if self._driver.may_move(came):
+            self._compensator.set_goal(goal)
+            return
+        self._compensator.drop_goal()
+        self._progress.end(f'the drives are {self._driver.status.state}')
+        self._compensator.require_inside(goal)
 
     def _receive_disturbance(self, data: bytes) -> None:
         with self._rejections:

@@ -250,7 +250,6 @@ class Driver:
     def __init__(self) -> None:
         from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
         from facade_manipulator.drives.controller.controller import DriveController
-        from facade_manipulator.drives.controller.recorder import FaultRecorder, RecorderSettings
         from facade_manipulator.drives.controller.session import BusAccess, Session
         from facade_manipulator.drives.controller.settings import ControllerSettings
         from facade_manipulator.drives.controller.targets import MechanismChecks
@@ -272,8 +271,7 @@ class Driver:
         simulator = DriveSimulator(bus(), simulated_drives(DEFAULT_AXES))
         simulator.start()
         self.controller = DriveController(Session(
-            settings, DEFAULT_AXES, BusAccess(bus), MechanismChecks(self.follower, guard),
-            FaultRecorder(RecorderSettings(), DEFAULT_AXES)))
+            settings, DEFAULT_AXES, BusAccess(bus), MechanismChecks(self.follower, guard)))
         self.reader = Reader(self.controller)
         for request in (
                 self.controller.configure, self.controller.home, self.controller.activate):

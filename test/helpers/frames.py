@@ -4,15 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen.pdo import (
-    ConditionFrame,
-    MotionFrame,
-    RPDO1,
-    StatusFrame,
-    TPDO1,
-    TPDO2,
-    TPDO3,
-)
+from facade_manipulator.drives.canopen.pdo import RPDO1, TPDO1, TPDO2, TPDO3
 
 
 class TargetFrame(NamedTuple):
@@ -21,6 +13,29 @@ class TargetFrame(NamedTuple):
     controlword: int
     mode: int
     target_counts: int
+
+
+class StatusFrame(NamedTuple):
+    """State, mode and actual position."""
+
+    statusword: int
+    mode: int
+    position_counts: int
+
+
+class MotionFrame(NamedTuple):
+    """Actual velocity in the drive's velocity unit, and following error."""
+
+    velocity: int
+    following_error_counts: int
+
+
+class ConditionFrame(NamedTuple):
+    """Error code, torque in thousandths of the rated torque, digital inputs 60FD."""
+
+    error_code: int
+    torque: int
+    digital_inputs: int
 
 
 def encode_rpdo1(controlword: int, mode: int, target_counts: int) -> bytes:

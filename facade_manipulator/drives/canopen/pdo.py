@@ -223,30 +223,3 @@ def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
 
 
 UNUSED_PDOS = unused_pdos(PDO_MAP)
-
-
-class StatusFrame(NamedTuple):
-    """State, mode and actual position."""
-
-    statusword: int
-    mode: int
-    position_counts: int
-
-
-class MotionFrame(NamedTuple):
-    """Actual velocity in the drive's velocity unit, and following error; None if not mapped."""
-
-    velocity: int | None
-    following_error_counts: int | None
-
-
-class ConditionFrame(NamedTuple):
-    """
-    Error code, torque in thousandths of the rated torque, digital inputs 60FD.
-
-    None if not mapped.
-    """
-
-    error_code: int | None
-    torque: int | None
-    digital_inputs: int | None

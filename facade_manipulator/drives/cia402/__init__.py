@@ -50,7 +50,7 @@ from facade_manipulator.drives.cia402.states import (
     STATUSWORDS,
     TRANSITIONS,
 )
-from facade_manipulator.drives.cia402.units import AxisScale, INT32_MAX, INT32_MIN
+from facade_manipulator.drives.cia402.units import AxisScale, INT32_MAX, INT32_MIN, Measured
 
 __all__ = [
     'AUTOMATIC_TRANSITIONS',
@@ -81,6 +81,7 @@ __all__ = [
     'INT32_MAX',
     'INT32_MIN',
     'load_profile',
+    'Measured',
     'METHODS_AT_PRESENT_POSITION',
     'Mode',
     'Phase',

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 import math
+from typing import NamedTuple
 
 from facade_manipulator.errors import InputError, LimitError, ParameterError
 from facade_manipulator.parameters import parameter, settings
@@ -19,6 +20,27 @@ VELOCITY_UNITS = {
     'micrometres_per_second': ('metre', 1e6),
     'tenth_micrometres_per_second': ('metre', 1e7),
 }
+
+
+class Measured(NamedTuple):
+    """
+    What a drive measures, of the carriage along the rail; None for what it does not send.
+
+    Attributes
+    ----------
+    position, velocity : float or None
+        [m, m/s]
+    force : float or None
+        That of the motor's torque [N].
+    following_error : float or None
+        Demand minus actual position [m].
+
+    """
+
+    position: float | None = None
+    velocity: float | None = None
+    force: float | None = None
+    following_error: float | None = None
 
 
 @settings
@@ -123,6 +145,17 @@ class AxisScale:
     def to_force(self, torque: float) -> float:
         """Return the carriage force in N of a torque in thousandths of the rated torque."""
         return torque * self.force_per_torque_unit
+
+    def to_si(
+        self, counts: int | None, velocity: int | None, torque: int | None,
+        following_error: int | None,
+    ) -> Measured:
+        """Return what a drive sends, of which it may leave out anything, in SI units."""
+        return Measured(
+            None if counts is None else self.to_metres(counts),
+            None if velocity is None else self.speed_to_metres(velocity),
+            None if torque is None else self.to_force(torque),
+            None if following_error is None else self.to_metres(following_error))
 
 
 def _rounded(quantity: str, value: float, unit: str) -> int:

@@ -123,6 +123,8 @@ class DriveController:
     def forbid_power(self, cause: str) -> None:
         """Stop what has power, and let none come on, until this is called with ``''``."""
         self._session.forbidden = cause
+        if cause and self._session.is_powered:
+            self.stop(cause)
 
     def snapshot(self) -> ControllerSnapshot:
         """Return the state of controller and axes at the newest cycle."""
@@ -168,15 +170,13 @@ class DriveController:
         if session.connection is None:
             now = self._idle()
         else:
-            now = session.connection.exchange.pump()
+            now = session.connection.exchange.turn()
         session.enforce_stop()
         session.watch_recovery(now)
         if self._operation is not None:
             self._poll(now)
-        if session.group is None or session.lost is not None:
-            self._publish(now)
-        elif session.connection.exchange.has_stepped:
-            self._publish(now)
+        self._publish(now)
+        if session.group is not None:
             session.collector.use_slack()
 
     def _idle(self) -> float:

@@ -50,7 +50,7 @@ class CyclicExchange:
     """
     The cyclic exchange with three drives.
 
-    `pump` is called in a loop by the control thread, which also calls everything else here.
+    `turn` is called in a loop by the control thread, which also calls everything else here.
 
     Parameters
     ----------
@@ -73,8 +73,6 @@ class CyclicExchange:
         Stops asked for; any thread may append.
     transmits : bool
         Whether heartbeats are sent; a bus that was just found again is only listened to.
-    has_stepped : bool
-        Whether the last call of `pump` has ended a cycle.
 
     """
 
@@ -89,7 +87,7 @@ class CyclicExchange:
         self.other_master: list[str] = []
         self.stops: deque[Cause] = deque(maxlen=16)
         self.transmits = True
-        self.has_stepped = False
+        self._has_stepped = False
         self._bus = bus
         self._monitors = monitors
         self._settings = settings
@@ -108,7 +106,7 @@ class CyclicExchange:
 
     # --- receiving
 
-    def _make_routes(self) -> dict[int, tuple[int, Callable[[Frame], None]]]:
+    def _make_routes(self) -> dict[int, tuple[int, Callable[[Frame], Cause | None]]]:
         routes = {pdo.SYNC_COB_ID: (0, self._on_sync)} if self._bus.has_kernel_sync else {}
         for monitor in self._monitors:
             routes.update(self._routes_of(monitor))
@@ -132,21 +130,24 @@ class CyclicExchange:
             **{tpdo.cob_id(node): (tpdo.codec.size, self._tpdo_receiver(monitor, tpdo))
                for tpdo in monitor.tpdos},
             pdo.emergency_cob_id(node): (
-                _EMERGENCY_LENGTH, lambda frame: self.stop_for(
-                    monitor.receive_emergency(frame.data))),
+                _EMERGENCY_LENGTH, lambda frame: monitor.receive_emergency(frame.data)),
             pdo.heartbeat_cob_id(node): (
                 1, lambda frame: self._on_heartbeat(monitor, frame)),
             pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed),
         }
 
-    def _tpdo_receiver(self, monitor: AxisMonitor, tpdo: pdo.Pdo) -> Callable[[Frame], None]:
-        return lambda frame: self.stop_for(
-            monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time))
+    def _tpdo_receiver(
+        self, monitor: AxisMonitor, tpdo: pdo.Pdo
+    ) -> Callable[[Frame], Cause | None]:
+        return lambda frame: monitor.receive_tpdo(
+            tpdo, frame.data, frame.time, self.clock.sync_time)
 
     def _dispatch(self, frame: Frame) -> None:
         length, receive = self._routes.get(frame.cob_id, (None, None))
         if length == len(frame.data):
-            receive(frame)
+            cause = receive(frame)
+            if cause is not None:
+                self.stop_for(cause)
         elif frame.cob_id in self._only_masters:
             self._note_other_master(frame)
 
@@ -169,14 +170,14 @@ class CyclicExchange:
             self._step(time.monotonic())
         self.clock.receive(frame.time, frame.stamp)
 
-    def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> None:
+    def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> Cause | None:
         cause = monitor.receive_heartbeat(frame.data, frame.time)
         self.reception.notify()
-        self.stop_for(cause)
+        return cause
 
-    def stop_for(self, cause: Cause | None) -> None:
+    def stop_for(self, cause: Cause) -> None:
         """Stop, and say so on the bus at once rather than at the end of the cycle."""
-        if cause is None or self.group is None:
+        if self.group is None:
             return
         before = self.group.phase
         self.group.stop(cause, time.monotonic())
@@ -210,6 +211,21 @@ class CyclicExchange:
         for monitor in self._monitors:
             monitor.end_supervision()
 
+    def turn(self) -> float:
+        """
+        Do what a cycle brings, or while none runs the next frame; return when it has ended [s].
+
+        Raises
+        ------
+        BusError
+            The bus is gone.
+
+        """
+        now = self.pump()
+        while self.group is not None and not self._has_stepped:
+            now = self.pump()
+        return now
+
     def pump(self) -> float:
         """
         Wait for the next frame or deadline and do what it brings; return when that was [s].
@@ -220,7 +236,7 @@ class CyclicExchange:
             The bus is gone.
 
         """
-        self.has_stepped = False
+        self._has_stepped = False
         frame = self._bus.receive(self._time_to_next_event(time.monotonic()))
         now = time.monotonic()
         self._watch_pauses(now)
@@ -279,7 +295,7 @@ class CyclicExchange:
             commands = self._choose_targets(commands, now)
             self._send_commands(commands)
         self._take_out_of_operation()
-        self.has_stepped = True
+        self._has_stepped = True
 
     def _supervise(self, now: float) -> None:
         """Stop for what no frame brings: carriages that come too near, silence, a late loop."""
@@ -294,7 +310,7 @@ class CyclicExchange:
                 group.stop(cause, now)
 
     def _supervise_homing(self, now: float) -> None:
-        positions = tuple(monitor.position for monitor in self._monitors)
+        positions = tuple(monitor.measured.position for monitor in self._monitors)
         try:
             self._targets.mechanism.check_homing(positions, self.group.homing.homed)
         except ManipulatorError as error:
@@ -306,7 +322,7 @@ class CyclicExchange:
         """Stop where the carriages are not what was commanded: nobody else sees all three."""
         try:
             self._targets.mechanism.check_actual(
-                tuple([monitor.position for monitor in self._monitors]))
+                tuple([monitor.measured.position for monitor in self._monitors]))
         except ManipulatorError as error:
             self.group.stop(Cause(f'the measured mechanism: {error}', TRACKING_REMEDY), now)
         errors = [monitor.tracking_error for monitor in self._monitors]
@@ -322,7 +338,7 @@ class CyclicExchange:
         self, commands: tuple[AxisCommand, ...], now: float
     ) -> tuple[AxisCommand, ...]:
         """Choose the targets; a source that fails stops the group instead."""
-        actual = tuple([m.status.position_counts if m.status else 0 for m in self._monitors])
+        actual = tuple([monitor.encoder.counts or 0 for monitor in self._monitors])
         latch_time = self.clock.smooth_stamp + self._lead
         try:
             self._targets.choose(self.group.phase, commands[0], actual, latch_time)

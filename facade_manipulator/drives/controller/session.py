@@ -177,7 +177,7 @@ class Session:
     @property
     def unhomed(self) -> list[str]:
         """Names of the axes that must be homed."""
-        return [monitor.name for monitor in self.monitors if not monitor.homed]
+        return [monitor.name for monitor in self.monitors if not monitor.encoder.homed]
 
     @property
     def silent_tpdos(self) -> list[str]:
@@ -204,7 +204,7 @@ class Session:
             A drive has not sent its position yet.
 
         """
-        positions = tuple(monitor.position for monitor in self.monitors)
+        positions = tuple(monitor.measured.position for monitor in self.monitors)
         if None in positions:
             raise DriveStateError('not every drive has sent its position yet: try again')
         return positions
