@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation demo check test soak soak-prediction stopping study lint clean
+.PHONY: help setup bench bench-vcan bench-compensation bench-calibration demo check test soak soak-prediction stopping study lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
@@ -46,6 +46,9 @@ bench-vcan: setup  ## Measure the CAN cycle on a vcan, of user-mode Linux where 
 
 bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.simulation.bench $(BENCH_ARGS)
+
+bench-calibration: setup  ## Calibrate made-up machines and estimators (BENCH_ARGS=…)
+	@$(IN_VENV) exec python -m facade_manipulator.simulation.bench.calibration $(BENCH_ARGS)
 
 lint: setup  ## Check the style
 	@$(IN_VENV) ruff check .

@@ -4,7 +4,7 @@ from setuptools import find_packages, setup
 
 NAME = 'facade_manipulator'
 NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator', 'monitor',
-         'calibration_recorder', 'recorder')
+         'recorder')
 
 # Ranges, so that the gondola PC may use its distribution's packages;
 # .ci/constraints.txt pins what make installs elsewhere.

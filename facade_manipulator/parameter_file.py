@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 import math
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.files import atomic_write
+from facade_manipulator.parameters import as_fields
 
 DIGITS = 7  # behind the point: 0.1 um, 0.1 urad
 ALL_NODES = '/**'
+Class = TypeVar('Class')
 
 
 def read_parameters(path: Path, node: str) -> dict[str, Any]:
@@ -28,6 +30,23 @@ def read_parameters(path: Path, node: str) -> dict[str, Any]:
     if not isinstance(parameters, dict):
         raise ParameterError(f'{path}: ros__parameters of {node} is {parameters!r}, not a table')
     return parameters
+
+
+def read_settings(path: Path, node: str, section: str, cls: type[Class]) -> Class:
+    """
+    Return settings from a section of what a parameter file gives a node.
+
+    Raises
+    ------
+    ParameterError
+        As `read_parameters`; or the section has an unknown name or a value out of range.
+
+    """
+    values = read_parameters(path, node).get(section) or {}
+    try:
+        return cls(**as_fields(values))
+    except TypeError as error:
+        raise ParameterError(f'{path}: {section}: {error}') from error
 
 
 def write_parameters(

@@ -24,7 +24,8 @@ ROOMS = {
     'messages': BASE | {'kinematics'},
     'workspace': BASE | {'kinematics', 'resources', 'files'},
     'prediction': BASE | {'kinematics'},
-    'calibration': BASE | {'kinematics', 'resources', 'files', 'parameter_file'},
+    'calibration': BASE | {'blackbox', 'kinematics', 'messages', 'prediction', 'resources',
+                           'files', 'parameter_file'},
     'motion': BASE | {'kinematics'},
     'compensation': BASE | {'kinematics', 'prediction', 'motion'},
     'drives.canopen': BASE,
@@ -40,7 +41,8 @@ ROOMS = {
                              'drives.cia402', 'drives.controller'},
     'replay': BASE | {'blackbox', 'compensation', 'drives.canopen', 'drives.cia402',
                       'drives.controller', 'files', 'kinematics', 'loop', 'messages', 'motion'},
-    'simulation': BASE | {'kinematics', 'motion', 'prediction', 'compensation', 'resources'},
+    'simulation': BASE | {'kinematics', 'motion', 'prediction', 'compensation', 'calibration',
+                          'resources'},
 }
 ROS_ROOMS = {'ros', 'nodes', 'demo'}  # these may import everything
 PURE_ROOMS = {'errors', 'parameters', 'kinematics', 'messages', 'prediction', 'motion',

@@ -7,8 +7,13 @@ scipy is loaded where it is needed and by no node.
 """
 
 from facade_manipulator.calibration.design import candidates, Noise, plan, spread
-from facade_manipulator.calibration.estimator_fit import EstimatorFit, fit_estimator
+from facade_manipulator.calibration.estimator_fit import (
+    EstimatorFit,
+    EstimatorRecording,
+    fit_estimator,
+)
 from facade_manipulator.calibration.geometry_fit import Identification, identify, Measurements
+from facade_manipulator.calibration.recorded import read_estimator_recording
 from facade_manipulator.calibration.unknowns import (
     heads,
     sensitivity,
@@ -23,6 +28,7 @@ from facade_manipulator.calibration.wall_fit import fit_wall, touched_points, Wa
 __all__ = [
     'candidates',
     'EstimatorFit',
+    'EstimatorRecording',
     'fit_estimator',
     'fit_wall',
     'heads',
@@ -31,6 +37,7 @@ __all__ = [
     'Measurements',
     'Noise',
     'plan',
+    'read_estimator_recording',
     'sensitivity',
     'spread',
     'touched_points',

@@ -11,7 +11,13 @@ import sys
 import numpy as np
 
 from facade_manipulator.calibration.design import Noise, plan
-from facade_manipulator.calibration.estimator_fit import fit_estimator, report_estimator
+from facade_manipulator.calibration.estimator_fit import (
+    DEFAULT,
+    EstimatorRecording,
+    fit_estimator,
+    report_estimator,
+    SOUGHT,
+)
 from facade_manipulator.calibration.findings import (
     check_accuracy,
     cross_check,
@@ -19,20 +25,24 @@ from facade_manipulator.calibration.findings import (
     report,
 )
 from facade_manipulator.calibration.geometry_fit import identify, Measurements
-from facade_manipulator.calibration.parameter_file import read_geometry
+from facade_manipulator.calibration.recorded import HEAD_ON_WALL, read_estimator_recording
 from facade_manipulator.calibration.tables import parse_table, read_table
 from facade_manipulator.calibration.unknowns import heads, UNKNOWNS, unknowns_named
 from facade_manipulator.calibration.wall_fit import fit_wall, report_wall, touched_points
 from facade_manipulator.errors import CalibrationError, ManipulatorError, missing_package
 from facade_manipulator.files import atomic_write
-from facade_manipulator.parameter_file import ALL_NODES, write_parameters
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.parameter_file import ALL_NODES, read_settings, write_parameters
+from facade_manipulator.prediction import EstimateSettings
 from facade_manipulator.resources import config_path
 
 CARRIAGES, HEAD = ('q1', 'q2', 'q3'), ('x', 'y', 'theta')
+COMPENSATOR = '/**/compensator'
 EXAMPLES = """
 examples:
   calibrate geometry --plan poses.csv
   calibrate geometry measured.csv --output calibrated.yaml --picture accuracy.png
+  calibrate estimator blackbox_000007_20261122T083000Z.mcap --output calibrated.yaml
   calibrate estimator --disturbance disturbance.csv --joints joints.csv --wall wall.csv
   calibrate wall touches.csv
 """
@@ -55,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def calibrate_geometry(options: argparse.Namespace) -> None:
     """Plan the poses, or find the errors of the machine from its head."""
     source = options.parameters or config_path('manipulator.yaml')
-    geometry, unknowns = read_geometry(source), unknowns_named(options.find)
+    geometry, unknowns = _geometry(source), unknowns_named(options.find)
     noise = Noise(position=options.noise[0] * 1e-3, angle=np.deg2rad(options.noise[1]))
     if options.plan is not None:
         measured = [name in options.measure for name in HEAD]
@@ -78,17 +88,16 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
 
 
 def calibrate_estimator(options: argparse.Namespace) -> None:
-    """Find mounting and delay of the estimator from a recording."""
+    """Find mounting, delay and axes of the estimator from a recording."""
     source = options.parameters or config_path('manipulator.yaml')
     found = fit_estimator(
-        read_geometry(source), read_table(options.disturbance, ('time', *HEAD)),
-        read_table(options.joints, ('time', *CARRIAGES)),
-        read_table(options.wall, ('time',), HEAD))
+        _geometry(source), _estimator_recording(options), options.find,
+        read_settings(source, COMPENSATOR, 'estimate', EstimateSettings))
     for line in report_estimator(found):
         print(line)
     if options.output is not None:
-        write_parameters(source, options.output, '/**/compensator', {
-            'estimate': {'mounting': found.mounting, 'delay': found.delay}})
+        write_parameters(source, options.output, COMPENSATOR, {'estimate': {
+            name: getattr(found.settings, name) for name in ('mounting', 'axes', 'delay')}})
         print(f'{options.output} is written')
 
 
@@ -97,7 +106,7 @@ def calibrate_wall(options: argparse.Namespace) -> None:
     source = options.parameters or config_path('manipulator.yaml')
     table = read_table(options.touches, CARRIAGES, ('rail_x', 'rail_y', 'rail_theta'))
     found = fit_wall(
-        touched_points(read_geometry(source), table[:, :3], table[:, 3:]), options.noise * 1e-3)
+        touched_points(_geometry(source), table[:, :3], table[:, 3:]), options.noise * 1e-3)
     for line in report_wall(found):
         print(line)
     _check_outliers(found.outliers, options)
@@ -105,6 +114,23 @@ def calibrate_wall(options: argparse.Namespace) -> None:
         write_parameters(source, options.output, '/**/ik_service', {
             'linkage': {'wall_distance': found.distance}})
         print(f'{options.output} is written')
+
+
+def _geometry(source: Path) -> Geometry:
+    return read_settings(source, ALL_NODES, 'geometry', Geometry)
+
+
+def _estimator_recording(options: argparse.Namespace) -> EstimatorRecording:
+    tables = options.disturbance, options.joints, options.wall
+    if options.recording is not None and not any(tables):
+        return read_estimator_recording(options.recording, options.head)
+    if options.recording is not None or not all(tables):
+        raise CalibrationError(
+            'name a file of the recorder, or three tables with --disturbance, --joints and --wall')
+    return EstimatorRecording(
+        read_table(options.disturbance, ('time', *HEAD)),
+        read_table(options.joints, ('time', *CARRIAGES)),
+        read_table(options.wall, ('time',), HEAD))
 
 
 def _check_outliers(outliers: Sequence, options: argparse.Namespace) -> None:
@@ -173,13 +199,22 @@ def _add_geometry(commands: argparse._SubParsersAction) -> None:
 
 def _add_estimator(commands: argparse._SubParsersAction) -> None:
     command = commands.add_parser(
-        'estimator', help='mounting and delay of the estimator from a recording')
+        'estimator', help='mounting, delay and axes of the estimator from a recording')
     command.set_defaults(run=calibrate_estimator)
+    command.add_argument(
+        'recording', nargs='?', type=Path,
+        help='file of the recorder, with the head as measured on the wall or with lateral_offset')
+    command.add_argument('--head', default=HEAD_ON_WALL, metavar='TOPIC',
+                         help=f'topic of the head on the wall (default {HEAD_ON_WALL})')
+    command.add_argument(
+        '--find', nargs='+', default=DEFAULT, metavar='NAME',
+        help=f'what to look for of {", ".join(SOUGHT)} (default {" ".join(DEFAULT)}); the rest '
+             'stays as it is. axes need a second measurement along the axes of facade')
     for name, text in (
             ('disturbance', 'time, x, y, theta as published; the time is that of the stamps'),
             ('joints', 'time, q1, q2, q3 of joint_states'),
             ('wall', 'time, x, y, theta of the head on the wall; cells may be empty')):
-        command.add_argument(f'--{name}', type=Path, required=True, metavar='CSV', help=text)
+        command.add_argument(f'--{name}', type=Path, metavar='CSV', help=text)
     _add_files(command)
 
 

@@ -3,30 +3,87 @@ Where the estimator is mounted and how late its stamps are, from a recording.
 
 A second measurement shows the head on the wall, the carriages show it on the rail; what the
 estimator publishes must lie between the two. Where the second measurement has its origin does not
-matter: its frame is found with the rest.
+matter: its frame is found with the rest. Its axes do not either, unless those of the estimator are
+looked for: only axes that are those of `facade` part these from the yaw of the mounting.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.calibration.geometry_fit import AXES, FAR, HUBER
 from facade_manipulator.calibration.unknowns import heads
-from facade_manipulator.errors import CalibrationError
+from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.prediction import EstimateSettings
 
-NAMES = ('x of the mounting', 'y of the mounting', 'yaw of the mounting', 'delay')
-UNITS = (('mm', 1e3), ('mm', 1e3), ('deg', 180.0 / np.pi), ('ms', 1e3))
-ACCEPTED = np.array([0.02, 0.02, 0.005, 0.01])  # m, m, rad, s: known no better, nothing is found
-TOLERANCES = np.array([2.0, 2.0, 0.2, 0.2, 10.0, 10.0, 1.0])
+
+class Sought(NamedTuple):
+    """
+    A number that may be looked for.
+
+    Parameters
+    ----------
+    words, unit : str
+    factor : float
+        From SI to that unit.
+    accepted : float
+        Greatest standard deviation: known no better, it has not been found [m, rad or s].
+    tolerance : float
+        What is known without a recording [m, rad or s].
+
+    """
+
+    words: str
+    unit: str
+    factor: float
+    accepted: float
+    tolerance: float
+
+
+DEGREES = 180.0 / np.pi
+SOUGHT = {
+    'x': Sought('x of the mounting', 'mm', 1e3, 0.02, 20.0),
+    'y': Sought('y of the mounting', 'mm', 1e3, 0.02, 20.0),
+    'yaw': Sought('yaw of the mounting', 'deg', DEGREES, 0.005, 0.5),
+    'delay': Sought('delay', 'ms', 1e3, 0.01, 0.5),
+    'axes': Sought('angle of the axes', 'deg', DEGREES, 0.005, np.pi),
+}
+DEFAULT = ('x', 'y', 'yaw', 'delay')
+# after these, x and y of the second measurement's origin and the turn of its axes
+TOLERANCES = np.array([*(one.tolerance for one in SOUGHT.values()), 10.0, 10.0, 1.0])
+DELAY, AXIS_TURN, ORIGIN, TURN = 3, 4, [5, 6], 7
+UNITS = (('mm', 1e3), ('mm', 1e3), ('deg', DEGREES))
 SMOOTHING = 0.3  # s, well below a period of any gondola
 LONGEST_GAP = 1.0  # s
 LEAST_OVERLAP = 20.0  # s
 MOST_SAMPLES = 3000
+LEAST_MOTION = 5.0  # times what is noise of its velocity
 Curve = Callable[[np.ndarray], np.ndarray]
+
+
+class EstimatorRecording(NamedTuple):
+    """
+    What a fit is made of; the first column of each is the stamp [s].
+
+    Parameters
+    ----------
+    disturbance : ndarray, shape (n, 4)
+        As published: x, y, θ [m, m, rad].
+    joints : ndarray, shape (k, 4)
+        Positions of the carriages [m].
+    wall : ndarray, shape (m, 4)
+        The head on the wall: x, y, θ [m, m, rad]; NaN where not measured.
+
+    """
+
+    disturbance: np.ndarray
+    joints: np.ndarray
+    wall: np.ndarray
 
 
 class EstimatorFit(NamedTuple):
@@ -35,51 +92,76 @@ class EstimatorFit(NamedTuple):
 
     Parameters
     ----------
-    mounting : tuple of three floats
-        x, y, yaw on the rail [m, m, rad].
-    delay : float
-        Of the stamps [s].
-    deviations : ndarray, shape (4,)
-        Standard deviations of x, y, yaw and delay.
+    settings : EstimateSettings
+        With what was found; the rest is as it was.
+    deviations : dict
+        Standard deviation of each number that was looked for [m, rad or s], by its name.
     turn : float
-        Angle from the estimator's axes to those of the second measurement [rad].
+        Angle from the axes of `facade` to those of the second measurement [rad].
     residual : ndarray, shape (3,)
         RMS of what remains on the wall; NaN where not measured.
 
     """
 
-    mounting: tuple[float, float, float]
-    delay: float
-    deviations: np.ndarray
+    settings: EstimateSettings
+    deviations: dict[str, float]
     turn: float
     residual: np.ndarray
 
+    @property
+    def values(self) -> dict[str, float]:
+        """Return the numbers that were looked for [m, rad or s], by their names."""
+        every = dict(zip(SOUGHT, _present(self.settings), strict=True))
+        return {name: every[name] for name in self.deviations}
+
 
 def fit_estimator(
-    geometry: Geometry, disturbance: np.ndarray, joints: np.ndarray, wall: np.ndarray
+    geometry: Geometry, recording: EstimatorRecording, find: Sequence[str] = DEFAULT,
+    present: EstimateSettings | None = None,
 ) -> EstimatorFit:
     """
-    Find mounting and delay of an estimator.
+    Find mounting, delay and axes of an estimator.
 
     Parameters
     ----------
     geometry : Geometry
         Of the machine, calibrated.
-    disturbance, joints, wall : ndarray, shape (n, 4)
-        Stamps [s] with the disturbance as published, the carriages' positions and the head on
-        the wall [m, m, rad]; NaN in the last where not measured.
+    recording : EstimatorRecording
+    find : sequence of str
+        Names of `SOUGHT`. With ``'axes'`` the second measurement has the axes of `facade`.
+    present : EstimateSettings, optional
+        What holds for the rest.
 
     Raises
     ------
+    ParameterError
+        For a name that is none.
     CalibrationError
         If the recording has gaps, is too short or cannot show what is looked for.
 
     """
-    for name, table in (('disturbance', disturbance), ('joints', joints), ('wall', wall)):
-        _check_stamps(name, table[:, 0])
-    start = disturbance[0, 0]  # seconds since 1970 leave too few digits for a delay
-    disturbance, joints, wall = (table - [start, 0.0, 0.0, 0.0] for table in (
-        disturbance, joints, wall))
+    unknown = [name for name in find if name not in SOUGHT]
+    if unknown:
+        raise ParameterError(f'{unknown[0]} is none of {", ".join(SOUGHT)}')
+    disturbance, joints, wall = _in_common(recording)
+    times = wall[:, 0]
+    carriages = np.column_stack([
+        np.interp(times, joints[:, 0], joints[:, k]) for k in (1, 2, 3)])
+    free = [k for k, name in enumerate(SOUGHT) if name in find] + ORIGIN
+    if 'axes' not in find:
+        free.append(TURN)
+    return _Fit(
+        _smoothed(disturbance), times, heads(geometry, carriages), wall[:, 1:], free,
+    ).solve(present or EstimateSettings())
+
+
+def _in_common(recording: EstimatorRecording) -> EstimatorRecording:
+    """Return the recording, of the wall only while there is the rest; its time begins at 0."""
+    for name in ('disturbance', 'joints'):
+        _check_stamps(name, getattr(recording, name), LONGEST_GAP)
+    _check_stamps('wall', recording.wall, np.inf)  # between its rows nothing is interpolated
+    start = recording.disturbance[0, 0]  # seconds since 1970 leave too few digits for a delay
+    disturbance, joints, wall = (table - [start, 0.0, 0.0, 0.0] for table in recording)
     begin = max(table[0, 0] for table in (disturbance, joints, wall)) + 0.5
     end = min(table[-1, 0] for table in (disturbance, joints, wall)) - 0.5
     if end - begin < LEAST_OVERLAP:
@@ -87,94 +169,132 @@ def fit_estimator(
             f'the three recordings have {max(end - begin, 0.0):.1f} s in common, '
             f'{LEAST_OVERLAP:g} s are needed')
     wall = wall[(wall[:, 0] >= begin) & (wall[:, 0] <= end)]
-    wall = wall[::max(1, len(wall) // MOST_SAMPLES)]
-    times = wall[:, 0]
-    carriages = np.column_stack([
-        np.interp(times, joints[:, 0], joints[:, k]) for k in (1, 2, 3)])
-    return _fit(_smoothed(disturbance), times, heads(geometry, carriages), wall[:, 1:])
+    return EstimatorRecording(disturbance, joints, wall[::max(1, len(wall) // MOST_SAMPLES)])
 
 
-def _check_stamps(name: str, stamps: np.ndarray) -> None:
+def _check_stamps(name: str, table: np.ndarray, longest_gap: float) -> None:
+    stamps = table[:, 0]
     steps = np.diff(stamps)
     if len(stamps) < 2 or (steps <= 0.0).any():
         row = int(np.argmax(steps <= 0.0)) + 2 if len(stamps) > 1 else 1
         raise CalibrationError(f'{name}: the time must ascend, row {row} does not')
-    if steps.max() > LONGEST_GAP:
+    if steps.max() > longest_gap:
         gap = int(np.argmax(steps))
         raise CalibrationError(
             f'{name}: a gap of {steps[gap]:.2f} s after row {gap + 1}, at {stamps[gap]:.2f} s; '
-            f'bound {LONGEST_GAP:g} s')
+            f'bound {longest_gap:g} s')
 
 
 def _smoothed(disturbance: np.ndarray) -> Curve:
-    """Return the published disturbance as a smooth function of its stamps."""
+    """
+    Return the published disturbance as a smooth function of its stamps.
+
+    Raises
+    ------
+    CalibrationError
+        If it moves no more than its noise: that would look like a motion, and show a delay.
+
+    """
     from scipy.interpolate import CubicSpline
-    from scipy.signal import savgol_filter
+    from scipy.signal import savgol_coeffs, savgol_filter
 
     stamps = disturbance[:, 0]
     step = float(np.median(np.diff(stamps)))
     grid = np.arange(stamps[0], stamps[-1], step)
     even = np.column_stack([np.interp(grid, stamps, disturbance[:, k]) for k in (1, 2, 3)])
     window = max(5, 2 * int(0.5 * SMOOTHING / step) + 1)
-    return CubicSpline(grid, savgol_filter(even, window, 3, axis=0), extrapolate=False)
+    smooth = savgol_filter(even, window, 3, axis=0)
+    of_noise = (even - smooth).std(axis=0) * np.linalg.norm(
+        savgol_coeffs(window, 3, deriv=1, delta=step))
+    if (np.gradient(smooth, step, axis=0).std(axis=0) < LEAST_MOTION * of_noise).all():
+        raise CalibrationError('the gondola hangs still: the disturbance moves no more than its '
+                               'noise; let it sway and turn')
+    return CubicSpline(grid, smooth, extrapolate=False)
 
 
-def _fit(
-    published: Curve, times: np.ndarray, head: np.ndarray, wall: np.ndarray
-) -> EstimatorFit:
-    there = np.isfinite(wall)
+class _Fit(NamedTuple):
+    """The head on the rail and on the wall at the same times, and what is free between them."""
 
-    def misses(values: np.ndarray) -> np.ndarray:
-        expected = _expected(values, published(times + values[3]), head)
-        return np.where(there, wall - expected, 0.0)
+    published: Curve
+    times: np.ndarray
+    head: np.ndarray
+    wall: np.ndarray
+    free: list[int]
 
-    values = np.zeros(len(TOLERANCES))
-    values[4:6] = misses(values)[:, :2].mean(axis=0)
-    noise = np.full(3, 1e-2)
-    for _ in range(2):  # with weights guessed, then with those of the residuals
-        values, rates = _solve(misses, values, noise, there)
-        remains = misses(values)
-        noise = np.maximum(1.4826 * np.median(np.abs(remains), axis=0), 1e-9)
-    deviations = _deviations(rates, remains / noise, there)
-    _check_shown(deviations)
-    counts = np.where(there.any(axis=0), there.sum(axis=0), np.nan)
-    return EstimatorFit(
-        tuple(values[:3].tolist()), float(values[3]), deviations, float(values[6]),
-        np.sqrt((remains ** 2).sum(axis=0) / counts))
+    def solve(self, present: EstimateSettings) -> EstimatorFit:
+        values = np.array([*_present(present), 0.0, 0.0, 0.0])
+        there = np.isfinite(self.wall)
+        counts = np.where(there.any(axis=0), there.sum(axis=0), np.nan)
+        first = np.nan_to_num(np.nansum(self.misses(values), axis=0) / counts)
+        values[ORIGIN] = first[:2]
+        noise = np.full(3, 1e-2)
+        for _ in range(2):  # with weights guessed, then with those of the residuals
+            values, rates = self._nearest(values, noise)
+            remains = self.misses(values)
+            noise = np.maximum(1.4826 * np.nan_to_num([
+                np.median(np.abs(column[seen])) if seen.any() else 0.0
+                for column, seen in zip(remains.T, there.T, strict=True)]), 1e-9)
+        deviations = self._deviations(rates, remains / noise)
+        _check_shown(deviations)
+        return EstimatorFit(
+            _settings(present, values), deviations, float(values[TURN]),
+            np.sqrt((remains ** 2).sum(axis=0) / counts))
+
+    def misses(self, values: np.ndarray) -> np.ndarray:
+        """Return measured less expected on the wall, shape (m, 3); 0 where not measured."""
+        published = self.published(self.times + values[DELAY])
+        return np.where(
+            np.isfinite(self.wall), self.wall - _expected(values, published, self.head), 0.0)
+
+    def _nearest(self, values: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the values that fit best, and the weighed Jacobian in units of tolerances."""
+        from scipy.optimize import least_squares
+
+        there, tolerances = np.isfinite(self.wall), TOLERANCES[self.free]
+
+        def with_free(scaled: np.ndarray) -> np.ndarray:
+            changed = values.copy()
+            changed[self.free] = np.clip(scaled, -1.0, 1.0) * tolerances
+            return changed
+
+        def residuals(scaled: np.ndarray) -> np.ndarray:
+            weighed = (self.misses(with_free(scaled)) / noise)[there]
+            return np.concatenate([np.nan_to_num(weighed, nan=FAR), scaled])
+
+        found = least_squares(residuals, values[self.free] / tolerances, loss='huber',
+                              f_scale=HUBER, diff_step=1e-7, x_scale='jac')
+        return with_free(found.x), found.jac[:-len(tolerances)]
+
+    def _deviations(self, rates: np.ndarray, weighed: np.ndarray) -> dict[str, float]:
+        """Return the deviations by name; residuals that are alike count as fewer."""
+        measured = np.flatnonzero(np.isfinite(self.wall).any(axis=0))
+        inflation = max(_correlation(weighed[:, k]) for k in measured)
+        covariance = np.linalg.inv(rates.T @ rates / inflation + np.eye(len(self.free)))
+        deviations = np.sqrt(np.diag(covariance)) * TOLERANCES[self.free]
+        names = dict(enumerate(SOUGHT))
+        return {names[k]: float(deviation) for k, deviation in zip(
+            self.free, deviations, strict=True) if k in names}
 
 
-def _solve(
-    misses: Curve, values: np.ndarray, noise: np.ndarray, there: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the values that fit best, and the weighed Jacobian in units of the tolerances."""
-    from scipy.optimize import least_squares
-
-    def residuals(scaled: np.ndarray) -> np.ndarray:
-        weighed = (misses(np.clip(scaled, -1.0, 1.0) * TOLERANCES) / noise)[there]
-        return np.concatenate([np.nan_to_num(weighed, nan=FAR), scaled])
-
-    found = least_squares(residuals, values / TOLERANCES, loss='huber', f_scale=HUBER,
-                          diff_step=1e-7, x_scale='jac')
-    return found.x * TOLERANCES, found.jac[:-len(TOLERANCES)]
+def _present(settings: EstimateSettings) -> tuple[float, ...]:
+    """Return the numbers of `SOUGHT`."""
+    return *settings.mounting, settings.delay, settings.axes
 
 
-def _deviations(rates: np.ndarray, weighed: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Return the deviations of x, y, yaw and delay; residuals that are alike count as fewer."""
-    inflation = max(_correlation(weighed[:, k]) for k in np.flatnonzero(there.any(axis=0)))
-    covariance = np.linalg.inv(rates.T @ rates / inflation + np.eye(len(TOLERANCES)))
-    return np.sqrt(np.diag(covariance))[:4] * TOLERANCES[:4]
+def _settings(present: EstimateSettings, values: np.ndarray) -> EstimateSettings:
+    return replace(present, mounting=tuple(values[:3].tolist()), delay=float(values[DELAY]),
+                   axes=float(values[AXIS_TURN]))
 
 
 def _expected(values: np.ndarray, published: np.ndarray, head: np.ndarray) -> np.ndarray:
     """Return the head on the wall: frame of the wall, rail of the estimator, head on the rail."""
-    x, y, yaw, _, *origin, turn = values
+    x, y, yaw, _, axes, *origin, turn = values
     theta = published[:, 2] - yaw
-    moved = published[:, :2] + [x, y] + _turned(head[:, :2] - [x, y], theta)
-    return np.column_stack([
-        _turned(moved, np.full(len(theta), turn)) + origin, theta + turn + head[:, 2]])
+    moved = _turned(published[:, :2], axes) + [x, y] + _turned(head[:, :2] - [x, y], theta)
+    return np.column_stack([_turned(moved, turn) + origin, theta + turn + head[:, 2]])
 
 
-def _turned(points: np.ndarray, angles: np.ndarray) -> np.ndarray:
+def _turned(points: np.ndarray, angles: np.ndarray | float) -> np.ndarray:
     cosine, sine = np.cos(angles), np.sin(angles)
     return np.column_stack([
         cosine * points[:, 0] - sine * points[:, 1], sine * points[:, 0] + cosine * points[:, 1]])
@@ -189,25 +309,29 @@ def _correlation(values: np.ndarray) -> float:
     return float(1.0 + 2.0 * rho[1:last].sum())
 
 
-def _check_shown(deviations: np.ndarray) -> None:
-    blind = [f'{name} (+- {deviation * factor:.3g} {unit})'
-             for name, deviation, accepted, (unit, factor) in zip(
-                 NAMES, deviations, ACCEPTED, UNITS, strict=True) if deviation > accepted]
+def _check_shown(deviations: dict[str, float]) -> None:
+    blind = [f'{sought.words} (+- {deviation * sought.factor:.3g} {sought.unit})'
+             for name, deviation in deviations.items()
+             for sought in [SOUGHT[name]] if deviation > sought.accepted]
     if blind:
+        shown = [name for name, deviation in deviations.items()
+                 if deviation <= SOUGHT[name].accepted]
         raise CalibrationError(
             f'the recording cannot show {", ".join(blind)}: the gondola must sway and turn, and '
-            f'{", ".join(AXES)} of the head be measured on the wall')
+            f'{", ".join(AXES)} of the head be measured on the wall'
+            + (f'; or look for less with --find {" ".join(shown)}' if shown else ''))
 
 
 def report_estimator(found: EstimatorFit) -> list[str]:
     """Return what was found, line by line."""
-    values = (*found.mounting, found.delay)
-    lines = [f'{name:20s} {value * factor:+9.2f} +- {deviation * factor:.2f} {unit}'
-             for name, value, deviation, (unit, factor) in zip(
-                 NAMES, values, found.deviations, UNITS, strict=True)]
+    lines = [
+        f'{sought.words:20s} {value * sought.factor:+9.2f} +- '
+        f'{found.deviations[name] * sought.factor:.2f} {sought.unit}'
+        for name, value in found.values.items() for sought in [SOUGHT[name]]]
     lines += [f'{axis} of the head: {value * factor:.2f} {unit} RMS remain'
-              for axis, value, (unit, factor) in zip(AXES, found.residual, UNITS, strict=False)
+              for axis, value, (unit, factor) in zip(AXES, found.residual, UNITS, strict=True)
               if np.isfinite(value)]
-    lines.append("the second measurement's axes are turned by "
-                 f"{np.rad2deg(found.turn):+.2f} deg from the estimator's")
+    if 'axes' not in found.deviations:
+        lines.append("the second measurement's axes are turned by "
+                     f'{np.rad2deg(found.turn):+.2f} deg from those of facade')
     return lines

@@ -177,7 +177,7 @@ class Compensator:
         part : str
             A field of `CompensatorSettings`.
         settings : object
-            Of the class of that field. A new prediction, mounting or delay of the estimator learns
+            Of the class of that field. New settings of prediction or estimator learn
             again: the correction fades out and in again. A new reference holds from the next
             goal on.
 

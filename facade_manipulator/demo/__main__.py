@@ -42,7 +42,7 @@ from facade_manipulator.demo.view import live_view, summary_lines
 from facade_manipulator.errors import ManipulatorError, missing_package
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.monitor import Observer
-from facade_manipulator.parameters import as_fields
+from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
 from facade_manipulator.simulation import compensator_parameters, load_scenario, Scenario
 
@@ -172,9 +172,7 @@ class Demo:
 
 def _geometry() -> Geometry:
     """Return the mechanism with which the nodes are started."""
-    content = yaml.safe_load(config_path('manipulator.yaml').read_text(encoding='utf-8'))
-    values = content['/**']['ros__parameters'].get('geometry', {})
-    return Geometry(**as_fields(values))
+    return read_settings(config_path('manipulator.yaml'), ALL_NODES, 'geometry', Geometry)
 
 
 def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:

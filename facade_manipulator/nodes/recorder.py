@@ -63,6 +63,7 @@ TOPICS = {
     'disturbance_odometry': (Odometry, STREAM),
     'contact_wrench': (WrenchStamped, STREAM),
     'lateral_offset': (PointStamped, STREAM),
+    'head_on_wall': (PoseStamped, STREAM),  # what `calibrate estimator` asks for
     'corrected_pose': (PoseStamped, STREAM),
     'joint_setpoints': (JointState, STREAM),
     'joint_states': (JointState, STREAM),

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction.mounting import rail_pose
+from facade_manipulator.prediction.mounting import rail_pose, turned
 
 UNITS = ('m', 'm', 'rad')
 OLDEST_ESTIMATE = 0.3  # s: an older one is stale
@@ -36,6 +36,9 @@ class EstimateSettings:
     mounting: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'Where the estimator is mounted on the rail: x, y, yaw',
         unit='m, m, rad', minimum=-20.0, maximum=20.0, elements=('x', 'y', 'yaw'))
+    axes: float = parameter(
+        0.0, "Angle from the axes of facade to those of the estimator's x and y", unit='rad',
+        minimum=-math.pi, maximum=math.pi)
     delay: float = parameter(
         0.0, 'How much later than the motion the stamps of the estimator are', unit='s',
         minimum=-0.5, maximum=0.5)
@@ -70,12 +73,12 @@ class EstimateGate:
 
     def change_settings(self, settings: EstimateSettings) -> bool:
         """Check by other bounds from now on; return whether estimates now mean another motion."""
-        is_another = (settings.mounting, settings.delay) != (
-            self.settings.mounting, self.settings.delay)
+        is_another = _meaning(settings) != _meaning(self.settings)
         if is_another:
             self._last = None
         self.settings = settings
         self._mounting = Pose(*settings.mounting)
+        self._is_of_rail = self._mounting == ZERO_POSE and settings.axes == 0.0
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
         self._message_variances: tuple[float, ...] | None = None
         return is_another
@@ -119,19 +122,20 @@ class EstimateGate:
             self._check_order(stamp - self._last.stamp)
             self._check_jump(stamp - self._last.stamp, pose)
         self._last = Estimate(stamp, pose, self._variances_of(tuple(variances)))
-        return self._last if self._mounting == ZERO_POSE else self._of_rail(self._last)
+        return self._last if self._is_of_rail else self._of_rail(self._last)
 
     def displacement(self, place: Pose) -> Pose:
-        """Return how far an estimator has moved of where it is itself, both in `facade`."""
-        return Pose(place.x - self._mounting.x, place.y - self._mounting.y, place.theta)
+        """Return how far an estimator has moved of where it is itself, both along its axes."""
+        x, y = turned(self._mounting.x, self._mounting.y, -self.settings.axes)
+        return Pose(place.x - x, place.y - y, place.theta)
 
     def _of_rail(self, estimate: Estimate) -> Estimate:
         """Return the estimate of the rail; noise of the yaw is noise of where the rail is."""
-        x, y, _ = self._mounting
-        variances = estimate.variances
-        return Estimate(estimate.stamp, rail_pose(estimate.pose, self._mounting), Variances(
-            variances.x + y * y * variances.theta, variances.y + x * x * variances.theta,
-            variances.theta))
+        (x, y, _), axes = self._mounting, self.settings.axes
+        along, across, yaw = estimate.variances
+        mixed = math.sin(axes) ** 2 * (across - along)
+        return Estimate(estimate.stamp, rail_pose(estimate.pose, self._mounting, axes), Variances(
+            along + mixed + y * y * yaw, across - mixed + x * x * yaw, yaw))
 
     def _check_values(self, pose: Pose) -> None:
         if all(map(le, map(abs, pose), LARGEST)):
@@ -177,6 +181,11 @@ class EstimateGate:
         if not 0.0 < variance < math.inf:
             return unknown * unknown
         return max(variance, LEAST_NOISE ** 2)
+
+
+def _meaning(settings: EstimateSettings) -> tuple:
+    """Return by what an estimate is of another motion."""
+    return settings.mounting, settings.axes, settings.delay
 
 
 class EstimateMean:

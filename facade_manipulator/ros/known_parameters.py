@@ -23,8 +23,7 @@ import yaml
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.ros.old_parameters import is_old
 
-NODE_NAMES = ('calibration_recorder', 'compensator', 'driver', 'gondola_simulator', 'ik_service',
-              'recorder')
+NODE_NAMES = ('compensator', 'driver', 'gondola_simulator', 'ik_service', 'recorder')
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 _PARAMETERS = 'ros__parameters'
 

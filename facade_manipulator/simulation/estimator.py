@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import heapq
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -38,6 +39,9 @@ class EstimatorSettings:
     mounting: tuple[float, ...] = parameter(
         (0.0, 0.0, 0.0), 'Where the estimator is mounted on the rail: x, y, yaw',
         unit='m, m, rad', minimum=-20.0, maximum=20.0, elements=('x', 'y', 'yaw'))
+    axes: float = parameter(
+        0.0, 'Angle from the axes of facade to those of x and y', unit='rad',
+        minimum=-math.pi, maximum=math.pi)
     stamp_error: float = parameter(
         0.0, 'How much later than the motion the stamps are', unit='s', minimum=-0.5,
         maximum=0.5)
@@ -96,7 +100,8 @@ class SimulatedEstimator:
         while self._under_way and self._under_way[0][0] <= now:
             _, stamp, noise = heapq.heappop(self._under_way)
             # looked up only now: the motion of the stamp is certain once the head has moved there
-            motion = estimator_motion(self._motion(stamp), Pose(*settings.mounting))
+            motion = estimator_motion(
+                self._motion(stamp), Pose(*settings.mounting), settings.axes)
             pose = Pose(*(np.array(motion) + noise).tolist())
             arrived.append(Delivery(stamp + settings.stamp_error, pose, settings.variances()))
         return arrived

@@ -4,9 +4,6 @@ import csv
 from dataclasses import replace
 import sys
 
-import calibration_trial
-from calibration_trial import DRAWING
-from machines import make_machine, measure_heads, ShopSettings
 import numpy as np
 import pytest
 
@@ -24,10 +21,12 @@ from facade_manipulator.calibration import (
 )
 from facade_manipulator.calibration.__main__ import main
 from facade_manipulator.calibration.design import choose, information, Noise
-from facade_manipulator.calibration.parameter_file import read_geometry
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
-from facade_manipulator.kinematics import Carriages, mechanism_of
+from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
+from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.resources import config_path
+from facade_manipulator.simulation.bench.calibration import DRAWING, rms, try_machines
+from facade_manipulator.simulation.machines import make_machine, measure_heads, ShopSettings
 
 SHOP = ShopSettings()
 POSES = plan(DRAWING, UNKNOWNS, 24)
@@ -38,9 +37,12 @@ def measured(noise=SHOP, seed=6):
     return measure_heads(MADE, POSES, noise, np.random.default_rng(seed))
 
 
+def geometry_in(path):
+    return read_settings(path, ALL_NODES, 'geometry', Geometry)
+
+
 def test_made_up_machines_are_found_within_their_deviations_and_their_heads_with_them():
-    trial = calibration_trial.run(12)
-    rms = calibration_trial.rms
+    trial = try_machines(12)
     assert trial.within >= 0.99
     assert (rms(trial.after) < 1.5 * rms(trial.share)).all()
     assert (rms(trial.after) < 0.1 * rms(trial.before)).all()
@@ -166,7 +168,7 @@ def test_the_command_writes_a_copy_with_the_errors_and_every_comment(table, tmp_
     new = [line.split(':')[0].strip() for line in after if line not in before]
     assert new == ['link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool']
     assert [line for line in after if line in before] == before
-    assert heads(read_geometry(target), POSES) == pytest.approx(heads(MADE, POSES), abs=3e-4)
+    assert heads(geometry_in(target), POSES) == pytest.approx(heads(MADE, POSES), abs=3e-4)
     assert picture.read_bytes().startswith(b'\x89PNG')
 
 
@@ -191,7 +193,7 @@ def test_a_dial_gauge_is_enough_for_what_it_shows(table, tmp_path):
                                  for k, row in enumerate(rows)])
     find = ['--find', 'tool.1', 'link_errors', 'carriage_offsets', 'rail_angle']
     assert main(['geometry', str(only_y), *find, '--output', str(target)]) == 0
-    off = heads(read_geometry(target), POSES) - heads(MADE, POSES)
+    off = heads(geometry_in(target), POSES) - heads(MADE, POSES)
     assert np.abs(off[:, 1]).max() < 5e-4
     assert main(['geometry', str(only_y), '--noise', '0.001', '0.02']) == 1
 

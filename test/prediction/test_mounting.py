@@ -1,3 +1,5 @@
+import math
+
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
@@ -16,9 +18,19 @@ poses = st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.floats(-0.5, 0.
 MOUNTING = (0.5, 0.3, 0.01)
 
 
-@given(poses, poses)
-def test_the_rail_is_where_it_was_before_the_estimator_was_mounted(rail, mounting):
-    assert rail_pose(estimator_motion(rail, mounting), mounting) == pytest.approx(rail, abs=1e-14)
+@given(poses, poses, st.floats(-math.pi, math.pi))
+def test_the_rail_is_where_it_was_before_the_estimator_was_mounted(rail, mounting, axes):
+    published = estimator_motion(rail, mounting, axes)
+    assert rail_pose(published, mounting, axes) == pytest.approx(rail, abs=1e-14)
+
+
+def test_axes_turned_by_a_quarter_swap_x_and_y_and_their_variances():
+    settings = EstimateSettings(axes=math.pi / 2.0)
+    assert estimator_motion(Pose(0.1, 0.02, 0.03), ZERO_POSE, settings.axes) == pytest.approx(
+        (0.02, -0.1, 0.03))
+    estimate = EstimateGate(settings).check(10.0, 9.97, Pose(0.02, -0.1, 0.03), (1e-6, 4e-6, 1e-6))
+    assert estimate.pose == pytest.approx((0.1, 0.02, 0.03))
+    assert estimate.variances == pytest.approx((4e-6, 1e-6, 1e-6))
 
 
 @given(poses)
@@ -44,11 +56,13 @@ def test_the_gate_returns_the_rail_at_the_time_of_the_motion():
     assert estimate.variances == pytest.approx((1.09e-6, 1.25e-6, 1e-6))
 
 
-@given(poses, poses)
-def test_where_the_estimator_is_says_the_same_as_how_far_it_has_moved(rail, mounting):
-    gate = EstimateGate(EstimateSettings(mounting=tuple(mounting)))
-    assert gate.displacement(compose(rail, mounting)) == pytest.approx(
-        estimator_motion(rail, mounting), abs=1e-12)
+@given(poses, poses, st.floats(-math.pi, math.pi))
+def test_where_the_estimator_is_says_the_same_as_how_far_it_has_moved(rail, mounting, axes):
+    gate = EstimateGate(EstimateSettings(mounting=tuple(mounting), axes=axes))
+    place = compose(rail, mounting)
+    seen = compose(Pose(0.0, 0.0, -axes), place)._replace(theta=place.theta)
+    assert gate.displacement(seen) == pytest.approx(
+        estimator_motion(rail, mounting, axes), abs=1e-12)
 
 
 def test_a_tilt_is_accepted_up_to_its_bound():

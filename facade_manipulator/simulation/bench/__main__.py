@@ -63,13 +63,19 @@ class Run(NamedTuple):
 def run_scenario(
     scenario: Scenario, motion: Motion | None = None,
     predictor: OraclePrediction | HeldPrediction | None = None,
+    geometry: Geometry | None = None, made: Geometry | None = None,
 ) -> Run:
-    """Run a scenario in a closed loop, without a clock, by its own predictor or another."""
+    """
+    Run a scenario in a closed loop, without a clock, by its own predictor or another.
+
+    The machine is what the geometry says, or another that was made.
+    """
     mission = scenario.mission
     settings = LoopSettings(
         scenario.compensator, scenario.estimator, scenario.wall, scenario.facade,
         scenario.gondola, scenario.force_sensor)
-    loop = ClosedLoop(Geometry(), settings, motion or scenario.motion(), _begin(scenario))
+    loop = ClosedLoop(geometry or Geometry(), settings, motion or scenario.motion(),
+                      _begin(scenario), made)
     if predictor is not None:
         loop.compensator.correction.predictor = predictor
     steps = loop.run(HEAD_START)

@@ -3,34 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 
+from facade_manipulator.calibration import EstimatorRecording
 from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
 from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
 
 DRAIN = 1.0  # s, after which what was measured last has come
-
-
-class EstimatorRecording(NamedTuple):
-    """
-    What `calibrate estimator` reads; the first column of each is the stamp [s].
-
-    Parameters
-    ----------
-    disturbance : ndarray, shape (n, 4)
-        As published: x, y, θ [m, m, rad].
-    joints : ndarray, shape (k, 4)
-        Positions of the carriages [m].
-    wall : ndarray, shape (k, 4)
-        The head on the wall: x, y, θ [m, m, rad].
-
-    """
-
-    disturbance: np.ndarray
-    joints: np.ndarray
-    wall: np.ndarray
 
 
 def record_estimator(
