@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation bench-calibration demo check test soak soak-prediction stopping study lint clean
+.PHONY: help setup bench bench-vcan bench-compensation bench-calibration demo check test soak soak-prediction stopping study docs lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 IN_VENV := . .venv/environment;
@@ -20,7 +20,7 @@ check: lint  ## Check the style and run what needs no clock, bus or ROS: an answ
 	@$(IN_VENV) exec python .ci/test.py --check $(PYTEST_ARGS)
 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')
-	@.ci/setup-colcon
+	@.ci/setup-tool colcon
 	@$(IN_VENV) exec python .ci/test.py $(PYTEST_ARGS)
 
 soak: setup  ## Run the drives, fuzz them, let anything happen in any order: 2 hours (SOAK_ARGS=…)
@@ -49,6 +49,10 @@ bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_
 
 bench-calibration: setup  ## Calibrate made-up machines and estimators (BENCH_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.simulation.bench.calibration $(BENCH_ARGS)
+
+docs: setup  ## Make pages of the docstrings, in build/api
+	@.ci/setup-tool sphinx
+	@$(IN_VENV) PYTHONPATH=.venv/sphinx:$$PYTHONPATH python -m sphinx -q -W --keep-going docs/api build/api
 
 lint: setup  ## Check the style
 	@$(IN_VENV) ruff check .

@@ -1,8 +1,10 @@
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
-NAME = 'facade_manipulator'
+MANIFEST = ElementTree.parse('package.xml').getroot()  # the version stands there alone
+NAME = MANIFEST.findtext('name')
 NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator', 'monitor',
          'recorder')
 
@@ -50,12 +52,11 @@ def tree(folder):
 
 setup(
     name=NAME,
-    version='0.1.0',
-    description='Kinematics, compensation and drives of a 3-DOF parallel façade-cleaning '
-                'manipulator',
-    maintainer='facade_manipulator maintainers',
-    maintainer_email='maintainers@facade-manipulator.invalid',
-    license='Apache-2.0',
+    version=MANIFEST.findtext('version'),
+    description=' '.join(MANIFEST.findtext('description').split()),
+    maintainer=MANIFEST.findtext('maintainer'),
+    maintainer_email=MANIFEST.find('maintainer').get('email'),
+    license=MANIFEST.findtext('license'),
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed']},
     data_files=[

@@ -47,7 +47,7 @@ def inverse_kinematics(
     ParameterError
         If the pose is not finite (a ValueError).
     UnreachableError
-        If a link is too short: |y| + b |sin θ| is not below l (eq. 19).
+        If a link is too short: ``|y| + b |sin θ|`` is not below l (eq. 19).
 
     """
     x = pose[0]

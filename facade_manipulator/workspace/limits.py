@@ -85,7 +85,7 @@ def y_range(geometry: Geometry, theta: float = 0.0) -> Interval:
 
 def theta_max(geometry: Geometry, y: float) -> float:
     """
-    Greatest |θ| at the distance y from the rail, the stroke apart [rad].
+    Greatest ``|θ|`` at the distance y from the rail, the stroke apart [rad].
 
     Raises
     ------
