@@ -26,7 +26,7 @@ LEVELS = {
 def node_time(node: Node) -> float:
     """Return the present time of a node's clock [s]."""
     # The clock's own now() makes objects of it, which takes four times as long. `handle` and
-    # get_now() are undocumented (tried on rclpy 7.1.6); without them every node ends at start.
+    # get_now() are undocumented; `run` looks whether they are there.
     return node.get_clock().handle.get_now().nanoseconds * 1e-9
 
 

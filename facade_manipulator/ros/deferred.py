@@ -4,8 +4,7 @@ Services whose answer takes longer than a callback may: the executor never waits
 rclpy sends what a service's callback returns at once. Waiting there would stop every other
 callback of the node, among them the one that receives the operator's stop; a coroutine is polled
 without pause while it waits. Here the callback returns a `Deferred` and the answer is sent when
-its job is done: the service's own `send_response` is wrapped (tried on rclpy 7.1.6); an rclpy that
-calls something else would try to send the `Deferred` and raise a TypeError.
+its job is done: the service's own `send_response` is wrapped.
 """
 
 from __future__ import annotations
@@ -16,6 +15,24 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.service import Service
+
+from facade_manipulator.errors import ManipulatorError
+
+
+def require_of_rclpy(owner: object, *names: str) -> None:
+    """
+    Check that an object of rclpy has what is used beyond its public interface.
+
+    Raises
+    ------
+    ManipulatorError
+        Naming what is missing: the node does not start.
+
+    """
+    if missing := [name for name in names if not hasattr(owner, name)]:
+        raise ManipulatorError(
+            f'the {type(owner).__name__} of this rclpy has no {", ".join(missing)}: install '
+            'rclpy 7.1.6, on which this version was tried')
 
 
 class Deferred:
@@ -44,6 +61,7 @@ class DeferredReplies:
 
     def attach(self, service: Service) -> None:
         """Let the service's callback return a `Deferred` in place of a response."""
+        require_of_rclpy(service, 'send_response')
         send_response = service.send_response
 
         def send(response, header):

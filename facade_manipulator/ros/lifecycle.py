@@ -5,7 +5,7 @@ rclpy's lifecycle node runs a transition inside its service's callback. A drive 
 boot and the operator's stop must be received meanwhile, so here a transition is a job: the node is
 in the standard's transition state (configuring, activating, …) until the job is done. For that
 `ManagedNode` replaces the callback of the private `_service_change_state` and steps the private
-`_state_machine` (tried on rclpy 7.1.6); without them it ends at start with an AttributeError.
+`_state_machine`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 
 from facade_manipulator.ros.clocks import steady_timer
-from facade_manipulator.ros.deferred import Deferred, DeferredReplies
+from facade_manipulator.ros.deferred import Deferred, DeferredReplies, require_of_rclpy
 from facade_manipulator.ros.diagnostics import RepeatedLog
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
@@ -36,6 +36,7 @@ class ManagedNode(LifecycleNode):
 
     def __init__(self, name: str, **kwargs) -> None:
         super().__init__(name, **kwargs)
+        require_of_rclpy(self, '_service_change_state', '_state_machine')
         self.replies = DeferredReplies(self)
         self._failures = RepeatedLog()
         self.replies.attach(self._service_change_state)

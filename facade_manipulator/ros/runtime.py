@@ -21,6 +21,7 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.ros.deferred import require_of_rclpy
 from facade_manipulator.ros.executors import choose_executor, spin
 from facade_manipulator.ros.known_parameters import require_known_parameters
 from facade_manipulator.ros.service_manager import ServiceManager
@@ -60,6 +61,7 @@ def run(
         nodes = _start(make_nodes, args)
         require_known_parameters(nodes, args)
         for node in nodes:  # a managed node says what is next
+            require_of_rclpy(node.get_clock(), 'handle')
             node.get_logger().info('ready' + getattr(node, 'following_step', str)())
         _spin(nodes, received, choose_executor() if experimental else SingleThreadedExecutor(),
               manager)

@@ -4,9 +4,10 @@ import threading
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
+from rclpy.service import Service
 from std_srvs.srv import Trigger
 
-from facade_manipulator.errors import DriveTimeoutError
+from facade_manipulator.errors import DriveTimeoutError, ManipulatorError
 from facade_manipulator.ros.deferred import Deferred, DeferredReplies
 from facade_manipulator.ros.lifecycle import ManagedNode
 
@@ -119,3 +120,11 @@ def test_a_node_whose_drives_stopped_falls_back_to_inactive(machine):
     assert machine.node.state_label == 'inactive'
     machine.node.fall_back()
     assert machine.node.state_label == 'inactive'
+
+
+def test_an_rclpy_without_what_is_beyond_its_interface_ends_the_start_with_a_message(
+        ros, monkeypatch):
+    monkeypatch.delattr(Service, 'send_response')
+    node = ros.node('server')
+    with pytest.raises(ManipulatorError, match='Service of this rclpy has no send_response'):
+        DeferredReplies(node).attach(node.create_service(Trigger, 'slow', lambda _, r: r))
