@@ -146,12 +146,14 @@ class AxisStepper:
         self._step = POWER_OFF
         self._deadline = 0.0
         self._reached = False
+        self._cycles = 0
 
     def begin(self, step: Step, deadline: float) -> None:
         """Begin a step that must be done by a time [s]."""
         self._step = step
         self._deadline = deadline
         self._reached = False
+        self._cycles = 0
 
     def advance(self, feedback: Feedback, now: float) -> bool:
         """
@@ -169,9 +171,11 @@ class AxisStepper:
         """
         state = self._state(feedback.statusword)
         self._require_on_path(state, feedback)
-        done = state in self._step.goal and self._is_settled(feedback)
+        self._cycles += 1
+        arrived = state in self._step.goal and self._is_settled(feedback)
+        done = arrived and self._cycles >= self._step.min_cycles
         self._reached = self._reached or done
-        if not done and now > self._deadline:
+        if not arrived and now > self._deadline:
             raise DriveTimeoutError(
                 f'{self.name} did not {self._step.purpose} in time: '
                 f'{self._condition(state, feedback)}')

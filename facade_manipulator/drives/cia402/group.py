@@ -245,10 +245,7 @@ class Group:
         if self._is_unchanged(feedback):
             return self.commands
         self._last_feedback = feedback
-        self._cycles += 1
-        phase, step = self._plan[0]
-        bits, failures = [], []
-        done = self._cycles >= step.min_cycles
+        phase, bits, failures, done = self.phase, [], [], True
         for number, one in enumerate(feedback):
             try:
                 self._require_following(number, one)
@@ -329,7 +326,6 @@ class Group:
 
     def _begin(self, plan: Plan, now: float) -> None:
         self._plan = plan
-        self._cycles = 0
         self.is_settled = False
         self.phase, step = plan[0]
         self._mode = self._mode if step.mode is None else step.mode

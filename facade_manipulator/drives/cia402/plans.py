@@ -55,7 +55,8 @@ FOLLOW = _plan((Phase.RUNNING, (steps.FOLLOW,)))
 END_HOMING = _plan((Phase.DISABLING, (steps.END_HOMING, steps.FOLLOW))) + POWER_DOWN
 HOME = _plan(
     (Phase.ENABLING, steps.power_on(Mode.HOMING)), (Phase.HOMING, (steps.HOME,))) + END_HOMING
-GIVE_UP_ENABLING = _plan((Phase.DISABLING, (steps.POWER_OFF,))) + OFF
+# not done before a drive has shown what the command before, still on its way, has done
+GIVE_UP_ENABLING = _plan((Phase.DISABLING, (steps.POWER_OFF._replace(min_cycles=4),))) + OFF
 STOP = _plan((Phase.STOPPING, (steps.QUICK_STOP,)), (Phase.STOPPED, (steps.STAY_STOPPED,)))
 CUT_POWER = _plan((Phase.STOPPED, (steps.CUT_POWER,)))
 STOP_AND_CUT_POWER = _plan((Phase.STOPPING, (steps.QUICK_STOP, steps.CUT_POWER))) + CUT_POWER
