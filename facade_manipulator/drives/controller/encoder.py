@@ -52,7 +52,9 @@ class Encoder:
         self._period = period
         self._is_trusted = True
         self._time = 0.0
-        self._least_jump = abs(axis.counts_per_metre) * _jump_bound(axis, period)
+        self._elapsed = period  # between the last two positions [s]
+        self._least_jump = abs(axis.counts_per_metre) * _jump_bound(
+            axis, period, period)
         self._home = axis.to_counts(axis.home_position)
         self._home_tolerance = _home_tolerance(axis, period)
         self._last_counts = 0  # when the bus was lost
@@ -71,10 +73,14 @@ class Encoder:
         """Note that the position is lost, until the axis is homed again."""
         self.homed = self._is_trusted = False
 
-    def lose(self, silence: float) -> None:
-        """Note where the carriage is: the drive goes on for a silence [s], then brakes."""
+    def lose(self, silence: float, velocity: float) -> None:
+        """
+        Note where the carriage is: the drive goes on for a silence [s], then brakes.
+
+        Positions that came close together show no speed; the drive's own velocity [m/s] does.
+        """
         if self.counts is not None and self._farthest is None:
-            speed = abs(self._axis.to_metres(self.speed))
+            speed = max(abs(velocity), abs(self._axis.to_metres(self.speed)))
             braking = speed ** 2 / (2.0 * self._axis.stop_deceleration)
             self._farthest = speed * (silence + self._period) + braking + JUMP_NOISE
             self._last_counts = self.counts
@@ -94,14 +100,15 @@ class Encoder:
         before, self.counts = self.counts, counts
         elapsed, self._time = max(time - self._time, self._period), time
         if before is None:
-            self.speed = 0.0
+            self.speed, self._elapsed = 0.0, self._period
             return self._compare_with_last()
+        earlier, self._elapsed = self._elapsed, elapsed
         expected, self.speed = self.speed * elapsed, (counts - before) / elapsed
         difference = counts - before - expected
         if not self.homed or abs(difference) <= self._least_jump:
             return None
         jump = abs(self._axis.to_metres(difference))
-        bound = (_jump_bound(self._axis, elapsed)
+        bound = (_jump_bound(self._axis, elapsed, earlier)
                  + JUMP_JITTER * abs(self._axis.to_metres(expected)))
         if jump <= bound:
             return None
@@ -128,10 +135,14 @@ class Encoder:
         return self._axis.to_metres(counts) if abs(counts) > self._home_tolerance else 0.0
 
 
-def _jump_bound(axis: AxisSettings, elapsed: float) -> float:
-    """Return how far from where its speed leads a carriage may be after a time [m]."""
+def _jump_bound(axis: AxisSettings, elapsed: float, earlier: float) -> float:
+    """
+    Return how far from where its speed leads a carriage may be after a time [m].
+
+    The speed is the mean of an `earlier` time [s].
+    """
     acceleration = max(axis.max_acceleration, axis.stop_deceleration)
-    return JUMP_NOISE + JUMP_MARGIN * acceleration * elapsed ** 2
+    return JUMP_NOISE + JUMP_MARGIN * acceleration * 0.5 * (earlier + elapsed) * elapsed
 
 
 def _home_tolerance(axis: AxisSettings, period: float) -> float:

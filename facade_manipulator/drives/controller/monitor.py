@@ -77,7 +77,9 @@ class AxisMonitor:
         self.silent_tpdos: set[str] = set()
         self._rpdos = tuple(
             (one.cob_id(axis.node_id), one) for one in pdos if not one.is_transmitted)
-        self._answers = frozenset(one.name for one in self.tpdos if one.carries(pdo.STATUS))
+        # all that come with each SYNC: following errors of different cycles compare badly
+        self._answers = frozenset(
+            one.name for one in self.tpdos if one.carries(pdo.STATUS | pdo.MOTION))
         self._unanswered = set(self._answers)
         self._values: dict[int, int] = {}  # by index, in the drive's own units
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
@@ -122,7 +124,7 @@ class AxisMonitor:
 
     def lose(self) -> None:
         """Note where the carriage is, because the bus is lost: the drive may restart meanwhile."""
-        self.encoder.lose(self._settings.heartbeat_timeout)
+        self.encoder.lose(self._settings.heartbeat_timeout, self.measured.velocity or 0.0)
         self.nmt_state = None
 
     def recover(self, boots_operational: bool) -> None:

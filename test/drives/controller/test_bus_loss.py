@@ -36,8 +36,6 @@ def test_a_lost_bus_is_found_again_and_stays_stopped_until_cleared(make_rig, sit
     rig.do('clear_faults')
     assert rig.state is ControllerState.INACTIVE
     rig.source.speed = 0.0
-    if rig.controller.snapshot().unhomed:  # a position that could not be proven is withdrawn
-        rig.do('home')
     rig.do('activate')
 
 
