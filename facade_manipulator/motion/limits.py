@@ -165,6 +165,14 @@ class PathLimiter:
             tuple(e + t for e, t in zip(error, target, strict=True)),
             tuple(e + w for e, w in zip(rate, frame, strict=True)), acceleration))
 
+    def slow(self, motion: CarriageMotion, seconds: float) -> CarriageMotion:
+        """Return what is left of a motion where it is, all axes having braked for a while [s]."""
+        fastest = _greatest(motion.velocity)
+        lost = self.limits.acceleration * seconds
+        share = 1.0 - lost / fastest if fastest > lost else 0.0
+        velocity = tuple([share * v for v in motion.velocity])
+        return CarriageMotion(motion.position, velocity, mean_velocity=velocity)
+
     def stop(self, motion: CarriageMotion) -> list[PlannedState]:
         """
         Return what the path to rest passes, a period apart; the last one is at rest.

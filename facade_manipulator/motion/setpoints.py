@@ -150,6 +150,28 @@ class SetpointFollower:
         with self._writing:
             self._stream.clear()
 
+    def wait(self, seconds: float) -> None:
+        """
+        Go on from the last command, which the drives have held for longer than a period.
+
+        They have braked meanwhile: a command that went on at full speed would leave them behind by
+        more than their window.
+
+        Parameters
+        ----------
+        seconds : float
+            How much longer.
+
+        """
+        if self.motion is None:
+            return
+        motion = self._limiter.slow(self.motion, seconds)
+        try:
+            stop = self._checked_stop(motion)
+        except ManipulatorError:
+            motion, stop = CarriageMotion(motion.position), []
+        self.motion, self._stop = motion, iter(stop)
+
     def add(self, setpoint: Setpoint, now: float) -> None:
         """
         Add a setpoint to the stream.
@@ -264,9 +286,7 @@ class SetpointFollower:
         direct = limiter.reach(self.motion, position, velocity)
         try:
             motion = direct or limiter.chase(self.motion, position, velocity)
-            stop = limiter.stop(motion)
-            for position, _, _ in reversed(stop):  # the end is what most likely fails
-                self._check(position)
+            stop = self._checked_stop(motion)
             self._check(motion.position)  # last: whoever sends it has it checked once more
         except ManipulatorError as error:
             self.last_rejection = str(error)
@@ -275,6 +295,13 @@ class SetpointFollower:
         self.activity = Activity.FOLLOWING if direct else Activity.LIMITED
         self.limited_cycles += direct is None
         return motion
+
+    def _checked_stop(self, motion: CarriageMotion) -> list[PlannedState]:
+        """Return the path to rest, or raise why it is not allowed."""
+        stop = self._limiter.stop(motion)
+        for position, _, _ in reversed(stop):  # the end is what most likely fails
+            self._check(position)
+        return stop
 
     def _brake(self) -> CarriageMotion:
         """Go on to rest on the path that was checked when the present motion was chosen."""

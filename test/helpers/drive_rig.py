@@ -52,6 +52,9 @@ class Source:
     def hold(self) -> None:
         self.held = True
 
+    def wait(self, seconds: float) -> None:
+        """Go on at once."""
+
     def sample(self, latch_time: float):
         if not self.held:
             self.time += self.period

@@ -371,6 +371,38 @@ def test_limits_that_are_lowered_while_moving_lead_nobody_over_the_border(time, 
     assert made.motion.at_rest
 
 
+@pytest.mark.parametrize('held', [1, 3, 7, 10])
+def test_commands_that_the_drives_have_held_are_gone_on_from_with_what_braking_has_left(held):
+    made = follower()
+
+    def fast(time):
+        return sine(time, 0.39)
+
+    made.reset(fast(-0.5).position)
+    run(made, -0.5, 0.0, fast)
+    before, speed = made.motion.position, made.motion.velocity[0]
+    pause = held * PERIOD
+    made.wait(pause)
+    after = [position for _, position in run(made, pause, pause + 1.5, fast)]
+    left = max(0.0, speed - LIMITS.acceleration * pause)
+    assert 0.0 <= after[0][0] - before[0] <= (left + 0.01 * LIMITS.jerk * PERIOD) * PERIOD
+    start = tuple(p - left * PERIOD * share for p, share in zip(before, (1, 1, 0), strict=True))
+    for found, limit in zip(differences([start, before, *after], PERIOD),
+                            (LIMITS.speed, LIMITS.acceleration, LIMITS.jerk), strict=True):
+        assert found <= limit * 1.001
+    assert made.activity is Activity.FOLLOWING
+    assert after[-1] == pytest.approx(fast(pause + 1.51).position, abs=1e-6)
+
+
+def test_where_no_way_to_rest_is_allowed_held_commands_end_at_rest():
+    made = follower()
+    run(made, -0.5, 0.0)
+    made._check = reject
+    made.wait(PERIOD)
+    assert made.at_rest
+    made.wait(PERIOD)
+
+
 @given(stall_at=st.floats(0.0, 0.6), stall=st.floats(0.0, 0.08), late=st.floats(0.0, 0.026),
        late_cycle=st.integers(0, 80))
 def test_whatever_delays_the_stream_the_carriages_come_to_rest_at_its_end(

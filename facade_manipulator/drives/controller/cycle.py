@@ -66,7 +66,8 @@ class CycleClock:
 
     `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_stamp` is
     the stamp without jitter: targets for instants that jitter would ask the carriages for jumps of
-    speed. `is_open` says whether the step of the SYNC is still to come.
+    speed. `is_open` says whether the step of the SYNC is still to come, `held` for how long the
+    drives had held their command beyond a period [s] when the last ones were sent.
 
     Parameters
     ----------
@@ -84,6 +85,8 @@ class CycleClock:
         self.late_in_a_row = 0
         self.overdue_in_a_row = 0
         self.is_open = False
+        self.held = 0.0
+        self._commanded: float | None = None  # the last SYNC after which commands were sent
         self._next_sync = self._answers_due = 0.0
         self._cycles = self._incomplete = self._late = self._skipped = self._unexpected = 0
         self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
@@ -140,6 +143,12 @@ class CycleClock:
         self._worst = max(self._worst, age)
         return not late
 
+    def _command(self) -> None:
+        """Note that commands are sent now, and how many periods went by without."""
+        before, self._commanded = self._commanded, self.sync_time
+        periods = 1 if before is None else round((self.sync_time - before) / self.period)
+        self.held = max(0, periods - 1) * self.period
+
 
 class SyncProducer(CycleClock):
     """The clock of a loop that sends SYNC itself: late commands delay the next SYNC."""
@@ -191,6 +200,7 @@ class SyncProducer(CycleClock):
     def finish(self, now: float, complete: bool) -> bool:
         """Close the cycle at its step; commands are always in time for a SYNC that waits."""
         self._close(now, complete)
+        self._command()
         self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
         return True
 
@@ -240,6 +250,8 @@ class SyncConsumer(CycleClock):
     def finish(self, now: float, complete: bool) -> bool:
         """Close the cycle at its step; return whether commands still come in time."""
         in_time = self._close(now, complete)
+        if in_time:
+            self._command()
         self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
         return in_time
 

@@ -341,6 +341,8 @@ class CyclicExchange:
         actual = tuple([monitor.encoder.counts or 0 for monitor in self._monitors])
         latch_time = self.clock.smooth_stamp + self._lead
         try:
+            if self.clock.held:
+                self._targets.mechanism.source.wait(self.clock.held)
             self._targets.choose(self.group.phase, commands[0], actual, latch_time)
         except ManipulatorError as error:
             self.group.stop(Cause(f'a target was rejected: {error}', TARGET_REMEDY), now)

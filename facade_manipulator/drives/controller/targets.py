@@ -44,6 +44,9 @@ class TargetSource(Protocol):
     def hold(self) -> None:
         """Come to rest on the path."""
 
+    def wait(self, seconds: float) -> None:
+        """Go on from the last target, which the drives have held for a while [s]."""
+
     def sample(self, latch_time: float) -> Triple:
         """Return the positions [m] to be reached at a time of the system clock [s]."""
 

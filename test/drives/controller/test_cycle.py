@@ -119,7 +119,25 @@ def test_periods_without_sync_are_counted():
     assert clock.statistics.skipped == 3
 
 
+@pytest.mark.parametrize(('pause', 'held'), [(1.0, 0), (1.4, 0), (2.0, 1), (5.1, 4)])
+def test_a_late_sync_is_a_command_that_the_drives_have_held(pause, held):
+    clock = producer()
+    for time in (0.0, pause * T):
+        clock.begin(time, 0.0)
+        clock.finish(time, complete=True)
+    assert clock.held == pytest.approx(held * T)
+
+
 # --- SYNC sent by the kernel
+
+def test_syncs_of_the_kernel_without_commands_are_those_that_the_drives_have_held():
+    clock, held = consumer(), []
+    for number, share in enumerate((0.1, 0.9, 0.9, 0.1, 0.1), start=1):
+        clock.receive(T * number, 0.0)
+        if clock.finish(T * (number + share), complete=True):
+            held.append(round(clock.held / T))
+    assert held == [0, 2, 0]
+
 
 @pytest.mark.parametrize(('share', 'in_time'), [(0.1, True), (0.79, True), (0.81, False)])
 def test_commands_later_than_four_fifths_of_the_period_are_late(share, in_time):

@@ -1,0 +1,55 @@
+"""The control loop comes late with power on: the drives hold meanwhile, and nothing stops."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from virtual_world import World
+
+from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.motion import Setpoint
+
+FAST, AMPLITUDE, LEAD = 0.4, 0.12, 0.04  # m/s, m, s
+RATE = FAST / AMPLITUDE
+
+
+@pytest.fixture
+def world():
+    made = World()
+    for request in (made.controller.configure, made.controller.home, made.controller.activate):
+        made.finish(request(), 60.0)
+    yield made
+    made.close()
+
+
+class Stream:
+    """Setpoints that swing all carriages to and fro, once a cycle."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.base = world.follower.motion.position
+        self.begin = self.due = world.time.now
+
+    def send(self) -> None:
+        world = self.world
+        if world.time.now < self.due:
+            return
+        self.due = world.time.now + world.settings.period
+        phase = RATE * (world.time.now - self.begin + LEAD)
+        step, speed = 0.5 * AMPLITUDE * (1 - math.cos(phase)), 0.5 * FAST * math.sin(phase)
+        world.stream(Setpoint(
+            world.time.time() + LEAD, tuple(q + 2 * step for q in self.base), (2 * speed,) * 3))
+
+
+@pytest.mark.parametrize('pause', [0.03, 0.07, 0.09])
+@pytest.mark.parametrize('phase', [0.5, 0.75, 1.5])
+def test_a_loop_that_is_late_at_full_speed_leaves_no_carriage_behind(world, phase, pause):
+    stream = Stream(world)
+    world.run(phase * math.pi / RATE, stream.send)
+    world.pass_time(pause)
+    world.run(1.0, stream.send)
+    snapshot = world.controller.snapshot()
+    assert snapshot.state is ControllerState.ACTIVE, snapshot.causes
+    assert not snapshot.unhomed
+    assert world.follower.activity.value == 'following'
