@@ -15,22 +15,28 @@ from facade_manipulator.calibration.estimator_fit import (
 from facade_manipulator.calibration.geometry_fit import Identification, identify, Measurements
 from facade_manipulator.calibration.recorded import read_estimator_recording
 from facade_manipulator.calibration.unknowns import (
+    BACKLASH,
+    head_at,
     heads,
+    screw_unknowns,
     sensitivity,
     Unknown,
     UNKNOWNS,
     unknowns_named,
     values_of,
+    with_screw_tables,
     with_values,
 )
 from facade_manipulator.calibration.wall_fit import fit_wall, touched_points, WallFit
 
 __all__ = [
+    'BACKLASH',
     'candidates',
     'EstimatorFit',
     'EstimatorRecording',
     'fit_estimator',
     'fit_wall',
+    'head_at',
     'heads',
     'Identification',
     'identify',
@@ -38,6 +44,7 @@ __all__ = [
     'Noise',
     'plan',
     'read_estimator_recording',
+    'screw_unknowns',
     'sensitivity',
     'spread',
     'touched_points',
@@ -46,5 +53,6 @@ __all__ = [
     'unknowns_named',
     'values_of',
     'WallFit',
+    'with_screw_tables',
     'with_values',
 ]

@@ -27,7 +27,14 @@ from facade_manipulator.calibration.findings import (
 from facade_manipulator.calibration.geometry_fit import identify, Measurements
 from facade_manipulator.calibration.recorded import HEAD_ON_WALL, read_estimator_recording
 from facade_manipulator.calibration.tables import parse_table, read_table
-from facade_manipulator.calibration.unknowns import heads, UNKNOWNS, unknowns_named
+from facade_manipulator.calibration.unknowns import (
+    BACKLASH,
+    heads,
+    screw_unknowns,
+    UNKNOWNS,
+    unknowns_named,
+    with_screw_tables,
+)
 from facade_manipulator.calibration.wall_fit import fit_wall, report_wall, touched_points
 from facade_manipulator.errors import CalibrationError, ManipulatorError, missing_package
 from facade_manipulator.files import atomic_write
@@ -66,6 +73,11 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
     """Plan the poses, or find the errors of the machine from its head."""
     source = options.parameters or config_path('manipulator.yaml')
     geometry, unknowns = _geometry(source), unknowns_named(options.find)
+    if options.backlash:
+        unknowns += BACKLASH
+    if options.screws is not None:
+        geometry = with_screw_tables(geometry, options.screws)
+        unknowns += screw_unknowns(geometry)
     noise = Noise(position=options.noise[0] * 1e-3, angle=np.deg2rad(options.noise[1]))
     if options.plan is not None:
         measured = [name in options.measure for name in HEAD]
@@ -143,18 +155,25 @@ def _check_outliers(outliers: Sequence, options: argparse.Namespace) -> None:
 def _measurements(path: Path | None) -> Measurements:
     if path is None:
         raise CalibrationError('name a file of measurements, - to type them, or --plan a file')
+    optional = (*HEAD, 'direction')
     if str(path) == '-':
-        table = parse_table('the table typed', sys.stdin, CARRIAGES, HEAD)
+        table = parse_table('the table typed', sys.stdin, CARRIAGES, optional)
     else:
-        table = read_table(path, CARRIAGES, HEAD)
-    return Measurements(table[:, :3], table[:, 3:])
+        table = read_table(path, CARRIAGES, optional)
+    directions = np.nan_to_num(table[:, 6:])
+    wrong = np.flatnonzero(~np.isin(directions, (-1.0, 0.0, 1.0)))
+    if len(wrong):
+        raise CalibrationError(
+            f'row {wrong[0] + 1}: direction = {directions[wrong[0], 0]:g} is none of 1, -1 and 0')
+    return Measurements(np.hstack([table[:, :3], directions]), table[:, 3:6])
 
 
 def _write_plan(path: Path, geometry, carriages: np.ndarray) -> None:
     """Write where to measure, with empty cells for what is measured."""
+    directions = ['direction'] * (carriages.shape[1] - len(CARRIAGES))
     with atomic_write(path) as draft, draft.open('w', newline='', encoding='utf-8') as file:
         rows = csv.writer(file)
-        rows.writerow([*CARRIAGES, *(f'goal_{name}' for name in HEAD), *HEAD])
+        rows.writerow([*CARRIAGES, *directions, *(f'goal_{name}' for name in HEAD), *HEAD])
         for q, goal in zip(carriages, heads(geometry, carriages), strict=True):
             rows.writerow([f'{value:.6f}' for value in (*q, *goal)] + [''] * len(HEAD))
     print(f'{path} has {len(carriages)} poses; fill in x, y and theta, or what you measure')
@@ -188,6 +207,11 @@ def _add_geometry(commands: argparse._SubParsersAction) -> None:
     command.add_argument(
         '--find', nargs='+', default=(), metavar='NAME',
         help=f'what to look for (default all): {", ".join(u.name for u in UNKNOWNS)}')
+    command.add_argument('--backlash', action='store_true',
+                         help='look for the backlash of the screws too; the poses to plan say in '
+                              'which direction to arrive')
+    command.add_argument('--screws', type=int, metavar='ENTRIES',
+                         help='look for the errors of the screws too, a table of so many entries')
     command.add_argument('--noise', nargs=2, type=float, default=(0.1, 0.02),
                          metavar=('MM', 'DEG'),
                          help='standard deviation of the measurements (default 0.1 0.02)')

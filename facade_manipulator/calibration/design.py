@@ -137,6 +137,9 @@ def plan(
     """
     Choose carriage positions to measure at, in an order of short ways, shape (count, 3) [m].
 
+    Where backlash is looked for, a fourth column has the direction to arrive in, as `heads` takes
+    it.
+
     Raises
     ------
     CalibrationError
@@ -144,6 +147,9 @@ def plan(
 
     """
     permitted = candidates(geometry)
+    if any(unknown.field == 'backlash' for unknown in unknowns):
+        permitted = np.vstack([np.column_stack([
+            permitted, np.full(len(permitted), direction)]) for direction in (1.0, -1.0)])
     if count > len(permitted):
         raise CalibrationError(f'{count} poses are wanted, {len(permitted)} are permitted')
     rows = information(geometry, unknowns, permitted, noise or Noise(), measured)

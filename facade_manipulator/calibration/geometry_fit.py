@@ -33,8 +33,8 @@ class Measurements(NamedTuple):
 
     Parameters
     ----------
-    carriages : ndarray, shape (n, 3)
-        As commanded [m].
+    carriages : ndarray, shape (n, 3) or (n, 4)
+        As commanded [m], and in which direction they arrived, as `heads` takes it.
     heads : ndarray, shape (n, 3)
         x, y, θ in frame rail [m, m, rad]; NaN where not measured.
 
@@ -92,6 +92,10 @@ def check(geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measure
     empty = np.flatnonzero(np.isnan(measurements.heads).all(axis=1))
     if len(empty):
         raise CalibrationError(f'row {empty[0] + 1} has no measurement: neither x, y nor theta')
+    if any(u.field == 'backlash' for u in unknowns) and not measurements.carriages[:, 3:].any():
+        raise CalibrationError(
+            'backlash is looked for, but no row says in which direction the carriages arrived: '
+            'column direction, 1 towards greater x, -1 towards less')
     numbers = int(np.isfinite(measurements.heads).sum())
     if numbers <= len(unknowns):
         raise CalibrationError(
@@ -100,7 +104,7 @@ def check(geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measure
     off = np.abs(measurements.heads - expected)
     for row in range(len(expected)):
         if np.isnan(expected[row]).any():
-            q = ', '.join(f'{value:g}' for value in measurements.carriages[row])
+            q = ', '.join(f'{value:g}' for value in measurements.carriages[row, :3])
             raise CalibrationError(f'row {row + 1}: the links do not close at ({q}) m')
         for axis in np.flatnonzero(off[row] > EXPLAINED):
             raise CalibrationError(_contradiction(
@@ -177,7 +181,9 @@ def _fit(
         misses = _misses(machine, measurements, noise)[used]
         return np.concatenate([np.nan_to_num(misses, nan=FAR), scaled])
 
-    found = least_squares(residuals, np.zeros(len(unknowns)), loss=loss, f_scale=HUBER,
+    least = (np.array([unknown.least for unknown in unknowns]) - start) / tolerances
+    begin = np.where(np.isfinite(least), 1.0, 0.0)  # not on a bound, where it would stay
+    found = least_squares(residuals, begin, bounds=(least, np.inf), loss=loss, f_scale=HUBER,
                           diff_step=1e-4, x_scale=1.0, xtol=1e-10)
     return start + tolerances * found.x
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.errors import LimitError, ParameterError
-from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
+from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, mechanism_of, Pose
 
 STEP = 1e-6
 
@@ -28,6 +29,8 @@ class Unknown(NamedTuple):
         What it is, for a technician.
     tolerance : float
         Standard deviation with which the drawing states it [m or rad].
+    least : float
+        Least value [m or rad].
 
     """
 
@@ -35,6 +38,7 @@ class Unknown(NamedTuple):
     index: int | None
     words: str
     tolerance: float
+    least: float = -math.inf
 
     @property
     def name(self) -> str:
@@ -60,6 +64,38 @@ UNKNOWNS = (
     Unknown('tool', 1, 'y of the head on the platform', 5e-3),
     Unknown('tool', 2, 'angle of the head on the platform', 0.02),
 )
+BACKLASH = tuple(
+    Unknown('backlash', k, f'backlash of the screw of {name}', 2e-4, least=0.0)
+    for k, name in enumerate(Carriages._fields))
+SCREW_TOLERANCE = 2e-4  # m
+
+
+def screw_unknowns(geometry: Geometry) -> tuple[Unknown, ...]:
+    """Return every entry of the tables of the screws."""
+    return tuple(
+        Unknown(f'screw_errors_{name}', k, f'screw of {name}, error at {position:+.3f} m',
+                SCREW_TOLERANCE)
+        for name, table in zip(Carriages._fields, geometry.screw_errors, strict=True)
+        for k, position in enumerate(np.linspace(*geometry.screw_span, len(table))))
+
+
+def with_screw_tables(geometry: Geometry, entries: int) -> Geometry:
+    """
+    Return the geometry with tables of so many entries for its screws, which say the same.
+
+    Raises
+    ------
+    ParameterError
+        For fewer than two entries.
+
+    """
+    if entries < 2:
+        raise ParameterError(f'a table of {entries} entries is none: 2 are the least')
+    positions = np.linspace(*geometry.screw_span, entries)
+    return replace(geometry, **{
+        f'screw_errors_{name}': tuple(np.interp(
+            positions, np.linspace(*geometry.screw_span, len(table)), table).tolist())
+        for name, table in zip(Carriages._fields, geometry.screw_errors, strict=True)})
 
 
 def unknowns_named(names: Sequence[str]) -> tuple[Unknown, ...]:
@@ -100,12 +136,45 @@ def with_values(
     return replace(geometry, **fields)
 
 
+def head_at(
+    mechanism: Mechanism, q1: float, q2: float, q3: float, direction: float = 0.0
+) -> Pose:
+    """
+    Return where the head stands with the drives at positions [m].
+
+    Parameters
+    ----------
+    mechanism : Mechanism
+    q1, q2, q3 : float
+    direction : float
+        1 if the carriages arrived towards greater x, -1 if towards less: they rest on that flank
+        of their screws. 0 if that is not known.
+
+    Raises
+    ------
+    LimitError
+        If the links cannot be joined there.
+
+    """
+    return mechanism.forward_kinematics(mechanism.take_up(
+        Carriages(q1, q2, q3), Carriages(-direction, -direction, -direction)))
+
+
 def heads(geometry: Geometry, carriages: np.ndarray) -> np.ndarray:
-    """Return where the head stands, shape (n, 3); NaN where the links cannot be joined."""
-    mechanism, out = mechanism_of(geometry), np.full(carriages.shape, np.nan)
-    for row, positions in enumerate(carriages.tolist()):
+    """
+    Return where the head stands, shape (n, 3); NaN where the links cannot be joined.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    carriages : ndarray, shape (n, 3) or (n, 4)
+        Positions [m], and in the fourth column the direction of `head_at`.
+
+    """
+    mechanism, out = mechanism_of(geometry), np.full((len(carriages), 3), np.nan)
+    for row, station in enumerate(carriages.tolist()):
         try:
-            out[row] = mechanism.forward_kinematics(Carriages(*positions))
+            out[row] = head_at(mechanism, *station)
         except LimitError:
             continue
     return out
@@ -120,9 +189,10 @@ def sensitivity(
     By central differences: the identification Jacobian of the literature.
     """
     values = values_of(geometry, unknowns)
+    least = np.array([unknown.least for unknown in unknowns])
     out = np.empty((len(carriages), 3, len(unknowns)))
     for k, step in enumerate(STEP * np.eye(len(unknowns))):
-        ahead, back = (heads(with_values(geometry, unknowns, values + sign * step), carriages)
-                       for sign in (1.0, -1.0))
-        out[:, :, k] = (ahead - back) / (2.0 * STEP)
+        ahead, back = values + step, np.maximum(values - step, least)
+        out[:, :, k] = (heads(with_values(geometry, unknowns, ahead), carriages) - heads(
+            with_values(geometry, unknowns, back), carriages)) / (ahead - back)[k]
     return out

@@ -61,6 +61,7 @@ class Demo:
         self, options: argparse.Namespace, console: Console, interrupted: Event
     ) -> None:
         self.options = options
+        self.geometry = read_settings(options.parameters, ALL_NODES, 'geometry', Geometry)
         self.console = console
         self._interrupted = interrupted
         self._is_stopping = False
@@ -147,7 +148,7 @@ class Demo:
     def _draw(self, summary: dict) -> None:
         """Draw the report when the drives have stopped already; Ctrl-C ends it."""
         self.console.print(f'drawing the pictures in {self.output}/')
-        with (closing(draw(self.output, self.recorder, summary, self.scenario, _geometry()))
+        with (closing(draw(self.output, self.recorder, summary, self.scenario, self.geometry))
               as shares,
               Progress(console=self.console, transient=True,
                        disable=not self.console.is_terminal) as progress):
@@ -170,13 +171,8 @@ class Demo:
             self.client.close()
 
 
-def _geometry() -> Geometry:
-    """Return the mechanism with which the nodes are started."""
-    return read_settings(config_path('manipulator.yaml'), ALL_NODES, 'geometry', Geometry)
-
-
 def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:
-    files = [config_path('manipulator.yaml'), config_path('simulation.yaml')]
+    files = [options.parameters, config_path('simulation.yaml')]
     arguments = ['--ros-args', '-r', f'__ns:=/{options.namespace}']
     for file in files:
         arguments += ['--params-file', str(file)]
@@ -203,6 +199,8 @@ def _options(args: list[str] | None) -> argparse.Namespace:
                         help='how long the strokes last, in s (default 30)')
     parser.add_argument('--scenario', default='',
                         help='wind and wall: a name in config/scenarios, or a file')
+    parser.add_argument('--parameters', type=Path, default=config_path('manipulator.yaml'),
+                        metavar='YAML', help='parameters of the nodes, such as a calibrated copy')
     parser.add_argument('--output', default='demo_report', metavar='DIR',
                         help='folder of the report (default demo_report)')
     parser.add_argument('--namespace', default='demo', help='namespace of the nodes')

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image  # matplotlib needs it too
 
 from facade_manipulator.demo.record import TimeCourse
-from facade_manipulator.kinematics import compose, Geometry, joints, Pose, relative
+from facade_manipulator.kinematics import compose, Geometry, joints, mechanism_of, Pose, relative
 from facade_manipulator.simulation import Facade, FacadeSettings, SCALES
 from facade_manipulator.simulation.pictures import GOAL, WITH, WITHOUT
 
@@ -123,14 +123,15 @@ class Drawing:
 
 def _mechanism(geometry: Geometry, rail: Pose, head: Pose) -> dict[str, list]:
     """Return the ends of everything that the gondola carries, on the wall [m]."""
-    at = joints(geometry, relative(rail, head))
+    on_rail = relative(rail, head)
+    at = joints(geometry, mechanism_of(geometry).platform(on_rail))
     half, far, near = GONDOLA_SIZE
     ends = {
         'gondola': [(-half, -near), (half, -near), (half, -far), (-half, -far)],
         'rail': [(bound, 0.0) for bound in geometry.stroke],
         'links': [at.a1, at.b1, (math.nan, math.nan), at.a2, at.b2],
         'guide': [at.a3, at.p], 'platform': [at.b1, at.b2],
-        'carriages': [at.a1, at.a2, at.a3], 'head': [at.p],
+        'carriages': [at.a1, at.a2, at.a3], 'head': [on_rail[:2]],
     }
     return {name: [compose(rail, Pose(*point, 0.0))[:2] for point in points]
             for name, points in ends.items()}

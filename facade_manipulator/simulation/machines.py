@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
+from facade_manipulator.calibration import head_at
+from facade_manipulator.kinematics import Geometry, mechanism_of
 from facade_manipulator.parameters import parameter, settings
 
 
@@ -41,7 +42,7 @@ def measure_heads(
     machine: Geometry, carriages: np.ndarray, shop: ShopSettings, random: np.random.Generator
 ) -> np.ndarray:
     """
-    Measure a machine's head at carriage positions [m].
+    Measure a machine's head at carriage positions [m], as `calibration.heads` takes them.
 
     Returns
     -------
@@ -55,6 +56,6 @@ def measure_heads(
 
     """
     mechanism = mechanism_of(machine)
-    heads = [mechanism.forward_kinematics(Carriages(*row)) for row in carriages.tolist()]
+    heads = [head_at(mechanism, *row) for row in carriages.tolist()]
     noise = [shop.position_noise, shop.position_noise, shop.angle_noise]
     return np.array(heads) + noise * random.standard_normal((len(heads), 3))

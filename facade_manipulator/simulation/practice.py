@@ -74,7 +74,8 @@ def _measure(
     with path.open(newline='', encoding='utf-8') as file:
         rows = list(csv.DictReader(file))
     try:
-        carriages = np.array([[float(row[name]) for name in Carriages._fields] for row in rows])
+        carriages = np.array([[*(float(row[name]) for name in Carriages._fields),
+                               float(row.get('direction', 0.0))] for row in rows])
     except (KeyError, ValueError) as error:
         raise CalibrationError(f'{path} is no plan of calibrate geometry: {error}') from error
     for row, head in zip(rows, measure_heads(machine, carriages, shop, random), strict=True):

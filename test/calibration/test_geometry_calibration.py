@@ -8,15 +8,19 @@ import numpy as np
 import pytest
 
 from facade_manipulator.calibration import (
+    BACKLASH,
     candidates,
     heads,
     identify,
     Measurements,
     plan,
+    screw_unknowns,
     sensitivity,
+    spread,
     UNKNOWNS,
     unknowns_named,
     values_of,
+    with_screw_tables,
     with_values,
 )
 from facade_manipulator.calibration.__main__ import main
@@ -27,6 +31,7 @@ from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.resources import config_path
 from facade_manipulator.simulation.bench.calibration import DRAWING, rms, try_machines
 from facade_manipulator.simulation.machines import make_machine, measure_heads, ShopSettings
+from facade_manipulator.simulation.practice import main as practise
 
 SHOP = ShopSettings()
 POSES = plan(DRAWING, UNKNOWNS, 24)
@@ -115,6 +120,47 @@ def test_the_sensitivity_to_the_offsets_is_that_to_a_shift():
     assert shift == pytest.approx(np.tile([1.0, 0.0, 0.0], (len(POSES), 1)), abs=1e-6)
 
 
+def with_screws(machine, random):
+    """Return the machine with screws that are uneven and have play."""
+    return replace(machine, backlash=tuple(random.uniform(0.0, 3e-4, 3).tolist()), **{
+        f'screw_errors_{name}': tuple((1e-4 * random.standard_normal(5)).tolist())
+        for name in Carriages._fields})
+
+
+def test_tables_of_the_screws_and_their_backlash_are_found_with_the_rest():
+    drawing, random = with_screw_tables(DRAWING, 5), np.random.default_rng(3)
+    unknowns = (*UNKNOWNS, *BACKLASH, *screw_unknowns(drawing))
+    poses = plan(drawing, unknowns, 48)
+    assert set(poses[:, 3]) == {-1.0, 1.0}
+    held = candidates(drawing)[::9]
+    held = np.column_stack([held, np.resize([1.0, -1.0], len(held))])
+    for _ in range(3):
+        made = with_screws(make_machine(drawing, SHOP, random), random)
+        found = identify(drawing, unknowns, Measurements(
+            poses, measure_heads(made, poses, SHOP, random)))
+        deviations = np.sqrt(np.diag(found.covariance))
+        assert (np.abs(found.values - values_of(made, unknowns)) < 3.5 * deviations).all()
+        assert (deviations[11:14] < 6e-5).all()
+        left = rms(heads(made, held) - heads(found.geometry, held))
+        assert (left < 2.0 * rms(spread(found.geometry, unknowns, found.covariance, held))).all()
+        assert (left < 0.2 * rms(heads(made, held) - heads(DRAWING, held))).all()
+
+
+def test_backlash_is_not_found_without_the_direction_of_arrival():
+    with pytest.raises(CalibrationError, match='no row says in which direction'):
+        identify(DRAWING, (*UNKNOWNS, *BACKLASH), Measurements(POSES, measured()))
+
+
+def test_a_table_of_a_screw_says_the_same_with_more_entries():
+    coarse = replace(DRAWING, screw_errors_q1=(1e-4, -1e-4, 0.0))
+    fine = with_screw_tables(coarse, 5)
+    assert fine.screw_errors_q1 == pytest.approx((1e-4, 0.0, -1e-4, -5e-5, 0.0))
+    assert fine.screw_errors_q2 == (0.0,) * 5
+    assert heads(fine, POSES) == pytest.approx(heads(coarse, POSES), abs=1e-12)
+    with pytest.raises(ParameterError, match='2 are the least'):
+        with_screw_tables(coarse, 1)
+
+
 def test_too_few_poses_are_rejected():
     with pytest.raises(CalibrationError, match='too few poses: 9 measured numbers for 11'):
         identify(DRAWING, UNKNOWNS, Measurements(POSES[:3], measured()[:3]))
@@ -196,6 +242,20 @@ def test_a_dial_gauge_is_enough_for_what_it_shows(table, tmp_path):
     off = heads(geometry_in(target), POSES) - heads(MADE, POSES)
     assert np.abs(off[:, 1]).max() < 5e-4
     assert main(['geometry', str(only_y), '--noise', '0.001', '0.02']) == 1
+
+
+def test_the_command_plans_for_the_screws_and_writes_their_errors(tmp_path, capsys):
+    path, target = tmp_path / 'poses.csv', tmp_path / 'calibrated.yaml'
+    screws = ['--backlash', '--screws', '3']
+    assert main(['geometry', '--plan', str(path), '--count', '40', *screws]) == 0
+    assert practise([str(path), '--folder', str(tmp_path)]) == 0
+    assert main(['geometry', str(path), *screws, '--output', str(target)]) == 0
+    found, said = geometry_in(target), capsys.readouterr().out
+    assert len(found.screw_errors_q2) == 3 and max(found.backlash) < 2e-4
+    assert 'backlash of the screw of q3' in said and 'screw of q1, error at +0.500 m' in said
+    path.write_text(path.read_text().replace(',1.000000,', ',2,'))
+    assert main(['geometry', str(path), *screws]) == 1
+    assert 'direction = 2 is none of 1, -1 and 0' in capsys.readouterr().err
 
 
 def cell(row, column, value):
