@@ -22,7 +22,7 @@ ROOMS = {
     'parameter_file': BASE | {'files'},
     'kinematics': BASE,
     'messages': BASE | {'kinematics'},
-    'workspace': BASE | {'kinematics', 'resources', 'files'},
+    'workspace': BASE | {'kinematics', 'resources', 'files', 'parameter_file'},
     'prediction': BASE | {'kinematics'},
     'calibration': BASE | {'blackbox', 'kinematics', 'messages', 'prediction', 'resources',
                            'files', 'parameter_file'},

@@ -56,9 +56,8 @@ class WorkspaceLimit:
         margin = settings.margin + sum(map(_greatest, (
             geometry.carriage_offsets, geometry.backlash, sum(geometry.screw_errors, ()))))
         self._stroke = least + margin, greatest - margin
-        self._halves = tuple(self._half + error for error in geometry.platform_errors)
-        self._link_squares = tuple(
-            (geometry.link_length + error) ** 2 for error in geometry.link_errors)
+        self._halves = geometry.half_lengths
+        self._link_squares = tuple(length * length for length in geometry.link_lengths)
         self._order = (self._half - self._gap) ** 2 - geometry.link_length ** 2  # (b − gap)² − l²
         self._height = self._heights()
         if self._height[0] >= self._height[1]:

@@ -52,9 +52,7 @@ class CalibratedMechanism:
 
     def __init__(self, geometry: Geometry) -> None:
         self.geometry = geometry
-        self._lengths = Lengths(
-            *(geometry.link_length + error for error in geometry.link_errors),
-            *(geometry.platform_half_length + error for error in geometry.platform_errors))
+        self._lengths = Lengths(*geometry.link_lengths, *geometry.half_lengths)
         self._length1, self._length2, self._half1, self._half2 = self._lengths
         self._rail = Pose(0.0, 0.0, geometry.rail_angle)
         self._tool = Pose(*geometry.tool)

@@ -179,6 +179,16 @@ class Geometry:
         return self.stroke[1] - self.stroke[0]
 
     @property
+    def link_lengths(self) -> tuple[float, ...]:
+        """Lengths of the links as they were made, on the sides of A1 and of A2 [m]."""
+        return tuple(self.link_length + error for error in self.link_errors)
+
+    @property
+    def half_lengths(self) -> tuple[float, ...]:
+        """Lengths of the platform's halves as they were made, on the same sides [m]."""
+        return tuple(self.platform_half_length + error for error in self.platform_errors)
+
+    @property
     def screw_errors(self) -> tuple[tuple[float, ...], ...]:
         """Tables of the three screws [m]."""
         return self.screw_errors_q1, self.screw_errors_q2, self.screw_errors_q3

@@ -114,12 +114,12 @@ def _compliance(mechanism: Mechanism, pose: Pose, screw: float, link: float) -> 
     A link that leans by α to the rail bears f/cos α and yields along the rail by 1/cos α of its
     own yield.
     """
-    geometry = mechanism.geometry
+    link1, link2 = mechanism.geometry.link_lengths
+    half1, half2 = mechanism.geometry.half_lengths
     q1, q2, _ = mechanism.on_rail(mechanism.inverse_kinematics(pose))
     platform = mechanism.platform(pose)
-    along = geometry.platform_half_length * math.cos(platform.theta)
-    lean1 = (q1 - platform.x + along) / geometry.link_length
-    lean2 = (platform.x + along - q2) / geometry.link_length
+    lean1 = (q1 - platform.x + half1 * math.cos(platform.theta)) / link1
+    lean2 = (platform.x + half2 * math.cos(platform.theta) - q2) / link2
     return np.array([
         1.0 / screw + 1.0 / (link * lean1 ** 2), 1.0 / screw + 1.0 / (link * lean2 ** 2),
         1.0 / screw])

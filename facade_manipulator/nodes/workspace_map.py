@@ -66,12 +66,12 @@ class WorkspaceMap:
 
     def _publish(self) -> None:
         resolution = self._settings.resolution
-        cells, (x, y) = lci_grid(self._geometry, self._theta, resolution)
+        cells, origin = lci_grid(self._geometry, self._theta, resolution)
         grid = OccupancyGrid(data=array('b', cells.tobytes()))
         grid.header.frame_id = RAIL
         grid.header.stamp = self._node.get_clock().now().to_msg()
         grid.info.map_load_time = grid.header.stamp
         grid.info.resolution = resolution
         grid.info.height, grid.info.width = cells.shape
-        grid.info.origin = pose_message(Pose(x, y, 0.0))
+        grid.info.origin = pose_message(origin)
         self._publisher.publish(grid)

@@ -10,6 +10,8 @@ J. Mechanical Design 128(1), 2006.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +21,7 @@ from facade_manipulator.kinematics import (
     carriage_forces,
     Geometry,
     head_stiffness,
-    links,
+    Mechanism,
     mechanism_of,
     Pose,
     Wrench,
@@ -27,6 +29,7 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.parameters import parameter, settings
 
 PRESSING = Wrench(0.0, 1.0, 0.0)
+STEP = 1e-7  # m: what a difference leaves out is below 1e-4 of it
 
 
 @settings
@@ -82,7 +85,7 @@ class Worth(NamedTuple):
 
 def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Worth:
     """
-    Return what a pose of the nominal mechanism is worth.
+    Return what a pose is worth.
 
     Raises
     ------
@@ -92,7 +95,7 @@ def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Wort
     """
     pose, mechanism = Pose(0.0, y, theta), mechanism_of(geometry)
     rates = mechanism.jacobian(pose)
-    deviations = _amplification(geometry, pose, np.linalg.inv(rates)) * (
+    deviations = _amplification(mechanism, pose, np.linalg.inv(rates)) * (
         [train.carriage_error] * 3 + [train.length_error] * 4)
     stiffness = np.diag(head_stiffness(
         mechanism, pose, train.screw_stiffness, train.link_stiffness))
@@ -105,15 +108,21 @@ def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Wort
         _ellipse(np.linalg.inv(rates).T[:, :2], train.force))
 
 
-def _amplification(geometry: Geometry, pose: Pose, inverse: np.ndarray) -> np.ndarray:
+def _amplification(mechanism: Mechanism, pose: Pose, inverse: np.ndarray) -> np.ndarray:
     """Return how the head moves with q1, q2, q3, l1, l2, b1 and b2, shape (3, 7)."""
-    sine, cosine, u1, u2, s1, s2 = links(geometry, pose)
-    length = geometry.link_length
-    wanted = np.array([
-        [length / s1, 0.0, u1 * sine / s1 - cosine, 0.0],
-        [0.0, -length / s2, 0.0, cosine + u2 * sine / s2],
-        [0.0, 0.0, 0.0, 0.0]])
-    return np.hstack([inverse, -inverse @ wanted])
+    carriages = np.array(mechanism.inverse_kinematics(pose))
+    wanted = [(np.array(longer.inverse_kinematics(pose)) - carriages) / STEP
+              for longer in _longer(mechanism.geometry)]
+    return np.hstack([inverse, -inverse @ np.array(wanted).T])
+
+
+@lru_cache(maxsize=1)
+def _longer(geometry: Geometry) -> list[Mechanism]:
+    """Return the mechanism with l1, with l2, with b1 and with b2 longer by a step."""
+    return [
+        mechanism_of(replace(geometry, **{
+            field: tuple(np.add(getattr(geometry, field), side).tolist())}))
+        for field in ('link_errors', 'platform_errors') for side in STEP * np.eye(2)]
 
 
 def _ellipse(demand: np.ndarray, limit: float) -> tuple[float, float, float]:

@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 import numpy as np
 
+from facade_manipulator.kinematics import mechanism_of, Pose
 from facade_manipulator.workspace.accuracy import Worth, worth
 from facade_manipulator.workspace.drawing import (
     BLUE,
@@ -31,8 +32,10 @@ def figure_accuracy(study: Study) -> Figure:
     grid = made.subplots(2, 2)
     lower, upper = y_range(study.geometry)
     heights = np.linspace(lower, upper, ROWS + 2)[1:-1]
-    poses = [[worth(study.geometry, y, theta, study.train) for theta in np.linspace(
-        -EDGE, EDGE, COLUMNS) * theta_max(study.geometry, y)] for y in heights.tolist()]
+    head = mechanism_of(study.geometry).head
+    poses = [[worth(study.geometry, at.y, at.theta, study.train) for theta in np.linspace(
+        -EDGE, EDGE, COLUMNS) * theta_max(study.geometry, y) for at in [head(Pose(0.0, y, theta))]]
+        for y in heights.tolist()]
     for axes, title, value in (
             (grid[0, 0], 'position error, 1 sigma [mm]',
              lambda at: np.hypot(*at.errors[:2]) * MILLIMETRES),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
 from facade_manipulator.workspace.maps import pose_map
 
 UNREACHABLE = -1
@@ -15,7 +15,7 @@ MAX_CELLS = 4_000_000
 
 def lci_grid(
     geometry: Geometry, theta: float, resolution: float, characteristic_length: float = 1.0
-) -> tuple[np.ndarray, tuple[float, float]]:
+) -> tuple[np.ndarray, Pose]:
     """
     Conditioning over x and y at the angle θ, as nav_msgs/OccupancyGrid wants it.
 
@@ -36,8 +36,9 @@ def lci_grid(
     cells : ndarray of int8, shape (rows of y, columns of x)
         100·LCI over the greatest LCI at this θ, taken at the cell's centre; −1 where the machine
         cannot stand.
-    origin : tuple of two floats
-        x and y of the outer corner of the first cell [m].
+    origin : Pose
+        Outer corner of the first cell and the direction of its rows, in frame `rail`: with tool
+        and rail angle of the machine. Errors of its lengths are not in the map.
 
     Raises
     ------
@@ -47,6 +48,8 @@ def lci_grid(
     """
     if not np.isfinite(theta):
         raise ParameterError(f'theta = {theta} is not a finite number')
+    mechanism = mechanism_of(geometry)
+    theta = mechanism.platform(Pose(0.0, 0.0, theta)).theta
     columns, rows = _shape(geometry, resolution)
     x = geometry.stroke[0] + resolution * (np.arange(columns) + 0.5)
     y = resolution * (np.arange(rows) + 0.5)
@@ -59,7 +62,8 @@ def lci_grid(
         percent = np.rint(FULL * values[inside] / values[inside].max()).astype(np.int8)
         lower, upper = row.lower[inside, None], row.upper[inside, None]
         cells[inside] = np.where((lower <= x) & (x <= upper), percent[:, None], UNREACHABLE)
-    return cells, (geometry.stroke[0], 0.0)
+    corner = mechanism.head(Pose(geometry.stroke[0], 0.0, theta))
+    return cells, corner._replace(theta=geometry.rail_angle)
 
 
 def _shape(geometry: Geometry, resolution: float) -> tuple[int, int]:

@@ -20,7 +20,8 @@ from facade_manipulator.errors import (
     missing_package,
     ParameterError,
 )
-from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
+from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.parameters import METADATA_KEY
 from facade_manipulator.workspace.accuracy import DriveTrain, worth_rows
 from facade_manipulator.workspace.limits import theta_max, x_interval
@@ -131,7 +132,9 @@ def _singularity_part(
 def _accuracy_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
     from facade_manipulator.workspace.report import accuracy_table
 
-    rows = worth_rows(geometry, options.y or _distances(geometry), _drive_train(options))
+    head = mechanism_of(geometry).head
+    distances = options.y or [head(Pose(0.0, y, 0.0)).y for y in _distances(geometry)]
+    rows = worth_rows(geometry, distances, _drive_train(options))
     if not rows:
         raise ParameterError('the machine reaches none of these y')
     return 'accuracy', [row._asdict() for row in rows], accuracy_table(
@@ -199,6 +202,10 @@ def _distances(geometry: Geometry) -> list[float]:
 
 
 def _geometry(options: argparse.Namespace) -> Geometry:
+    if options.parameters is not None:
+        if any(given is not None for given in (options.l, options.b, options.stroke)):
+            raise ParameterError('--parameters has the lengths: --l, --b and --stroke have no use')
+        return read_settings(options.parameters, ALL_NODES, 'geometry', Geometry)
     design = Geometry()
     return Geometry(
         design.link_length if options.l is None else options.l,
@@ -281,6 +288,9 @@ def _add_inputs(group: argparse._ArgumentGroup) -> None:
             ('--characteristic-length', 0.001, 'unit of length of the index [m] (default 0.001, '
                                                "the paper's; 1 shows weak poses at the rail)")):
         group.add_argument(name, type=float, default=default, help=text)
+    group.add_argument('--parameters', type=Path, metavar='YAML',
+                       help='parameter file of a machine, for all of these lengths; --accuracy '
+                            'goes by its errors too')
     group.add_argument('--stroke', type=float, nargs='+', metavar='M',
                        help='stroke of the carriages [m]: its length, or both ends (default 1; '
                             '--table2: 1.005)')

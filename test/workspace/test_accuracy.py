@@ -1,3 +1,4 @@
+from dataclasses import replace
 import math
 
 from mechanism import DESIGN
@@ -8,7 +9,6 @@ from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import (
     Carriages,
     Geometry,
-    inverse_kinematics,
     jacobian,
     mechanism_of,
     Pose,
@@ -18,18 +18,23 @@ from facade_manipulator.workspace.accuracy import DriveTrain, worth, worth_rows
 TRAIN = DriveTrain()
 
 
-@pytest.mark.parametrize('pose', [(0.1, 0.03), (0.25, -0.1), (0.3, 0.05)])
-def test_errors_are_those_of_many_machines(pose):
-    y, theta = pose
+LONG = Geometry(link_errors=(1e-3, -2e-3), platform_errors=(2e-3, 0.0), rail_angle=0.02,
+                tool=(0.01, 0.05, 0.1))
+
+
+@pytest.mark.parametrize(('geometry', 'y', 'theta'), [
+    (DESIGN, 0.1, 0.03), (DESIGN, 0.25, -0.1), (DESIGN, 0.3, 0.05), (LONG, 0.3, 0.05)])
+def test_errors_are_those_of_many_machines(geometry, y, theta):
     random = np.random.default_rng(1)
-    q = np.array(inverse_kinematics(DESIGN, Pose(0.0, y, theta)))
+    q = np.array(mechanism_of(geometry).inverse_kinematics(Pose(0.0, y, theta)))
     heads = []
     for _ in range(2000):
-        made = Geometry(link_errors=tuple(1e-5 * random.standard_normal(2)),
-                        platform_errors=tuple(1e-5 * random.standard_normal(2)))
+        made = replace(geometry, **{
+            name: tuple(getattr(geometry, name) + 1e-5 * random.standard_normal(2))
+            for name in ('link_errors', 'platform_errors')})
         heads.append(mechanism_of(made).forward_kinematics(
             Carriages(*(q + 1e-5 * random.standard_normal(3)).tolist())))
-    found = worth(DESIGN, y, theta, DriveTrain(carriage_error=1e-5, length_error=1e-5)).errors
+    found = worth(geometry, y, theta, DriveTrain(carriage_error=1e-5, length_error=1e-5)).errors
     assert found == pytest.approx(np.std(heads, axis=0), rel=0.08)
 
 
