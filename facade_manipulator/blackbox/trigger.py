@@ -40,11 +40,6 @@ class RecordTrigger:
         if reason and not was:
             self._add(now, source, reason)
 
-    def request(self, now: float, reason: str) -> None:
-        """Make a file due at once."""
-        self._reasons.append(reason)
-        self._due = now
-
     def _add(self, now: float, source: str, reason: str) -> None:
         if now - self._recorded.get(source, -math.inf) < self._pause:
             return

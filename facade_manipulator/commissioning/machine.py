@@ -15,6 +15,7 @@ from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, DEFAULT_AXES
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.files import atomic_write
+from facade_manipulator.maintenance import ServiceSettings
 from facade_manipulator.parameter_file import read_parameters, write_parameters
 from facade_manipulator.resources import config_path
 
@@ -70,6 +71,11 @@ class Machine:
         """Return the bus of the file, with what is not None of `changes`."""
         given = {name: value for name, value in changes.items() if value is not None}
         return self._settings(BusSettings, 'bus', {}, given)
+
+    @property
+    def service(self) -> ServiceSettings:
+        """Where the counters are and when service is due; raises a ParameterError."""
+        return self._settings(ServiceSettings, 'service', {})
 
     def _settings(self, cls: type, section: str, *layers: Mapping[str, Any]) -> Any:
         known = {item.name for item in fields(cls)}

@@ -13,6 +13,7 @@ from facade_manipulator.commissioning.scan import Node, scan
 from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
 from facade_manipulator.errors import BusError, ParameterError
 from facade_manipulator.files import atomic_write
+from facade_manipulator.maintenance import kept_counters, ServiceSettings
 
 # what must have been done, and for each axis or once
 CHECKS = {'scan': False, 'assign': True, 'profile': True, 'backup': True, 'direction': True,
@@ -64,8 +65,20 @@ def page(machine: Machine, nodes: list[Node], absent: str) -> Iterator[str]:
         [(entry['date'], entry['check'], entry['axis'],
           'passed' if entry['passed'] else '**open**', entry['result'])
          for entry in machine.journal])
+    yield from ('', '## Counters', '')
+    yield from _counters(machine.service)
     yield from ('', '## Missing before production', '')
     yield from [f'- {item}' for item in open_points(machine, nodes)] or ['Nothing.']
+
+
+def _counters(service: ServiceSettings) -> Iterator[str]:
+    kept = kept_counters(service.folder)
+    if not kept:
+        yield f'None in {service.folder}: the drives have not had power yet, or elsewhere.'
+    for name, counters in kept.items():
+        yield from _table(
+            (name, ''), [*counters.lines(), ('service', counters.due(service) or 'not due'), (
+                'intervals', f'{service.hours:g} h, {service.travel:g} km; 0: never')])
 
 
 def _table(head: tuple, rows: list[tuple]) -> Iterator[str]:

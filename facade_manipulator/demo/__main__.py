@@ -9,7 +9,9 @@ ends, however it ends.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from contextlib import closing
+from itertools import cycle
 import json
 import math
 import os
@@ -115,14 +117,29 @@ class Demo:
         begin = time.monotonic()
         shown = -math.inf
         with live_view(self.console, self.observer, self.options.duration) as show:
-            while (elapsed := time.monotonic() - begin) < self.options.duration:
+            def remaining(*_) -> float:
+                nonlocal shown
                 self._require_moving_drives()
-                self._send_due_goal(elapsed)
-                self.client.spin(REFRESH_PERIOD)
                 self.processes.check()
+                elapsed = time.monotonic() - begin
                 if self.console.is_terminal or elapsed - shown >= LINE_PERIOD:
                     shown = elapsed
                     show(elapsed)
+                return self.options.duration - elapsed
+
+            if self.scenario.mission.waits:
+                self._follow_plan(remaining)
+            while (left := remaining()) > 0.0:
+                self._send_due_goal(self.options.duration - left)
+                self.client.spin(REFRESH_PERIOD)
+
+    def _follow_plan(self, remaining: Callable[..., float]) -> None:
+        """Go through the goals again and again, from one to the next as soon as it is reached."""
+        for count, goal in enumerate(cycle(self.scenario.mission.plan)):
+            if remaining() <= 0.0:
+                self.console.print(f'{count} goals reached, one after the other')
+                return
+            self.client.go_to(goal, on_progress=remaining)
 
     def _require_moving_drives(self) -> None:
         """End the demo with the driver's own reason once the drives have stopped."""

@@ -14,6 +14,22 @@ from facade_manipulator.maintenance.counters import MachineCounters
 PERIOD = 1.0  # s, so that no kill loses more
 
 
+DAMAGES = (OSError, ValueError, TypeError, AttributeError, KeyError)
+
+
+def _read(path: Path) -> MachineCounters:
+    return MachineCounters.of(json.loads(path.read_text(encoding='utf-8')))
+
+
+def kept_counters(folder: str) -> dict[str, MachineCounters]:
+    """Return the counters that a folder has by their files' names, those that can be read."""
+    found = {}
+    for path in sorted(Path(folder).expanduser().glob('counters_*.json')):
+        with suppress(*DAMAGES):
+            found[path.stem] = _read(path)
+    return found
+
+
 class CounterFile:
     """
     Keep the counters of one machine in a file.
@@ -77,10 +93,10 @@ class CounterFile:
         if self._path is None:
             return MachineCounters()
         try:
-            return MachineCounters.of(json.loads(self._path.read_text(encoding='utf-8')))
+            return _read(self._path)
         except FileNotFoundError:
             return MachineCounters()
-        except (OSError, ValueError, TypeError, AttributeError, KeyError) as error:
+        except DAMAGES as error:
             aside = self._path.with_suffix('.damaged.json')
             with suppress(OSError):
                 self._path.replace(aside)

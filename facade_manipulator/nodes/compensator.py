@@ -37,7 +37,7 @@ from facade_manipulator.messages import (
     seconds,
 )
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
-from facade_manipulator.nodes.goal_report import GoalReport
+from facade_manipulator.nodes.goal_report import GoalReport, HOLD
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
@@ -248,7 +248,7 @@ class CompensatorNode(Node):
             response.success, response.message = False, str(error)
             return response
         self._goal = node_time(self), place
-        self._progress.end('compensator/hold was called')
+        self._progress.end(HOLD)
         response.success = True
         response.message = f'the head stays on the wall at {millimetres(place)}'
         return response

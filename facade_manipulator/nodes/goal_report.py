@@ -18,6 +18,7 @@ from facade_manipulator.compensation import (
 )
 from facade_manipulator.ros import declare, diagnostic_status, LATCHED, stamp_text
 
+HOLD = 'compensator/hold was called'
 PERIOD = 0.2  # s, between messages while the head moves
 LEVELS = {GoalState.HELD_BACK: 'warn', GoalState.REJECTED: 'error'}
 

@@ -38,6 +38,7 @@ from facade_manipulator.blackbox import (
     SUMMARY,
     write_mcap,
 )
+from facade_manipulator.nodes.goal_report import HOLD
 from facade_manipulator.ros import (
     declare,
     Deferred,
@@ -56,6 +57,7 @@ from facade_manipulator.ros import (
 
 NAME = 'facade_manipulator'
 STREAM = qos_profile_sensor_data  # best effort: it never holds a publisher up
+GOAL_STATUS = 'compensator/goal_status'
 # topic: type, quality of service; the last two are the whole graph's, the others the namespace's
 TOPICS = {
     'goal_pose': (PoseStamped, RELIABLE),
@@ -69,7 +71,7 @@ TOPICS = {
     'joint_states': (JointState, STREAM),
     'end_effector_pose': (PoseStamped, STREAM),
     'compensator/reference': (PoseStamped, STREAM),
-    'compensator/goal_status': (DiagnosticStatus, LATCHED),
+    GOAL_STATUS: (DiagnosticStatus, LATCHED),
     'software_stop': (Bool, STREAM),
     'ik_service/status': (DiagnosticStatus, LATCHED),
     'ik_service/rejections': (DiagnosticStatus, RECENT),
@@ -102,6 +104,7 @@ class RecorderNode(Node):
             os.PRIO_PROCESS, 0, LOW_PRIORITY))
         self._outcome, self._error, self._files = 'nothing recorded yet', '', 0
         self._driver_state, self._driver_time = '', time.monotonic()
+        self._knows_goal = False
         self._listener: CanListener | None = None
         self._readers = {
             name: ParameterReader(self, name) for name in COMPONENTS}
@@ -115,12 +118,13 @@ class RecorderNode(Node):
 
     def _subscribe(self, topic: str, kind: type, qos) -> None:
         name, ring = self.resolve_topic_name(topic), self._ring
-        readers = {DiagnosticArray: self._read_diagnostics, ParameterEvent: self._read_event}
+        read = {'/diagnostics': self._read_diagnostics, '/parameter_events': self._read_event,
+                GOAL_STATUS: self._read_goal_status}.get(topic)
 
         def keep(data: bytes) -> None:
             ring.add(time.monotonic(), name, data)
-            if kind in readers:
-                readers[kind](deserialize_message(data, kind))
+            if read is not None:
+                read(deserialize_message(data, kind))
 
         self.create_subscription(kind, topic, keep, qos, raw=True)
 
@@ -138,6 +142,12 @@ class RecorderNode(Node):
                 if self._driver_state in STOPS:
                     reason = status.message
             self._trigger.watch(now, name, reason)
+
+    def _read_goal_status(self, status: DiagnosticStatus) -> None:
+        reason = next((item.value for item in status.values if item.key == 'reason'), '')
+        if self._knows_goal:  # the first one is latched: what it says may be long past
+            self._trigger.watch(time.monotonic(), 'compensator', reason if reason == HOLD else '')
+        self._knows_goal = True
 
     def _read_event(self, event: ParameterEvent) -> None:
         for name, reader in self._readers.items():

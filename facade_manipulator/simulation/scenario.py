@@ -52,6 +52,8 @@ class MissionSettings:
          0.12, 0.265, 0.0524, 0.12, 0.24, -0.0524),
         'Goals on the wall, one after the other: x, y, theta of each', unit='m, rad',
         minimum=-10.0, maximum=10.0)
+    waits: bool = parameter(
+        False, 'Whether the demo sends a goal as soon as the one before is reached, by go_to')
 
     def __post_init__(self) -> None:
         if not self.goals or len(self.goals) % len(Pose._fields):
@@ -60,9 +62,13 @@ class MissionSettings:
 
     def goal(self, elapsed: float) -> Pose:
         """Return the goal of a time [s] since the start."""
-        count = len(self.goals) // len(Pose._fields)
-        first = len(Pose._fields) * (int(elapsed / self.goal_period) % count)
-        return Pose(*self.goals[first:first + len(Pose._fields)])
+        return self.plan[int(elapsed / self.goal_period) % len(self.plan)]
+
+    @property
+    def plan(self) -> list[Pose]:
+        """Return the goals in their order."""
+        return list(map(Pose, *(self.goals[axis::len(Pose._fields)]
+                                for axis in range(len(Pose._fields)))))
 
 
 class Scenario(NamedTuple):

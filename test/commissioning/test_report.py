@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+
 from facade_manipulator.commissioning import Machine
+from facade_manipulator.maintenance import MachineCounters
 
 
 def test_a_machine_that_was_only_scanned_misses_all_the_rest(make_rig, capsys):
@@ -38,6 +41,21 @@ def test_a_check_that_failed_stays_open_until_it_passes(make_rig):
     page = machine.beside('.report.md').read_text()
     assert '- commission home-switch q1' not in page
     assert page.count('spread') == 2
+
+
+def test_the_counters_of_the_machine_are_shown_with_what_is_due(make_rig):
+    rig = make_rig().configured()
+    Machine(rig.parameters).write({'service': {'folder': str(rig.folder), 'hours': 100.0}})
+    (rig.folder / 'counters_gondola_1.json').write_text(json.dumps(MachineCounters(
+        hours=123.4, stops={'q1: following error': 2}).values()))
+    (rig.folder / 'counters_gondola_2.json').write_text('damaged')
+    rig.run('report')
+    page = (rig.folder / 'machine.report.md').read_text()
+    assert '| counters_gondola_1 |' in page and 'gondola_2' not in page
+    for row in ('| under power [h] | 123.40 |', '| stops: q1: following error | 2 |',
+                '| service | service is due: 123.4 h since the last, bound 100 h |',
+                '| intervals | 100 h, 0 km; 0: never |'):
+        assert row in page
 
 
 def test_a_journal_that_is_none_is_named_and_left_alone(make_rig, capsys):

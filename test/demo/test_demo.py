@@ -6,12 +6,15 @@ from pathlib import Path
 import re
 import signal
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from support import children, wait_until
 
+from facade_manipulator.demo.__main__ import Demo
 from facade_manipulator.demo.record import settled, Thinned
+from facade_manipulator.simulation import load_scenario
 from facade_manipulator.simulation.pictures import amplitudes, attenuation
 
 DEMO = 'facade_manipulator.demo'
@@ -73,6 +76,17 @@ def test_ctrl_c_while_drawing_leaves_only_complete_files(start_process, tmp_path
     assert not list((tmp_path / 'report').glob('.*.part'))
     assert not (tmp_path / 'report' / 'linkage.gif').exists()
     assert json.loads((tmp_path / 'report' / 'summary.json').read_text())
+
+
+def test_a_plan_is_followed_from_goal_to_goal_until_the_time_is_over():
+    mission = load_scenario('window').mission
+    sent, printed, times = [], [], iter([9.0, 8.0, 5.0, 4.0, 2.0, 1.0, 0.5, -0.1])
+    demo = SimpleNamespace(
+        scenario=SimpleNamespace(mission=mission), console=SimpleNamespace(print=printed.append),
+        client=SimpleNamespace(go_to=lambda goal, on_progress: sent.append(goal)))
+    Demo._follow_plan(demo, lambda *_: next(times))
+    assert sent == [*mission.plan, *mission.plan][:7] and len(mission.plan) == 5
+    assert printed == ['7 goals reached, one after the other']
 
 
 @pytest.mark.parametrize('count', [0, 1, 10, 11, 1000, 12345])

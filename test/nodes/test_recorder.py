@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -14,9 +15,10 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.nodes.goal_report import HOLD
 from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.conversions import pose_stamped
-from facade_manipulator.ros.runtime import RELIABLE
+from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
 GOAL = Pose(0.1, 0.26, 0.02)
 
@@ -101,6 +103,20 @@ def test_a_driver_that_goes_silent_under_power_is_a_reason(machine, monkeypatch)
     metadata, _ = read(machine.first_file())
     assert 'no diagnostics for' in metadata['black box']['reasons']
     assert metadata['black box']['reasons'].endswith('while it was active')
+
+
+def test_a_hold_is_a_reason_unless_it_was_before_the_recorder(machine):
+    goal_status = machine.node.create_publisher(
+        DiagnosticStatus, 'compensator/goal_status', LATCHED)
+    machine.ros.until(lambda: goal_status.get_subscription_count() == 1, 'the recorder')
+    hold = DiagnosticStatus(values=[KeyValue(key='reason', value=HOLD)])
+    goal_status.publish(hold)
+    machine.ros.until(lambda: machine.recorder._knows_goal, 'the goal status')
+    assert not machine.recorder._trigger.due(math.inf)
+    for status in (DiagnosticStatus(), hold):
+        goal_status.publish(status)
+    metadata, _ = read(machine.first_file())
+    assert metadata['black box']['reasons'] == f'compensator: {HOLD}'
 
 
 def test_a_call_writes_a_file_and_says_where(machine):
