@@ -14,11 +14,12 @@ import threading
 
 from hypothesis import HealthCheck, settings
 import pytest
+from simulated_time import SimulatedTime
 from support import DEADLINE, second_tries, wait_until
 
 SOURCE = Path(__file__).resolve().parents[1]
 DOMAINS = range(1, 100)
-WAITING_FIXTURES = {'ros_domain', 'make_rig', 'one_rig', 'guest'}
+WAITING_FIXTURES = {'ros_domain', 'guest'}
 WAITING_NAMES = {'wait_until', 'threading', 'time'}
 STOP_DEADLINE = 10.0
 
@@ -126,7 +127,17 @@ def ros(ros_domain, monkeypatch):
 
 
 @pytest.fixture
-def make_rig(request):
+def simulated_time(request):
+    """Give the test a time of its own, unless it is marked as one for which the clock counts."""
+    if request.node.get_closest_marker('realtime'):
+        yield None
+        return
+    with SimulatedTime() as made:
+        yield made
+
+
+@pytest.fixture
+def make_rig(request, simulated_time):
     """Make drive controllers with simulated drives on a virtual bus, as `drive_rig.Rig` does."""
     from drive_rig import Rig
 
@@ -187,5 +198,7 @@ def end_process(process: subprocess.Popen) -> int:
 def pytest_collection_modifyitems(items):
     """Mark the tests for which the clock counts, by what they use or their file imports."""
     for item in items:
-        if WAITING_FIXTURES & {*item.fixturenames} or WAITING_NAMES & {*vars(item.module)}:
+        needed = {*item.fixturenames}
+        waits = WAITING_NAMES & {*vars(item.module)} and 'simulated_time' not in needed
+        if WAITING_FIXTURES & needed or waits:
             item.add_marker('realtime')

@@ -140,6 +140,7 @@ def answer_without_an_end(drive: SimulatedDrive) -> None:
     def answer(cob_id, data, now):
         if cob_id != 0x600 + drive.node_id or data[0] & 0xE0 not in (0x40, 0x60):
             return receive(cob_id, data, now)
+        time.sleep(0.0005)  # that the frames need
         is_segment = data[0] & 0xE0 == 0x60
         head = bytes([data[0] & 0x10]) if is_segment else bytes([0x40, *data[1:4]])
         return [(0x580 + drive.node_id, head.ljust(8, bytes(1)))]
