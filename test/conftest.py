@@ -20,6 +20,7 @@ from support import DEADLINE, second_tries, wait_until
 SOURCE = Path(__file__).resolve().parents[1]
 DOMAINS = range(1, 100)
 WAITING_FIXTURES = {'ros_domain', 'guest'}
+SIMULATED = {'simulated_time', 'shared_time'}
 WAITING_NAMES = {'wait_until', 'threading', 'time'}
 STOP_DEADLINE = 10.0
 
@@ -136,6 +137,13 @@ def simulated_time(request):
         yield made
 
 
+@pytest.fixture(scope='module')
+def shared_time():
+    """Give the tests of a file a time of their own."""
+    with SimulatedTime() as made:
+        yield made
+
+
 @pytest.fixture
 def make_rig(request, simulated_time):
     """Make drive controllers with simulated drives on a virtual bus, as `drive_rig.Rig` does."""
@@ -199,6 +207,6 @@ def pytest_collection_modifyitems(items):
     """Mark the tests for which the clock counts, by what they use or their file imports."""
     for item in items:
         needed = {*item.fixturenames}
-        waits = WAITING_NAMES & {*vars(item.module)} and 'simulated_time' not in needed
+        waits = WAITING_NAMES & {*vars(item.module)} and not SIMULATED & needed
         if WAITING_FIXTURES & needed or waits:
             item.add_marker('realtime')

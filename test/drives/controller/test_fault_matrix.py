@@ -5,15 +5,13 @@ from __future__ import annotations
 from fault_rig import OneRig
 from fault_table import cases, prove
 import pytest
-from simulated_time import SimulatedTime
 
 
 @pytest.fixture(scope='module')
-def one_rig():
-    with SimulatedTime():
-        made = OneRig()
-        yield made
-        made.close()
+def one_rig(shared_time):
+    made = OneRig()
+    yield made
+    made.close()
 
 
 @pytest.mark.parametrize(('row', 'situation'), cases())

@@ -50,7 +50,7 @@ class Lifecycle:
 
 
 @pytest.fixture(scope='module')
-def walked():
+def walked(shared_time):
     """Make one rig for all examples: each begins in the state that the last one has left."""
     rig = Rig('request sequences')
     rig.do('configure', 'home')
