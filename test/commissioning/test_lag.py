@@ -72,6 +72,7 @@ def test_an_axis_unlike_the_others_is_named():
     assert unlike(dict.fromkeys(('q1', 'q2', 'q3'), axis(0.005))) == []
 
 
+@pytest.mark.long
 def test_lag_and_friction_of_the_simulated_axes_are_found_and_written(make_rig, capsys):
     rig = make_rig('--lag', '0.012', '--coulomb-friction', '8', '--viscous-friction', '30',
                    '--backlash', '0.0006').configured()

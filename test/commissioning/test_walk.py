@@ -109,6 +109,7 @@ def rig(make_rig, monkeypatch):
     return made
 
 
+@pytest.mark.long
 def test_the_document_makes_a_machine_that_homes_and_holds(rig, monkeypatch, capsys):
     technician = Technician(rig, monkeypatch)
     known = list(steps(DOCUMENT.read_text()))
