@@ -9,7 +9,7 @@ parameters (`facade_manipulator.ros.parameters`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, Field, field, fields
 import math
 from typing import Any, TypeVar
 
@@ -88,8 +88,13 @@ def as_fields(values: Mapping[str, Any]) -> dict[str, Any]:
             for name, value in values.items()}
 
 
+def parameter_fields(cls: type) -> dict[str, Field]:
+    """Return the fields of settings that are parameters by name; what else there is, is fixed."""
+    return {item.name: item for item in fields(cls) if METADATA_KEY in item.metadata}
+
+
 def settings_from(
-    cls: type[Class], values: Mapping[str, Any], prefix: str = ''
+    cls: type[Class], values: Mapping[str, Any], prefix: str = '', **defaults: Any
 ) -> Class:
     """
     Make settings of a node's parameters; what they do not name has its default.
@@ -102,6 +107,8 @@ def settings_from(
         Parameters of the node by their full names.
     prefix : str
         Namespace of the settings, such as ``'geometry'``.
+    **defaults
+        Defaults where they differ from the dataclass's, and values of what is fixed.
 
     Raises
     ------
@@ -109,8 +116,8 @@ def settings_from(
         As `check_parameters` does.
 
     """
-    names = {f'{prefix}.{item.name}' if prefix else item.name: item.name for item in fields(cls)}
-    return cls(**as_fields({
+    names = {f'{prefix}.{name}' if prefix else name: name for name in parameter_fields(cls)}
+    return cls(**defaults | as_fields({
         names[name]: value for name, value in values.items() if name in names}))
 
 
@@ -124,10 +131,8 @@ def check_parameters(instance: Any) -> None:
         Naming the parameter, its value, its bound and unit.
 
     """
-    for item in fields(instance):
-        info = item.metadata.get(METADATA_KEY)
-        if info is not None:
-            check_value(item.name, getattr(instance, item.name), info)
+    for name, item in parameter_fields(type(instance)).items():
+        check_value(name, getattr(instance, name), item.metadata[METADATA_KEY])
 
 
 def check_value(name: str, value: Any, info: ParameterInfo) -> None:

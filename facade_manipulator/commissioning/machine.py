@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from datetime import datetime
 import os
 from pathlib import Path
@@ -12,11 +12,12 @@ from typing import Any
 import yaml
 
 from facade_manipulator.drives.canopen import BusSettings
-from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.maintenance import ServiceSettings
-from facade_manipulator.parameter_file import read_parameters, write_parameters
+from facade_manipulator.parameter_file import ALL_NODES, read_parameters, write_parameters
+from facade_manipulator.parameters import parameter_fields
 from facade_manipulator.resources import config_path
 
 DRIVER = '/**/driver'
@@ -58,9 +59,9 @@ class Machine:
         """
         if name not in AXIS_NAMES:
             raise ParameterError(f'{name} is none of {", ".join(AXIS_NAMES)}')
-        default = DEFAULT_AXES[AXIS_NAMES.index(name)]
-        defaults = {'node_id': default.node_id, 'home_position': default.home_position}
-        return self._settings(AxisSettings, name, defaults)
+        geometry = read_parameters(self.source, ALL_NODES).get('geometry') or {}
+        stroke = geometry.get('stroke', (AxisSettings.lower_limit, AxisSettings.upper_limit))
+        return self._settings(AxisSettings, name, axis_defaults(stroke)[name])
 
     @property
     def axes(self) -> dict[str, AxisSettings]:
@@ -78,9 +79,8 @@ class Machine:
         return self._settings(ServiceSettings, 'service', {})
 
     def _settings(self, cls: type, section: str, *layers: Mapping[str, Any]) -> Any:
-        known = {item.name for item in fields(cls)}
         values = self.parameters.get(section) or {}
-        unknown = values.keys() - known
+        unknown = values.keys() - parameter_fields(cls).keys()
         if unknown:
             raise ParameterError(f'{self.source}: {section} has no parameter {min(unknown)}')
         before, *after = layers

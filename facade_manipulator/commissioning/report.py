@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import fields
 from datetime import datetime
 from typing import Any
 
@@ -14,6 +13,7 @@ from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
 from facade_manipulator.errors import BusError, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.maintenance import kept_counters, ServiceSettings
+from facade_manipulator.parameters import parameter_fields
 
 # what must have been done, and for each axis or once
 CHECKS = {'scan': False, 'assign': True, 'profile': True, 'backup': True, 'direction': True,
@@ -93,7 +93,7 @@ def _parameters(machine: Machine) -> Iterator[tuple[Any, ...]]:
     written = ' '.join(entry['result'] for entry in machine.journal
                        if entry['check'] == 'written')
     given = {name: machine.parameters.get(name) or {} for name in AXIS_NAMES}
-    for item in fields(AxisSettings):
+    for item in parameter_fields(AxisSettings).values():
         origin = 'default'
         if any(f'{name}.{item.name}:' in written for name in AXIS_NAMES):
             origin = 'measured'

@@ -32,6 +32,7 @@ from facade_manipulator.prediction import (
 
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
+EVALUATION_HORIZON = 0.12  # s ahead, for which the prediction's standard deviation is published
 SETTLING_TIME = 0.5  # s, for which estimates must have come before the correction fades in
 SMOOTHING = 0.03  # s, time constant of what a new estimate changes: an estimator at 30 Hz
 SMOOTHING_ACCELERATION = 16.0  # of what a new estimate changed, by that of fading
@@ -149,12 +150,11 @@ class Correction:
         return self._state
 
     def deviations(self) -> tuple[float, ...] | None:
-        """Return the prediction's standard deviations at the evaluation horizon, if known."""
+        """Return the prediction's standard deviations one evaluation horizon ahead."""
         predictor = self.predictor
         if predictor.stamp is None:
             return None
-        return predictor.deviations(
-            predictor.stamp + predictor.settings.evaluation_horizon)
+        return predictor.deviations(predictor.stamp + EVALUATION_HORIZON)
 
     def age(self, now: float) -> float:
         """Return the age of the newest estimate [s], infinity before the first."""

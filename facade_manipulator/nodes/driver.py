@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from facade_manipulator.drives.canopen import BusSettings
-from facade_manipulator.drives.cia402 import AxisSettings, DEFAULT_AXES
+from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
 from facade_manipulator.drives.controller import (
     ACTIVE_STATES,
     ControllerSettings,
@@ -154,7 +154,8 @@ class DriverNode(ManagedNode):
     def _declare_setup(self) -> LoopSetup:
         geometry = declare(self, Geometry, 'geometry')
         controller = declare(self, ControllerSettings, 'controller')
-        axes = self._declare_axes(geometry)
+        axes = tuple(declare(self, AxisSettings, name, **defaults)
+                     for name, defaults in axis_defaults(geometry.stroke).items())
         bus = declare(self, BusSettings, 'bus')
         if self._settings.simulate_drives:
             bus = replace(bus, interface='virtual')
@@ -164,13 +165,6 @@ class DriverNode(ManagedNode):
             declare(self, MotionLimits, 'limits', self._change_limits,
                     lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
             self._settings.simulate_drives)
-
-    def _declare_axes(self, geometry: Geometry) -> tuple[AxisSettings, ...]:
-        least, greatest = geometry.stroke
-        return tuple(
-            declare(self, AxisSettings, name, node_id=axis.node_id,
-                    home_position=axis.home_position, lower_limit=least, upper_limit=greatest)
-            for name, axis in zip(CARRIAGES, DEFAULT_AXES, strict=True))
 
     def _offer(self) -> None:
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)

@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import Any
 
 import yaml
 
-from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
 from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import Outcome, StoppingAnalysis
 from facade_manipulator.motion import MotionLimits
-from facade_manipulator.parameters import as_fields
+from facade_manipulator.parameters import as_fields, parameter_fields
 from facade_manipulator.resources import config_path
 
 NODES = ('**', 'driver')  # whose sections the driver reads
@@ -66,11 +66,8 @@ def read_analysis(files: Sequence[Path]) -> tuple[Geometry, StoppingAnalysis]:
         except (yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
             raise ParameterError(f'{path} is no parameter file: {error}') from error
     geometry = _settings(Geometry(), values.get('geometry', {}), 'geometry')
-    least, greatest = geometry.stroke
-    axes = tuple(
-        _settings(replace(axis, lower_limit=least, upper_limit=greatest), values.get(name, {}),
-                  name)
-        for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True))
+    axes = tuple(_settings(AxisSettings(**defaults), values.get(name, {}), name)
+                 for name, defaults in axis_defaults(geometry.stroke).items())
     return geometry, StoppingAnalysis(
         geometry, _settings(MotionLimits(), values.get('limits', {}), 'limits'), axes,
         _settings(ControllerSettings(), values.get('controller', {}), 'controller'))
@@ -85,9 +82,8 @@ def _merge(values: dict, section: dict) -> None:
 
 
 def _settings(default: Any, values: dict, prefix: str) -> Any:
-    known = {item.name for item in fields(default)}
     for name in values:
-        if name not in known:
+        if name not in parameter_fields(type(default)):
             raise ParameterError(f'{prefix}.{name} is no parameter of the driver')
     return replace(default, **as_fields(values))
 

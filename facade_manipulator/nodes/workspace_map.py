@@ -15,17 +15,15 @@ from facade_manipulator.ros import declare, LATCHED, pose_message, steady_timer
 from facade_manipulator.workspace import lci_grid
 
 PERIOD = 0.25
+THETA_STEP = 0.01  # rad, turn of the head after which the map is drawn again
 
 
 @settings
 class WorkspaceSettings:
-    """How fine the map of the workspace is and how often it is drawn again."""
+    """How fine the map of the workspace is."""
 
     resolution: float = parameter(
         0.005, 'Side of a cell of ik_service/workspace', unit='m', minimum=0.001, maximum=0.1)
-    theta_step: float = parameter(
-        0.01, 'Change of theta after which ik_service/workspace is published again', unit='rad',
-        minimum=0.001, maximum=1.0)
 
 
 class WorkspaceMap:
@@ -60,7 +58,7 @@ class WorkspaceMap:
 
     def _watch(self) -> None:
         head = self._head()
-        if head is not None and abs(head.theta - self._theta) > self._settings.theta_step:
+        if head is not None and abs(head.theta - self._theta) > THETA_STEP:
             self._theta = head.theta
             self._publish()
 

@@ -60,16 +60,13 @@ class PredictionSettings:
     memory: float = parameter(
         60.0, 'Time constant with which what was learnt is forgotten', unit='s', minimum=5.0,
         maximum=600.0)
-    evaluation_horizon: float = parameter(
-        0.12, 'Time ahead for which the standard deviation is published', unit='s',
-        minimum=0.02, maximum=0.6)
-    speed: tuple[float, ...] = parameter(
-        (2.0, 2.0, 2.0), 'Speed beyond which no motion is predicted: x, y, theta',
-        unit='m/s, rad/s', minimum=1e-3, maximum=100.0, elements=Pose._fields)
     acceleration: tuple[float, ...] = parameter(
         (1.0, 0.7, 1.4),
         'Acceleration beyond which a motion is compensated in part: x, y, theta',
         unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0, elements=Pose._fields)
+
+    # fixed: only tests have a reason to change it
+    speed: tuple[float, ...] = (2.0, 2.0, 2.0)  # m/s, rad/s, beyond which no motion is predicted
 
 
 class DisturbancePredictor:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.drives.canopen import BusSettings
-from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings
 from facade_manipulator.drives.controller import (
     ACTIVE_STATES,
     ControllerSettings,
@@ -204,7 +204,8 @@ def _setup(run: RecordedRun) -> LoopSetup:
     geometry, values = geometry_of(run, 'driver'), run.parameters['driver']
     controller = replace(settings_from(ControllerSettings, values, 'controller'),
                          heartbeat_timeout=HEARTBEAT_TIMEOUT)
-    axes = tuple(settings_from(AxisSettings, values, name) for name in AXIS_NAMES)
+    axes = tuple(settings_from(AxisSettings, values, name, **defaults)
+                 for name, defaults in axis_defaults(geometry.stroke).items())
     return LoopSetup(
         geometry, controller, axes, BusSettings(interface='virtual'),
         settings_from(StreamSettings, values, 'stream'),

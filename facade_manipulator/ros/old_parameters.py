@@ -9,7 +9,6 @@ from collections.abc import Mapping
 
 RENAMED = {
     'border.margin': 'workspace_limit.margin',
-    'prediction.judged_horizon': 'prediction.evaluation_horizon',
 }
 
 REMOVED = {
@@ -25,6 +24,9 @@ REMOVED = {
     'border.knee': 'is fixed at 0.03 m now',
     'border.height_knee': 'is fixed at 0.01 m now',
     'border.yaw_knee': 'is fixed at 0.02 rad now',
+    'prediction.evaluation_horizon': 'is fixed at 0.12 s now',
+    'prediction.judged_horizon': 'is fixed at 0.12 s now',
+    'prediction.speed': 'is fixed at 2 m/s and 2 rad/s now',
     'estimate.longest_age': 'is fixed at 0.3 s now',
     'estimate.largest_displacement': 'is fixed at 2 m now',
     'estimate.largest_yaw': 'is fixed at 0.6 rad now',
@@ -52,6 +54,7 @@ REMOVED = {
     'longest_path': 'is fixed at 10000 poses now',
     'stream_gap': 'is fixed at 0.2 s now',
     'lead': 'is fixed at 0.05 s now',
+    'workspace.theta_step': 'is fixed at 0.01 rad now',
     'friction.stiction_speed': 'is fixed at 0.002 m/s now',
     # driver
     'controller.max_bus_load': 'is fixed at 0.5 now',
@@ -60,6 +63,17 @@ REMOVED = {
     'controller.step_margin': 'is fixed at 1.1 now',
     'controller.max_resets_per_minute': 'is fixed at 3 now',
     'controller.reopen_after': 'is fixed at 1 s now',
+    'controller.heartbeat_period': 'is fixed at 0.05 s now',
+    'controller.step_timeout': 'is fixed at 1 s now',
+    'controller.ramp_timeout': 'is fixed at 5 s now',
+    **{f'{axis}.{name}': instead for axis in ('q1', 'q2', 'q3') for name, instead in {
+        'lower_limit': 'is the first of geometry.stroke now',
+        'upper_limit': 'is the second of geometry.stroke now',
+        'following_error_time': 'is fixed at 0.01 s now',
+        'homing_acceleration': 'is fixed at 0.5 m/s^2 now',
+        'homing_zero_speed': 'is a fifth of homing_speed now',
+        'homing_timeout': 'is now the time of three strokes at homing_speed',
+    }.items()},
     'controller.own_garbage_collection': 'is fixed at true now',
     **dict.fromkeys(
         ('recorder.directory', 'recorder.duration', 'recorder.aftermath', 'recorder.frame_rate',

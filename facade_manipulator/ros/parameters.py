@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from functools import partial
 import re
 from typing import Any, TypeVar
 
@@ -23,7 +23,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import check_value, METADATA_KEY, ParameterInfo
+from facade_manipulator.parameters import (
+    check_value,
+    METADATA_KEY,
+    parameter_fields,
+    ParameterInfo,
+)
 from facade_manipulator.ros.old_parameters import advice, REMOVED, RENAMED
 
 Settings = TypeVar('Settings')
@@ -55,7 +60,7 @@ def declare(
         Raises a ParameterError for settings that contradict something outside their set, at
         start and before a live change.
     **defaults
-        Defaults of this node where they differ from the dataclass's.
+        Defaults of this node where they differ from the dataclass's, and values of what is fixed.
 
     Raises
     ------
@@ -63,15 +68,16 @@ def declare(
         A value is of the wrong type, out of its range or contradicts another one.
 
     """
-    items = {f'{prefix}.{item.name}' if prefix else item.name: item
-             for item in fields(settings_class) if METADATA_KEY in item.metadata}
+    known = parameter_fields(settings_class)
+    items = {f'{prefix}.{name}' if prefix else name: item for name, item in known.items()}
+    fixed = {name: value for name, value in defaults.items() if name not in known}
     values = {
         item.name: _declare_one(
             node, name, item.metadata[METADATA_KEY], defaults.get(item.name, item.default),
             on_change is None)
         for name, item in items.items()}
     names = {name: item.name for name, item in items.items()}
-    make = _maker(settings_class, prefix, check)
+    make = _maker(partial(settings_class, **fixed), prefix, check)
     current = [make(values)]
     if on_change is not None:
         _accept_live_changes(node, names, current, on_change, make)
@@ -79,7 +85,7 @@ def declare(
 
 
 def _maker(
-    settings_class: type[Settings], prefix: str, check: Callable[[Settings], object]
+    settings_class: Callable[..., Settings], prefix: str, check: Callable[[Settings], object]
 ) -> Callable[[dict[str, Any]], Settings]:
     """Return what makes checked settings; its errors name parameters as the operator does."""
     def make(values: dict[str, Any]) -> Settings:

@@ -54,7 +54,7 @@ def test_the_map_is_drawn_anew_when_the_head_has_turned(bench):
     bench.until(lambda: len(bench.maps) == 2, 'the map of the new angle')
     assert np.array_equal(
         np.array(bench.maps[-1].data), lci_grid(GEOMETRY, 0.2, 0.005)[0].ravel())
-    bench.turn_to(0.205)  # less than theta_step
+    bench.turn_to(0.205)  # less than THETA_STEP
     bench.node._workspace._watch()
     assert len(bench.maps) == 2
 

@@ -321,7 +321,7 @@ def test_means_of_fast_estimates_teach_what_each_of_them_would():
 
 
 @pytest.mark.parametrize('change', [
-    {'acceleration': (1.0, 1.0)}, {'speed': (0.0, 1.0, 1.0)}, {'memory': math.nan}])
+    {'acceleration': (1.0, 1.0)}, {'acceleration': (0.0, 1.0, 1.0)}, {'memory': math.nan}])
 def test_settings_that_make_no_sense_are_rejected(change):
     with pytest.raises(ParameterError, match=next(iter(change))):
         replace(SETTINGS, **change)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 from loop_bench import LoopThread
 import pytest
@@ -27,6 +28,7 @@ NODES = {
     'gondola_simulator': GondolaSimulatorNode,
 }
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
+MOST_PARAMETERS = 125  # more only for what a user must or may want to set, not for a constant
 NUMBERS = ('INTEGER', 'DOUBLE', 'INTEGER_ARRAY', 'DOUBLE_ARRAY')
 
 
@@ -62,6 +64,13 @@ def test_no_live_number_takes_nan(node):
         result = node.set_parameters([Parameter(name, value=math.nan)])[0]
         assert not result.successful and result.reason, name
         assert node.get_parameter(name).value == before
+
+
+def test_the_parameters_that_a_user_meets_do_not_grow_unnoticed(ros):
+    """Those of the mechanism count once, though every node has them, and so do the axes'."""
+    met = {name if name.startswith('geometry.') else f'{node}: {re.sub("^q[123]", "q", name)}'
+           for node, make in NODES.items() for name in own_parameters(ros.add(make()))}
+    assert len(met) <= MOST_PARAMETERS
 
 
 @pytest.mark.parametrize('file', ['manipulator.yaml', 'simulation.yaml'])

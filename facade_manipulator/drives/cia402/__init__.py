@@ -31,6 +31,7 @@ from facade_manipulator.drives.cia402.profile import (
     Quirks,
 )
 from facade_manipulator.drives.cia402.settings import (
+    axis_defaults,
     AXIS_NAMES,
     AxisSettings,
     check_axes,
@@ -57,6 +58,7 @@ __all__ = [
     'AXIS_NAMES',
     'AxisHoming',
     'AxisScale',
+    'axis_defaults',
     'AxisSettings',
     'BUS_REMEDY',
     'Cause',

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from facade_manipulator.drives.canopen import MASTER_NODE_ID
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.errors import ParameterError
@@ -9,6 +11,7 @@ from facade_manipulator.parameters import parameter, settings
 
 AXIS_NAMES = ('q1', 'q2', 'q3')
 Triple = tuple[float, float, float]
+HOMING_ZERO_SHARE = 0.2  # of homing_speed
 
 
 @settings
@@ -35,10 +38,6 @@ class AxisSettings(AxisScale):
     serial_number: int = parameter(
         0, 'Serial number the drive must have (1018h:4); 0 accepts any, swapped axes included',
         minimum=0, maximum=2**32 - 1, read_only=True)
-    lower_limit: float = parameter(
-        -0.5, 'Lower end of the stroke', unit='m', minimum=-10.0, maximum=10.0, read_only=True)
-    upper_limit: float = parameter(
-        0.5, 'Upper end of the stroke', unit='m', minimum=-10.0, maximum=10.0, read_only=True)
     limit_margin: float = parameter(
         0.005, "How far beyond the stroke the drive's own position limits lie",
         unit='m', minimum=0.0, maximum=0.1, read_only=True)
@@ -55,9 +54,6 @@ class AxisSettings(AxisScale):
         'most three quarters of what carriage_gap keeps carriages from touching', unit='m',
         minimum=1e-5, maximum=0.5,
         read_only=True)
-    following_error_time: float = parameter(
-        0.01, 'How long the following error may be beyond its window', unit='s',
-        minimum=0.0, maximum=1.0, read_only=True)
     home_position: float = parameter(
         0.0, 'Where the carriage is at its home position', unit='m', minimum=-10.0, maximum=10.0,
         read_only=True)
@@ -70,16 +66,26 @@ class AxisSettings(AxisScale):
     homing_speed: float = parameter(
         0.05, 'Speed towards the switch or hard stop', unit='m/s', minimum=1e-4, maximum=1.0,
         read_only=True)
-    homing_zero_speed: float = parameter(
-        0.01, 'Speed away from it', unit='m/s', minimum=1e-5, maximum=1.0, read_only=True)
-    homing_acceleration: float = parameter(
-        0.5, 'Acceleration of homing', unit='m/s^2', minimum=1e-3, maximum=50.0, read_only=True)
     homing_current: float = parameter(
         1.0, 'Motor current that means a hard stop', unit='A', minimum=0.01, maximum=100.0,
         read_only=True)
-    homing_timeout: float = parameter(
-        60.0, 'Longest time for homing this axis', unit='s', minimum=0.1, maximum=600.0,
-        read_only=True)
+
+    # fixed: the stroke is the mechanism's, of the rest only tests have a reason to change it
+    lower_limit: float = -0.5  # m
+    upper_limit: float = 0.5  # m
+    following_error_time: float = 0.01  # s, for which the following error may leave its window
+    homing_acceleration: float = 0.5  # m/s^2
+    homing_strokes: float = 3.0  # that a carriage may take to home, at homing_speed
+
+    @property
+    def homing_zero_speed(self) -> float:
+        """Speed away from the switch or hard stop [m/s]."""
+        return HOMING_ZERO_SHARE * self.homing_speed
+
+    @property
+    def homing_timeout(self) -> float:
+        """Longest time for homing [s]."""
+        return self.homing_strokes * (self.upper_limit - self.lower_limit) / self.homing_speed
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -99,6 +105,14 @@ DEFAULT_AXES = (
     AxisSettings(node_id=2, home_position=0.1),
     AxisSettings(node_id=3, home_position=0.0),
 )
+
+
+def axis_defaults(stroke: tuple[float, ...]) -> dict[str, dict[str, Any]]:
+    """Return, by axis, what its settings have on a stroke [m] where nobody says otherwise."""
+    return {
+        name: {'node_id': axis.node_id, 'home_position': axis.home_position,
+               'lower_limit': stroke[0], 'upper_limit': stroke[1]}
+        for name, axis in zip(AXIS_NAMES, DEFAULT_AXES, strict=True)}
 
 
 def check_axes(axes: tuple[AxisSettings, ...]) -> None:

@@ -20,21 +20,12 @@ class ControllerSettings:
     boot_timeout: float = parameter(
         5.0, 'Longest time from reset to boot-up message', unit='s', minimum=0.1, maximum=60.0,
         read_only=True)
-    heartbeat_period: float = parameter(
-        0.05, 'Period of the heartbeats of master and drives', unit='s',
-        minimum=0.01, maximum=0.5, read_only=True)
     heartbeat_timeout: float = parameter(
         0.15, 'Silence after which master and drives take each other for lost', unit='s',
         minimum=0.02, maximum=1.0, read_only=True)
     watchdog_timeout: float = parameter(
         2.0, 'Silence of the node after which powered drives ramp down and the loop ends',
         unit='s', minimum=0.1, maximum=10.0, read_only=True)
-    step_timeout: float = parameter(
-        1.0, 'Longest time for one step of the state machine', unit='s',
-        minimum=0.05, maximum=1.0, read_only=True)
-    ramp_timeout: float = parameter(
-        5.0, 'Longest time to come to rest on the path', unit='s', minimum=0.1, maximum=30.0,
-        read_only=True)
     max_missed_cycles: int = parameter(
         3, 'Missed cycles in a row of one axis that stop all', minimum=1, maximum=10,
         read_only=True)
@@ -51,6 +42,9 @@ class ControllerSettings:
         minimum=-1, maximum=1023, read_only=True)
 
     # fixed: only tests have a reason to change them
+    heartbeat_period: float = 0.05  # s, of the heartbeats of master and drives
+    step_timeout: float = 1.0  # s, for one step of the state machine
+    ramp_timeout: float = 5.0  # s, to come to rest on the path
     hold_cycles: int = 20  # that the carriages hold after power-on before they follow
     reopen_after: float = 1.0  # s, for which a reopened bus must be healthy
     own_garbage_collection: bool = True  # the control thread runs the collector, in its slack

@@ -17,7 +17,7 @@ from facade_manipulator.errors import DriveFaultError, DriveStateError, LimitErr
 def test_homing_by_switch_finds_the_home_position(make_rig):
     axes = tuple(
         replace(axis, homing_method=17, home_position=-0.45, homing_speed=0.5,
-                homing_zero_speed=0.2, homing_acceleration=10.0) for axis in DEFAULT_AXES)
+                homing_acceleration=10.0) for axis in DEFAULT_AXES)
     rig = make_rig(axes=axes)
     rig.do('configure')
     assert 'is not homed' not in rig.do('home')
@@ -55,7 +55,7 @@ def slow_homing() -> tuple:
 
 
 def test_a_homing_that_takes_too_long_stops_all(make_rig):
-    rig = make_rig(axes=tuple(replace(axis, homing_timeout=0.3) for axis in slow_homing()))
+    rig = make_rig(axes=tuple(replace(axis, homing_strokes=0.006) for axis in slow_homing()))
     rig.do('configure')
     with pytest.raises(DriveFaultError, match='homing took longer than 0.3 s'):
         rig.do('home')
