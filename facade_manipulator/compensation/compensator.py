@@ -24,6 +24,7 @@ from facade_manipulator.compensation.feasibility import obstacle, stroke_obstacl
 from facade_manipulator.compensation.following import Following
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.lateral import LateralSettings
+from facade_manipulator.compensation.stamp_delay import StampDelay
 from facade_manipulator.compensation.strokes import StrokeWatch
 from facade_manipulator.compensation.suspension import SuspensionSettings
 from facade_manipulator.compensation.tracker import Tracker
@@ -148,6 +149,7 @@ class Compensator:
         self.initialisations = 0
         self._suspension = settings.suspension
         self._strokes = StrokeWatch()
+        self._stamp_delay = StampDelay()
         self.gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
         self._workspace_limit = WorkspaceLimit(geometry, settings.workspace_limit)
@@ -196,6 +198,7 @@ class Compensator:
     def _change_estimate(self, settings: EstimateSettings) -> None:
         if self.gate.change_settings(settings):
             self.correction.learn_again()
+            self._stamp_delay.begin()
 
     def _change_workspace_limit(self, settings: WorkspaceLimitSettings) -> None:
         limit, last = WorkspaceLimit(self.geometry, settings), self._last
@@ -278,6 +281,30 @@ class Compensator:
 
         """
         self.correction.add_estimate(self.gate.check(now, stamp, pose, variances, tilt))
+
+    def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
+        """
+        Learn from where the head should be, from it along the wall [m], at a stamp [s].
+
+        Raises
+        ------
+        InputError
+            As `Contact.add_lateral_offset`.
+
+        """
+        self.contact.add_lateral_offset(now, stamp, offset)
+        if self._last is None or not self.correction.is_complete or any(
+                map(any, (self._last.saturation_error, self._last.tracking_error))):
+            return  # the head is off for another reason
+        (_, y, _), (vx, _, rate) = self.correction.motion(stamp)
+        self._stamp_delay.add(stamp, -(offset + self.contact.present.x),
+                              vx - rate * (self._last.reference.y - y))
+
+    @property
+    def stamp_delay(self) -> tuple[float, float] | None:
+        """Return which `estimate.delay` the slip shows, and its standard deviation [s]."""
+        found = self._stamp_delay.found
+        return found and (self.gate.settings.delay + found[0], found[1])
 
     @property
     def sway_energy(self) -> Triple | None:

@@ -30,6 +30,7 @@ from facade_manipulator.prediction import (
     PredictionSettings,
 )
 
+FADED = 1e-4  # m or rad, of a remainder that counts no more
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
 EVALUATION_HORIZON = 0.12  # s ahead, for which the prediction's standard deviation is published
@@ -186,15 +187,20 @@ class Correction:
             return ZERO_STATE
         remainder = self._smooth.at(self._time).plus(self._fade.at(self._time))
         active = self.mode is CorrectionMode.ACTIVE
-        return self._predicted(self._time).plus(remainder) if active else remainder
+        return self.motion(self._time).plus(remainder) if active else remainder
 
     def disturbance(self, time: float) -> Pose:
         """Return where the rail is at a time [s], whether that is corrected or not."""
-        if self.predictor.stamp is None:
-            return ZERO_POSE
-        return self._predicted(time).position
+        return ZERO_POSE if self.predictor.stamp is None else self.motion(time).position
 
-    def _predicted(self, time: float) -> MotionState:
+    @property
+    def is_complete(self) -> bool:
+        """Whether the whole prediction is corrected: nothing fades in any more."""
+        return self.mode is CorrectionMode.ACTIVE and self._time is not None and max(
+            map(abs, self._fade.at(self._time).position)) < FADED
+
+    def motion(self, time: float) -> MotionState:
+        """Return the rail's motion at a time [s] by the estimates, of which there must be some."""
         predicted = self.predictor.predict(time)
         if self._nominal == ZERO_POSE:
             return predicted

@@ -120,6 +120,9 @@ class CompensatorReport:
             values['left out of the estimate'] = (
                 f'z {1e3 * self.out_of_plane.height:+.1f} mm, '
                 f'tilt {math.degrees(self.out_of_plane.tilt):.2f} deg')
+        if self._compensator.stamp_delay is not None:
+            values['estimate.delay by the slip [ms]'] = '{:.1f} +- {:.1f}'.format(
+                *(1e3 * time for time in self._compensator.stamp_delay))
         if self._last is not None:
             values['corrected disturbance'] = millimetres(self._last.disturbance)
             values['saturation error'] = millimetres(self._last.saturation_error)
