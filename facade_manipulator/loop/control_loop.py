@@ -51,8 +51,6 @@ LOOK_PERIOD = 0.05  # s: how often the node's silence and a signal are looked at
 # drives that were stopped hold with power, too, until somebody clears the faults or cleans up
 HOLDING_STATES = POWERED_STATES | {ControllerState.STOPPED}
 MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a waste
-REQUESTS = frozenset({
-    'configure', 'cleanup', 'activate', 'deactivate', 'home', 'halt', 'clear_faults', 'self_test'})
 _log = logging.getLogger(__name__)
 
 
@@ -199,9 +197,7 @@ class ControlLoop:
                 'rejected', getattr(error, 'reason', 'other'), str(error), must_arrive=True)
 
     def _start_request(self, number: int, name: str) -> None:
-        if name not in REQUESTS:
-            raise ValueError(f'{name} is no request')
-        job: Future = getattr(self.controller, name)()
+        job = self.controller.request(name)
         job.add_done_callback(lambda job: self._reply(number, job))
 
     def _change_limits(self, limits: MotionLimits) -> None:

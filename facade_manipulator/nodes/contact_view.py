@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 import math
 
 from geometry_msgs.msg import WrenchStamped
@@ -30,14 +31,12 @@ class ContactView:
 
     def __init__(self, node: Node, geometry: Geometry) -> None:
         self._mechanism = mechanism_of(geometry)
-        self._friction = declare(node, FrictionSettings, 'friction', self._change)
+        self._friction = declare(
+            node, FrictionSettings, 'friction', partial(setattr, self, '_friction'))
         self._publisher = None
         if declare(node, ContactSettings, 'contact_wrench').from_drives:
             self._publisher = node.create_publisher(
                 WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
-
-    def _change(self, friction: FrictionSettings) -> None:
-        self._friction = friction
 
     def publish(
         self, time: float, head: Pose, velocity: Sequence[float], effort: Sequence[float]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -99,9 +100,10 @@ class DriverNode(ManagedNode):
         reject_simulated_time(self)
         accept_old_names(self)
         self._rejections = Rejections(self)
-        self._settings = declare(self, DriverSettings, '', self._change_settings)
+        self._settings = declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
         self._setup = self._declare_setup()
-        self._service = declare(self, ServiceSettings, 'service', self._change_service)
+        self._service = declare(
+            self, ServiceSettings, 'service', partial(setattr, self, '_service'))
         is_real = not self._settings.simulate_drives
         self._counting = CounterFile(
             self._service.folder if is_real else '', self.get_namespace())
@@ -161,7 +163,8 @@ class DriverNode(ManagedNode):
             bus = replace(bus, interface='virtual')
         return LoopSetup(
             geometry, controller, axes, bus,
-            declare(self, StreamSettings, 'stream', self._change_stream),
+            declare(self, StreamSettings, 'stream',
+                    lambda settings: self._loop.change_stream(settings)),
             declare(self, MotionLimits, 'limits', self._change_limits,
                     lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
             self._settings.simulate_drives)
@@ -216,12 +219,6 @@ class DriverNode(ManagedNode):
             require_finite(CARRIAGES, forces, 'carriage_forces effort of')
             self._loop.load(forces)
 
-    def _change_settings(self, settings: DriverSettings) -> None:
-        self._settings = settings
-
-    def _change_service(self, settings: ServiceSettings) -> None:
-        self._service = settings
-
     def _record_service(self, _: Trigger.Request, response: Trigger.Response):
         counters = self._counting.counters
         counters.record_service()
@@ -230,9 +227,6 @@ class DriverNode(ManagedNode):
         response.message = (f'the service intervals begin at {counters.hours:.1f} h and '
                             f'{1e-3 * counters.travel:.2f} km')
         return response
-
-    def _change_stream(self, settings: StreamSettings) -> None:
-        self._loop.change_stream(settings)
 
     def _change_limits(self, limits: MotionLimits) -> None:
         self._loop.change_limits(limits)

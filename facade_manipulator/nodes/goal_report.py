@@ -40,16 +40,15 @@ class GoalReport:
         self, node: Node, compensator: Compensator, held_back: Callable[[float], str]
     ) -> None:
         self._compensator, self._held_back = compensator, held_back
-        self._watch = ArrivalWatch(declare(node, ArrivalSettings, 'arrival', self._change))
+        self._watch = ArrivalWatch(declare(
+            node, ArrivalSettings, 'arrival',
+            lambda settings: setattr(self._watch, 'settings', settings)))
         self._publisher = node.create_publisher(
             DiagnosticStatus, 'compensator/goal_status', LATCHED)
         self._stamp = ''
         self._is_open = False
         self._published: tuple[GoalState | None, str] = (None, '')
         self._next = -math.inf
-
-    def _change(self, settings: ArrivalSettings) -> None:
-        self._watch.settings = settings
 
     def accept(self, stamp: Time) -> None:
         """Report on another goal from now on."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from builtin_interfaces.msg import Duration
@@ -61,7 +62,8 @@ class LinkageView:
     def __init__(self, node: Node, geometry: Geometry) -> None:
         self._node = node
         self._geometry = geometry
-        self._settings = declare(node, LinkageSettings, 'linkage', self._change_settings)
+        self._settings = declare(
+            node, LinkageSettings, 'linkage', partial(setattr, self, '_settings'))
         self._values: dict[str, tuple[float, Any]] = {}
         self._driver = f'{node.get_namespace()}/driver: operation'.lstrip('/')
         self._subscriptions: list = []
@@ -69,9 +71,6 @@ class LinkageView:
         self._publisher = node.create_publisher(
             MarkerArray, 'ik_service/linkage', LATEST,
             event_callbacks=PublisherEventCallbacks(matched=self._match))
-
-    def _change_settings(self, settings: LinkageSettings) -> None:
-        self._settings = settings
 
     def _match(self, matched) -> None:
         if matched.current_count and not self._subscriptions:

@@ -273,9 +273,8 @@ class Driver:
         self.controller = DriveController(Session(
             settings, DEFAULT_AXES, BusAccess(bus), MechanismChecks(self.follower, guard)))
         self.reader = Reader(self.controller)
-        for request in (
-                self.controller.configure, self.controller.home, self.controller.activate):
-            request().result(PATIENCE)
+        for request in ('configure', 'home', 'activate'):
+            self.controller.request(request).result(PATIENCE)
         Answers(bus())  # takes over from drives that cost as much as the driver
         simulator.stop()
         simulator.bus.shutdown()

@@ -143,7 +143,7 @@ def homes_and_holds(rig, axes) -> None:
         MechanismChecks(Source())))
     try:
         for name in ('configure', 'home', 'activate'):
-            getattr(controller, name)().result(60.0)
+            controller.request(name).result(60.0)
         with rig.simulator.access() as drives:
             before = [drive.motor.carriage_position for drive in drives]
             for drive in drives:

@@ -167,7 +167,7 @@ def _inactive(rig: StreamRig) -> None:
 
 
 def _homing(rig: StreamRig) -> None:
-    homing = rig.homing = rig.controller.home()
+    homing = rig.homing = rig.controller.request('home')
     wait_until(lambda: homing.done() or rig.drive_states == [State.OPERATION_ENABLED] * 3
                and min(rig.speeds()) > 0.0, 'homing')
     assert not homing.done(), homing.result()

@@ -53,7 +53,7 @@ class ForeignRig:
 
     def do(self, *names: str) -> str:
         for name in names:
-            answer = getattr(self.controller, name)().result(PATIENCE)
+            answer = self.controller.request(name).result(PATIENCE)
         return answer
 
     @property

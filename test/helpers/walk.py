@@ -264,7 +264,7 @@ class Walk(RuleBasedStateMachine):
         return self.world.controller._session.axes
 
     def _request(self, name: str) -> Future:
-        job = getattr(self.world.controller, name)()
+        job = self.world.controller.request(name)
         self.jobs.append((name, job, self.world.time.now))
         return job
 

@@ -1,7 +1,7 @@
 """
 The drive controller: one control thread that owns the bus, and requests that never wait.
 
-A request (`configure`, `activate`, `home`, …) returns a future at once; its result is a message
+A request, one of `REQUESTS`, returns a future at once; its result is a message
 for the operator, its exception one as well. The control thread receives, supervises, steps the
 group and commands once per SYNC. What needs SDO runs in a worker thread.
 """
@@ -19,7 +19,6 @@ import time
 
 from facade_manipulator.drives.cia402 import Cause, CLEAR_REMEDY, Phase
 from facade_manipulator.drives.controller import motion_operations, service_operations
-from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.operation import Operation
 from facade_manipulator.drives.controller.realtime import (
     describe_scheduling,
@@ -44,6 +43,16 @@ _STATES = {
     Phase.STOPPING: ControllerState.STOPPED,
     Phase.STOPPED: ControllerState.STOPPED,
     Phase.RESETTING: ControllerState.CLEARING,
+}
+REQUESTS: dict[str, type[Operation]] = {
+    'configure': service_operations.Configure,
+    'cleanup': service_operations.Cleanup,
+    'activate': motion_operations.Activate,
+    'deactivate': motion_operations.Deactivate,
+    'home': motion_operations.Home,
+    'halt': motion_operations.Halt,
+    'clear_faults': service_operations.ClearFaults,
+    'self_test': service_operations.SelfTest,
 }
 _log = logging.getLogger(__name__)
 
@@ -82,37 +91,9 @@ class DriveController:
 
     # --- from any thread
 
-    def configure(self) -> Future[str]:
-        """Open the bus, check and configure the drives, start the cycle; the power stays off."""
-        return self._request(service_operations.Configure)
-
-    def cleanup(self) -> Future[str]:
-        """Leave the drives without power in NMT pre-operational and close the bus."""
-        return self._request(service_operations.Cleanup)
-
-    def activate(self) -> Future[str]:
-        """Power on all three drives together, hold, then follow targets."""
-        return self._request(motion_operations.Activate)
-
-    def deactivate(self) -> Future[str]:
-        """Come to rest on the path, then power off."""
-        return self._request(motion_operations.Deactivate)
-
-    def home(self) -> Future[str]:
-        """Home all axes, rank after rank; powers on for it and off again."""
-        return self._request(motion_operations.Home)
-
-    def halt(self) -> Future[str]:
-        """Come to rest on the path and hold there until activated or deactivated."""
-        return self._request(motion_operations.Halt)
-
-    def clear_faults(self) -> Future[str]:
-        """Check the drives again and reset their faults; they stay without power."""
-        return self._request(service_operations.ClearFaults)
-
-    def self_test(self) -> Future[list[Finding]]:
-        """Look at identities, objects, bus and cycle without changing anything."""
-        return self._request(service_operations.SelfTest)
+    def request(self, name: str) -> Future[str]:
+        """Ask for one of `REQUESTS`; return its reply as a future, at once."""
+        return self._request(REQUESTS[name])
 
     def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
         """Quick stop all axes at once and stay stopped until the faults are cleared."""

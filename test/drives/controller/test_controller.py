@@ -83,7 +83,7 @@ def test_halt_holds_the_carriages_and_activate_goes_on(rig):
 def test_a_halt_while_activating_is_accepted_and_powers_off(make_rig, cycles):
     rig = make_rig(settings=replace(SETTINGS, hold_cycles=30))
     inactive(rig)
-    activation = rig.controller.activate()
+    activation = rig.controller.request('activate')
     rig.cycles(cycles)
     assert rig.do('halt') == 'The activation is given up; the power is off; next: activate'
     with pytest.raises(DriveStateError, match='cancelled by halt'):
@@ -98,7 +98,7 @@ def test_a_halt_where_nothing_moves_is_accepted_and_cancels_nothing(rig):
     assert 'nothing moves on' in rig.do('halt')
     rig.controller.stop('enough')
     rig.until_stopped()
-    clearing = rig.controller.clear_faults()
+    clearing = rig.controller.request('clear_faults')
     assert rig.rejection('halt') is None
     assert 'cleared' in clearing.result(PATIENCE)
 
@@ -115,7 +115,7 @@ def test_close_powers_off_in_order(rig):
 def test_close_while_configuring_and_before_ends_at_once(make_rig):
     make_rig().controller.close()
     rig = make_rig()
-    job = rig.controller.configure()
+    job = rig.controller.request('configure')
     rig.controller.close()
     with pytest.raises(ManipulatorError):
         job.result(PATIENCE)
@@ -139,7 +139,7 @@ def test_requests_that_do_not_fit_while_active_change_nothing(rig, request_name)
 
 
 def test_a_second_request_is_rejected_while_one_is_under_way(rig):
-    first = rig.controller.configure()
+    first = rig.controller.request('configure')
     with pytest.raises(DriveStateError, match='while configure is under way'):
         rig.do('home')
     first.result(PATIENCE)

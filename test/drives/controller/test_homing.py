@@ -65,7 +65,7 @@ def test_a_homing_that_takes_too_long_stops_all(make_rig):
 def test_a_halt_gives_homing_up(make_rig):
     rig = make_rig(axes=slow_homing())
     rig.do('configure')
-    homing = rig.controller.home()
+    homing = rig.controller.request('home')
     wait_until(lambda: State.OPERATION_ENABLED in rig.drive_states, 'power')
     wait_until(lambda: rig.rejection('halt') is None, 'the halt')
     with pytest.raises(DriveStateError, match='cancelled by halt'):
@@ -77,7 +77,7 @@ def test_a_halt_gives_homing_up(make_rig):
 def test_a_fault_while_homing_stops_all(make_rig):
     rig = make_rig(axes=slow_homing())
     rig.do('configure')
-    homing = rig.controller.home()
+    homing = rig.controller.request('home')
     wait_until(lambda: rig.drive_states == [State.OPERATION_ENABLED] * 3, 'power')
     with rig.simulator.access() as drives:
         drives[2].inject_fault(0x2310)
@@ -100,7 +100,7 @@ def test_a_position_that_is_lost_before_homing_has_ended_is_not_homed(make_rig, 
         (*DEFAULT_AXES[:2], slow_homing()[2]), (1, 1, 2), strict=True))
     rig = make_rig(axes=axes)
     rig.do('configure')
-    homing = rig.controller.home()
+    homing = rig.controller.request('home')
     wait_until(lambda: rig.controller._session.group.homing is not None and
                rig.controller._session.group.homing.homed == (True, True, False), 'two axes')
     rig.forge(0x080 + 1, code.to_bytes(2, 'little') + bytes(6))

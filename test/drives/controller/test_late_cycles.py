@@ -17,8 +17,8 @@ RATE = FAST / AMPLITUDE
 @pytest.fixture
 def world():
     made = World()
-    for request in (made.controller.configure, made.controller.home, made.controller.activate):
-        made.finish(request(), 60.0)
+    for request in ('configure', 'home', 'activate'):
+        made.finish(made.controller.request(request), 60.0)
     yield made
     made.close()
 

@@ -54,7 +54,7 @@ def test_a_second_driver_is_rejected_before_it_says_a_word(rig):
     moving(rig)
     second, sent = second_controller(rig)
     with pytest.raises(BusError, match='another master uses this bus') as caught:
-        second.configure().result(PATIENCE)
+        second.request('configure').result(PATIENCE)
     second.close()
     assert all(what in str(caught.value) for what in (
         'its heartbeat (77Fh)', 'SYNC (080h)', 'process data for node 2'))
