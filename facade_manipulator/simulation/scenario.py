@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from facade_manipulator.compensation import CompensatorSettings, DEFAULTS
+from facade_manipulator.compensation import CompensatorSettings, DEFAULTS, SuspensionSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import parameter, settings
@@ -150,7 +150,7 @@ def read_sections(path: Path) -> dict[str, Any]:
 
 def make_scenario(sections: Sections) -> Scenario:
     """
-    Return the scenario of its sections.
+    Return the scenario of its sections; where there is a wall, the compensator knows the gondola.
 
     Raises
     ------
@@ -158,7 +158,12 @@ def make_scenario(sections: Sections) -> Scenario:
         If a section has an unknown name or a value out of range.
 
     """
-    return _fill(Scenario(), sections, '')
+    scenario = _fill(Scenario(), sections, '')
+    if not scenario.facade.present or 'suspension' in sections.get('compensator', {}):
+        return scenario
+    suspension = SuspensionSettings(**{
+        item.name: getattr(scenario.gondola, item.name) for item in fields(SuspensionSettings)})
+    return scenario._replace(compensator=scenario.compensator._replace(suspension=suspension))
 
 
 def load_scenario(name: str) -> Scenario:

@@ -5,6 +5,7 @@ import math
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator
+from facade_manipulator.compensation.suspension import SuspensionSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import certify, Geometry, Pose
 from facade_manipulator.simulation.scenario import (
@@ -52,6 +53,16 @@ def test_the_compensator_is_set_by_its_sections():
     scenario = make_scenario({'compensator': {'impedance': {'enabled': True, 'force': 20}}})
     assert scenario.compensator.impedance.enabled
     assert scenario.compensator.impedance.force == 20.0
+
+
+def test_where_there_is_a_wall_the_compensator_knows_how_the_gondola_hangs():
+    gondola = {'mass': 400.0, 'cable_length': 20.0}
+    wall = {'facade': {'present': True}, 'gondola': gondola}
+    known = make_scenario(wall).compensator.suspension
+    assert (known.mass, known.cable_length, known.guide_lever) == (400.0, 20.0, 0.6)
+    assert make_scenario({'gondola': gondola}).compensator.suspension == SuspensionSettings()
+    unknown = make_scenario({**wall, 'compensator': {'suspension': {'mass': 0.0}}})
+    assert unknown.compensator.suspension == SuspensionSettings()
 
 
 def test_what_the_compensator_is_asked_for_can_be_given_to_its_node():
