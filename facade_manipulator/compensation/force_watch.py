@@ -14,7 +14,7 @@ MOST_FORCE, LEAST_OVER = 2.0, 15.0  # of the desired force; N beyond it
 LEAST_PULL, PULL_TIME = 3.0, 0.05  # N, s: a wall cannot pull
 STUCK_TIME = 0.5  # s
 LEAST_JUMP, JUMP_SHARE, JUMP_WAY = 10.0, 0.4, 1.5e-3  # N; of the desired force; m
-LEAST_ERROR, ERROR_SHARE = 2.0, 0.5  # N; of the desired force: RMS that counts as not held
+OFF, TOUCHING = 0.5, 1.5  # N, below and above which that is sure
 
 
 class ForceWatch:
@@ -47,7 +47,7 @@ class ForceWatch:
         self.begin_contact()
 
     def begin_contact(self) -> None:
-        """Forget how far the force was from the desired one: the head touches the wall."""
+        """Forget how far the force was from the desired one: that is another one now."""
         self._error = 0.0
 
     def add(
@@ -80,11 +80,12 @@ class ForceWatch:
         self._low += _share(interval, CHATTER_TIME) * (force - self._low)
         self._fast += _share(interval, CHATTER_MEMORY) * ((force - self._low) ** 2 - self._fast)
         error = (force - desired) ** 2
-        self._error += _share(interval, HOLD_TIME) * (error - self._error)
+        if force > TOUCHING:  # a wall that is gone is looked for again
+            self._error += _share(interval, HOLD_TIME) * (error - self._error)
         share = _share(interval, MEMORY)
         self.mean += share * (force - self.mean)
         self.rms = math.sqrt(self.rms ** 2 + share * (error - self.rms ** 2))
-        self.share_off += share * (float(force < 0.5) - self.share_off)
+        self.share_off += share * (float(force < OFF) - self.share_off)
 
     def chatters(self, desired: float) -> bool:
         """Return whether the force changes faster than the loop can; once for each pause."""
@@ -97,8 +98,18 @@ class ForceWatch:
         self._chatters, self._chattered_at = self._chatters + 1, self.stamp
         return True
 
-    def fault(self, final: float, desired: float, in_contact: bool) -> str:
-        """Return what is wrong, empty if nothing is, for a force [N] at last and now."""
+    def fault(self, final: float, desired: float, most_error: float) -> str:
+        """
+        Return what is wrong, empty if nothing is.
+
+        Parameters
+        ----------
+        final, desired : float
+            Force to hold in the end, and now [N].
+        most_error : float
+            By how much the force may miss it, RMS [N].
+
+        """
         if self._fault:
             return self._fault
         force = self._force
@@ -110,16 +121,16 @@ class ForceWatch:
                     'contact_wrench wrong, or its zero?')
         if self.stamp - self._same_since > STUCK_TIME:
             return f'contact_wrench is stuck at {force:.1f} N for {STUCK_TIME:g} s'
-        return self._not_held(desired) if in_contact else ''
+        return self._not_held(desired, most_error)
 
-    def _not_held(self, desired: float) -> str:
+    def _not_held(self, desired: float, most_error: float) -> str:
         if self._chatters > MOST_CHATTERS:
             return (f'the force chatters by {math.sqrt(self._fast):.1f} N RMS: the contact is too '
                     'stiff for what the prediction leaves over')
-        error, bound = math.sqrt(self._error), LEAST_ERROR + ERROR_SHARE * desired
-        if error > bound:
+        error = math.sqrt(self._error)
+        if error > most_error:
             return (f'the force misses the desired {desired:.1f} N by {error:.1f} N RMS, bound '
-                    f'{bound:.1f} N')
+                    f'{most_error:.1f} N')
         return ''
 
     def _look_for_jump(self, change: float, desired: float, stiffness: float) -> None:

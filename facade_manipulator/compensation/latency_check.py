@@ -1,11 +1,12 @@
 """
 Whether the force is as late as its stamps say: it must answer in time to what the head does.
 
-A sensor that is late but stamps its measurements as fresh looks sound. So a small sine is added to
-the desired force, a watermark [1]: the wall's motion does not correlate with it, hence in the mean
-its traces in force and offset have the ratio k exp(−jωd), whatever the loop does, with the
-stiffness k and the latency d that is not in the stamps. Trace and scatter come from a fit to each
-period; only what the scatter cannot explain counts as latency.
+A sensor that is late but stamps its measurements as fresh looks sound. So two small sines are
+added to the desired force, a watermark [1]: the wall's motion does not correlate with them, hence
+in the mean their traces in force and offset have the ratio k exp(−jωd), whatever the loop does,
+with the stiffness k and the latency d that is not in the stamps. With one sine d looks like d and
+a period of it; 1.5 and 2.4 Hz have no period in common below 3.3 s. Trace and scatter come from a
+fit to each window; only what the scatter cannot explain counts as latency.
 
 References
 ----------
@@ -14,20 +15,22 @@ References
 
 from __future__ import annotations
 
-import cmath
 from collections import deque
 import math
 
 import numpy as np
 
-FREQUENCY = 2.4  # Hz, above what the prediction leaves of the sway
-RATE = math.tau * FREQUENCY
-LEAST_AMPLITUDE = 0.3  # N
-AMPLITUDE, MOST_AMPLITUDE = 1.0, 0.03  # of the scatter of the force's trace; of the desired force
-PERIODS = (8, 20, 60, 120)  # that means are of: the sooner, the clearer the traces
-LEAST_SAMPLES = 8  # in a period
-MOST_LATENCY = 0.08  # s
+RATES = math.tau * np.array((1.5, 2.4))  # rad/s, above what the prediction leaves of the sway
+LEAST_AMPLITUDE = 0.2  # N, of each sine
+AMPLITUDE, MOST_AMPLITUDE = 1.5, 0.04  # of the scatter of the force's trace; of the desired force
+WINDOW = 1.7  # s, in which the sines differ by more than a period
+SLOW = 7  # polynomials, that take what is slower than the sines
+WINDOWS = (5, 10, 20, 40, 80)  # that means are of: the sooner, the clearer the traces
+LEAST_SAMPLES = 25  # in a window
+TRIED = np.array(sorted(np.arange(-20, 601) * 5e-3, key=abs))  # s; a damped brush leads
+MOST_LATENCY = 0.11  # s
 CERTAINTY = 3.0  # standard deviations
+LEAST_ANGLE = 0.2  # rad, by which traces may always miss a latency
 
 
 class LatencyCheck:
@@ -42,23 +45,25 @@ class LatencyCheck:
     """
 
     def __init__(self) -> None:
-        self._traces: deque[tuple[complex, complex]] = deque(maxlen=max(PERIODS))
+        self._traces: deque[np.ndarray] = deque(maxlen=max(WINDOWS))
         self.begin()
 
     def begin(self) -> None:
         """Forget everything: the contact is another one."""
-        self.latency, self._amplitude = 0.0, LEAST_AMPLITUDE
+        self.latency, self._amplitudes = 0.0, np.zeros(len(RATES))
         self._samples: list[tuple[float, float, float]] = []
         self._traces.clear()
 
     def modulation(self, time: float, desired: float) -> tuple[float, float]:
         """Return what is added to a desired force [N] at a time [s], and its rate [N/s]."""
-        amplitude = max(min(self._amplitude, MOST_AMPLITUDE * desired), LEAST_AMPLITUDE)
-        return amplitude * math.sin(RATE * time), amplitude * RATE * math.cos(RATE * time)
+        most = max(MOST_AMPLITUDE * desired, LEAST_AMPLITUDE)
+        amplitudes = np.clip(self._amplitudes, LEAST_AMPLITUDE, most)
+        return (float(amplitudes @ np.sin(RATES * time)),
+                float(amplitudes * RATES @ np.cos(RATES * time)))
 
     def add(self, stamp: float, force: float, offset: float) -> None:
         """Note a force [N] measured at a stamp [s] with an offset [m]."""
-        if self._samples and stamp - self._samples[0][0] >= 1.0 / FREQUENCY:
+        if self._samples and stamp - self._samples[0][0] >= WINDOW:
             if len(self._samples) >= LEAST_SAMPLES:
                 self._traces.append(_traces(np.array(self._samples)))
                 self._evaluate(np.array(self._traces))
@@ -67,32 +72,33 @@ class LatencyCheck:
 
     def _evaluate(self, traces: np.ndarray) -> None:
         count = len(traces)
+        if count < min(WINDOWS):
+            return
         self.latency = max(
-            (_latency(*_mean(traces[-most:])) for most in PERIODS if most <= count), default=0.0)
-        if count >= min(PERIODS):
-            scatter = math.sqrt(count) * _mean(traces)[1]
-            self._amplitude = AMPLITUDE * scatter
+            _latency(*_mean(traces[-most:])) for most in WINDOWS if most <= count)
+        self._amplitudes = AMPLITUDE * math.sqrt(count) * _mean(traces)[2]
 
 
-def _mean(traces: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the mean traces of force and offset, and the force's standard error beside them."""
-    count, mean = len(traces), traces.mean(axis=0)
-    beside = traces[:, 0] - mean[0] / mean[1] * traces[:, 1]
-    return mean, float(np.linalg.norm(beside)) / math.sqrt(count * (count - 1))
+def _mean(traces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the mean traces of force and offset, and the force's standard errors beside them."""
+    count, (force, offset) = len(traces), traces.mean(axis=0)
+    beside = traces[:, 0] - force / offset * traces[:, 1]
+    return force, offset, np.linalg.norm(beside, axis=0) / math.sqrt(count * (count - 1))
 
 
-def _latency(mean: np.ndarray, error: float) -> float:
-    """Return the least latency that mean traces leave possible."""
-    share = CERTAINTY * error / abs(mean[0])
-    if share >= 1.0:
-        return 0.0
-    return max(abs(cmath.phase(mean[0] / mean[1])) - math.asin(share), 0.0) / RATE
+def _latency(force: np.ndarray, offset: np.ndarray, errors: np.ndarray) -> float:
+    """Return the least latency that mean traces leave possible, else that which fits best."""
+    share = np.minimum(CERTAINTY * errors / abs(force), 1.0)
+    allowed = np.where(share < 1.0, np.arcsin(share) + LEAST_ANGLE, math.pi)
+    turned = np.angle(force / offset * np.exp(1j * TRIED[:, None] * RATES))
+    missed = (abs(turned) / allowed).max(axis=1)
+    return max(float(TRIED[np.argmax(missed <= max(1.0, missed.min()))]), 0.0)
 
 
-def _traces(samples: np.ndarray) -> tuple[complex, complex]:
-    """Return the complex amplitudes of force and offset, without their mean and slope."""
-    times = samples[:, 0]
-    waves = np.column_stack([
-        np.cos(RATE * times), np.sin(RATE * times), np.ones(len(times)), times - times[0]])
-    (cosines, sines, *_), *_ = np.linalg.lstsq(waves, samples[:, 1:], rcond=None)
-    return tuple(cosines - 1j * sines)
+def _traces(samples: np.ndarray) -> np.ndarray:
+    """Return the complex amplitudes of force and offset for each sine, shape (2, sines)."""
+    phases = np.outer(samples[:, 0], RATES)
+    slow = np.vander(samples[:, 0] - samples[:, 0].mean(), SLOW)
+    waves = np.column_stack([np.cos(phases), np.sin(phases), slow])
+    found = np.linalg.lstsq(waves, samples[:, 1:], rcond=None)[0].T
+    return found[:, :len(RATES)] - 1j * found[:, len(RATES):2 * len(RATES)]

@@ -24,6 +24,8 @@ FIRST_SHARE = 0.1  # of the desired force, with which the ramp begins
 TOUCH = 1.5  # N, three times a sensor's usual noise
 LOST_AFTER = 1.0  # s without touch, after which the wall is looked for again
 TOUCH_SHARE = 0.25  # of the desired force, by which a touch in search of the wall may miss it
+LEAST_ERROR = 2.0  # N, RMS that counts as not held, and of the desired force:
+RISING_ERROR, HOLDING_ERROR = 0.5, 0.1
 LATENCY = 0.07  # s, usual from a force to the head's answer
 NEGLIGIBLE = 1e-9  # m or rad
 
@@ -152,7 +154,14 @@ class Pressing:
         if self.latency.latency > MOST_LATENCY:
             return (f'contact_wrench answers at least {self.latency.latency:.2f} s late, bound '
                     f'{MOST_LATENCY:g} s, and its stamps do not say so')
-        return self.watch.fault(self.press.force, self.desired, self.mode in IN_CONTACT)
+        return self.watch.fault(self.press.force, self.desired, self._most_error)
+
+    @property
+    def _most_error(self) -> float:
+        """By how much the force may miss the desired one, RMS [N]; only a rising one by far."""
+        return LEAST_ERROR + {
+            PressMode.RAISING: RISING_ERROR * self.desired,
+            PressMode.HOLDING: HOLDING_ERROR * self.press.force}.get(self.mode, math.inf)
 
     @property
     def _furthest_back(self) -> float:
@@ -213,6 +222,7 @@ class Pressing:
         if self._progress >= 1.0:
             self.stiffness.finish()
             self.latency.begin()
+            self.watch.begin_contact()
             self.mode = PressMode.HOLDING
 
     def _wanted_force(self) -> float:

@@ -5,6 +5,9 @@ from dataclasses import replace
 import math
 from typing import NamedTuple
 
+from hypothesis import given
+from hypothesis import settings as tried
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
@@ -37,11 +40,11 @@ def sound(_, force):
 
 def press(
     stiffness, duration=30.0, settings=SETTINGS, wall=lambda time: WALL, sensor=sound,
-    saturation_error=ZERO_POSE, rail=ZERO_STATE, pressing=None,
+    saturation_error=ZERO_POSE, rail=ZERO_STATE, pressing=None, seed=1,
 ):
     """Press on a wall; `sensor` takes time and force, returns what it tells or None."""
     pressing = pressing or Pressing(settings, STANDING)
-    random, offsets, forces = np.random.default_rng(1), [], []
+    random, offsets, forces = np.random.default_rng(seed), [], []
     for k in range(round(duration / PERIOD)):
         now = k * PERIOD
         pressing.step(now, now + HORIZON * PERIOD, PERIOD, saturation_error, rail)
@@ -147,7 +150,7 @@ def test_a_stiff_wall_that_moves_more_than_can_be_held_is_left_with_the_reason()
     (lambda time, force: force - (20.0 if time > 20.0 else 0.0), 'jumped by -'),
     (lambda time, force: force if time < 20.0 else -force, 'jumped by -'),
     (lambda _, force: -force, 'the wall pulls'),
-    (lambda time, force: force + min(max(time - 20.0, 0.0), 1.0) * 40.0, 'nothing should touch'),
+    (lambda time, force: force + min(max(time - 20.0, 0.0), 4.0) * 10.0, 'nothing should touch'),
 ])
 def test_a_broken_sensor_makes_the_head_retract_no_faster_than_it_came_and_say_why(
         sensor, reason):
@@ -170,21 +173,30 @@ def late_from(begin, latency):
     return sensor
 
 
-@pytest.mark.parametrize('latency', [0.15, 0.2, 0.25])
-@pytest.mark.parametrize('stiffness', [300.0, 600.0, 2e3])
+stiffnesses = st.floats(math.log(400.0), math.log(5e3)).map(math.exp)
+seeds = st.integers(0, 2 ** 32 - 1)
+
+
+@tried(max_examples=8, deadline=None)
+@given(st.floats(0.2, 1.0), stiffnesses, st.sampled_from((0.0, 25.0)), seeds)
 def test_a_force_that_is_late_with_fresh_stamps_makes_the_head_retract_and_say_so(
-        stiffness, latency):
-    run = press(stiffness, wall=restless, sensor=late_from(25.0, latency), duration=60.0)
+        latency, stiffness, begin, seed):
+    run = press(stiffness, wall=restless, sensor=late_from(begin, latency), duration=90.0,
+                seed=seed)
     assert run.pressing.mode is PressMode.RETRACTED
-    assert 's late, bound 0.08 s' in run.pressing.reason
-    assert run.forces.max() < 1.6 * SETTINGS.force
+    reasons = ('late, bound 0.11 s',) if latency < 0.3 else (
+        'late, bound 0.11 s', 'misses the desired', 'N on the wall')
+    assert any(reason in run.pressing.reason for reason in reasons)
+    assert abs(np.diff(run.offsets)).max() <= SETTINGS.speed * PERIOD + 1e-12
 
 
-@pytest.mark.parametrize('stiffness', [300.0, 600.0, 2e3, 5e3])
-def test_a_force_that_is_as_late_as_its_stamps_say_is_trusted(stiffness):
-    run = press(stiffness, wall=restless, duration=50.0)
+@tried(max_examples=4, deadline=None)
+@given(st.floats(0.0, 0.1), stiffnesses, seeds)
+def test_a_force_that_is_hardly_later_than_its_stamps_say_is_trusted(latency, stiffness, seed):
+    run = press(stiffness, wall=restless, sensor=late_from(25.0, latency), duration=90.0,
+                seed=seed)
     assert run.pressing.mode is PressMode.HOLDING
-    assert run.pressing.latency.latency < 0.02
+    assert abs(run.forces[-1000:] - SETTINGS.force).max() < 0.2 * SETTINGS.force
 
 
 def test_after_a_late_force_pressing_can_be_switched_off_and_on():
