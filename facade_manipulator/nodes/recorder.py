@@ -19,7 +19,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamp
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -47,6 +47,7 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     LATCHED,
     message_definition,
+    MessageQueue,
     ParameterReader,
     RECENT,
     RELIABLE,
@@ -56,7 +57,8 @@ from facade_manipulator.ros import (
 )
 
 NAME = 'facade_manipulator'
-STREAM = qos_profile_sensor_data  # best effort: it never holds a publisher up
+DEPTH = 200
+STREAM = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)  # holds nobody up
 GOAL_STATUS = 'compensator/goal_status'
 # topic: type, quality of service; the last two are the whole graph's, the others the namespace's
 TOPICS = {
@@ -84,6 +86,7 @@ STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # sta
 MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
 SILENCE = 3.0  # s without diagnostics of a driver that had power
 WATCH_PERIOD = 0.5
+TAKE_PERIOD = 0.1  # s, in which no topic has more messages than `DEPTH`
 ERROR = DiagnosticStatus.ERROR
 LOW_PRIORITY = 10  # nice value of the thread that writes
 
@@ -110,23 +113,28 @@ class RecorderNode(Node):
             name: ParameterReader(self, name) for name in COMPONENTS}
         replies = DeferredReplies(self)
         replies.attach(self.create_service(Trigger, 'recorder/save', self._save))
-        for topic, (kind, qos) in TOPICS.items():
-            self._subscribe(topic, kind, qos)
+        self._queues = [
+            MessageQueue(self, kind, topic, qos) for topic, (kind, qos) in TOPICS.items()]
+        self._taken = time.monotonic()
+        self._listeners = {self.resolve_topic_name(topic): read for topic, read in (
+            ('/diagnostics', self._read_diagnostics), ('/parameter_events', self._read_event),
+            (GOAL_STATUS, self._read_goal_status))}
         self._prefix = self.get_namespace().strip('/')
         self._diagnostics = DiagnosticsPublisher(self, self._components)
+        steady_timer(self, TAKE_PERIOD, self._take)
         steady_timer(self, WATCH_PERIOD, self._watch)
 
-    def _subscribe(self, topic: str, kind: type, qos) -> None:
-        name, ring = self.resolve_topic_name(topic), self._ring
-        read = {'/diagnostics': self._read_diagnostics, '/parameter_events': self._read_event,
-                GOAL_STATUS: self._read_goal_status}.get(topic)
-
-        def keep(data: bytes) -> None:
-            ring.add(time.monotonic(), name, data)
-            if read is not None:
-                read(deserialize_message(data, kind))
-
-        self.create_subscription(kind, topic, keep, qos, raw=True)
+    def _take(self) -> None:
+        """Keep what has come; a clock that was set meanwhile puts nothing into another time."""
+        before, self._taken = self._taken, time.monotonic()
+        epoch = time.time() - self._taken
+        for queue in self._queues:
+            read = self._listeners.get(queue.topic)
+            for received, data in queue.take():
+                at = min(max(received - epoch, before), self._taken)
+                self._ring.add(at, queue.topic, data)
+                if read is not None:
+                    read(deserialize_message(data, queue.kind))
 
     def _read_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
@@ -191,6 +199,7 @@ class RecorderNode(Node):
 
     def _record(self, reasons: tuple[str, ...]) -> Future:
         """Write what is kept, in the writer's thread."""
+        self._take()
         job = self._writer.submit(self._write, *self._ring.copy(), reasons)
         job.add_done_callback(self._note)
         return job
@@ -238,6 +247,8 @@ class RecorderNode(Node):
         if reasons := self._trigger.due(float('inf')):
             self._record(tuple(reasons))
         self._writer.shutdown()
+        for queue in self._queues:
+            queue.close()
         if self._listener is not None:
             self._listener.close()
 

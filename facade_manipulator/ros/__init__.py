@@ -30,6 +30,7 @@ from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
 from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus, DriverWatch
 from facade_manipulator.ros.known_parameters import require_known_parameters
 from facade_manipulator.ros.lifecycle import ManagedNode
+from facade_manipulator.ros.message_queue import MessageQueue
 from facade_manipulator.ros.parameter_reader import ParameterReader
 from facade_manipulator.ros.parameters import accept_old_names, declare
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE, run, USAGE_ERROR
@@ -54,6 +55,7 @@ __all__ = [
     'ManagedNode',
     'ManipulatorClient',
     'message_definition',
+    'MessageQueue',
     'node_time',
     'ParameterReader',
     'pose_codec',
