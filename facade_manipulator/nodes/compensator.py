@@ -56,6 +56,7 @@ from facade_manipulator.ros import (
     Transforms,
 )
 
+REPORT_PERIOD = 0.02  # s
 LOG_PAUSE = 10.0  # s, of a supervisor that sends goals all the time
 
 
@@ -103,6 +104,7 @@ class CompensatorNode(Node):
         self.create_service(Trigger, 'compensator/hold', self._hold)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, 1.0 / rate, self._update)
+        steady_timer(self, REPORT_PERIOD, self._say)
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type):
         """Declare the settings of a part of the compensator, which may change while it runs."""
@@ -219,6 +221,10 @@ class CompensatorNode(Node):
             self._reference.publish(corrected.time, corrected.reference)
             self._rail.publish(corrected.time, corrected.disturbance)
             self._report.note(now, corrected)
+
+    def _say(self) -> None:
+        """Publish what a person is to know, apart from the poses, which are often and urgent."""
+        now = node_time(self)
         self._progress.update(now)
         if self._report.changed(now):
             self._diagnostics.publish()

@@ -19,7 +19,6 @@ from facade_manipulator.ros import diagnostic_status
 
 LEAST_ERROR = 1e-4  # m or rad, from which an axis counts as held back
 SHOWN_FOR = 1.0  # s, so that a person can read it
-LOOK_PERIOD = 0.02
 LEVELS = {
     CorrectionMode.ACTIVE: 'ok',
     CorrectionMode.SETTLING: 'ok',
@@ -39,7 +38,6 @@ class CompensatorReport:
         self._pose_count = 0
         self._held_until: dict[tuple[str, str], float] = {}
         self._published_outcome = ('', '')
-        self._next_look = -math.inf
         self.out_of_plane = OutOfPlane(0.0, 0.0)  # of the newest estimate
 
     def note(self, now: float, corrected: CorrectedPose) -> None:
@@ -57,10 +55,7 @@ class CompensatorReport:
                 self._held_until[what, axis] = until
 
     def changed(self, now: float) -> bool:
-        """Return whether level or message are others than last published; looks now and then."""
-        if 0.0 < self._next_look - now <= LOOK_PERIOD:  # further off, the clock was set
-            return False
-        self._next_look = now + LOOK_PERIOD
+        """Return whether level or message are others than last published."""
         return self._outcome(now) != self._published_outcome
 
     def components(self, now: float, rejections: Mapping) -> list[DiagnosticStatus]:

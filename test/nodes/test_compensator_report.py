@@ -1,10 +1,10 @@
-"""What the compensator tells, and when it looks whether there is news."""
+"""What the compensator tells, and whether there is news."""
 
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.nodes.compensator_report import CompensatorReport, LOOK_PERIOD
+from facade_manipulator.nodes.compensator_report import CompensatorReport
 
 
 @pytest.fixture
@@ -17,10 +17,9 @@ def report():
 
 
 def test_while_nothing_changes_there_is_no_news(report):
-    assert not any(report.changed(100.0 + 0.002 * k) for k in range(100))
+    assert not report.changed(100.02)
 
 
-@pytest.mark.parametrize('later', [LOOK_PERIOD, 1.0, -50.0])  # the clock may be set back
-def test_a_change_is_news_within_the_period(report, later):
+def test_a_change_is_news(report):
     report._compensator.correction.mode = type(report._compensator.correction.mode).SILENT
-    assert report.changed(100.0 + later)
+    assert report.changed(100.02)
