@@ -38,6 +38,7 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.channel import Channel, ChannelClosedError, Message, VERSION
 from facade_manipulator.loop.stopping import StoppingAnalysis
 from facade_manipulator.motion import (
+    fastest_near,
     HomingGuard,
     measured_guard,
     MechanismGuard,
@@ -66,9 +67,9 @@ class LoopSetup:
     limits: MotionLimits
     simulate_drives: bool = False
 
-    def check_limits(self, limits: MotionLimits) -> None:
+    def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
         """
-        Check that drives and carriages can follow limits and stop from them.
+        Return how the carriages stop from limits.
 
         Raises
         ------
@@ -76,7 +77,9 @@ class LoopSetup:
             As `StoppingAnalysis.check` does.
 
         """
-        StoppingAnalysis(self.geometry, limits, self.axes, self.controller).check()
+        analysis = StoppingAnalysis(self.geometry, limits, self.axes, self.controller)
+        analysis.check()
+        return analysis
 
 
 class StreamStatus(NamedTuple):
@@ -121,10 +124,11 @@ class ControlLoop:
     """
 
     def __init__(self, setup: LoopSetup, channel: Channel) -> None:
-        setup.check_limits(setup.limits)
+        separation = setup.stopping(setup.limits).separation
         guard = MechanismGuard(setup.geometry)
         self.follower = SetpointFollower(
-            setup.stream, setup.limits, setup.controller.period, guard)
+            setup.stream, setup.limits, setup.controller.period, guard,
+            fastest_near(setup.geometry, separation))
         self.controller = DriveController(Session(
             setup.controller, setup.axes,
             BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate, str(setup.bus)),
@@ -201,7 +205,7 @@ class ControlLoop:
         job.add_done_callback(lambda job: self._reply(number, job))
 
     def _change_limits(self, limits: MotionLimits) -> None:
-        self._setup.check_limits(limits)
+        self._setup.stopping(limits)
         self.follower.change_limits(limits)
 
     def _change_stream(self, settings: StreamSettings) -> None:

@@ -3,14 +3,13 @@ Whether the carriages stop apart with the parameters at hand: which failures, ho
 
 The neighbours on the rail are A1, A3, A2. Where one of two fails the other goes on until that is
 found. Failures in which every drive brakes must leave the carriages apart, else the driver does
-not start. A carriage that stands dead, as on a screw that seizes, is met by no brake in time: for
-those the analysis says up to which speed, or with which gap, they end well.
+not start. A carriage that stands dead, as on a screw that seizes, is met by no brake from full
+speed: near each other carriages are so slow that one is (`separation`).
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-import math
 from typing import NamedTuple
 
 from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
@@ -24,10 +23,12 @@ from facade_manipulator.motion import (
     MEASURED_SHARE,
     MotionLimits,
     overshoot,
+    Separation,
 )
 
 NEIGHBOURS = ((0, 2), (2, 1))  # on the rail stand A1, A3, A2
 CYCLES_TO_STOP = 2  # what just misses one SYNC is answered after the next, and latched then
+LEAST_SPEED = 0.01  # m/s, that must be left to carriages at their least gap
 WINDOW_SHARE = 0.75  # of what keeps carriages from touching, at most, may one lag unnoticed
 ROUNDING = 1e-9  # m
 
@@ -42,17 +43,11 @@ class Failure(NamedTuple):
         As an operator reads it.
     delay : float
         How long the others go on [s].
-    brakes : bool
-        Whether the carriage that fails brakes on its drive's ramp; else it stands dead.
-    unnoticed : float
-        Share of what keeps carriages from touching that is gone before anybody notices.
 
     """
 
     name: str
     delay: float
-    brakes: bool
-    unnoticed: float = 0.0
 
 
 class Outcome(NamedTuple):
@@ -89,6 +84,12 @@ class StoppingAnalysis:
         q1, q2, q3.
     controller : ControllerSettings
 
+    Attributes
+    ----------
+    limits : MotionLimits
+    separation : Separation
+        How fast carriages may be at a distance.
+
     """
 
     def __init__(
@@ -96,40 +97,34 @@ class StoppingAnalysis:
         controller: ControllerSettings,
     ) -> None:
         self._geometry = geometry
-        self._limits = limits
+        self.limits = limits
         self._axes = axes
         self._lag = controller.drive_lag
-        reported, silent = (
-            cycles * controller.period for cycles in (
-                CYCLES_TO_STOP, controller.max_missed_cycles))
         self._free = geometry.carriage_gap - geometry.carriage_length
-        self._kept = (
-            Failure('all three brake at once', 0.0, True),
-            Failure('one brakes by itself and reports it', reported, True),
+        reported = CYCLES_TO_STOP * controller.period
+        self._failures = (
+            Failure('all three brake at once', 0.0),
+            Failure('one brakes by itself and reports it', reported),
         )
-        self._seizures = (
-            Failure('one stands dead and reports it', reported, False),
-            Failure('one stands dead and the measured gap shows it', reported, False,
-                    MEASURED_SHARE),
-            Failure('one loses the bus and stays at its last target', silent, False),
-            Failure('one stands dead and falls silent', silent + controller.period, False),
-        )
+        self.separation = Separation(
+            touching=geometry.carriage_length,
+            deceleration=min(axis.stop_deceleration for axis in axes),
+            silence=(controller.max_missed_cycles + 1) * controller.period,
+            window=max(axis.following_error_window for axis in axes),
+            tracking=reported + max(axis.following_error_time for axis in axes),
+            tolerated=geometry.carriage_gap - MEASURED_SHARE * self._free,
+            report=reported)
 
     @property
     def outcomes(self) -> list[Outcome]:
-        """Failures that must end well; `check` rejects parameters with which they do not."""
-        return [self._outcome(failure) for failure in self._kept]
-
-    @property
-    def seizures(self) -> list[Outcome]:
-        """Failures that end well up to a speed alone."""
-        return [self._outcome(failure) for failure in self._seizures]
+        """How the failures end, which `check` requires to end well."""
+        return [self._outcome(failure) for failure in self._failures]
 
     @property
     def overshoots(self) -> list[float]:
         """How far beyond the stroke each carriage may stop [m]."""
         return [
-            overshoot(self._limits.speed, self._limits.acceleration, axis.stop_deceleration)
+            overshoot(self.limits.speed, self.limits.acceleration, axis.stop_deceleration)
             for axis in self._axes]
 
     def check(self) -> None:
@@ -150,16 +145,22 @@ class StoppingAnalysis:
                     f'{name} could stop {beyond:.4g} m beyond the stroke, {name}.limit_margin is '
                     f'{axis.limit_margin:g} m: choose a {name}.stop_deceleration (now '
                     f'{axis.stop_deceleration:g} m/s^2) of at least limits.acceleration = '
-                    f'{self._limits.acceleration:g} m/s^2')
-        for failure in self._kept:
-            if not self._ends_well(failure, self._limits.speed):
+                    f'{self.limits.acceleration:g} m/s^2')
+        slowest = self.separation.speed(self._geometry.carriage_gap)
+        if slowest < LEAST_SPEED:
+            raise ParameterError(
+                f'carriages at geometry.carriage_gap = {self._geometry.carriage_gap:g} m could '
+                f'move at {slowest:.2g} m/s, so that none meets one that stands dead: choose a '
+                f'gap of at least {self.separation.distance(LEAST_SPEED):.3g} m')
+        for failure in self._failures:
+            if not self._ends_well(failure, self.limits.speed):
                 raise ParameterError(self._collision(failure))
 
     def _check_drives(self) -> None:
         """Reject what the drives, configured with limits of their own, would not follow."""
         for name, axis in zip(AXIS_NAMES, self._axes, strict=True):
             for what, unit in (('speed', 'm/s'), ('acceleration', 'm/s^2')):
-                value, bound = getattr(self._limits, what), getattr(axis, f'max_{what}')
+                value, bound = getattr(self.limits, what), getattr(axis, f'max_{what}')
                 if value > bound:
                     raise ParameterError(
                         f'limits.{what} = {value:g} {unit} is above {name}.max_{what} = '
@@ -167,7 +168,7 @@ class StoppingAnalysis:
 
     def _check_windows(self) -> None:
         widest = WINDOW_SHARE * self._free
-        lag = self._limits.speed * self._lag
+        lag = self.limits.speed * self._lag
         for name, axis in zip(AXIS_NAMES, self._axes, strict=True):
             window = axis.following_error_window
             if window > widest + ROUNDING:
@@ -184,7 +185,7 @@ class StoppingAnalysis:
         outcome = self._outcome(failure)
         advice = [f'geometry.carriage_gap of at least {outcome.gap:.3g} m',
                   f'limits.speed of at most {outcome.speed:.3g} m/s']
-        brake = 2.0 * self._limits.acceleration
+        brake = 2.0 * self.limits.acceleration
         if min(axis.stop_deceleration for axis in self._axes) < brake:
             advice.append(f'stop_deceleration of all axes of at least {brake:g} m/s^2 (twice '
                           'limits.acceleration)')
@@ -194,26 +195,22 @@ class StoppingAnalysis:
             f'a {", or a ".join(advice)}')
 
     def _outcome(self, failure: Failure) -> Outcome:
-        distance = self._distance(failure, self._limits.speed)
+        distance = self._distance(failure, self.limits.speed)
         speed = highest_speed(
-            lambda speed: self._ends_well(failure, speed), self._limits.speed)
+            lambda speed: self._ends_well(failure, speed), self.limits.speed)
         lacking = self._geometry.carriage_length - distance
-        needed = self._geometry.carriage_gap + lacking / (1.0 - failure.unnoticed)
-        return Outcome(failure.name, distance, speed, needed)
+        return Outcome(failure.name, distance, speed, self._geometry.carriage_gap + lacking)
 
     def _ends_well(self, failure: Failure, speed: float) -> bool:
         return self._distance(failure, speed) >= self._geometry.carriage_length - ROUNDING
 
     def _distance(self, failure: Failure, speed: float) -> float:
         """Return the least distance of two neighbours of which either one fails [m]."""
-        limits = replace(self._limits, speed=speed)
-        delay = failure.delay + failure.unnoticed * self._free / speed
+        limits = replace(self.limits, speed=speed)
 
         def brake(number: int, failing: int) -> Brake:
-            ramp = self._axes[number].stop_deceleration
-            if number != failing:
-                return Brake(delay, ramp)
-            return Brake(0.0, ramp if failure.brakes else math.inf)
+            delay = 0.0 if number == failing else failure.delay
+            return Brake(delay, self._axes[number].stop_deceleration)
 
         return min(
             least_distance(

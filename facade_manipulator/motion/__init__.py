@@ -7,6 +7,7 @@ speed, acceleration and jerk) and the guards that check the mechanism before a t
 """
 
 from facade_manipulator.motion.guard import (
+    fastest_near,
     HomingGuard,
     measured_guard,
     MEASURED_SHARE,
@@ -31,6 +32,7 @@ from facade_manipulator.motion.stopping import (
     highest_speed,
     least_distance,
     overshoot,
+    Separation,
 )
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 
@@ -38,6 +40,7 @@ __all__ = [
     'Approach',
     'Brake',
     'certified_path',
+    'fastest_near',
     'GoalSettings',
     'HeadMotion',
     'highest_speed',
@@ -50,6 +53,7 @@ __all__ = [
     'overshoot',
     'ReferencePath',
     'ReferenceSettings',
+    'Separation',
     'Setpoint',
     'SetpointFollower',
     'SetpointStream',

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from facade_manipulator.errors import CarriageGapError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
+from facade_manipulator.motion.stopping import Separation
 
 ROUNDING = 1e-6  # m
 MEASURED_SHARE = 0.25  # of what keeps carriages from touching: so much too near may they be found
@@ -71,6 +73,19 @@ def measured_guard(geometry: Geometry, margin: float) -> MechanismGuard:
     return MechanismGuard(replace(
         geometry, link_length=geometry.link_length + tolerance,
         stroke=(least - margin, greatest + margin)), tolerance)
+
+
+def fastest_near(
+    geometry: Geometry, separation: Separation
+) -> Callable[[tuple[float, float, float]], float]:
+    """Return what says how fast carriages may be [m/s] at positions (q1, q2, q3) [m]."""
+    on_rail = mechanism_of(geometry).on_rail
+
+    def fastest(positions: tuple[float, float, float]) -> float:
+        q1, q2, q3 = on_rail(positions)
+        return separation.speed(min(q3 - q1, q2 - q3))
+
+    return fastest
 
 
 class HomingGuard:

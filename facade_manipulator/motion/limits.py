@@ -96,10 +96,16 @@ class PathLimiter:
     period : float
         Time between two steps [s].
 
+    Attributes
+    ----------
+    speed : float
+        What is kept at present of the limit of speed [m/s]; beyond it the carriages slow down.
+
     """
 
     def __init__(self, limits: MotionLimits, period: float) -> None:
         self.limits = limits
+        self.speed = limits.speed
         self.period = period
         self._planner = Ruckig(3, period)
         self._chase = _plan(limits, ControlInterface.Position)
@@ -107,7 +113,7 @@ class PathLimiter:
         self._path, self._stop = Trajectory(3), Trajectory(3)
         self._relative: tuple[Triple, ...] | None = None
         self._frame: Triple | None = None
-        self._elapsed = 0.0
+        self._planned_speed = self._elapsed = 0.0
         self._reached: CarriageMotion | None = None
 
     def reach(
@@ -148,17 +154,17 @@ class PathLimiter:
             No path was found, which ruckig says of some motions inside all limits.
 
         """
-        frame = self._feed_forward(target_velocity)
+        frame, speed = self._feed_forward(target_velocity), self.speed
         relative = (
             tuple(p - t + w * self.period
                   for p, t, w in zip(motion.position, target, frame, strict=True)),
             tuple(v - w for v, w in zip(motion.velocity, frame, strict=True)),
             motion.acceleration)
-        if not self._continues(relative, frame):
-            self._chase.max_velocity = [self.limits.speed - w for w in frame]
-            self._chase.min_velocity = [-self.limits.speed - w for w in frame]
+        if speed != self._planned_speed or not self._continues(relative, frame):
+            self._chase.max_velocity = [speed - w for w in frame]
+            self._chase.min_velocity = [-speed - w for w in frame]
             self._calculate(self._chase, relative, self._path)
-            self._elapsed, self._frame = 0.0, frame
+            self._elapsed, self._frame, self._planned_speed = 0.0, frame, speed
         self._elapsed += self.period
         self._relative = error, rate, acceleration = _at(self._path, self._elapsed)
         return self.advance(motion, (
@@ -249,11 +255,11 @@ class PathLimiter:
     def _allowed(self, before: CarriageMotion, after: CarriageMotion) -> bool:
         """Return whether differences keep the limits, and can go on to do so."""
         limits = self.limits
-        return (_greatest(after.mean_velocity) <= limits.speed
+        return (_greatest(after.mean_velocity) <= self.speed
                 and _greatest(after.mean_acceleration) <= limits.acceleration
                 and _greatest(self._rates(before.mean_acceleration, after.mean_acceleration))
                 <= limits.jerk
-                and _greatest(self._extreme_velocity(after)) <= limits.speed)
+                and _greatest(self._extreme_velocity(after)) <= self.speed)
 
     def _extreme_velocity(self, motion: CarriageMotion) -> Triple:
         """Return what the velocities come to until the jerk has ended the accelerations."""
@@ -272,7 +278,7 @@ class PathLimiter:
 
     def _feed_forward(self, velocity: Triple) -> Triple:
         fastest = _greatest(velocity)
-        share = min(1.0, FEED_FORWARD_SHARE * self.limits.speed / fastest) if fastest else 1.0
+        share = min(1.0, FEED_FORWARD_SHARE * self.speed / fastest) if fastest else 1.0
         return tuple(share * v for v in velocity)
 
 

@@ -87,6 +87,8 @@ class SetpointFollower:
     check : callable
         Takes carriage positions, shape (3,) [m], and raises a ManipulatorError where the
         mechanism cannot or must not be.
+    fastest : callable
+        Takes carriage positions and returns how fast the carriages may be there [m/s].
 
     Attributes
     ----------
@@ -106,6 +108,7 @@ class SetpointFollower:
     def __init__(
         self, settings: StreamSettings, limits: MotionLimits, period: float,
         check: Callable[[Triple], None],
+        fastest: Callable[[Triple], float] = lambda _: math.inf,
     ) -> None:
         self.settings = settings
         self.limited_cycles = 0
@@ -116,6 +119,7 @@ class SetpointFollower:
         self._fastest = self._hardest = 0.0
         self.change_limits(limits)
         self._check = check
+        self._fastest_at = fastest
         self.motion: CarriageMotion | None = None
         self._stop: Iterator[PlannedState] = iter(())
         self._stream: TimedBuffer[Setpoint] = TimedBuffer()
@@ -283,6 +287,7 @@ class SetpointFollower:
     def _follow(self, position: Triple, velocity: Triple) -> CarriageMotion:
         """Go where the target is, as long as there is a path to rest from there."""
         limiter = self._limiter
+        limiter.speed = min(limiter.limits.speed, self._fastest_at(self.motion.position))
         direct = limiter.reach(self.motion, position, velocity)
         try:
             motion = direct or limiter.chase(self.motion, position, velocity)

@@ -26,6 +26,7 @@ from facade_manipulator.resources import config_path
 
 NODES = ('**', 'driver')  # whose sections the driver reads
 MILLIMETRES = 1e3
+SPEEDS = 5  # of the table
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -93,19 +94,24 @@ def report(geometry: Geometry, analysis: StoppingAnalysis) -> list[str]:
     gap, touching = (
         MILLIMETRES * value for value in (geometry.carriage_gap, geometry.carriage_length))
     beyond = MILLIMETRES * max(analysis.overshoots)
-    heading = f'{"":50}{"distance [mm]":>14}{"up to [m/s]":>13}{"gap [mm]":>10}'
+    heading = f'{"":38}{"distance [mm]":>14}{"up to [m/s]":>13}{"gap [mm]":>10}'
+    fastest = analysis.limits.speed
+    speeds = [fastest * (number + 1) / SPEEDS for number in range(SPEEDS)]
+    distances = [MILLIMETRES * analysis.separation.distance(speed) for speed in speeds]
     return [
         f'Neighbours are commanded {gap:.1f} mm apart or more, and touch at {touching:.1f} mm.',
         'Their least distance at full speed, and up to which speed or with which carriage_gap',
-        'they do not touch, where one of the three fails near them:',
-        '', heading,
-        'must not touch, or the driver does not start', *map(_row, analysis.outcomes),
-        'no software brakes a carriage that stands dead', *map(_row, analysis.seizures),
+        'they do not touch, where drives brake by themselves:',
+        '', heading, *map(_row, analysis.outcomes),
+        '', 'So that none meets a neighbour that stands dead, carriages are this fast only from',
+        'this distance on:',
+        '', f'  {"speed [m/s]":16}' + ''.join(f'{speed:8.2f}' for speed in speeds),
+        f'  {"distance [mm]":16}' + ''.join(f'{distance:8.1f}' for distance in distances),
         '', f'Beyond the stroke a carriage stops at most {beyond:.1f} mm.']
 
 
 def _row(outcome: Outcome) -> str:
-    return (f'  {outcome.name:48}{MILLIMETRES * outcome.distance:14.1f}{outcome.speed:13.2f}'
+    return (f'  {outcome.name:36}{MILLIMETRES * outcome.distance:14.1f}{outcome.speed:13.2f}'
             f'{MILLIMETRES * outcome.gap:10.1f}')
 
 

@@ -28,7 +28,9 @@ from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.simulated.drive import simulated_drives
 from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.loop import StoppingAnalysis
 from facade_manipulator.motion import (
+    fastest_near,
     HomingGuard,
     MechanismGuard,
     MotionLimits,
@@ -83,11 +85,13 @@ class World:
         self.channel, self.bus_is_down = f'world {next(_channels)}', False
         self.settings = settings or ControllerSettings(own_garbage_collection=False)
         self.guard = MechanismGuard(Geometry())
+        separation = StoppingAnalysis(Geometry(), MotionLimits(), axes, self.settings).separation
         self._patches = pytest.MonkeyPatch()
         self._patches.setattr(group, 'RESET_WINDOW', RESET_WINDOW)
         self.time = SimulatedTime().__enter__()
         self.follower = SetpointFollower(
-            StreamSettings(), MotionLimits(), self.settings.period, self.guard)
+            StreamSettings(), MotionLimits(), self.settings.period, self.guard,
+            fastest_near(Geometry(), separation))
         self.drives = simulated_drives(axes)
         self._drives_end = VirtualBus(self.channel)
         self._simulator = DriveSimulator(self._drives_end, self.drives)
