@@ -13,7 +13,11 @@ from facade_manipulator.calibration.estimator_fit import (
     fit_estimator,
 )
 from facade_manipulator.calibration.geometry_fit import Identification, identify, Measurements
-from facade_manipulator.calibration.recorded import read_estimator_recording
+from facade_manipulator.calibration.recorded import (
+    read_estimator_recording,
+    read_touches,
+    TouchRecording,
+)
 from facade_manipulator.calibration.unknowns import (
     BACKLASH,
     head_at,
@@ -27,9 +31,15 @@ from facade_manipulator.calibration.unknowns import (
     with_screw_tables,
     with_values,
 )
-from facade_manipulator.calibration.wall_fit import fit_wall, touched_points, WallFit
+from facade_manipulator.calibration.wall_fit import (
+    along_wall,
+    fit_wall,
+    touched_points,
+    WallFit,
+)
 
 __all__ = [
+    'along_wall',
     'BACKLASH',
     'candidates',
     'EstimatorFit',
@@ -44,10 +54,12 @@ __all__ = [
     'Noise',
     'plan',
     'read_estimator_recording',
+    'read_touches',
     'screw_unknowns',
     'sensitivity',
     'spread',
     'touched_points',
+    'TouchRecording',
     'Unknown',
     'UNKNOWNS',
     'unknowns_named',

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 import csv
 from pathlib import Path
 import sys
@@ -24,8 +25,12 @@ from facade_manipulator.calibration.findings import (
     draw_accuracy,
     report,
 )
-from facade_manipulator.calibration.geometry_fit import identify, Measurements
-from facade_manipulator.calibration.recorded import HEAD_ON_WALL, read_estimator_recording
+from facade_manipulator.calibration.geometry_fit import identify, Measurements, MOST_OUTLIERS
+from facade_manipulator.calibration.recorded import (
+    HEAD_ON_WALL,
+    read_estimator_recording,
+    read_touches,
+)
 from facade_manipulator.calibration.tables import parse_table, read_table
 from facade_manipulator.calibration.unknowns import (
     BACKLASH,
@@ -35,7 +40,13 @@ from facade_manipulator.calibration.unknowns import (
     unknowns_named,
     with_screw_tables,
 )
-from facade_manipulator.calibration.wall_fit import fit_wall, report_wall, touched_points
+from facade_manipulator.calibration.wall_fit import (
+    along_wall,
+    fit_wall,
+    mean_by_second,
+    report_wall,
+    touched_points,
+)
 from facade_manipulator.errors import CalibrationError, ManipulatorError, missing_package
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
@@ -44,7 +55,7 @@ from facade_manipulator.prediction import EstimateSettings
 from facade_manipulator.resources import config_path
 
 CARRIAGES, HEAD = ('q1', 'q2', 'q3'), ('x', 'y', 'theta')
-COMPENSATOR = '/**/compensator'
+COMPENSATOR, RECORDED = '/**/compensator', '.mcap'
 EXAMPLES = """
 examples:
   calibrate geometry --plan poses.csv
@@ -91,7 +102,8 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
         print(line)
     _check_outliers(found.outliers, options)
     if options.picture is not None:
-        draw_accuracy(options.picture, geometry, found, unknowns)
+        with _writing(options.picture):
+            draw_accuracy(options.picture, geometry, found, unknowns)
     if options.output is not None:
         fields = dict.fromkeys(unknown.field for unknown in unknowns)
         write_parameters(source, options.output, ALL_NODES, {
@@ -116,16 +128,37 @@ def calibrate_estimator(options: argparse.Namespace) -> None:
 def calibrate_wall(options: argparse.Namespace) -> None:
     """Find the wall from places where the head touched it."""
     source = options.parameters or config_path('manipulator.yaml')
-    table = read_table(options.touches, CARRIAGES, ('rail_x', 'rail_y', 'rail_theta'))
-    found = fit_wall(
-        touched_points(_geometry(source), table[:, :3], table[:, 3:]), options.noise * 1e-3)
+    estimate = read_settings(source, COMPENSATOR, 'estimate', EstimateSettings)
+    points, forces = _touches(options.touches, _geometry(source), estimate)
+    found = fit_wall(points, options.noise * 1e-3, forces)
     for line in report_wall(found):
         print(line)
-    _check_outliers(found.outliers, options)
+    if options.touches.suffix != RECORDED or len(
+            found.outliers) > MOST_OUTLIERS * len(found.residuals):
+        _check_outliers(found.outliers, options)  # of a recording nobody has measured each
     if options.output is not None:
+        distance = found.distance
+        if options.align:
+            estimate, distance = along_wall(estimate, found)
         write_parameters(source, options.output, '/**/ik_service', {
-            'linkage': {'wall_distance': found.distance}})
+            'linkage': {'wall_distance': distance}})
+        if options.align:
+            write_parameters(options.output, options.output, COMPENSATOR, {'estimate': {
+                'mounting': estimate.mounting, 'axes': estimate.axes}})
         print(f'{options.output} is written')
+
+
+def _touches(
+    path: Path, geometry: Geometry, estimate: EstimateSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the head touched and with which force, from a recording or a table."""
+    if path.suffix == RECORDED:
+        recorded = read_touches(path, estimate)
+        points = touched_points(geometry, recorded.carriages, recorded.rails)
+        means = mean_by_second(recorded.times, np.column_stack([points, recorded.forces]))
+        return means[:, :2], means[:, 2]
+    table = read_table(path, CARRIAGES, ('rail_x', 'rail_y', 'rail_theta', 'force'))
+    return touched_points(geometry, table[:, :3], table[:, 3:6]), table[:, 6]
 
 
 def _geometry(source: Path) -> Geometry:
@@ -143,6 +176,15 @@ def _estimator_recording(options: argparse.Namespace) -> EstimatorRecording:
         read_table(options.disturbance, ('time', *HEAD)),
         read_table(options.joints, ('time', *CARRIAGES)),
         read_table(options.wall, ('time',), HEAD))
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except (OSError, ValueError) as error:  # matplotlib's of a file name without a known ending
+        raise CalibrationError(
+            f'{path} cannot be written: {getattr(error, "strerror", None) or error}') from error
 
 
 def _check_outliers(outliers: Sequence, options: argparse.Namespace) -> None:
@@ -171,7 +213,8 @@ def _measurements(path: Path | None) -> Measurements:
 def _write_plan(path: Path, geometry, carriages: np.ndarray) -> None:
     """Write where to measure, with empty cells for what is measured."""
     directions = ['direction'] * (carriages.shape[1] - len(CARRIAGES))
-    with atomic_write(path) as draft, draft.open('w', newline='', encoding='utf-8') as file:
+    with (_writing(path), atomic_write(path) as draft,
+          draft.open('w', newline='', encoding='utf-8') as file):
         rows = csv.writer(file)
         rows.writerow([*CARRIAGES, *directions, *(f'goal_{name}' for name in HEAD), *HEAD])
         for q, goal in zip(carriages, heads(geometry, carriages), strict=True):
@@ -247,8 +290,12 @@ def _add_wall(commands: argparse._SubParsersAction) -> None:
     command.set_defaults(run=calibrate_wall)
     command.add_argument(
         'touches', type=Path,
-        help='CSV with q1, q2, q3 at each touch, and rail_x, rail_y, rail_theta, the pose of the '
-             'rail in facade then; empty for a rail at rest')
+        help='file of the recorder (.mcap) while the head pressed; or CSV with q1, q2, q3 at each '
+             'touch, and rail_x, rail_y, rail_theta, the pose of the rail in facade then, empty '
+             'for a rail at rest, and the force in N')
+    command.add_argument('--align', action='store_true',
+                         help='turn facade so that its x lies along the wall: writes yaw and axes '
+                              'of the estimator too')
     command.add_argument('--noise', type=float, default=1.0, metavar='MM',
                          help='standard deviation of a touch (default 1)')
     _add_outliers(command)

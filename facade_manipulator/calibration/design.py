@@ -142,10 +142,14 @@ def plan(
 
     Raises
     ------
+    ParameterError
+        If none are wanted.
     CalibrationError
         If the geometry permits too few.
 
     """
+    if count < 1:
+        raise ParameterError(f'{count} poses are none to plan: at least 1')
     permitted = candidates(geometry)
     if any(unknown.field == 'backlash' for unknown in unknowns):
         permitted = np.vstack([np.column_stack([

@@ -99,7 +99,10 @@ def report(
     lines = [_value(unknown, value, deviation) for unknown, value, deviation in zip(
         unknowns, found.values, np.sqrt(np.diag(found.covariance)), strict=True)]
     lines += [f'not known apart, together they hardly move the head: {", ".join(group)}'
-              for group in found.unidentified]
+              for group in found.unidentified if len(group) > 1]
+    alone = [group[0] for group in found.unidentified if len(group) == 1]
+    if alone:
+        lines.append(f'hardly better known than before: {"; ".join(alone)}')
     lines.append(f'scatter: {found.scatter:.2f} of the noise stated; observability index '
                  f'{found.observability:.3g}')
     if found.scatter > 1.5:

@@ -23,6 +23,7 @@ OUTLIER = 4.5  # standard deviations
 MOST_OUTLIERS = 0.2
 MOST_SCATTER = 5.0  # times the noise stated
 IDENTIFIED = 0.5  # of its tolerance: an unknown known no better is not shown by the data
+LEAST_SHARE, LINKED = 0.15, 0.5  # of an unknown in what is not identified, of two in each other
 HUBER = 2.5
 FAR = 1e6
 
@@ -115,8 +116,9 @@ def _contradiction(row: int, axis: int, value: float, expected: float) -> str:
     unit, other, factor = ('m', 'mm', 1e-3) if axis < 2 else ('rad', 'deg', np.pi / 180.0)
     message = (f'row {row + 1}: {AXES[axis]} = {value:g} {unit}, but the head stands near '
                f'{expected:g} {unit}')
-    if abs(value * factor - expected) < EXPLAINED[axis]:
-        message += f'; if it is in {other}, name the column {AXES[axis]}_{other}'
+    for meant, is_in in ((value * factor, other), (value / factor, unit)):
+        if abs(meant - expected) < EXPLAINED[axis]:
+            message += f'; if it is in {is_in}, name the column {AXES[axis]}_{is_in}'
     return message
 
 
@@ -150,7 +152,7 @@ def identify(
     used = np.isfinite(measurements.heads)
     values = _fit(geometry, unknowns, measurements, noise, used, 'huber')
     misses = _misses(with_values(geometry, unknowns, values), measurements, noise)
-    outlying = used & (np.abs(misses) > OUTLIER * max(1.0, _robust_scatter(misses[used])))
+    outlying = used & (np.abs(misses) > OUTLIER * max(1.0, robust_scatter(misses[used])))
     if outlying.sum() > MOST_OUTLIERS * used.sum():
         raise CalibrationError(
             f'{outlying.sum()} of {used.sum()} measured numbers contradict the rest: is this the '
@@ -193,7 +195,8 @@ def _misses(machine: Geometry, measurements: Measurements, noise: Noise) -> np.n
     return (measurements.heads - heads(machine, measurements.carriages)) / noise.deviations
 
 
-def _robust_scatter(misses: np.ndarray) -> float:
+def robust_scatter(misses: np.ndarray) -> float:
+    """Return the standard deviation of values about 0, whatever a few of them are."""
     return 1.4826 * float(np.median(np.abs(misses)))
 
 
@@ -221,12 +224,19 @@ def _identification(
 
 
 def _unidentified(covariance: np.ndarray, unknowns: Sequence[Unknown]) -> list[list[str]]:
-    """Return the groups of unknowns whose common direction is hardly better known than drawn."""
+    """
+    Return the groups of unknowns that are, together, hardly better known than drawn.
+
+    Directions that are known equally badly are any of their plane: so what belongs together is
+    read from the projection on all of them.
+    """
+    from scipy.sparse.csgraph import connected_components
+
     spreads, directions = np.linalg.eigh(covariance)
-    groups = []
-    for spread, direction in zip(spreads, directions.T, strict=True):
-        if spread > IDENTIFIED ** 2:
-            share = np.abs(direction) / np.abs(direction).max()
-            groups.append([u.words for u, part in zip(unknowns, share, strict=True)
-                           if part > 0.3])
-    return groups
+    blind = directions[:, spreads > IDENTIFIED ** 2]
+    shares = blind @ blind.T
+    sizes = np.sqrt(np.diag(shares))
+    part = np.flatnonzero(sizes > LEAST_SHARE)
+    linked = np.abs(shares) > LINKED * np.outer(sizes, sizes)
+    count, label = connected_components(linked[np.ix_(part, part)])
+    return [[unknowns[k].words for k in part[label == group]] for group in range(count)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,9 +13,18 @@ from facade_manipulator.blackbox import read_recording, RecordedRun
 from facade_manipulator.calibration.estimator_fit import EstimatorRecording
 from facade_manipulator.errors import CalibrationError, InputError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import carriages_from, pose_numbers, projected, seconds
+from facade_manipulator.messages import (
+    carriages_from,
+    planar_wrench,
+    pose_numbers,
+    projected,
+    RAIL,
+    seconds,
+)
+from facade_manipulator.prediction import EstimateGate, EstimateSettings, rail_pose
 
 HEAD_ON_WALL, LATERAL_OFFSET = 'head_on_wall', 'lateral_offset'
+TOUCH = 1.5  # N, three times a sensor's usual noise
 
 
 def read_estimator_recording(path: Path, head_topic: str = HEAD_ON_WALL) -> EstimatorRecording:
@@ -40,11 +49,8 @@ def read_estimator_recording(path: Path, head_topic: str = HEAD_ON_WALL) -> Esti
 
     """
     run = read_recording(path)
-    estimates = 'disturbance' if run.topics['disturbance'] else 'disturbance_odometry'
-    tables = (
-        _table(run, path, estimates, lambda message: _place(message.pose)),
-        _table(run, path, 'joint_states', lambda message: carriages_from(
-            message.name, message.position, 'joint_states')))
+    tables = (_table(run, path, _estimates(run), lambda message: _place(message.pose)),
+              _table(run, path, 'joint_states', _carriages))
     if run.topics[head_topic] or not run.topics[LATERAL_OFFSET]:
         return EstimatorRecording(*tables, _table(run, path, head_topic, _place))
     reference = _table(run, path, 'compensator/reference', _place)
@@ -53,6 +59,72 @@ def read_estimator_recording(path: Path, head_topic: str = HEAD_ON_WALL) -> Esti
     wall = np.full((len(offset), 4), np.nan)
     wall[:, 0], wall[:, 1] = offset[:, 0], x - offset[:, 1] / np.cos(theta)
     return EstimatorRecording(*tables, wall)
+
+
+class TouchRecording(NamedTuple):
+    """
+    The head while it presses on the wall, one row for each measured force.
+
+    Parameters
+    ----------
+    times, forces : ndarray, shape (n,)
+        Stamps [s], and force on the wall [N].
+    carriages, rails : ndarray, shape (n, 3)
+        Positions [m], and pose of the rail in facade [m, m, rad].
+
+    """
+
+    times: np.ndarray
+    forces: np.ndarray
+    carriages: np.ndarray
+    rails: np.ndarray
+
+
+def read_touches(path: Path, estimate: EstimateSettings) -> TouchRecording:
+    """
+    Return where the head pressed on the wall, from a file of the recorder.
+
+    Parameters
+    ----------
+    path : Path
+    estimate : EstimateSettings
+        Mounting, axes and delay of the estimator.
+
+    Raises
+    ------
+    RecordError
+        If the file cannot be read.
+    CalibrationError
+        If a topic is not in it, or the head did not touch.
+
+    """
+    run, gate = read_recording(path), EstimateGate(estimate)
+
+    def rail(message: Any) -> Pose:
+        place = _place(message.pose)
+        if getattr(message, 'child_frame_id', RAIL) != RAIL:
+            place = gate.displacement(place)
+        return rail_pose(place, Pose(*estimate.mounting), estimate.axes)
+
+    wrenches = _table(run, path, 'contact_wrench', planar_wrench)
+    tables = (_table(run, path, 'joint_states', _carriages),
+              _table(run, path, _estimates(run), rail) - [estimate.delay, 0.0, 0.0, 0.0])
+    within = (wrenches[:, 0] > max(table[0, 0] for table in tables)) & (
+        wrenches[:, 0] < min(table[-1, 0] for table in tables))
+    touching = wrenches[within & (-wrenches[:, 2] > TOUCH)]
+    if not len(touching):
+        raise CalibrationError(f'{path}: the head did not touch the wall with {TOUCH:g} N')
+    times = touching[:, 0]
+    return TouchRecording(times, -touching[:, 2], *(np.column_stack([
+        np.interp(times, table[:, 0], table[:, k]) for k in (1, 2, 3)]) for table in tables))
+
+
+def _estimates(run: RecordedRun) -> str:
+    return 'disturbance' if run.topics['disturbance'] else 'disturbance_odometry'
+
+
+def _carriages(message: Any) -> tuple[float, float, float]:
+    return carriages_from(message.name, message.position, 'joint_states')
 
 
 def _table(

@@ -18,7 +18,8 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
     """
     Read columns of a CSV file; others are passed over.
 
-    A column is named plainly, in m, rad or s, or with its unit: ``x_mm``, ``theta_deg``.
+    A column is named plainly, in m, rad or s, or with its unit: ``x_mm``, ``theta_deg``. Between
+    columns is a comma, or a semicolon as some spreadsheets write it, with decimal commas then.
 
     Parameters
     ----------
@@ -56,14 +57,19 @@ def parse_table(
         As `read_table`.
 
     """
-    reader = csv.DictReader(line for line in lines if not line.startswith('#'))
+    numbered = {number: line for number, line in enumerate(lines, 1) if not line.startswith('#')}
+    numbers, rows_text = list(numbered), list(numbered.values())
+    delimiter = ';' if rows_text and ';' in rows_text[0] else ','
+    if delimiter == ';':
+        rows_text = [line.replace(',', '.') for line in rows_text]
+    reader = csv.DictReader(rows_text, delimiter=delimiter)
     header = [column.strip() for column in reader.fieldnames or ()]
     reader.fieldnames = header
     columns = [_column(name, header, column, column in required)
                for column in (*required, *optional)]
     rows = [
-        [_cell(name, line, row, column, k < len(required)) for k, column in enumerate(columns)]
-        for line, row in enumerate(reader, 2)]
+        [_cell(name, numbers[reader.line_num - 1], row, column, k < len(required))
+         for k, column in enumerate(columns)] for row in reader]
     if not rows:
         raise CalibrationError(f'{name} has no rows below its header')
     return np.array(rows, float)

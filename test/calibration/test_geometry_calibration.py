@@ -271,18 +271,42 @@ def cell(row, column, value):
     (cell(4, 4, 'about 250'), "line 5: y_mm = 'about 250' is not a number"),
     (cell(0, 4, 'y'), 'if it is in mm, name the column y_mm'),
     (cell(0, 5, 'theta'), 'if it is in deg, name the column theta_deg'),
+    (cell(0, 3, 'x'), 'if it is in mm, name the column x_mm'),
     (cell(0, 4, 'x'), 'has x in two units'),
+    (lambda rows: [['# a'], *rows[:2], [], *cell(3, 1, '')(rows)[2:]], 'line 6: q2 is missing'),
+    (lambda rows: [rows[0], *([*row[:4], row[4] / 1e3, row[5]] for row in rows[1:])],
+     'if it is in m, name the column y_m'),
     (cell(0, 2, 'Q'), 'has no column q3'),
     (lambda rows: rows[:1], 'has no rows'),
     (lambda rows: [*rows[:5], [*rows[5][:3], '', '', ''], *rows[6:]], 'row 5 has no measurement'),
     (lambda rows: [rows[0]] + rows[1:3] * 8, 'poses that cannot show enough'),
     (lambda rows: cell(9, 4, rows[9][4] + 2.0)(rows), 'some measurements contradict the rest'),
-], ids=range(10))
+], ids=range(13))
 def test_bad_input_is_named_and_nothing_is_written(table, tmp_path, capsys, change, message):
     target = tmp_path / 'calibrated.yaml'
     assert main(['geometry', str(table(change)), '--output', str(target)]) == 1
     assert message in capsys.readouterr().err
     assert not target.exists()
+
+
+def test_a_table_of_a_spreadsheet_with_decimal_commas_says_the_same(table, tmp_path):
+    targets = [tmp_path / name for name in ('a.yaml', 'b.yaml')]
+    path = table()
+    assert main(['geometry', str(path), '--output', str(targets[0])]) == 0
+    path.write_text(path.read_text().replace(',', ';').replace('.', ','))
+    assert main(['geometry', str(path), '--output', str(targets[1])]) == 0
+    assert targets[0].read_text() == targets[1].read_text()
+
+
+def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, capsys):
+    nowhere = tmp_path / 'none'
+    for arguments, message in (
+            (['--plan', str(nowhere / 'p.csv')], 'p.csv cannot be written'),
+            (['--plan', str(tmp_path / 'p.csv'), '--count', '0'], '0 poses are none to plan'),
+            ([str(table()), '--picture', str(nowhere / 'a.png')], 'a.png cannot be written'),
+            ([str(table()), '--output', str(nowhere / 'a.yaml')], 'a.yaml cannot be written')):
+        assert main(['geometry', *arguments]) == 1
+        assert message in capsys.readouterr().err
 
 
 def test_a_file_that_is_none_is_named(table, tmp_path, capsys):

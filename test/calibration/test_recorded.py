@@ -8,7 +8,9 @@ import pytest
 
 from facade_manipulator.blackbox import Received, RecordedRun
 from facade_manipulator.calibration import read_estimator_recording, recorded
+from facade_manipulator.calibration.recorded import read_touches
 from facade_manipulator.errors import CalibrationError, RecordError
+from facade_manipulator.prediction import EstimateSettings
 
 
 def header(time):
@@ -55,6 +57,24 @@ def test_without_a_measured_head_its_slip_shows_x(run):
     _, _, ((time, x, y, theta),) = read_estimator_recording('a')
     assert (time, x) == pytest.approx((10.5, 0.148))
     assert math.isnan(y) and math.isnan(theta)
+
+
+def test_while_the_head_presses_carriages_and_rail_are_those_of_the_force(run):
+    run.topics['joint_states'].append(Received(11.0, Message(
+        header=header(11.0), name=['q1', 'q2', 'q3'], position=[0.0, 0.2, 0.1])))
+    run.topics['disturbance'].append(Received(11.0, Message(
+        header=header(11.0), pose=Message(pose=pose(0.1, 0.0, 0.01)))))
+    for time, force in ((9.0, 20.0), (10.02, -0.2), (10.03, -20.0), (12.0, -20.0)):
+        run.topics['contact_wrench'].append(Received(time, Message(
+            header=header(time), wrench=Message(
+                force=Message(x=1.0, y=force), torque=Message(z=0.0)))))
+    found = read_touches('a', EstimateSettings(delay=0.02, mounting=(0.0, 0.0, 0.01)))
+    assert found.times == pytest.approx([10.03]) and found.forces == pytest.approx([20.0])
+    assert found.carriages == pytest.approx(np.array([[-0.097, 0.103, 0.003]]))
+    assert found.rails == pytest.approx(np.array([[0.35, 0.0, 0.0]]), abs=1e-9)
+    run.topics['contact_wrench'].pop(2)
+    with pytest.raises(CalibrationError, match='did not touch the wall with 1.5 N'):
+        read_touches('a', EstimateSettings())
 
 
 def test_a_topic_that_is_not_there_is_named(run):

@@ -11,8 +11,10 @@ import yaml
 
 from facade_manipulator.calibration import fit_wall, touched_points
 from facade_manipulator.calibration.__main__ import main
+from facade_manipulator.calibration.wall_fit import along_wall, mean_by_second
 from facade_manipulator.errors import CalibrationError
-from facade_manipulator.kinematics import Geometry, mechanism_of, Pose, relative
+from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose, relative
+from facade_manipulator.prediction import EstimateSettings, estimator_motion, rail_pose
 
 GEOMETRY = Geometry()
 ALONG = np.array([-0.25, -0.1, 0.05, 0.15, 0.25])
@@ -63,6 +65,36 @@ def test_a_touch_on_a_window_sill_is_an_outlier():
     assert found.distance == pytest.approx(0.25, abs=2e-3)
 
 
+def test_what_gives_way_to_the_force_is_found_with_the_wall():
+    forces = np.resize([3.0, 10.0, 30.0], len(ALONG))
+    pressed = wall(0.25, 0.05) + np.outer(forces, [0.0, 5e-4])
+    found = fit_wall(pressed, 1e-4, forces)
+    assert (found.distance, found.angle) == pytest.approx((0.25, 0.05), abs=1e-4)
+    assert found.yields == pytest.approx(5e-4, rel=0.01)
+    with pytest.raises(CalibrationError, match='touch with less force too'):
+        fit_wall(pressed, 1e-4, np.full(len(ALONG), 30.0))
+
+
+@given(st.floats(-0.2, 0.2), st.tuples(*[st.floats(-1.0, 1.0)] * 2), st.floats(-0.5, 0.5))
+def test_along_the_wall_estimates_put_it_at_its_distance(angle, place, axes):
+    estimate, random = EstimateSettings(
+        mounting=(*place, 0.02), axes=axes), np.random.default_rng(1)
+    rails = [Pose(*row) for row in random.uniform(-0.03, 0.03, (len(ALONG), 3)).tolist()]
+    heads = [relative(rail, Pose(*point, 0.0))
+             for rail, point in zip(rails, wall(0.26, angle).tolist(), strict=True)]
+    published = [estimator_motion(rail, Pose(*estimate.mounting), axes) for rail in rails]
+    turned, distance = along_wall(estimate, fit_wall(wall(0.26, angle)))
+    points = np.array([
+        compose(rail_pose(seen, Pose(*turned.mounting), turned.axes), head)[:2]
+        for seen, head in zip(published, heads, strict=True)])
+    assert points[:, 1] == pytest.approx(distance, abs=1e-6)
+
+
+def test_means_are_of_each_second():
+    means = mean_by_second(np.array([10.2, 10.8, 12.1]), np.array([[1.0], [3.0], [7.0]]))
+    assert means.tolist() == [[2.0], [7.0]]
+
+
 @pytest.mark.parametrize(('points', 'message'), [
     (wall(0.25, 0.0)[:2], '2 touches: 3 are needed'),
     (wall(0.25, 0.0, np.array([0.0, 0.01, 0.02])), 'lie within 0.02 m'),
@@ -97,3 +129,7 @@ def test_the_command_writes_the_distance_unless_a_touch_contradicts(tmp_path, ca
         content = yaml.safe_load(target.read_text())
         linkage = content['/**/ik_service']['ros__parameters']['linkage']
         assert linkage['wall_distance'] == pytest.approx(0.28, abs=1e-6)
+        assert main(['wall', str(path), '--align', '--output', str(target)]) == 0
+        parameters = yaml.safe_load(target.read_text())['/**/compensator']['ros__parameters']
+        assert parameters['estimate']['axes'] == pytest.approx(-0.01, abs=1e-4)
+        assert parameters['estimate']['mounting'] == pytest.approx([0.0, 0.0, 0.01], abs=1e-4)
