@@ -7,7 +7,7 @@ carriages A1, A3, A2 stand on y = 0 in that order; q3 = x.
 
 from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.batch import forward_kinematics_batch, inverse_kinematics_batch
-from facade_manipulator.kinematics.certify import certify, check_carriages, MIN_CONDITIONING
+from facade_manipulator.kinematics.certify import certify, MIN_CONDITIONING
 from facade_manipulator.kinematics.forward import forward_kinematics
 from facade_manipulator.kinematics.geometry import (
     Carriages,
@@ -56,7 +56,6 @@ __all__ = [
     'Carriages',
     'certify',
     'certify_load',
-    'check_carriages',
     'check_characteristic_length',
     'compose',
     'difference',

@@ -84,7 +84,8 @@ def certify_carriages(geometry: Geometry, carriages: Carriages) -> None:
     q1, q2, q3 = carriages
     if not isfinite(q1 + q2 + q3):
         raise not_finite(carriages)
-    check_carriages(geometry, carriages)
+    check_gap(geometry, q3 - q1, q2 - q3)
+    check_stroke(geometry, q1, q2)
     check_number(closed_number(geometry, q1 - q3, q2 - q3))
 
 
@@ -121,21 +122,6 @@ def check_number(number: float) -> None:
     if number <= 0.0:
         raise SingularityError(
             'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')
-
-
-def check_carriages(geometry: Geometry, carriages: Carriages) -> None:
-    """
-    Check what the rail alone asks of carriage positions [m]: gap, order and stroke.
-
-    Raises
-    ------
-    CarriageGapError, StrokeLimitError
-        As `certify`.
-
-    """
-    q1, q2, q3 = carriages
-    check_gap(geometry, q3 - q1, q2 - q3)
-    check_stroke(geometry, q1, q2)
 
 
 def check_gap(geometry: Geometry, distance1: float, distance2: float) -> None:

@@ -39,7 +39,6 @@ from facade_manipulator.drives.canopen.pdo import (
     sdo_request_cob_id,
     sdo_response_cob_id,
     SYNC_COB_ID,
-    tpdo_cob_id,
     unused_pdos,
 )
 from facade_manipulator.drives.canopen.sdo import (
@@ -89,5 +88,4 @@ __all__ = [
     'SdoChannel',
     'SYNC_COB_ID',
     'unused_pdos',
-    'tpdo_cob_id',
 ]

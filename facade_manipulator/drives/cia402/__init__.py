@@ -20,7 +20,6 @@ from facade_manipulator.drives.cia402.group import AxisCommand, Group, GroupSett
 from facade_manipulator.drives.cia402.homing import (
     AxisHoming,
     HomingSequence,
-    HomingState,
     METHODS_AT_PRESENT_POSITION,
 )
 from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
@@ -79,7 +78,6 @@ __all__ = [
     'Group',
     'GroupSettings',
     'HomingSequence',
-    'HomingState',
     'INT32_MAX',
     'INT32_MIN',
     'load_profile',

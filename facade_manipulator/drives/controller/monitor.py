@@ -31,11 +31,13 @@ from facade_manipulator.drives.cia402 import (
     Mode,
     Status,
 )
+from facade_manipulator.drives.controller.bus_load import transmission_type
 from facade_manipulator.drives.controller.encoder import Encoder
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import AxisSnapshot
 
 SYNC_TOLERANCE = 0.001
+EVERY_SYNC = 1
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
 VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
@@ -79,7 +81,8 @@ class AxisMonitor:
             (one.cob_id(axis.node_id), one) for one in pdos if not one.is_transmitted)
         # all that come with each SYNC: following errors of different cycles compare badly
         self._answers = frozenset(
-            one.name for one in self.tpdos if one.carries(pdo.STATUS | pdo.MOTION))
+            one.name for one in self.tpdos if one.carries(pdo.STATUS | pdo.MOTION)
+            and transmission_type(one, settings.rate) == EVERY_SYNC)
         self._unanswered = set(self._answers)
         self._values: dict[int, int] = {}  # by index, in the drive's own units
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)

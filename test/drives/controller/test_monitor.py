@@ -44,6 +44,15 @@ def test_an_answer_is_complete_with_all_that_comes_with_each_sync(monitor):
     assert monitor.is_fresh
 
 
+@pytest.mark.parametrize('rate', [250, 500])
+def test_a_fast_cycle_waits_for_nothing_that_comes_more_seldom(rate):
+    settings = ControllerSettings(rate=rate)
+    monitor = AxisMonitor('q1', AXIS, settings)
+    status = TPDO1.encode({0x6041: 0, 0x6061: 0, 0x6064: 0})
+    monitor.receive_tpdo(TPDO1, status, settings.period, settings.period)
+    assert monitor.is_fresh
+
+
 @pytest.mark.parametrize('moved', [SPEED * SETTINGS.heartbeat_timeout, 0.2])
 def test_how_far_a_carriage_may_be_after_a_lost_bus_is_told_by_its_drives_speed(monitor, moved):
     """Two answers close together say nothing of it."""
