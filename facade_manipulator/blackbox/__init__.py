@@ -5,7 +5,8 @@ The black box: messages of the last minutes in, one MCAP file per stop, fault or
 bounds what the files take of the disk.
 """
 
-from facade_manipulator.blackbox.can_frames import CAN_TOPIC, frame_bytes
+from facade_manipulator.blackbox.arrivals import Arrivals
+from facade_manipulator.blackbox.can_frames import CAN_TOPIC, frame_bytes, messages_of
 from facade_manipulator.blackbox.can_listener import CanListener
 from facade_manipulator.blackbox.mcap_file import RecordedTopic, write_mcap
 from facade_manipulator.blackbox.recording import (
@@ -21,6 +22,7 @@ from facade_manipulator.blackbox.shelf import Shelf
 from facade_manipulator.blackbox.trigger import RecordTrigger
 
 __all__ = [
+    'Arrivals',
     'BlackBoxSettings',
     'CAN_TOPIC',
     'CanListener',
@@ -28,6 +30,7 @@ __all__ = [
     'frame_bytes',
     'Kept',
     'MessageRing',
+    'messages_of',
     'PARAMETERS',
     'read_recording',
     'Received',

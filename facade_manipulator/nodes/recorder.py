@@ -7,9 +7,12 @@ its own and only listens: whatever happens to it, the machine goes on.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from importlib.metadata import version
+from itertools import chain
+from operator import itemgetter
 import os
 from pathlib import Path
 import time
@@ -26,11 +29,13 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from facade_manipulator.blackbox import (
+    Arrivals,
     BlackBoxSettings,
     CAN_TOPIC,
     CanListener,
     Kept,
     MessageRing,
+    messages_of,
     PARAMETERS,
     RecordedTopic,
     RecordTrigger,
@@ -115,7 +120,7 @@ class RecorderNode(Node):
         replies.attach(self.create_service(Trigger, 'recorder/save', self._save))
         self._queues = [
             MessageQueue(self, kind, topic, qos) for topic, (kind, qos) in TOPICS.items()]
-        self._taken = time.monotonic()
+        self._arrivals = Arrivals()
         self._listeners = {self.resolve_topic_name(topic): read for topic, read in (
             ('/diagnostics', self._read_diagnostics), ('/parameter_events', self._read_event),
             (GOAL_STATUS, self._read_goal_status))}
@@ -125,14 +130,12 @@ class RecorderNode(Node):
         steady_timer(self, WATCH_PERIOD, self._watch)
 
     def _take(self) -> None:
-        """Keep what has come; a clock that was set meanwhile puts nothing into another time."""
-        before, self._taken = self._taken, time.monotonic()
-        epoch = time.time() - self._taken
+        """Keep what has come."""
+        self._arrivals.begin()
         for queue in self._queues:
             read = self._listeners.get(queue.topic)
             for received, data in queue.take():
-                at = min(max(received - epoch, before), self._taken)
-                self._ring.add(at, queue.topic, data)
+                self._ring.add(self._arrivals.time(received), queue.topic, data)
                 if read is not None:
                     read(deserialize_message(data, queue.kind))
 
@@ -215,7 +218,7 @@ class RecorderNode(Node):
             **{f'{PARAMETERS}{name}': reader.as_text()
                for name, reader in self._readers.items() if reader.values}}
         return self._shelf.write(now, partial(
-            write_mcap, topics=self._topics, messages=[*before, *kept], epoch=epoch,
+            write_mcap, topics=self._topics, messages=_in_order(chain(before, kept)), epoch=epoch,
             metadata=metadata))
 
     def _note(self, job: Future) -> None:
@@ -251,6 +254,13 @@ class RecorderNode(Node):
             queue.close()
         if self._listener is not None:
             self._listener.close()
+
+
+def _in_order(kept: Iterable[Kept]) -> list[Kept]:
+    """Return all messages in the order of time, batches of CAN frames taken apart."""
+    return sorted(chain.from_iterable(
+        messages_of(one) if one.topic == CAN_TOPIC.topic else (one,) for one in kept),
+        key=itemgetter(0))
 
 
 def main(args: list[str] | None = None) -> int:

@@ -6,6 +6,8 @@ import errno
 from io import BytesIO
 from pathlib import Path
 import shutil
+import struct
+from types import SimpleNamespace
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -14,10 +16,12 @@ from mcap_ros2.decoder import DecoderFactory
 import pytest
 
 from facade_manipulator.blackbox import (
+    Arrivals,
     CAN_TOPIC,
     frame_bytes,
     Kept,
     MessageRing,
+    messages_of,
     RecordTrigger,
     Shelf,
     write_mcap,
@@ -66,6 +70,30 @@ def test_a_fault_that_comes_and_goes_is_recorded_once_in_a_while():
         trigger.watch(second, 'driver: q1', 'late' if second % 2 else '')
         files += [second] if trigger.due(second) else []
     assert len(files) == 10
+
+
+def test_a_batch_of_frames_is_their_messages_at_their_times():
+    frames = [(1000.25, 0x181, b'carriage', {}), (1000.26, 0x12345, b'', {'is_extended': True}),
+              (1000.265, 0x701, b'', {'is_rtr': True}), (1000.27, 4, b'\1', {'is_error': True})]
+    flags = {'is_extended': 1 << 31, 'is_rtr': 1 << 30, 'is_error': 1 << 29}
+    batch = b''.join(
+        struct.pack('@ll', 1000, round(1e9 * (stamp - 1000))) + struct.pack(
+            '=IB3x8s', cob_id | sum(flags[one] for one in flag), len(data), data)
+        for stamp, cob_id, data, flag in frames)
+    assert [one.data for one in messages_of(Kept(50.27, 'can_frames', batch))] == [
+        frame_bytes(stamp, cob_id, data, **flag) for stamp, cob_id, data, flag in frames]
+    assert [one.time for one in messages_of(Kept(50.27, 'can_frames', batch))] == pytest.approx(
+        [50.25, 50.26, 50.265, 50.27])
+
+
+@pytest.mark.parametrize('step', [0.0, 3600.0, -3600.0])
+def test_a_clock_that_is_set_puts_nothing_into_another_time(monkeypatch, step):
+    clock = SimpleNamespace(monotonic=lambda: 20.0, time=lambda: 1020.0)
+    monkeypatch.setattr('facade_manipulator.blackbox.arrivals.time', clock)
+    arrivals = Arrivals()
+    clock.monotonic, clock.time = lambda: 20.1, lambda: 1020.1 + step
+    arrivals.begin()
+    assert arrivals.time(1020.04) == pytest.approx({0.0: 20.04, 3600.0: 20.0, -3600.0: 20.1}[step])
 
 
 @pytest.mark.parametrize('compact', [True, False])

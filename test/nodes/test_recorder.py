@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
-import time
-from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
@@ -119,19 +117,6 @@ def test_a_hold_is_a_reason_unless_it_was_before_the_recorder(machine):
         goal_status.publish(status)
     metadata, _ = read(machine.first_file())
     assert metadata['black box']['reasons'] == f'compensator: {HOLD}'
-
-
-@pytest.mark.parametrize('step', [3600.0, -3600.0])
-def test_a_clock_that_is_set_puts_nothing_into_another_time(machine, monkeypatch, step):
-    machine.say('inactive')
-    machine.ros.until(lambda: machine.recorder._driver_state == 'inactive', 'the first message')
-    size = machine.recorder._ring.size
-    monkeypatch.setattr('facade_manipulator.nodes.recorder.time', SimpleNamespace(
-        time=lambda: time.time() + step, monotonic=time.monotonic))
-    machine.say('active')
-    machine.ros.until(lambda: machine.recorder._driver_state == 'active', 'the second message')
-    assert machine.recorder._ring.size > size
-    assert 0.0 <= machine.recorder._ring.span < 30.0
 
 
 def test_a_call_writes_a_file_and_says_where(machine):

@@ -5,11 +5,14 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import time
 
 import can
 from listener import Listener
 import pytest
 from support import period_of, wait_until
+
+from facade_manipulator.blackbox import CanListener, frame_bytes, Kept, messages_of
 
 PERIOD = 0.010
 FRAMES = 100
@@ -51,6 +54,39 @@ def test_the_broadcast_manager_keeps_the_period(listener, vcan0):
 def test_an_interface_that_is_not_there_is_an_error(vcan0):
     with pytest.raises(OSError), can.Bus(interface='socketcan', channel='vcan9'):
         pass
+
+
+def test_the_black_box_keeps_every_frame_with_its_time(vcan0):
+    sent = [can.Message(arbitration_id=0x181, data=b'carriage', is_extended_id=False),
+            can.Message(arbitration_id=0x12345, data=b'\1', is_extended_id=True),
+            can.Message(arbitration_id=0x701, is_remote_frame=True, is_extended_id=False)]
+    expected = [frame_bytes(0.0, frame.arbitration_id, bytes(frame.data),
+                            is_rtr=frame.is_remote_frame, is_extended=frame.is_extended_id)
+                for frame in sent]
+    kept = []
+    recorder = CanListener(
+        vcan0, lambda at, batch: kept.extend(messages_of(Kept(at, '', batch))))
+    try:
+        with can.Bus(interface='socketcan', channel=vcan0) as bus:
+            wait_until(lambda: kept or bus.send(sent[0]), 'the first frame')
+            kept.clear()
+            begin = time.monotonic()
+            for frame in sent * FRAMES:
+                bus.send(frame)
+            wait_until(lambda: [one.data[12:] for one in kept].count(expected[-1][12:]) == FRAMES,
+                       'all of them')
+    finally:
+        recorder.close()
+    assert [data[12:] for _, _, data in kept[-3 * FRAMES:]] == FRAMES * [
+        data[12:] for data in expected]  # after the stamp
+    times = [at for at, _, _ in kept[-3 * FRAMES:]]
+    assert times == sorted(times) and begin <= times[0] and times[-1] <= time.monotonic()
+
+
+def test_the_black_box_names_an_interface_that_is_not_there(vcan0):
+    recorder = CanListener('vcan9', print)
+    wait_until(lambda: recorder.error == 'vcan9: No such device', 'the message')
+    recorder.close()
 
 
 @pytest.mark.skipif(not shutil.which('candump'), reason='can-utils are not installed')
