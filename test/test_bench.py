@@ -1,3 +1,6 @@
+import ast
+from importlib import import_module
+from importlib.util import find_spec
 import json
 from pathlib import Path
 import subprocess
@@ -14,6 +17,17 @@ def table(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCH))
     import table
     return table
+
+
+@pytest.mark.parametrize('path', [*BENCH.glob('*.py'), *BENCH.parent.glob('[!t]*.py')],
+                         ids=lambda path: path.name)
+def test_what_a_script_imports_of_the_package_is_there(path):
+    """No test runs them, and most of what they need they import where they need it."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module.startswith('facade_manipulator'):
+            module = import_module(node.module)
+            for name in node.names:
+                assert hasattr(module, name.name) or find_spec(f'{node.module}.{name.name}')
 
 
 @pytest.mark.realtime
