@@ -45,7 +45,7 @@ class Course:
 
 
 CHANGES = {
-    'estimate': {'mounting': (0.5, 0.3, 0.02), 'delay': 0.02},
+    'estimate': {'mounting': (0.5, 0.3, 0.02), 'axes': 0.05, 'delay': 0.02},
     'prediction': {'memory': 30.0, 'speed': (1.0, 1.0, 1.0)},
     'correction': {'fade_time': 1.0},
     'reference': {'speed': (0.1, 0.1, 0.1)},
