@@ -24,7 +24,7 @@ FREQUENCIES = (1.0, 2.0, 5.0, 10.0, 20.0)  # Hz
 _AMPLITUDE = 0.003  # m, where the speed permits it
 _PERIODS, _SETTLING = 4, 1
 _DELAY = 2  # cycles from a target's sending to the SYNC at which the drive shall be there
-_TRIANGLE_SPEED, _TRIANGLE = 0.01, 0.005
+_TRIANGLE_SPEED, _TRIANGLE = 0.005, 0.005  # m/s, m
 _ALIKE = 0.3
 _CLEAR = 0.75
 _MM, _MS = 1e3, 1e3
@@ -100,17 +100,20 @@ def find_backlash(positions: np.ndarray, forces: np.ndarray) -> float:
     """
     Return the travel after a reversal in which the carriage does not resist [m], shape (n,).
 
-    What the force needs to rise anyway is not more than a few counts at the speed of the triangle.
+    From the farthest position to where the force has risen to half of what the carriage resists
+    with, between two samples. What the force needs to rise anyway, by the friction and by a filter
+    of some 5 ms, makes it 0.05 mm more at the speed of the triangle.
     """
-    velocities = np.gradient(positions)
-    level = np.median(np.abs(forces))
-    turns = np.flatnonzero(np.sign(velocities[1:]) * np.sign(velocities[:-1]) < 0) + 1
+    steps, half = np.diff(positions), 0.5 * np.median(np.abs(forces))
     gaps = []
-    for turn in turns:
-        sign = np.sign(velocities[min(turn + 3, len(velocities) - 1)])
-        loaded = np.flatnonzero(sign * forces[turn:] > 0.5 * level)
+    for turn in np.flatnonzero(steps[1:] * steps[:-1] < 0.0) + 1:
+        along = np.sign(steps[turn]) * forces[turn:]
+        loaded = np.flatnonzero((along[1:] > half) & (along[:-1] <= half))
         if len(loaded):
-            gaps.append(abs(positions[turn + loaded[0]] - positions[turn]))
+            number = loaded[0]
+            share = (half - along[number]) / (along[number + 1] - along[number])
+            reached = positions[turn + number] + share * steps[turn + number]
+            gaps.append(abs(reached - positions[turn]))
     return float(np.median(gaps)) if gaps else 0.0
 
 
