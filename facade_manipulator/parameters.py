@@ -8,8 +8,9 @@ parameters (`facade_manipulator.ros.parameters`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, Field, field, fields
+from difflib import get_close_matches
 import math
 from typing import Any, TypeVar
 
@@ -51,6 +52,12 @@ def parameter(default: Any, description: str, **info: Any) -> Any:
 
     """
     return field(default=default, metadata={METADATA_KEY: ParameterInfo(description, **info)})
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return what follows on an unknown name in a message: the nearest known one, if any."""
+    found = get_close_matches(name, known, 1)
+    return f": did you mean '{found[0]}'?" if found else ''
 
 
 def inherited(base: type, name: str, default: Any) -> Any:

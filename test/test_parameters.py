@@ -153,8 +153,8 @@ def test_an_old_name_may_be_set_while_the_node_runs(make_old):
 
 @pytest.mark.parametrize('name, reason', [
     ('middle', 'parameter middle is fixed at 0.5 m now'), ('sway.x', 'parameter sway.x is gone'),
-    ('nonsense', 'undeclared')])
-def test_what_is_no_parameter_any_more_is_rejected_with_what_holds_now(
+    ('lo', "parameter lo is none of this node: did you mean 'low'?")])
+def test_what_is_no_parameter_is_rejected_with_what_there_is(
         ros, make_old, name, reason):
     make_old()
     request = SetParameters.Request(

@@ -37,6 +37,7 @@ def _start_logging() -> QueueListener:
     records: SimpleQueue = SimpleQueue()
     logging.getLogger().addHandler(QueueHandler(records))
     logging.getLogger('facade_manipulator').setLevel(logging.INFO)
+    logging.getLogger('canopen').setLevel(logging.CRITICAL)  # its errors are messages of ours
     listener = QueueListener(records, output)
     listener.start()
     return listener

@@ -275,7 +275,8 @@ class DriverNode(ManagedNode):
         state = self._loop.snapshot().state
         if state is not ControllerState.ACTIVE:
             raise InputError(
-                state.value, f'setpoint rejected: the drives are {state.value}, not active')
+                state.value, f'setpoint rejected: the drives are {state.value}, not active'
+                f'{self.following_step()}')
 
     def _stop_by_software(self, cause: str) -> None:
         if self._loop.snapshot().state in POWERED_STATES:

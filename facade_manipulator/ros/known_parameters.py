@@ -11,7 +11,6 @@ process's, and is named in the log.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from difflib import get_close_matches
 from itertools import pairwise
 from pathlib import Path
 import sys
@@ -21,6 +20,7 @@ from rclpy.node import Node
 import yaml
 
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.parameters import nearest
 from facade_manipulator.ros.old_parameters import is_old
 
 NODE_NAMES = ('compensator', 'driver', 'gondola_simulator', 'ik_service', 'recorder')
@@ -79,9 +79,7 @@ def _require(
     name = given.name
     if name in known or name.split('.')[0] in OF_ROS or is_old(name):
         return
-    nearest = get_close_matches(name, known, 1)
-    hint = f": did you mean '{nearest[0]}'?" if nearest else ''
-    complain(f"{what} '{name}' ({given.where}){hint}")
+    complain(f"{what} '{name}' ({given.where}){nearest(name, known)}")
 
 
 def _given(words: list[str]) -> Iterator[Given]:

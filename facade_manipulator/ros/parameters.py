@@ -26,6 +26,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import (
     check_value,
     METADATA_KEY,
+    nearest,
     parameter_fields,
     ParameterInfo,
 )
@@ -103,8 +104,8 @@ def _maker(
     return make
 
 
-class RemovedParameterError(ParameterNotDeclaredException):
-    """A parameter that there was in an earlier release, with what holds in its place."""
+class NoParameterError(ParameterNotDeclaredException):
+    """A parameter that there is not, with what there is in its place."""
 
     def __init__(self, name: str, advice: str) -> None:
         Exception.__init__(self, f'parameter {name} {advice}')
@@ -157,10 +158,11 @@ def _present(
     if node.has_parameter(name):
         return parameter
     if instead := advice(name, removed):
-        raise RemovedParameterError(name, instead)
+        raise NoParameterError(name, instead)
     new = renamed.get(name)
-    if new is None:
-        return parameter
+    if new is None:  # of which rclpy says []
+        known = node.list_parameters([], 0).names
+        raise NoParameterError(name, f'is none of this node{nearest(name, known)}')
     node.get_logger().warning(_renamed(name, new))
     return Parameter(new, value=parameter.value)
 

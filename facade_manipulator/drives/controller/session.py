@@ -50,6 +50,10 @@ NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',
     ControllerState.INACTIVE: 'activate',
     ControllerState.HALTED: 'clear_faults',
+    **dict.fromkeys(
+        (ControllerState.CONFIGURING, ControllerState.HOMING, ControllerState.ACTIVATING,
+         ControllerState.HALTING, ControllerState.DEACTIVATING, ControllerState.CLEARING,
+         ControllerState.TESTING, ControllerState.CLEANING_UP), 'wait until that is done'),
 }
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
 _NO_TARGETS = (None, None, None)
