@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
@@ -263,10 +264,7 @@ class CompensatorNode(Node):
         return self._report.components(node_time(self), self._rejections.values())
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return run(lambda: [CompensatorNode()], args)
-
+main = partial(run, lambda: [CompensatorNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

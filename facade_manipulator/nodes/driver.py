@@ -329,10 +329,7 @@ class DriverNode(ManagedNode):
         ]
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the driver node."""
-    return run(lambda: [DriverNode()], args, experimental=False)
-
+main = partial(run, lambda: [DriverNode()], experimental=False)
 
 if __name__ == '__main__':
     raise SystemExit(main())

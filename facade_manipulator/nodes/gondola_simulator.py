@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 import json
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -180,10 +181,7 @@ def _estimate_message(delivery: Delivery) -> PoseWithCovarianceStamped:
     return message
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return run(lambda: [GondolaSimulatorNode()], args)
-
+main = partial(run, lambda: [GondolaSimulatorNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

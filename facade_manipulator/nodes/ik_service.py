@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -245,10 +246,7 @@ def _actuator_pose(header, point: Carriages) -> PoseStamped:
     return pose
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the ik_service node."""
-    return run(lambda: [IkServiceNode()], args)
-
+main = partial(run, lambda: [IkServiceNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

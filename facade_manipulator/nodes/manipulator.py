@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 from rclpy.node import Node
 
 from facade_manipulator.nodes.compensator import CompensatorNode
@@ -17,10 +19,7 @@ def make_nodes(**kwargs) -> list[Node]:
     return [compensator, ik_service]
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run both nodes in one executor."""
-    return run(make_nodes, args)
-
+main = partial(run, make_nodes)
 
 if __name__ == '__main__':
     raise SystemExit(main())

@@ -263,10 +263,7 @@ def _in_order(kept: Iterable[Kept]) -> list[Kept]:
         key=itemgetter(0))
 
 
-def main(args: list[str] | None = None) -> int:
-    """Run the node."""
-    return run(lambda: [RecorderNode()], args)
-
+main = partial(run, lambda: [RecorderNode()])
 
 if __name__ == '__main__':
     raise SystemExit(main())

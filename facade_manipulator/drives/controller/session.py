@@ -277,7 +277,7 @@ class Session:
     def start_cycle(self, now: float) -> None:
         """Let the cycle run, with all drives switched off."""
         self.collector.keep()  # what configuring has made would cost the first collection a cycle
-        self.group = Group(AXIS_NAMES, self.settings.group, now)
+        self.group = Group(AXIS_NAMES, self.settings, now)
         self.connection.exchange.start(self.group, time.monotonic())
 
     def close(self) -> None:

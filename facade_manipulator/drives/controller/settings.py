@@ -8,7 +8,7 @@ from facade_manipulator.parameters import parameter, settings
 
 
 @settings
-class ControllerSettings:
+class ControllerSettings(GroupSettings):
     """The cycle, its supervision and the time-outs."""
 
     rate: int = parameter(
@@ -43,9 +43,6 @@ class ControllerSettings:
 
     # fixed: only tests have a reason to change them
     heartbeat_period: float = 0.05  # s, of the heartbeats of master and drives
-    step_timeout: float = 1.0  # s, for one step of the state machine
-    ramp_timeout: float = 5.0  # s, to come to rest on the path
-    hold_cycles: int = 20  # that the carriages hold after power-on before they follow
     reopen_after: float = 1.0  # s, for which a reopened bus must be healthy
     own_garbage_collection: bool = True  # the control thread runs the collector, in its slack
 
@@ -63,9 +60,3 @@ class ControllerSettings:
     def period(self) -> float:
         """Time between two cycles [s]."""
         return 1.0 / self.rate
-
-    @property
-    def group(self) -> GroupSettings:
-        """What of it the state machine of the group needs."""
-        return GroupSettings(
-            self.step_timeout, self.ramp_timeout, self.hold_cycles)

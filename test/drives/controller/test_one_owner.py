@@ -87,7 +87,7 @@ def test_a_stop_shortly_before_a_sync_waits_for_it(wire, share, kind):
             AXIS_NAMES, DEFAULT_AXES, strict=True))
     exchange = CyclicExchange(
         wire, monitors, SETTINGS, Targets(DEFAULT_AXES, SETTINGS, MechanismChecks(Source())))
-    group = Group(AXIS_NAMES, SETTINGS.group, wire.now)
+    group = Group(AXIS_NAMES, SETTINGS, wire.now)
     exchange.start(group, wire.now)
 
     def turn(*frames):
