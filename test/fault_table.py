@@ -71,8 +71,7 @@ def _silence(rig: StreamRig) -> None:
 
 def _stop_heart(rig: StreamRig) -> None:
     with rig.simulator.access() as drives:
-        drives[VICTIM].objects.values[0x1017, 0] = 0
-        drives[VICTIM]._producer.deadline = math.inf
+        drives[VICTIM].stop_heartbeat()
 
 
 def _reboot(rig: StreamRig) -> None:

@@ -121,22 +121,39 @@ def drive_faults(run: RecordedRun) -> list[DriveFault]:
 
 
 def _faults_on_bus(run: RecordedRun, nodes: list[int]) -> Iterator[DriveFault]:
-    last = dict.fromkeys(nodes, run.begin)
-    for stamp, frame in run.topics['can_frames']:
-        node = frame.id & 0x7F
-        if node not in nodes or stamp < run.begin:
-            continue
-        kind, axis, data = frame.id - node, nodes.index(node), bytes(frame.data[:frame.dlc])
-        if kind in (TPDO1, HEARTBEAT):
-            last[node] = stamp
+    words, beats = dict.fromkeys(range(len(nodes)), run.begin), {}
+    for stamp, axis, kind, data in _frames_of_drives(run, nodes):
         if kind == EMERGENCY:
             yield from _errors(stamp, axis, int.from_bytes(data[:2], 'little'))
         elif kind == HEARTBEAT and data == b'\0':
             yield DriveFault(stamp, axis, 'restarts', 'reboot')
-    newest = max(last.values())
-    for axis, node in enumerate(nodes):
-        if newest - last[node] > SILENCE:
-            yield _silence(last[node], axis)
+            for received in (words, beats):  # what it does not say afterwards is a consequence
+                received.pop(axis, None)
+        else:
+            words[axis] = stamp
+            if kind == HEARTBEAT:
+                beats[axis] = stamp
+    silent = _silent(words)
+    yield from (_silence(words[axis], axis) for axis in silent)
+    yield from (DriveFault(beats[axis], axis, 'sends no heartbeat', 'stop_heartbeat')
+                for axis in _silent(beats) - silent)
+
+
+def _silent(words: dict[int, float]) -> set[int]:
+    """Return whose last word [s] is long past while the others go on."""
+    newest = max(words.values(), default=0.0)
+    return {axis for axis, word in words.items() if newest - word > SILENCE}
+
+
+def _frames_of_drives(
+    run: RecordedRun, nodes: list[int]
+) -> Iterator[tuple[float, int, int, bytes]]:
+    """Yield time, axis, COB-ID less the node id, and data of what the drives say."""
+    for stamp, frame in run.topics['can_frames']:
+        node = frame.id & 0x7F
+        kind = frame.id - node
+        if node in nodes and kind in (TPDO1, HEARTBEAT, EMERGENCY) and stamp >= run.begin:
+            yield stamp, nodes.index(node), kind, bytes(frame.data[:frame.dlc])
 
 
 def _faults_in_diagnostics(run: RecordedRun) -> Iterator[DriveFault]:

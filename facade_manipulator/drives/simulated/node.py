@@ -325,6 +325,11 @@ class SimulatedNode:
     def _restart_heartbeat(self, period: int) -> None:
         self._producer.deadline = self._now + period * 1e-3 if period else math.inf
 
+    def stop_heartbeat(self) -> None:
+        """Send no heartbeat any more, and everything else as before."""
+        self.objects.values[0x1017, 0] = 0
+        self._restart_heartbeat(0)
+
     # --- errors
 
     def _announce(self) -> None:
