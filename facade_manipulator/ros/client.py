@@ -33,8 +33,8 @@ from rclpy.qos import qos_profile_system_default
 from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Carriages, Pose
-from facade_manipulator.messages import planar_pose, seconds
+from facade_manipulator.kinematics import Carriages, difference, Pose
+from facade_manipulator.messages import planar_pose, RAIL, seconds
 from facade_manipulator.ros.conversions import node_time, pose_stamped, stamp_text
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
@@ -44,6 +44,7 @@ HOMING_TIMEOUT = 120.0
 REASON_TIMEOUT = 1.5
 GOAL_TIMEOUT = 60.0
 REACHED = 'reached'
+STANDS_WITHIN, STANDS_FOR = 2e-4, 0.5  # m or rad, s
 SPIN_STEP = 0.02  # s, after which a waiting call looks at its condition again
 
 Value = TypeVar('Value')
@@ -95,6 +96,8 @@ class ManipulatorClient:
         self.goal_status: DiagnosticStatus | None = None
         self._rejections: deque[DiagnosticStatus] = deque(maxlen=RECENT.depth)
         self._progress: dict[str, DiagnosticStatus] = {}  # of goals, by their stamp
+        self._on_rail: Publisher | None = None
+        self._away_at = 0.0  # when the head was not where it is to stand
         self._goals: Publisher | None = None  # a mere observer needs no right to move anything
         self.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE)
@@ -253,6 +256,43 @@ class ManipulatorClient:
             self._executor.spin_once(SPIN_STEP)
         raise NoAnswerError(f'the goal was not reached within {timeout:g} s: '
                             f'{last.message if last else "no compensator/goal_status"}')
+
+    def stand_at(self, pose: Pose, timeout: float = GOAL_TIMEOUT) -> None:
+        """
+        Move the head to a pose on the rail, without a compensator; return when it stands there.
+
+        Parameters
+        ----------
+        pose : Pose
+            In frame ``rail``.
+        timeout : float
+            [s].
+
+        Raises
+        ------
+        RequestRejectedError
+            A compensator publishes corrected poses too.
+        NoAnswerError
+            Nobody subscribes to corrected poses, or the head does not get there in time.
+
+        """
+        if self._on_rail is None:
+            self._on_rail = self.node.create_publisher(PoseStamped, 'corrected_pose', LATEST)
+        self.wait_until(self._on_rail.get_subscription_count, 'an ik_service', timeout)
+        if self.node.count_publishers('corrected_pose') > 1:
+            raise RequestRejectedError(
+                'a compensator publishes corrected_pose: start driver and ik_service alone')
+        self._on_rail.publish(pose_stamped(RAIL, node_time(self.node), pose))
+        self._away_at = time.monotonic()
+        self.wait_until(lambda: self._stands_at(pose), f'the head at {tuple(pose)}', timeout)
+
+    def _stands_at(self, pose: Pose) -> bool:
+        """Return whether the head has been at a pose for a while."""
+        now = time.monotonic()
+        head = self.head_in_rail
+        if head is None or max(map(abs, difference(head, pose))) > STANDS_WITHIN:
+            self._away_at = now
+        return now - self._away_at > STANDS_FOR
 
     def hold(self) -> str:
         """End the way to the goal; the head stays on the wall."""

@@ -7,8 +7,10 @@ import pytest
 from support import DEADLINE
 
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import planar_pose
 from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
-from facade_manipulator.ros.runtime import LATEST
+from facade_manipulator.ros.conversions import pose_stamped
+from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 GOAL = Pose(0.05, 0.25, 0.0)
 
@@ -43,6 +45,24 @@ def test_the_compensation_is_asked_for_by_its_names_and_its_refusal_is_raised(
     assert 'fades in' in client.enable_compensation()
     with pytest.raises(RequestRejectedError, match='compensator/tare: cannot tare without'):
         client.tare()
+
+
+def test_the_head_stands_on_the_rail_when_it_has_been_there_for_a_while(ros, client):
+    other = ros.node('ik', namespace='gondola_1')
+    heads = other.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
+    asked = ros.collect(other, PoseStamped, 'corrected_pose', LATEST)
+    place = iter([Pose(0.0, 0.2, 0.0)] * 3 + [GOAL] * 10000)
+    other.create_timer(0.02, lambda: heads.publish(pose_stamped('rail', 1.0, next(place))))
+    client._check = lambda: ros.executor.spin_once(0.0)
+    client.stand_at(GOAL)
+    assert planar_pose(asked[-1].pose, 'goal') == pytest.approx(GOAL)
+    assert client.head_in_rail == pytest.approx(GOAL)
+    with pytest.raises(NoAnswerError, match='the head at'):
+        client.stand_at(GOAL._replace(y=0.3), 0.2)
+    other.create_publisher(PoseStamped, 'corrected_pose', LATEST)
+    client.wait_until(lambda: client.node.count_publishers('corrected_pose') == 2, 'the other')
+    with pytest.raises(RequestRejectedError, match='a compensator publishes corrected_pose'):
+        client.stand_at(GOAL)
 
 
 def test_one_who_only_looks_publishes_nothing_of_the_machine(client):
