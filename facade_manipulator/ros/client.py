@@ -44,7 +44,7 @@ HOMING_TIMEOUT = 120.0
 REASON_TIMEOUT = 1.5
 GOAL_TIMEOUT = 60.0
 REACHED = 'reached'
-STANDS_WITHIN, STANDS_FOR = 2e-4, 0.5  # m or rad, s
+STANDS_WITHIN, STANDS_FOR = 2e-4, 1.0  # m or rad, s
 SPIN_STEP = 0.02  # s, after which a waiting call looks at its condition again
 
 Value = TypeVar('Value')
@@ -97,7 +97,7 @@ class ManipulatorClient:
         self._rejections: deque[DiagnosticStatus] = deque(maxlen=RECENT.depth)
         self._progress: dict[str, DiagnosticStatus] = {}  # of goals, by their stamp
         self._on_rail: Publisher | None = None
-        self._away_at = 0.0  # when the head was not where it is to stand
+        self._rest: tuple[float, Pose | None] = 0.0, None  # since when it stands, and where
         self._goals: Publisher | None = None  # a mere observer needs no right to move anything
         self.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE)
@@ -282,17 +282,24 @@ class ManipulatorClient:
         if self.node.count_publishers('corrected_pose') > 1:
             raise RequestRejectedError(
                 'a compensator publishes corrected_pose: start driver and ik_service alone')
-        self._on_rail.publish(pose_stamped(RAIL, node_time(self.node), pose))
-        self._away_at = time.monotonic()
-        self.wait_until(lambda: self._stands_at(pose), f'the head at {tuple(pose)}', timeout)
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:  # again where a stream that was interrupted has left it
+            self._on_rail.publish(pose_stamped(RAIL, node_time(self.node), pose))
+            self._rest = time.monotonic(), self.head_in_rail
+            self.wait_until(self._rests, 'a head at rest', timeout)
+            if _distance(self.head_in_rail, pose) < STANDS_WITHIN:
+                return
+        raise NoAnswerError(f'the head stands at {self.head_in_rail}, not at {pose}, for '
+                            f'{timeout:g} s: ik_service/status and /diagnostics say why')
 
-    def _stands_at(self, pose: Pose) -> bool:
-        """Return whether the head has been at a pose for a while."""
-        now = time.monotonic()
+    def _rests(self) -> bool:
+        """Return whether the head has not moved for a while."""
+        since, place = self._rest
         head = self.head_in_rail
-        if head is None or max(map(abs, difference(head, pose))) > STANDS_WITHIN:
-            self._away_at = now
-        return now - self._away_at > STANDS_FOR
+        if head is None or place is None or _distance(head, place) > STANDS_WITHIN:
+            self._rest = time.monotonic(), head
+            return False
+        return time.monotonic() - since > STANDS_FOR
 
     def hold(self) -> str:
         """End the way to the goal; the head stays on the wall."""
@@ -403,6 +410,10 @@ class ManipulatorClient:
             self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
         except ManipulatorError:
             self.head_in_rail = None  # the compensator rejects it too, and says why
+
+
+def _distance(a: Pose, b: Pose) -> float:
+    return max(map(abs, difference(a, b)))
 
 
 def _message(name: str, reply: Any) -> str:
