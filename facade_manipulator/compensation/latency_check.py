@@ -4,9 +4,9 @@ Whether the force is as late as its stamps say: it must answer in time to what t
 A sensor that is late but stamps its measurements as fresh looks sound. So two small sines are
 added to the desired force, a watermark [1]: the wall's motion does not correlate with them, hence
 in the mean their traces in force and offset have the ratio k exp(−jωd), whatever the loop does,
-with the stiffness k and the latency d that is not in the stamps. With one sine d looks like d and
-a period of it; 1.5 and 2.4 Hz have no period in common below 3.3 s. Trace and scatter come from a
-fit to each window; only what the scatter cannot explain counts as latency.
+with the stiffness k and the latency d that is not in the stamps. One sine sees no difference of d
+and d plus its period; 1.5 and 2.4 Hz have no period in common below 3.3 s. Trace and scatter come
+from a fit to each window; only what the scatter cannot explain counts as latency.
 
 References
 ----------

@@ -204,7 +204,7 @@ class Pressing:
         self._enter(PressMode.SEARCHING)
 
     def _look_for_touch(self, interval: float) -> None:
-        touching = self.y.force > min(TOUCH, 0.5 * self.press.force)
+        touching = self.y.force > min(TOUCH, 0.5 * (self.desired or self.press.force))
         self._untouched = 0.0 if touching else self._untouched + interval
         if self.mode is PressMode.SEARCHING and touching:
             self._enter(PressMode.RAISING)

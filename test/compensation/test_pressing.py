@@ -103,6 +103,12 @@ def test_the_force_rises_over_the_ramp():
     assert run.forces[:halfway].max() < 0.8 * SETTINGS.force
 
 
+def test_a_small_force_that_rises_slowly_counts_as_a_touch():
+    run = press(600.0, duration=60.0, settings=replace(SETTINGS, force=4.9, ramp_time=40.0))
+    assert run.pressing.mode is PressMode.HOLDING
+    assert run.forces[-300:].mean() == pytest.approx(4.9, rel=0.03)
+
+
 def test_a_wall_out_of_reach_is_looked_for_no_further_than_the_range():
     run = press(600.0, duration=40.0, wall=lambda _: 1.0)
     assert run.pressing.mode is PressMode.SEARCHING
