@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 from pathlib import Path
+import signal
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
@@ -117,6 +119,27 @@ def test_a_hold_is_a_reason_unless_it_was_before_the_recorder(machine):
         goal_status.publish(status)
     metadata, _ = read(machine.first_file())
     assert metadata['black box']['reasons'] == f'compensator: {HOLD}'
+
+
+def test_a_recorder_that_hangs_holds_no_publisher_up(ros, start_process, tmp_path):
+    recorder = start_process('facade_manipulator.nodes.recorder', '--ros-args',
+                             '-p', f'folder:={tmp_path}', '-p', 'aftermath:=0.0')
+    node = ros.node('driver')
+    diagnostics = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+    goals = node.create_publisher(PoseStamped, 'goal_pose', RELIABLE)
+    publishers = diagnostics, goals
+    ros.until(lambda: all(one.get_subscription_count() for one in publishers), 'the recorder')
+    recorder.send_signal(signal.SIGSTOP)
+    begin = time.thread_time(), time.monotonic()
+    for number in range(20 * RELIABLE.depth):
+        goals.publish(pose_stamped('facade', float(number), GOAL))
+        diagnostics.publish(DiagnosticArray())
+    busy, took = time.thread_time() - begin[0], time.monotonic() - begin[1]
+    recorder.send_signal(signal.SIGCONT)
+    assert took < 2.0 + 10.0 * busy  # a publisher that waits for it does so for 0.1 s each time
+    diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(
+        name='driver: operation', level=DiagnosticStatus.ERROR, message='a fault')]))
+    ros.until(lambda: list(tmp_path.glob('*.mcap')), 'the file', 20.0)
 
 
 def test_a_call_writes_a_file_and_says_where(machine):
