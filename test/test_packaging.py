@@ -73,7 +73,9 @@ def test_the_installed_version_is_the_declared_one(keywords):
         installed = distribution('facade_manipulator')
     except PackageNotFoundError:
         pytest.skip('runs from the source tree without being installed')
-    assert installed.version == keywords['version'], 'make setup installs it again'
+    if '"editable": true' in (installed.read_text('direct_url.json') or ''):
+        pytest.skip('what is editable has the version of its installation')
+    assert installed.version == keywords['version']
 
 
 def test_the_executables_are_those_of_the_interface(scripts):
