@@ -119,7 +119,7 @@ def calibrate_wall(options: argparse.Namespace) -> None:
     source = options.parameters or config_path('manipulator.yaml')
     estimate = read_settings(source, COMPENSATOR, 'estimate', EstimateSettings)
     points, forces = _touches(options.touches, _geometry(source), estimate)
-    found = fit_wall(points, options.noise * 1e-3, forces)
+    found = fit_wall(points, Noise(position=options.noise * 1e-3).position, forces)
     for line in report_wall(found):
         print(line)
     if options.touches.suffix != RECORDED or len(

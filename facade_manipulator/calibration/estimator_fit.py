@@ -62,6 +62,8 @@ SMOOTHING = 0.3  # s, well below a period of any gondola
 LONGEST_GAP = 1.0  # s
 LEAST_OVERLAP = 20.0  # s
 MOST_SAMPLES = 3000
+MOST_LEFT = 0.5  # of the motion
+ALIKE = np.array([0.01, 0.01, 0.01])  # m, m, rad: no instrument is worse
 LEAST_MOTION = 5.0  # times what is noise of its velocity
 Curve = Callable[[np.ndarray], np.ndarray]
 
@@ -169,6 +171,9 @@ def _in_common(recording: EstimatorRecording) -> EstimatorRecording:
             f'the three recordings have {max(end - begin, 0.0):.1f} s in common, '
             f'{LEAST_OVERLAP:g} s are needed')
     wall = wall[(wall[:, 0] >= begin) & (wall[:, 0] <= end)]
+    if not np.isfinite(wall[:, 1:]).any():
+        raise CalibrationError(
+            f'wall: nothing of {", ".join(AXES)} is measured while there is the rest')
     return EstimatorRecording(disturbance, joints, wall[::max(1, len(wall) // MOST_SAMPLES)])
 
 
@@ -234,11 +239,12 @@ class _Fit(NamedTuple):
             noise = np.maximum(1.4826 * np.nan_to_num([
                 np.median(np.abs(column[seen])) if seen.any() else 0.0
                 for column, seen in zip(remains.T, there.T, strict=True)]), 1e-9)
+        residual = np.sqrt((remains ** 2).sum(axis=0) / counts)
+        _check_agreement(residual, self.published(self.times).std(axis=0))
         deviations = self._deviations(rates, remains / noise)
         _check_shown(deviations)
         return EstimatorFit(
-            _settings(present, values), deviations, float(values[TURN]),
-            np.sqrt((remains ** 2).sum(axis=0) / counts))
+            _settings(present, values), deviations, float(values[TURN]), residual)
 
     def misses(self, values: np.ndarray) -> np.ndarray:
         """Return measured less expected on the wall, shape (m, 3); 0 where not measured."""
@@ -307,6 +313,17 @@ def _correlation(values: np.ndarray) -> float:
     rho /= max(rho[0], 1e-300)
     last = int(np.argmax(rho <= 0.0)) or len(rho)
     return float(1.0 + 2.0 * rho[1:last].sum())
+
+
+def _check_agreement(residual: np.ndarray, motion: np.ndarray) -> None:
+    """Reject what leaves much of the motion over: no mounting does, another unit or sign does."""
+    for axis, left, moved, alike, (unit, factor) in zip(
+            AXES, residual, motion, ALIKE, UNITS, strict=True):
+        if left > alike and left > MOST_LEFT * moved:
+            raise CalibrationError(
+                f'the recordings contradict each other: {left * factor:.3g} {unit} RMS of the '
+                f"head's {axis} remain, of a motion of {moved * factor:.3g} {unit}; another unit, "
+                'sign or order of the axes in one of them?')
 
 
 def _check_shown(deviations: dict[str, float]) -> None:

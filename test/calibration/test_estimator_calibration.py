@@ -132,6 +132,22 @@ def test_a_gap_is_named():
         fit_estimator(GEOMETRY, record(silent_from=30.0, silent_for=2.0))
 
 
+@pytest.mark.parametrize(('table', 'column', 'factor'), [
+    ('disturbance', 1, 1e-3), ('disturbance', 1, -1.0), ('wall', 3, math.radians(1.0))])
+def test_another_unit_or_sign_is_a_contradiction(table, column, factor):
+    recording = record()
+    getattr(recording, table)[:, column] *= factor
+    with pytest.raises(CalibrationError, match='contradict each other.*another unit, sign'):
+        fit_estimator(GEOMETRY, recording)
+
+
+def test_a_wall_of_empty_cells_is_named():
+    recording = record()
+    recording.wall[:, 1:] = np.nan
+    with pytest.raises(CalibrationError, match='wall: nothing of x, y, theta is measured'):
+        fit_estimator(GEOMETRY, recording)
+
+
 def test_recordings_that_do_not_overlap_are_rejected():
     recording = record()
     with pytest.raises(CalibrationError, match='in common'):
