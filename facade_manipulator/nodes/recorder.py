@@ -93,6 +93,7 @@ SILENCE = 3.0  # s without diagnostics of a driver that had power
 WATCH_PERIOD = 0.5
 TAKE_PERIOD = 0.1  # s, in which no topic has more messages than `DEPTH`
 ERROR = DiagnosticStatus.ERROR
+LONGEST_WRITE = 30.0  # s, for a file
 LOW_PRIORITY = 10  # nice value of the thread that writes
 
 
@@ -111,6 +112,8 @@ class RecorderNode(Node):
         self._writer = ThreadPoolExecutor(1, 'black box', lambda: os.setpriority(
             os.PRIO_PROCESS, 0, LOW_PRIORITY))
         self._outcome, self._error, self._files = 'nothing recorded yet', '', 0
+        self._job: Future | None = None
+        self._job_time = 0.0
         self._driver_state, self._driver_time = '', time.monotonic()
         self._knows_goal = False
         self._listener: CanListener | None = None
@@ -181,7 +184,7 @@ class RecorderNode(Node):
         self._trigger.watch(now, 'driver', (
             f'no diagnostics for {silence:.0f} s while it was {self._driver_state}'
             if self._driver_state in MOVING and silence > SILENCE else ''))
-        if reasons := self._trigger.due(now):
+        if not self._is_writing and (reasons := self._trigger.due(now)):
             self._record(tuple(reasons))
 
     def _listen_to_bus(self) -> None:
@@ -192,20 +195,28 @@ class RecorderNode(Node):
                 driver['bus.channel'],
                 lambda time, data: self._ring.add(time, CAN_TOPIC.topic, data))
 
-    def _save(self, _: Trigger.Request, response: Trigger.Response) -> Deferred:
+    def _save(self, _: Trigger.Request, response: Trigger.Response) -> Deferred | Trigger.Response:
         def answer(job: Future) -> Trigger.Response:
             response.success = job.exception() is None
             response.message = str(job.exception() or f'recorded in {job.result()}')
             return response
 
+        if self._is_writing:  # a copy for each call would fill the memory
+            response.message = 'the file before is still being written: ask again'
+            return response
         return Deferred(self._record(('recorder/save was called',)), answer)
+
+    @property
+    def _is_writing(self) -> bool:
+        return self._job is not None and not self._job.done()
 
     def _record(self, reasons: tuple[str, ...]) -> Future:
         """Write what is kept, in the writer's thread."""
         self._take()
-        job = self._writer.submit(self._write, *self._ring.copy(), reasons)
-        job.add_done_callback(self._note)
-        return job
+        self._job = self._writer.submit(self._write, *self._ring.copy(), reasons)
+        self._job_time = time.monotonic()
+        self._job.add_done_callback(self._note)
+        return self._job
 
     def _write(self, before: list[Kept], kept: list[Kept], reasons: tuple[str, ...]) -> Path:
         now, present = time.time(), time.monotonic()
@@ -233,7 +244,7 @@ class RecorderNode(Node):
 
     def _components(self) -> list[DiagnosticStatus]:
         listener = self._listener
-        trouble = self._error or (listener.error if listener else '')
+        trouble = self._slow_writing() or self._error or (listener.error if listener else '')
         values = {
             'kept [s]': self._ring.span,
             'memory [MB]': 1e-6 * self._ring.size,
@@ -244,6 +255,12 @@ class RecorderNode(Node):
         }
         return [diagnostic_status(
             'black box', 'error' if trouble else 'ok', trouble or self._outcome, values)]
+
+    def _slow_writing(self) -> str:
+        took = time.monotonic() - self._job_time
+        if not self._is_writing or took <= LONGEST_WRITE:
+            return ''
+        return f'writing a file takes {took:.0f} s, bound {LONGEST_WRITE:g} s: does the disk hang?'
 
     def close(self) -> None:
         """End when what is being written is written."""

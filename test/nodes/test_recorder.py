@@ -6,6 +6,7 @@ import json
 import math
 from pathlib import Path
 import signal
+from threading import Event
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -146,6 +147,26 @@ def test_a_call_writes_a_file_and_says_where(machine):
     reply = machine.ros.call(machine.node, Trigger, 'recorder/save')
     assert reply.success
     assert reply.message == f'recorded in {machine.first_file()}'
+
+
+def test_while_a_disk_hangs_one_file_waits_and_no_more(machine, monkeypatch):
+    hangs, write = Event(), machine.recorder._shelf.write
+    monkeypatch.setattr('facade_manipulator.nodes.recorder.LONGEST_WRITE', 0.0)
+    monkeypatch.setattr(machine.recorder._shelf, 'write', lambda *arguments: (
+        hangs.wait(20.0), write(*arguments))[1])
+    first = machine.recorder._record(('the first',))
+    reply = machine.ros.call(machine.node, Trigger, 'recorder/save')
+    assert not reply.success and 'is still being written' in reply.message
+    (status,) = machine.recorder._components()
+    assert status.level == DiagnosticStatus.ERROR and 'does the disk hang?' in status.message
+    machine.say('active')
+    machine.say('stopped', DiagnosticStatus.ERROR, 'a fault')
+    machine.ros.until(lambda: machine.recorder._trigger._due < math.inf, 'the stop')
+    hangs.set()
+    machine.ros.until(lambda: len(machine.files()) == 2, 'the file of the stop')
+    assert first.done()
+    metadata, _ = read(machine.files()[1])
+    assert metadata['black box']['reasons'] == 'driver: operation: a fault'
 
 
 def test_a_folder_that_cannot_be_written_is_told_and_nothing_ends(ros, tmp_path):

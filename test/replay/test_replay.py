@@ -15,8 +15,10 @@ from facade_manipulator.compensation import Compensator
 from facade_manipulator.errors import ManipulatorError, RecordError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.motion import GoalSettings, SetpointStream
+from facade_manipulator.prediction import EstimateGate, EstimateSettings
 from facade_manipulator.replay import replay_poses, replay_setpoints, StopReplay
 from facade_manipulator.replay.__main__ import main
+from facade_manipulator.replay.poses import INPUTS
 from facade_manipulator.replay.report import page
 from facade_manipulator.replay.stop import drive_faults, recorded_stop, replay_stop, Stop
 
@@ -99,6 +101,21 @@ def test_what_is_missing_is_named(run):
         CAN_PATH, empty, replay_poses(empty), replay_setpoints(empty), None)
     with pytest.raises(ManipulatorError, match='no joint_setpoints'):
         replay_stop(empty, 5.0)
+
+
+def test_odometry_is_an_estimate_in_the_replay_as_in_the_node():
+    taken = []
+    compensator = Message(
+        gate=EstimateGate(EstimateSettings(mounting=(0.5, 0.2, 0.0))),
+        add_estimate=lambda *arguments: taken.append(arguments))
+    message = pose_message(BEGIN, Pose(0.55, 0.2, 0.0))
+    message.pose = Message(pose=message.pose, covariance=list(range(36)))
+    for child in ('rail', 'prism'):
+        message.child_frame_id = child
+        INPUTS['disturbance_odometry'](compensator, BEGIN + 0.03, message)
+    of_rail, of_prism = taken
+    assert of_rail == (BEGIN + 0.03, BEGIN, Pose(0.55, 0.2, 0.0), (0.0, 7.0, 35.0), 0.0)
+    assert of_prism[2] == pytest.approx((0.05, 0.0, 0.0))
 
 
 # --- stops
