@@ -22,7 +22,7 @@ from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamp
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -50,24 +50,24 @@ from facade_manipulator.ros import (
     DeferredReplies,
     diagnostic_status,
     DiagnosticsPublisher,
-    LATCHED,
     message_definition,
     MessageQueue,
     ParameterReader,
-    RECENT,
-    RELIABLE,
     run,
     steady_timer,
     type_name,
 )
 
 NAME = 'facade_manipulator'
-DEPTH = 200
+DEPTH = 200  # messages of a topic that wait until they are taken
 STREAM = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)  # holds nobody up
+EVERY = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+KEPT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE,
+                  durability=DurabilityPolicy.TRANSIENT_LOCAL)
 GOAL_STATUS = 'compensator/goal_status'
 # topic: type, quality of service; the last two are the whole graph's, the others the namespace's
 TOPICS = {
-    'goal_pose': (PoseStamped, RELIABLE),
+    'goal_pose': (PoseStamped, EVERY),
     'disturbance': (PoseWithCovarianceStamped, STREAM),
     'disturbance_odometry': (Odometry, STREAM),
     'contact_wrench': (WrenchStamped, STREAM),
@@ -78,12 +78,12 @@ TOPICS = {
     'joint_states': (JointState, STREAM),
     'end_effector_pose': (PoseStamped, STREAM),
     'compensator/reference': (PoseStamped, STREAM),
-    GOAL_STATUS: (DiagnosticStatus, LATCHED),
+    GOAL_STATUS: (DiagnosticStatus, KEPT),
     'software_stop': (Bool, STREAM),
-    'ik_service/status': (DiagnosticStatus, LATCHED),
-    'ik_service/rejections': (DiagnosticStatus, RECENT),
-    '/parameter_events': (ParameterEvent, RELIABLE),
-    '/diagnostics': (DiagnosticArray, RELIABLE),
+    'ik_service/status': (DiagnosticStatus, KEPT),
+    'ik_service/rejections': (DiagnosticStatus, KEPT),
+    '/parameter_events': (ParameterEvent, EVERY),
+    '/diagnostics': (DiagnosticArray, EVERY),
 }
 COMPONENTS = ('driver', 'ik_service', 'compensator', 'gondola_simulator')
 OPERATION = 'driver: operation'
@@ -91,7 +91,7 @@ STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # sta
 MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
 SILENCE = 3.0  # s without diagnostics of a driver that had power
 WATCH_PERIOD = 0.5
-TAKE_PERIOD = 0.1  # s, in which no topic has more messages than `DEPTH`
+TAKE_PERIOD = 0.1  # s
 ERROR = DiagnosticStatus.ERROR
 LONGEST_WRITE = 30.0  # s, for a file
 LOW_PRIORITY = 10  # nice value of the thread that writes

@@ -108,6 +108,19 @@ def test_a_driver_that_goes_silent_under_power_is_a_reason(machine, monkeypatch)
     assert metadata['black box']['reasons'].endswith('while it was active')
 
 
+def test_what_comes_between_two_looks_is_kept_whole(machine):
+    goal_status = machine.node.create_publisher(
+        DiagnosticStatus, 'compensator/goal_status', LATCHED)
+    machine.ros.until(lambda: goal_status.get_subscription_count() == 1, 'the recorder')
+    for number in range(5):
+        goal_status.publish(DiagnosticStatus(message=str(number)))
+        time.sleep(0.005)  # as they are sent, and no faster than they travel
+    machine.ros.call(machine.node, Trigger, 'recorder/save')
+    _, messages = read(machine.first_file())
+    assert [message.message for topic, message in messages
+            if topic == '/gondola_1/compensator/goal_status'] == list('01234')
+
+
 def test_a_hold_is_a_reason_unless_it_was_before_the_recorder(machine):
     goal_status = machine.node.create_publisher(
         DiagnosticStatus, 'compensator/goal_status', LATCHED)
