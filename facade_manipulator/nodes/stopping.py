@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 import sys
 from typing import Any
@@ -21,7 +20,7 @@ from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import Outcome, StoppingAnalysis
 from facade_manipulator.motion import MotionLimits
-from facade_manipulator.parameters import as_fields, parameter_fields
+from facade_manipulator.parameters import given_parameters, parameter_fields, settings_from
 from facade_manipulator.resources import config_path
 
 NODES = ('**', 'driver')  # whose sections the driver reads
@@ -61,32 +60,25 @@ def read_analysis(files: Sequence[Path]) -> tuple[Geometry, StoppingAnalysis]:
     for path in files:
         try:
             content = yaml.safe_load(path.read_text(encoding='utf-8'))
-            for node, section in content.items():
-                if node.rsplit('/', 1)[-1] in NODES:
-                    _merge(values, section['ros__parameters'])
-        except (yaml.YAMLError, AttributeError, KeyError, TypeError) as error:
+            values.update((name, value) for node, name, value in given_parameters(content)
+                          if node.rpartition('/')[2] in NODES)
+        except (yaml.YAMLError, AttributeError) as error:
             raise ParameterError(f'{path} is no parameter file: {error}') from error
-    geometry = _settings(Geometry(), values.get('geometry', {}), 'geometry')
-    axes = tuple(_settings(AxisSettings(**defaults), values.get(name, {}), name)
+    geometry = _settings(Geometry, values, 'geometry')
+    axes = tuple(_settings(AxisSettings, values, name, **defaults)
                  for name, defaults in axis_defaults(geometry.stroke).items())
     return geometry, StoppingAnalysis(
-        geometry, _settings(MotionLimits(), values.get('limits', {}), 'limits'), axes,
-        _settings(ControllerSettings(), values.get('controller', {}), 'controller'))
+        geometry, _settings(MotionLimits, values, 'limits'), axes,
+        _settings(ControllerSettings, values, 'controller'))
 
 
-def _merge(values: dict, section: dict) -> None:
-    for name, value in section.items():
-        if isinstance(value, dict):
-            _merge(values.setdefault(name, {}), value)
-        else:
-            values[name] = value
-
-
-def _settings(default: Any, values: dict, prefix: str) -> Any:
+def _settings(cls: type, values: dict[str, Any], prefix: str, **defaults: Any) -> Any:
+    known = parameter_fields(cls)
     for name in values:
-        if name not in parameter_fields(type(default)):
-            raise ParameterError(f'{prefix}.{name} is no parameter of the driver')
-    return replace(default, **as_fields(values))
+        section, _, field = name.partition('.')
+        if section == prefix and field not in known:
+            raise ParameterError(f'{name} is no parameter of the driver')
+    return settings_from(cls, values, prefix, **defaults)
 
 
 def report(geometry: Geometry, analysis: StoppingAnalysis) -> list[str]:

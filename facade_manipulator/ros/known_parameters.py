@@ -14,18 +14,17 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 import sys
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rclpy.node import Node
 import yaml
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import nearest
+from facade_manipulator.parameters import given_parameters, nearest
 from facade_manipulator.ros.old_parameters import is_old
 
 NODE_NAMES = ('compensator', 'driver', 'gondola_simulator', 'ik_service', 'recorder')
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
-_PARAMETERS = 'ros__parameters'
 
 
 class Given(NamedTuple):
@@ -98,22 +97,5 @@ def _given(words: list[str]) -> Iterator[Given]:
 def _given_in(file: Path) -> Iterator[Given]:
     """Yield what a file gives that ROS has read already."""
     content = yaml.safe_load(file.read_text(encoding='utf-8')) or {}
-    for section, parameters in _sections(content):
-        for name in _flat(parameters):
-            yield Given(section.rpartition('/')[2], name, f'in {file.name}')
-
-
-def _sections(tree: dict[str, Any], prefix: str = '') -> Iterator[tuple[str, dict]]:
-    for name, content in tree.items():
-        if name == _PARAMETERS:
-            yield prefix, content or {}
-        elif isinstance(content, dict):
-            yield from _sections(content, f'{prefix}/{name}')
-
-
-def _flat(tree: dict[str, Any], prefix: str = '') -> Iterator[str]:
-    for name, content in tree.items():
-        if isinstance(content, dict):
-            yield from _flat(content, f'{prefix}{name}.')
-        else:
-            yield f'{prefix}{name}'
+    for node, name, _ in given_parameters(content):
+        yield Given(node.rpartition('/')[2], name, f'in {file.name}')
