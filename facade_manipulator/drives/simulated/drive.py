@@ -35,6 +35,7 @@ _REVISION = 1
 
 # what an error does, by mask and code: most cut the power, these do not
 _CONNECTION_ERRORS = ((0xFF00, 0x8100), (0xFF00, 0x8200))
+_ERROR_BEHAVIOUR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}  # 1029:01
 _RAMP_ERRORS = ((0xFF00, 0x8600), (0xFFF8, 0x8A80))
 
 
@@ -139,11 +140,15 @@ class SimulatedDrive(SimulatedNode):
 
         """
         self.errors.add(code, persistent)
-        if _is_among(code, _CONNECTION_ERRORS):
+        is_connection = _is_among(code, _CONNECTION_ERRORS)
+        if is_connection:
             self.axis.lose_connection()
         else:
             self.axis.fail(keeps_power=_is_among(code, _RAMP_ERRORS))
         self._announce()
+        if is_connection and self.nmt_state is NmtState.OPERATIONAL:
+            behaviour = self.objects.values.get((0x1029, 1))
+            self._enter_nmt(_ERROR_BEHAVIOUR.get(behaviour, self.nmt_state))
 
     def remove_cause(self) -> None:
         """Let persistent errors be ones that a fault reset clears; close safe torque off."""

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.drives.canopen import NmtState
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
 from facade_manipulator.drives.simulated.drive import SimulatedIdentity
 from facade_manipulator.drives.simulated.network import FrameFilter, FrameLoss
@@ -52,6 +53,20 @@ def test_the_reaction_suits_the_fault(code, state):
     bench = moving()
     bench.drive.inject_fault(code)
     assert bench.drive.state is state
+
+
+@pytest.mark.parametrize('behaviour, state', [
+    (0, NmtState.PRE_OPERATIONAL), (1, NmtState.OPERATIONAL), (2, NmtState.STOPPED)])
+def test_a_drive_that_misses_its_master_stops_and_is_as_operational_as_it_was_told(
+        behaviour, state):
+    bench = moving()
+    bench.write(0x1029, 1, behaviour)
+    bench.sends_heartbeat = True
+    bench.cycle()
+    bench.wait(0.3)
+    assert bench.emergencies()[-1].code == 0x8130
+    assert bench.drive.nmt_state is state
+    assert bench.drive.state is State.QUICK_STOP_ACTIVE
 
 
 @pytest.mark.parametrize('goal', [
