@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
+import logging
 import os
 from pathlib import Path
 import sys
@@ -111,6 +112,7 @@ def main() -> int:
     parser.add_argument('--walk', type=float, default=3600.0, help='time of the walk [s]')
     options = parser.parse_args()
     take_precedence()
+    logging.getLogger('canopen').setLevel(logging.CRITICAL)  # aborts are no news
     with complaints() as said:
         rig = StreamRig('soak', SETTINGS)
         try:

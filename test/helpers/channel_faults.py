@@ -14,7 +14,7 @@ import sys
 from threading import Event, Thread
 import time
 
-from loop_bench import CONTROLLER, loop_setup, PATIENCE, serve
+from loop_bench import CONTROLLER, FAST, loop_setup, PATIENCE, serve
 from support import wait_until
 
 from facade_manipulator.drives.cia402.states import State
@@ -25,7 +25,7 @@ from facade_manipulator.loop.control_loop import ControlLoop
 from facade_manipulator.motion.setpoints import Activity
 
 NODE = Path(__file__).with_name('loop_node.py')
-FAST, REST = 0.4, 0.002  # m/s
+REST = 0.002  # m/s
 STEP = 0.001  # s
 
 

@@ -27,8 +27,8 @@ from facade_manipulator.motion.setpoints import Setpoint, StreamSettings
 
 PATIENCE = 20.0
 HOME = tuple(axis.home_position for axis in DEFAULT_AXES)
-AMPLITUDE, FREQUENCY, AHEAD, PERIOD = 0.12, 0.64, 0.06, 0.01
-FAST = 0.4  # m/s, of 0.48
+AMPLITUDE, FREQUENCY, AHEAD, PERIOD = 0.12, 0.53, 0.06, 0.01
+FAST = 0.35  # m/s, of 0.4, from which a drive that holds stops within its following-error window
 # what a busy computer does to the cycle must fail no test that is not about it
 CONTROLLER = ControllerSettings(
     own_garbage_collection=False, boot_timeout=0.5, hold_cycles=3, max_missed_cycles=10,

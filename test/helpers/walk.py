@@ -45,7 +45,7 @@ class CommandLog:
     def __init__(self, period: float) -> None:
         self._period = period
         self._triple: dict[int, float] = {}
-        self.may_enable = False
+        self.may_enable = self.is_late = False
         self.greatest = MotionLimits()
         self.positions: deque[tuple[float, ...]] = deque(maxlen=4)
         self.forget()
@@ -73,7 +73,8 @@ class CommandLog:
             self.positions.append(tuple(self._triple[n] for n in range(3)))
             self._triple.clear()
             check(self.positions[-1])
-            self._check_differences()
+            if not self.is_late:  # differences are of commands that are a period apart
+                self._check_differences()
 
     def _check_differences(self) -> None:
         limits = self.greatest
@@ -126,6 +127,15 @@ class Walk(RuleBasedStateMachine):
         """Somebody stops the drives."""
         self.world.controller.stop(cause)
         self._run(0.02)
+
+    @rule(seconds=st.floats(0.0, 0.3))
+    def stall(self, seconds: float) -> None:
+        """The control loop stands still; the drives hold, and the next target is what is left."""
+        self.log.is_late = True
+        self.world.pass_time(seconds)
+        self._run(0.03)
+        self.log.is_late = False
+        self.log.positions.clear()
 
     @rule(amplitude=st.floats(-0.12, 0.12), rate=st.floats(0.2, 6.0))
     def follow(self, amplitude: float, rate: float) -> None:

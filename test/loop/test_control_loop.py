@@ -186,22 +186,17 @@ def test_close_while_moving_ramps_down_and_powers_off(make_bench):
 
 def test_a_node_that_reads_nothing_holds_nothing_up(make_bench, monkeypatch):
     monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 10_000)
-
-    def prove():
-        bench = in_thread(make_bench)
-        bench.move()
-        with monkeypatch.context() as patch:
-            patch.setattr(bench.process, 'read', lambda: None)
-            wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
-            cycle = bench.loop.controller.snapshot().cycle
-            wait_until(
-                lambda: bench.loop.controller.snapshot().cycle.cycles > cycle.cycles + 50,
-                'cycles')
-            snapshot = bench.loop.controller.snapshot()
-            assert snapshot.state is ControllerState.ACTIVE, snapshot.cause
-        wait_until(lambda: bench.process.stream_status().dropped, 'the newest state')
-
-    patiently(prove)
+    bench = in_thread(make_bench)
+    bench.move()
+    with monkeypatch.context() as patch:
+        patch.setattr(bench.process, 'read', lambda: None)
+        wait_until(lambda: bench.loop._channel.dropped, 'a full channel')
+        cycle = bench.loop.controller.snapshot().cycle
+        wait_until(
+            lambda: bench.loop.controller.snapshot().cycle.cycles > cycle.cycles + 50, 'cycles')
+        snapshot = bench.loop.controller.snapshot()
+        assert snapshot.state is ControllerState.ACTIVE, snapshot.cause
+    wait_until(lambda: bench.process.stream_status().dropped, 'the newest state')
 
 
 def test_a_node_that_holds_its_interpreters_lock_for_a_second_stops_nothing(make_bench):
