@@ -215,7 +215,8 @@ def _identification(
     if scatter > MOST_SCATTER:
         raise CalibrationError(
             f'the measurements scatter by {scatter:.3g} times the noise stated: they contradict '
-            'each other or the noise is another (--noise)')
+            'each other, the noise is another (--noise), or the machine has errors that are not '
+            'looked for (--find)')
     singular = np.linalg.svd(rows, compute_uv=False)
     return Identification(
         machine, values, covariance * np.outer(tolerances, tolerances), scatter, outliers,
