@@ -38,7 +38,7 @@ import numpy as np
 from facade_manipulator.prediction.filters import FEATURES, REGRESSORS
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
-PRIOR_TIME = 2.8  # s after which as much was learnt as the prior says
+PRIOR_TIMES = np.array((2.3, 4.0))[:, None]  # s after which as much was learnt as the prior says
 PRIOR_POWERS = np.array((12.0, 1.5))[:, None]  # with which its share falls: quickly, slowly
 MOST_PRIOR = 100.0  # s
 DECAY_PRIOR = 0.1  # of the prior's time, that holds the decays at 0
@@ -160,7 +160,7 @@ class Continuation:
 
         """
         sway, white = sway_moments(), noise_moments()
-        share = PRIOR_TIME / np.maximum(self._learnt, 1e-3)
+        share = PRIOR_TIMES / np.maximum(self._learnt, 1e-3)
         prior = np.minimum(share ** PRIOR_POWERS, MOST_PRIOR)
         s = (prior * strength)[..., None, None]
         r = (np.maximum(prior, LEAST_PRIOR) * noise)[..., None, None]
