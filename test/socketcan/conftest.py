@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 import os
 from pathlib import Path
 
@@ -11,10 +10,9 @@ from listener import Listener
 import pytest
 import rclpy
 from stack import as_driver, as_drives, bring_up, DRIVER, PATIENCE
-from support import patiently, wait_until
+from support import wait_until
 from vcan import MISSING
 
-from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')
@@ -51,9 +49,13 @@ def driver(drives, start_process, request):
     """Start the driver, patient with a busy computer unless the test says otherwise."""
     marker = request.node.get_closest_marker('driver')
     parameters = marker.args if marker else PATIENCE
-    return start_process(
+    process = start_process(
         'facade_manipulator.nodes.driver', '--ros-args', *DRIVER,
         *(word for parameter in parameters for word in ('-p', parameter)), preexec_fn=as_driver)
+    wait_until(lambda: 'ready' in process.log.read_text() or process.poll() is not None,
+               'the driver', 60.0)
+    assert process.poll() is None, process.log.read_text()
+    return process
 
 
 @pytest.fixture
@@ -68,12 +70,5 @@ def client(ros_domain):
 @pytest.fixture
 def active(driver, client):
     """Bring the drives up as an operator does: configure, home, activate."""
-    patiently(lambda: bring_up(client), lambda: begin_again(client))
+    bring_up(client)
     return client
-
-
-def begin_again(client):
-    """Let go of drives that a busy guest has stopped on the way up."""
-    for request in (client.clear_faults, client.deactivate, client.cleanup):
-        with suppress(ManipulatorError):
-            request()

@@ -31,8 +31,8 @@ import fetch
 HERE = Path(__file__).resolve().parent
 CACHE = HERE.parents[1] / '.venv' / 'uml'
 MEMORY = 1 << 30
-TIMEOUT = 600.0
-SILENCE = 120.0  # longer than any test
+TIMEOUT = 900.0
+SILENCE = 180.0  # longer than any test, of which pytest says before where it hangs
 START = 60.0  # for the first word of its first process
 POLL_PERIOD = 0.2
 # Faster than to trace the guest's processes. They could break out of it: they may, being ours.
