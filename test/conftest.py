@@ -204,9 +204,10 @@ def end_process(process: subprocess.Popen) -> int:
 
 
 def pytest_collection_modifyitems(items):
-    """Mark the tests for which the clock counts, by what they use or their file imports."""
+    """Mark the tests for which a clock counts, by what they use or their file imports."""
     for item in items:
         needed = {*item.fixturenames}
-        waits = WAITING_NAMES & {*vars(item.module)} and not SIMULATED & needed
-        if WAITING_FIXTURES & needed or waits:
+        if SIMULATED & needed:
+            item.add_marker('simulated')
+        elif WAITING_FIXTURES & needed or WAITING_NAMES & {*vars(item.module)}:
             item.add_marker('realtime')
