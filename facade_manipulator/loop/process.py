@@ -10,6 +10,7 @@ again.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import replace
@@ -43,6 +44,7 @@ CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and c
 # feeds, 3 s of them: without a bus the loop sends a state each second. Not a time, since a node
 # that stood still itself finds old states, and a loop that is well.
 MAX_UNANSWERED = 150
+MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 
 
@@ -122,6 +124,8 @@ class LoopProcess:
         self._closing = False
         self._decoded = None, first
         self._latest: Message | None = None
+        self._states: deque[Message] = deque(maxlen=MAX_STATES)
+        self._taken = 0
         self._process, self._channel = process, channel
         self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
         if self._forbidden:
@@ -213,6 +217,17 @@ class LoopProcess:
         """Return how the setpoints are followed."""
         return self._read_latest()[1]
 
+    def take_states(self, every: int) -> list[ControllerSnapshot]:
+        """Read what the loop has sent; return one in `every` of its states, each only once."""
+        self.read()
+        taken = []
+        while self._states:
+            message = self._states.popleft()
+            self._taken += 1
+            if self._taken % every == 0:
+                taken.append(unpack_state(*message.content)[0])
+        return taken
+
     def _read_latest(self) -> tuple[ControllerSnapshot, StreamStatus]:
         """Decode the newest state, once; more come than are ever looked at."""
         if self._lost is not None:
@@ -240,6 +255,7 @@ class LoopProcess:
         self._unanswered = 0
         if message.kind == 'state':
             self._latest = message
+            self._states.append(message)
         elif message.kind == 'rejected':
             self._on_rejection(*message.content)
         elif message.kind == 'reply':

@@ -12,6 +12,7 @@ from __future__ import annotations
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+import math
 import time
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -77,8 +78,8 @@ class DriverSettings:
         False, 'Whether the driver configures itself when it starts; it never powers the drives',
         read_only=True)
     joint_states_rate: float = parameter(
-        100.0, 'How often joint_states is published', unit='Hz', minimum=1.0, maximum=500.0,
-        read_only=True)
+        100.0, 'How often joint_states is published at most: every cycle, or one in so many',
+        unit='Hz', minimum=1.0, maximum=500.0, read_only=True)
     software_stop_timeout: float = parameter(
         0.5, 'Silence of software_stop, once received, that stops the drives', unit='s',
         minimum=0.05, maximum=10.0)
@@ -189,7 +190,9 @@ class DriverNode(ManagedNode):
             lambda *_: Deferred(
                 self._loop.request('self_test'), self._self_test_response)))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
-        steady_timer(self, 1.0 / self._settings.joint_states_rate, self._publish_joint_states)
+        rate = self._settings.joint_states_rate
+        every = math.ceil(self._setup.controller.rate / rate)
+        steady_timer(self, 1.0 / rate, lambda: self._publish_joint_states(every))
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
     def _offer_request(self, name: str, start) -> None:
@@ -285,7 +288,9 @@ class DriverNode(ManagedNode):
     def _supervise(self) -> None:
         self._loop.feed()
         self._software_stop.watch(self._settings.software_stop_timeout)
-        snapshot = self._loop.snapshot()
+        snapshot, now = self._loop.snapshot(), time.monotonic()
+        self._counting.counters.note(now, snapshot)
+        self._counting.keep(now)
         self._log_stop(snapshot)
         self._publish_status()
         if snapshot.state not in ACTIVE_STATES:
@@ -302,16 +307,13 @@ class DriverNode(ManagedNode):
             self.get_logger().error(f'{snapshot.cause}; next: {snapshot.next_step}')
         self._was_stopped = is_stopped
 
-    def _publish_joint_states(self) -> None:
-        snapshot, now = self._loop.snapshot(), time.monotonic()
-        self._counting.counters.note(now, snapshot)
-        self._counting.keep(now)
-        joints = snapshot.joints()
-        if joints is None or joints.stamp == self._published_stamp:
-            return
-        self._published_stamp = joints.stamp
-        self._joint_states.publish(self._states_codec.write(
-            joints.stamp, joints.positions + joints.velocities + joints.forces))
+    def _publish_joint_states(self, every: int) -> None:
+        for snapshot in self._loop.take_states(every):
+            joints = snapshot.joints()
+            if joints is not None and joints.stamp != self._published_stamp:
+                self._published_stamp = joints.stamp
+                self._joint_states.publish(self._states_codec.write(
+                    joints.stamp, joints.positions + joints.velocities + joints.forces))
 
     def _components(self) -> list[DiagnosticStatus]:
         snapshot, settings = self._loop.snapshot(), self._setup.controller

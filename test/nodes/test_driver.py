@@ -18,7 +18,15 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from support import children, wait_until
 
+from facade_manipulator.drives.controller.snapshot import (
+    AxisSnapshot,
+    ControllerSnapshot,
+    ControllerState,
+)
 from facade_manipulator.drives.simulated.drive import SimulatedIdentity
+from facade_manipulator.loop.channel import Channel, VERSION
+from facade_manipulator.loop.control_loop import StreamStatus
+from facade_manipulator.loop.process import start_process
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import stamp
@@ -39,9 +47,9 @@ SIMULATED = (
 class Bench:
     """A driver node and an operator beside it."""
 
-    def __init__(self, ros, *overrides):
+    def __init__(self, ros, *overrides, launch=start_process):
         self.ros = ros
-        self.node = ros.add(DriverNode(parameter_overrides=[*SIMULATED, *overrides]))
+        self.node = ros.add(DriverNode(launch, parameter_overrides=[*SIMULATED, *overrides]))
         self.operator = ros.node('operator')
         self.states = ros.collect(self.operator, JointState, 'joint_states', RELIABLE)
         self.setpoints = self.operator.create_publisher(JointState, 'joint_setpoints', LATEST)
@@ -96,6 +104,32 @@ class Bench:
 
     def message(self, component='operation'):
         return {status.name: status.message for status in self.node._components()}[component]
+
+
+class ScriptedLoop:
+    """In place of the control loop's process: it has sent the states of cycles."""
+
+    def __init__(self, stamps):
+        self.stamps = stamps
+
+    def __call__(self, end):
+        self.channel = Channel(end.dup())
+        self.channel.send('ready', VERSION, *self.state(None))
+        for time in self.stamps:
+            self.channel.send('state', *self.state(time))
+        return self
+
+    def state(self, time):
+        axes = [AxisSnapshot(f'q{number + 1}', number + 1, position=position, homed=True)
+                for number, position in enumerate(HOME)]
+        return ControllerSnapshot(
+            ControllerState.INACTIVE, time, tuple(axes)).pack(), StreamStatus()
+
+    def wait(self, timeout):
+        return 0
+
+    def kill(self):
+        pass
 
 
 @pytest.fixture
@@ -158,6 +192,18 @@ def test_the_driver_says_what_it_does_and_what_comes_next_at_every_change(bench)
     bench.node._loop.disturb(1, 'inject_fault', 0x8611)
     bench.ros.until(lambda: newest().state == 'stopped', 'the stop')
     assert statuses[-1].level == DiagnosticStatus.ERROR and 'q2' in statuses[-1].message
+
+
+@pytest.mark.parametrize('rate, cycles', [
+    (100.0, range(1, 9)), (500.0, range(1, 9)), (50.0, (2, 4, 6, 8)), (30.0, (4, 8))])
+def test_each_cycle_is_published_once_whenever_the_timer_comes(ros, rate, cycles):
+    loop = ScriptedLoop([0.01 * cycle for cycle in (*range(1, 9), 8)])
+    bench = Bench(ros, Parameter('joint_states_rate', value=rate), launch=loop)
+    ros.until(lambda: len(bench.states) >= len(cycles), 'joint_states')
+    bench.node._supervise()  # reads too
+    ros.executor.spin_once(0.02)
+    assert [message.header.stamp for message in bench.states] == [
+        stamp(0.01 * cycle) for cycle in cycles]
 
 
 def test_nothing_moves_before_the_operator_activates(bench):
