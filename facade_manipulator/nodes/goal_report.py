@@ -16,10 +16,14 @@ from facade_manipulator.compensation import (
     GoalProgress,
     GoalState,
 )
+from facade_manipulator.kinematics import Pose
 from facade_manipulator.ros import declare, diagnostic_status, LATCHED, stamp_text
 
+GOAL_STATUS = 'compensator/goal_status'
 HOLD = 'compensator/hold was called'
 PERIOD = 0.2  # s, between messages while the head moves
+FOLLOWED = {  # key of the goal that is followed, and its factor
+    'followed x [mm]': 1e3, 'followed y [mm]': 1e3, 'followed angle [deg]': math.degrees(1.0)}
 LEVELS = {GoalState.HELD_BACK: 'warn', GoalState.REJECTED: 'error'}
 
 
@@ -43,8 +47,7 @@ class GoalReport:
         self._watch = ArrivalWatch(declare(
             node, ArrivalSettings, 'arrival',
             lambda settings: setattr(self._watch, 'settings', settings)))
-        self._publisher = node.create_publisher(
-            DiagnosticStatus, 'compensator/goal_status', LATCHED)
+        self._publisher = node.create_publisher(DiagnosticStatus, GOAL_STATUS, LATCHED)
         self._stamp = ''
         self._is_open = False
         self._published: tuple[GoalState | None, str] = (None, '')
@@ -92,7 +95,21 @@ class GoalReport:
             'angle [deg]': math.degrees(progress.angle),
             'time to go [s]': progress.time_to_go,
             'reason': reason,
+            **_followed_values(self._compensator.goal),
         }
         message = f'{progress.state.value}: {reason}' if reason else progress.state.value
         self._publisher.publish(diagnostic_status(
             'goal', LEVELS.get(progress.state, 'ok'), message, values))
+
+
+def _followed_values(goal: Pose | None) -> dict[str, float]:
+    return {} if goal is None else {
+        key: scale * value for (key, scale), value in zip(FOLLOWED.items(), goal, strict=True)}
+
+
+def followed_goal(status: DiagnosticStatus) -> Pose | None:
+    """Return the goal that is followed when a goal_status is sent, None if there is none."""
+    values = {item.key: item.value for item in status.values}
+    if FOLLOWED.keys() <= values.keys():
+        return Pose(*(float(values[key]) / scale for key, scale in FOLLOWED.items()))
+    return None

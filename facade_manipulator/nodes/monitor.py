@@ -7,6 +7,7 @@ import math
 import sys
 import time
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -22,7 +23,8 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, planar_pose
-from facade_manipulator.ros import Component, LATEST, ManipulatorClient, RELIABLE
+from facade_manipulator.nodes.goal_report import followed_goal, GOAL_STATUS
+from facade_manipulator.ros import Component, LATCHED, LATEST, ManipulatorClient, RELIABLE
 
 REFRESH_PERIOD = 0.25
 SILENT_AFTER = 2.5  # s without diagnostics of a component, which come once a second
@@ -30,14 +32,13 @@ OLD_AFTER = 1.0  # s after which a pose is no longer shown
 LEVEL_STYLES = {b'\x00': 'green', b'\x01': 'yellow', b'\x02': 'bold red', b'\x03': 'magenta'}
 SILENT_STYLE = 'bold magenta'
 POSES = {
-    'goal_pose': 'goal on the wall',
+    GOAL_STATUS: 'goal on the wall',
     'corrected_pose': 'corrected goal',
     'end_effector_pose': 'head, from the rail',
     'gondola_simulator/uncompensated_error': 'disturbance at the goal',
     'gondola_simulator/wall_error': 'error on the wall',
 }
-LASTING = ('goal_pose',)  # sent once
-PROFILES = {'goal_pose': LATEST, 'corrected_pose': LATEST}
+PROFILES = {'corrected_pose': LATEST}
 # what is shown of a component beside its message: diagnostic key, and how it is written
 DETAILS = {
     'driver: operation': (
@@ -68,8 +69,10 @@ class Observer:
         self.poses: dict[str, Pose] = {}
         self.joints: JointState | None = None
         self._received_at: dict[str, float] = {}
-        for topic in POSES:
+        for topic in POSES.keys() - {GOAL_STATUS}:
             self._watch(client.node, topic)
+        client.node.create_subscription(
+            DiagnosticStatus, GOAL_STATUS, self._receive_goal, LATCHED)
         client.node.create_subscription(
             JointState, 'joint_states', self._receive_joints, RELIABLE)
 
@@ -83,14 +86,19 @@ class Observer:
 
         node.create_subscription(PoseStamped, topic, receive, PROFILES.get(topic, RELIABLE))
 
+    def _receive_goal(self, status: DiagnosticStatus) -> None:
+        self._received_at[GOAL_STATUS] = math.inf  # a goal stays until another is followed
+        self.poses.pop(GOAL_STATUS, None)
+        if (goal := followed_goal(status)) is not None:
+            self.poses[GOAL_STATUS] = goal
+
     def _receive_joints(self, message: JointState) -> None:
         self._received_at['joint_states'] = time.monotonic()
         self.joints = message
 
     def is_old(self, topic: str) -> bool:
         """Return whether the newest message of a topic is too old to be shown."""
-        age = time.monotonic() - self._received_at.get(topic, -math.inf)
-        return topic not in LASTING and age > OLD_AFTER
+        return time.monotonic() - self._received_at.get(topic, -math.inf) > OLD_AFTER
 
     def value(self, component: str, key: str) -> str | None:
         """Return one value of a component's diagnostics, None before one came."""

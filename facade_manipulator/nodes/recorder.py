@@ -43,7 +43,7 @@ from facade_manipulator.blackbox import (
     SUMMARY,
     write_mcap,
 )
-from facade_manipulator.nodes.goal_report import HOLD
+from facade_manipulator.nodes.goal_report import GOAL_STATUS, HOLD
 from facade_manipulator.ros import (
     declare,
     Deferred,
@@ -64,7 +64,6 @@ STREAM = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)  # h
 EVERY = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 KEPT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE,
                   durability=DurabilityPolicy.TRANSIENT_LOCAL)
-GOAL_STATUS = 'compensator/goal_status'
 # topic: type, quality of service; the last two are the whole graph's, the others the namespace's
 TOPICS = {
     'goal_pose': (PoseStamped, EVERY),

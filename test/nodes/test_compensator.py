@@ -24,11 +24,12 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose
 from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.goal_report import followed_goal, GOAL_STATUS
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
 from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
 
-GOAL = Pose(0.03, 0.25, 0.02)
+GOAL, OUTSIDE = Pose(0.03, 0.25, 0.02), Pose(0.0, 0.9, 0.0)
 DISTURBANCE = Pose(0.05, 0.01, 0.02)
 
 
@@ -91,6 +92,21 @@ def neighbours(ros):
 
 def on_the_wall(pose):
     return compose(DISTURBANCE, pose)
+
+
+def test_who_comes_late_learns_the_goal_that_is_followed_whichever_was_rejected_since(neighbours):
+    def collect():
+        return neighbours.ros.collect(neighbours.node, DiagnosticStatus, GOAL_STATUS, LATCHED)
+
+    statuses = collect()
+    for goal, followed in ((OUTSIDE, None), (GOAL, GOAL), (OUTSIDE, GOAL)):
+        statuses.clear()
+        neighbours.send_goal(goal)
+        state = 'rejected' if goal is OUTSIDE else 'accepted'
+        neighbours.ros.until(lambda s=state: any(s in one.message for one in statuses), state)
+        late = collect()
+        neighbours.ros.until(lambda late=late: late, 'goal_status')
+        assert followed_goal(late[-1]) == (followed and pytest.approx(followed, abs=1e-6))
 
 
 def near(pose, goal, tolerance=1e-3):

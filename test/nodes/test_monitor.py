@@ -14,7 +14,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.monitor import Observer, render
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import diagnostic_status, pose_stamped, stamp
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
+from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
 
 class Screen:
@@ -27,7 +27,7 @@ class Screen:
         create = self.tester.create_publisher
         self.diagnostics = create(DiagnosticArray, '/diagnostics', RELIABLE)
         self.joints = create(JointState, 'joint_states', RELIABLE)
-        self.goals = create(PoseStamped, 'goal_pose', LATEST)
+        self.goals = create(DiagnosticStatus, 'compensator/goal_status', LATCHED)
         self.heads = create(PoseStamped, 'end_effector_pose', RELIABLE)
         for publisher in (self.diagnostics, self.joints, self.goals, self.heads):
             ros.until(lambda p=publisher: p.get_subscription_count(), 'the observer')
@@ -38,6 +38,11 @@ class Screen:
         now = self.tester.get_clock().now().nanoseconds * 1e-9
         message.header.stamp = stamp(now - ago)
         self.diagnostics.publish(message)
+
+    def follow(self, x, y, angle):
+        self.goals.publish(diagnostic_status('goal', 'ok', 'moving', {
+            'goal stamp': '0.000000000', 'followed x [mm]': x, 'followed y [mm]': y,
+            'followed angle [deg]': angle}))
 
     def lines(self, width=80):
         console = Console(width=width, force_terminal=False)
@@ -74,12 +79,21 @@ def test_before_anything_was_heard_the_heads_stand_with_their_units(screen):
 
 
 def test_poses_and_carriages_are_shown_in_millimetres_and_degrees(screen):
-    screen.goals.publish(pose_stamped('facade', 0.0, Pose(0.1, 0.25, math.radians(2.0))))
+    screen.follow(100.0, 250.0, 2.0)
     screen.joints.publish(JointState(
         name=['q3', 'q1', 'q2'], position=[0.0, -0.1, 0.1], velocity=[0.0, 0.2, 0.0],
         effort=[0.0, 12.5, 0.0]))
     assert screen.until_shown('goal on the wall', '+100.0', '+250.0', '+2.00')
     assert screen.until_shown('q1', '-100.00', '+200.0', '+12.5')
+
+
+def test_the_goal_is_shown_to_who_comes_late_until_none_is_followed(screen):
+    screen.follow(100.0, 250.0, 2.0)
+    late = screen.ros.add_client('gondola_1')
+    screen.observer = Observer(late)
+    assert screen.until_shown('goal on the wall', '+100.0', '+250.0', '+2.00')
+    screen.goals.publish(diagnostic_status('goal', 'error', 'rejected', {'goal stamp': '1.0'}))
+    screen.ros.until(lambda: late.spin(0.02) or 'goal on' not in '\n'.join(screen.lines()), 'none')
 
 
 def test_a_component_is_shown_with_its_sentence_and_what_it_counted(screen):
