@@ -70,7 +70,7 @@ setup(
     extras_require=EXTRAS,
     zip_safe=True,
     entry_points={'console_scripts': [
-        *(f'{node} = {NAME}.nodes.{node}:main' for node in NODES),
+        *(f'{node} = {NAME}.nodes.start:{node}' for node in NODES),
         f'drive_simulator = {NAME}.drives.simulated.__main__:main',
         f'calibrate = {NAME}.calibration.__main__:main',
         f'commission = {NAME}.commissioning.__main__:main',

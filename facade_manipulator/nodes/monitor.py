@@ -217,8 +217,8 @@ def main(args: list[str] | None = None) -> int:
         prog='monitor', description='Watch a manipulator in the terminal until Ctrl-C.')
     parser.add_argument('--namespace', default='', help="namespace of the manipulator's nodes")
     options = parser.parse_args(words)
-    rclpy.init(args=args)
     try:
+        rclpy.init(args=args)
         with ManipulatorClient(options.namespace, 'monitor') as client:
             _watch(client, options.namespace or '/')
     except (KeyboardInterrupt, ExternalShutdownException):

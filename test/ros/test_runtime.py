@@ -2,13 +2,17 @@
 
 import os
 import signal
+import subprocess
+import sys
 from threading import Timer
+from types import SimpleNamespace
 
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
+from facade_manipulator.nodes import start
 from facade_manipulator.ros import executors, runtime
 
 DEADLINE = 10.0
@@ -29,6 +33,23 @@ def handlers():
     yield
     for number, handler in before.items():
         signal.signal(number, handler)
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_that_comes_before_a_node_is_imported_ends_it_without_a_traceback(number):
+    process = subprocess.run([sys.executable, '-c', f"""
+import os, sys
+sys.meta_path.insert(0, type('', (), {{'find_spec': lambda name, *_: (
+    os.kill(os.getpid(), {number}) if name == 'facade_manipulator.nodes.driver' else None)}}))
+from facade_manipulator.nodes.start import driver
+sys.exit(driver())"""], capture_output=True, text=True, timeout=DEADLINE)
+    assert (process.returncode, process.stderr) == (0, '')
+
+
+def test_the_start_of_a_node_leaves_its_signals_to_it(monkeypatch):
+    module = SimpleNamespace(main=lambda: signal.getsignal(signal.SIGINT))
+    monkeypatch.setattr(start, 'import_module', lambda _: module)
+    assert start.driver() is signal.getsignal(signal.SIGINT)
 
 
 def ending(how):
