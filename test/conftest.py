@@ -19,7 +19,7 @@ from support import DEADLINE, second_tries, wait_until
 
 SOURCE = Path(__file__).resolve().parents[1]
 DOMAINS = range(1, 100)
-WAITING_FIXTURES = {'ros_domain', 'guest'}
+WAITING_FIXTURES = {'ros_domain', 'vcan0', 'guest'}
 SIMULATED = {'simulated_time', 'shared_time'}
 WAITING_NAMES = {'wait_until', 'threading', 'time'}
 STOP_DEADLINE = 10.0

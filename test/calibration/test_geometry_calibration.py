@@ -46,6 +46,7 @@ def geometry_in(path):
     return read_settings(path, ALL_NODES, 'geometry', Geometry)
 
 
+@pytest.mark.long
 def test_made_up_machines_are_found_within_their_deviations_and_their_heads_with_them():
     trial = try_machines(12)
     assert trial.within >= 0.99
@@ -127,6 +128,7 @@ def with_screws(machine, random):
         for name in Carriages._fields})
 
 
+@pytest.mark.long
 def test_tables_of_the_screws_and_their_backlash_are_found_with_the_rest():
     drawing, random = with_screw_tables(DRAWING, 5), np.random.default_rng(3)
     unknowns = (*UNKNOWNS, *BACKLASH, *screw_unknowns(drawing))
@@ -244,6 +246,7 @@ def test_a_dial_gauge_is_enough_for_what_it_shows(table, tmp_path):
     assert main(['geometry', str(only_y), '--noise', '0.001', '0.02']) == 1
 
 
+@pytest.mark.long
 def test_the_command_plans_for_the_screws_and_writes_their_errors(tmp_path, capsys):
     path, target = tmp_path / 'poses.csv', tmp_path / 'calibrated.yaml'
     screws = ['--backlash', '--screws', '3']

@@ -34,6 +34,7 @@ def test_a_gondola_that_hangs_still_or_was_seen_for_seconds_shows_no_delay():
     assert watch.found is None
 
 
+@pytest.mark.long
 def test_the_loop_finds_the_delay_of_its_estimator_while_it_runs_and_regulates_the_slip():
     scenario = load_scenario('breeze')
     compensator = run_scenario(scenario._replace(

@@ -183,6 +183,7 @@ def test_causes_are_compared_without_their_numbers():
 
 # --- files
 
+@pytest.mark.long
 def test_a_file_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
     path = tmp_path / 'whole.mcap'
     kept = [Kept(0.001 * k, 'can_frames', frame_bytes(BEGIN, k & 0x7FF, bytes(8)))

@@ -53,6 +53,7 @@ def residual(known, made):
     return np.array([axis['residual_rms'] for axis in run.wall.report()['axes'].values()])
 
 
+@pytest.mark.long
 def test_a_machine_that_is_known_is_compensated_as_well_as_one_without_errors():
     ideal, known, unknown = (
         residual(*pair) for pair in ((Geometry(), Geometry()), (MADE, MADE), (Geometry(), MADE)))

@@ -1,11 +1,13 @@
 """The machine that is made up to practise on, calibrated as the documents say."""
 
+import pytest
 import yaml
 
 from facade_manipulator.calibration.__main__ import main as calibrate
 from facade_manipulator.simulation.practice import main as practise
 
 
+@pytest.mark.long
 def test_a_made_up_machine_is_calibrated_by_the_commands_of_the_document(tmp_path, capsys):
     poses, folder, target = (str(tmp_path / name) for name in ('poses.csv', 'practice', 'a.yaml'))
     assert calibrate(['geometry', '--plan', poses, '--count', '14']) == 0

@@ -56,6 +56,7 @@ def test_a_requirement_that_binds_is_met_and_named():
     assert found.active == ('l + b = 0.7 m', 'min_theta = 0.4363 rad')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('length', 'half', 'gap'), [
     (0.352, 0.348, 0.0), (0.352, 0.348, 0.02), (0.25, 0.45, 0.0), (0.34, 0.36, 0.01),
     (0.4, 0.3, 0.02)])

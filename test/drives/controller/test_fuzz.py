@@ -21,7 +21,7 @@ PERIOD = 0.01
 
 
 @pytest.fixture
-def make_rig(request):
+def make_rig(simulated_time, request):
     rigs = []
 
     def make() -> StreamRig:
