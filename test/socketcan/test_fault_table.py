@@ -12,7 +12,8 @@ from fault_table import cases, prove_patiently, SETPOINTS
 import pytest
 
 ALWAYS = {'position lost 7380', 'TPDO missing', 'unexpected boot-up', 'link down', 'ENOBUFS'}
-MOVING = {'following error 8611', 'safe torque off 8A88', 'heartbeat missing', 'bus-off', *SETPOINTS}
+MOVING = {
+    'following error 8611', 'safe torque off 8A88', 'heartbeat missing', 'bus-off', *SETPOINTS}
 
 
 @pytest.fixture(scope='module')
