@@ -9,6 +9,7 @@ ends, the node becomes unconfigured; the next configure starts another one.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -124,8 +125,10 @@ class DriverNode(ManagedNode):
     def transition_jobs(self):
         """Return what starts each lifecycle transition."""
         return {
-            State.TRANSITION_STATE_CONFIGURING: self._configure,
-            State.TRANSITION_STATE_ACTIVATING: lambda: self._loop.request('activate'),
+            State.TRANSITION_STATE_CONFIGURING: lambda: self._start_alone(
+                'configure', self._configure),
+            State.TRANSITION_STATE_ACTIVATING: lambda: self._start_alone(
+                'activate', lambda: self._loop.request('activate')),
             State.TRANSITION_STATE_DEACTIVATING: lambda: self._loop.request('deactivate'),
             State.TRANSITION_STATE_CLEANINGUP: lambda: self._loop.request('cleanup'),
             State.TRANSITION_STATE_SHUTTINGDOWN: self._shut_down,
@@ -237,15 +240,24 @@ class DriverNode(ManagedNode):
             f'limits of motion are now {limits.speed:g} m/s, {limits.acceleration:g} m/s^2, '
             f'{limits.jerk:g} m/s^3')
 
+    def _start_alone(self, name: str, start: Callable[[], Future]) -> Future:
+        """Start a request unless another driver would follow the setpoints as well."""
+        rival = self._rival()
+        if not rival:
+            return start()
+        job: Future = Future()
+        job.set_exception(DriveStateError(f'{name} is not possible, {rival}, then {name}'))
+        return job
+
+    def _rival(self) -> str:
+        """Return what is wrong and the next step where another driver runs beside this one."""
+        if self.count_publishers(DRIVER_STATUS) < 2:
+            return ''
+        return (f'another driver runs in namespace {self.get_namespace()}, and both would follow '
+                'the setpoints; next: end one of the two')
+
     def _configure(self) -> Future:
         """Configure; if the loop's process has ended, start another one before."""
-        if self.count_publishers(DRIVER_STATUS) > 1:
-            job: Future = Future()
-            job.set_exception(DriveStateError(
-                f'configure is not possible, another driver runs in namespace '
-                f'{self.get_namespace()}, and both would follow the setpoints; next: end one of '
-                'the two, then configure, home, activate'))
-            return job
         if not self._loop.is_lost:
             return self._loop.request('configure')
 
@@ -324,7 +336,7 @@ class DriverNode(ManagedNode):
         }
         return [
             operation_status(
-                snapshot, self._loop.stream_status(), self._last_failure, values),
+                snapshot, self._loop.stream_status(), self._rival() or self._last_failure, values),
             bus_status(snapshot),
             *(axis_status(axis) for axis in snapshot.axes),
             counters_status(self._counting, self._service),

@@ -9,7 +9,7 @@ import sys
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
-from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
 from rclpy.parameter import Parameter
@@ -433,7 +433,16 @@ def test_a_transition_that_the_state_does_not_allow_is_rejected_with_cause_and_n
         'halted; activate is not possible, the node is active; next: clear_faults')
 
 
-def test_a_second_driver_in_the_namespace_is_not_configured_and_says_so(bench, ros):
-    ros.add(DriverNode(parameter_overrides=[*SIMULATED]))
-    ros.until(lambda: bench.node.count_publishers('driver/status') == 2, 'two drivers')
-    assert 'another driver runs in namespace /' in str(bench.node._configure().exception(1.0))
+def test_a_second_driver_in_the_namespace_gets_no_power_and_the_first_names_it(bench, ros):
+    bench.bring_up()
+    second = ros.add(DriverNode(parameter_overrides=[*SIMULATED]))
+    for node in (bench.node, second):
+        ros.until(lambda node=node: node.count_publishers('driver/status') == 2, 'two drivers')
+    reason = ('another driver runs in namespace /, and both would follow the setpoints; next: '
+              'end one of the two')
+    assert bench.message() == f'active; {reason}'
+    for request, transition in (('configure', State.TRANSITION_STATE_CONFIGURING),
+                                ('activate', State.TRANSITION_STATE_ACTIVATING)):
+        error = second.transition_jobs()[transition]().exception(1.0)
+        assert str(error) == f'{request} is not possible, {reason}, then {request}'
+    assert bench.node.state_label == 'active'
