@@ -4,8 +4,9 @@ Start one manipulator: driver, and compensator with ik_service in one process.
 The driver is configured at once; powering the drives on stays an operator's request. With
 `use_mock_hardware` the drives and the gondola are simulated.
 
-If one node ends, however it ends, all are ended. Whatever order they end in, the driver goes its
-lifecycle backwards by itself: carriages to rest, power off, bus closed.
+If one node ends, however it ends, all are ended, and launch has exit status 1 unless that node's
+was 0. Whatever order they end in, the driver goes its lifecycle backwards by itself: carriages to
+rest, power off, bus closed.
 """
 
 from pathlib import Path
@@ -79,8 +80,10 @@ def _end_with(node: Node) -> RegisterEventHandler:
     def shut_down(event, context):
         if context.is_shutdown:
             return []
-        return [EmitEvent(event=Shutdown(
-            reason=f'{event.process_name} ended with exit status {event.returncode}'))]
+        reason = f'{event.process_name} ended with exit status {event.returncode}'
+        if event.returncode != 0:
+            raise RuntimeError(reason)  # ends everything too, and launch with exit status 1
+        return [EmitEvent(event=Shutdown(reason=reason))]
 
     return RegisterEventHandler(OnProcessExit(target_action=node, on_exit=shut_down))
 

@@ -46,7 +46,7 @@ def launch(start_process, tmp_path):
     for name in EXECUTABLES:
         script = folder / name
         script.write_text(f'#!{sys.executable}\nimport sys\n'
-                          f'from {PACKAGE}.nodes.{name} import main\nsys.exit(main())\n')
+                          f'from {PACKAGE}.nodes.start import {name}\nsys.exit({name}())\n')
         script.chmod(0o755)
     (tmp_path / 'launcher.py').write_text(LAUNCHER)
     prefixes = [str(prefix), *filter(None, [os.environ.get('AMENT_PREFIX_PATH')])]
@@ -103,7 +103,7 @@ def test_the_death_of_one_node_ends_all_and_stops_the_drives(launch, ros, victim
         client.activate()
     pids = {name: pid_of(process, name) for name in EXECUTABLES}
     os.kill(pids[victim], signal.SIGKILL)
-    process.wait(DEADLINE)
+    assert process.wait(DEADLINE) == 1
     assert not any(map(is_alive, pids.values()))
     log = process.log.read_text()
     assert f'{victim}-' in log and 'exit code -9' in log
