@@ -59,9 +59,18 @@ class Machine:
         """
         if name not in AXIS_NAMES:
             raise ParameterError(f'{name} is none of {", ".join(AXIS_NAMES)}')
-        geometry = read_parameters(self.source, ALL_NODES).get('geometry') or {}
+        return self._settings(AxisSettings, name, axis_defaults(self._stroke)[name])
+
+    @property
+    def _stroke(self) -> tuple[float, float]:
+        geometry = self._section(read_parameters(self.source, ALL_NODES), 'geometry')
         stroke = geometry.get('stroke', (AxisSettings.lower_limit, AxisSettings.upper_limit))
-        return self._settings(AxisSettings, name, axis_defaults(stroke)[name])
+        try:
+            least, greatest = stroke
+            return float(least), float(greatest)
+        except (TypeError, ValueError):
+            raise ParameterError(f'{self.source}: geometry.stroke = {stroke!r} is not a pair of '
+                                 'positions [least, greatest] in m') from None
 
     @property
     def axes(self) -> dict[str, AxisSettings]:
@@ -79,7 +88,7 @@ class Machine:
         return self._settings(ServiceSettings, 'service', {})
 
     def _settings(self, cls: type, section: str, *layers: Mapping[str, Any]) -> Any:
-        values = self.parameters.get(section) or {}
+        values = self._section(self.parameters, section)
         unknown = values.keys() - parameter_fields(cls).keys()
         if unknown:
             raise ParameterError(f'{self.source}: {section} has no parameter {min(unknown)}')
@@ -91,6 +100,12 @@ class Machine:
             return cls(**merged)
         except (TypeError, ParameterError) as error:
             raise ParameterError(f'{self.source}: {section}: {error}') from error
+
+    def _section(self, parameters: Mapping[str, Any], name: str) -> Mapping[str, Any]:
+        section = parameters.get(name) or {}
+        if not isinstance(section, Mapping):
+            raise ParameterError(f'{self.source}: {name} = {section!r} is not a table')
+        return section
 
     def check_writable(self) -> None:
         """

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from facade_manipulator.commissioning import Machine
+from facade_manipulator.errors import ParameterError
 from facade_manipulator.maintenance import MachineCounters
 
 
@@ -65,3 +68,18 @@ def test_a_journal_that_is_none_is_named_and_left_alone(make_rig, capsys):
     assert rig.run('report') == 1
     assert 'is no journal' in capsys.readouterr().err
     assert path.read_text() == 'just words'
+
+
+@pytest.mark.parametrize('content, reason', [
+    ('/**: {ros__parameters: {geometry: {stroke: 0.5}}}', 'geometry.stroke = 0.5 is not a pair'),
+    ('/**: {ros__parameters: {geometry: {stroke: [0.5]}}}', 'geometry.stroke = .0.5. is not a'),
+    ('/**: {ros__parameters: {geometry: {stroke: [a, b]}}}', 'geometry.stroke = .*a pair'),
+    ('/**: {ros__parameters: {geometry: {stroke: }}}', 'geometry.stroke = None is not a pair'),
+    ('/**: {ros__parameters: {geometry: 1.0}}', 'geometry = 1.0 is not a table'),
+    ('/**/driver: {ros__parameters: {q1: [1]}}', 'q1 = .1. is not a table'),
+])
+def test_a_parameter_file_with_a_malformed_section_is_one_message(tmp_path, content, reason):
+    path = tmp_path / 'machine.yaml'
+    path.write_text(content)
+    with pytest.raises(ParameterError, match=f'machine.yaml: {reason}'):
+        Machine(path).axis('q1')
