@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 import time
 from typing import Any, NamedTuple, TypeVar
@@ -45,6 +46,7 @@ REASON_TIMEOUT = 1.5
 GOAL_TIMEOUT = 60.0
 REACHED = 'reached'
 STANDS_WITHIN, STANDS_FOR = 2e-4, 1.0  # m or rad, s
+SENDINGS, SEND_AGAIN = 5, 0.3  # of a goal of which compensator/goal_status says nothing yet, s
 SPIN_STEP = 0.02  # s, after which a waiting call looks at its condition again
 
 Value = TypeVar('Value')
@@ -359,8 +361,13 @@ class ManipulatorClient:
         self.goal = goal
         self._progress.clear()
         message = pose_stamped('facade', node_time(self.node), goal)
-        self._goals.publish(message)
-        return stamp_text(message.header.stamp)
+        stamp = stamp_text(message.header.stamp)
+        for _ in range(SENDINGS):
+            self._goals.publish(message)
+            with suppress(NoAnswerError):  # the compensator may not be discovered yet, others are
+                self.wait_until(lambda: stamp in self._progress, 'the goal to arrive', SEND_AGAIN)
+                break
+        return stamp
 
     def _rejection(self, goal_stamp: str) -> DiagnosticStatus | None:
         """Return why the request whose goal has a stamp was rejected, None before it is known."""

@@ -30,6 +30,22 @@ def test_the_first_goal_reaches_all_who_listen(ros, client):
     assert client.goal == GOAL
 
 
+def test_a_goal_reaches_a_compensator_that_is_discovered_after_it_was_first_sent(ros, client):
+    ros.collect(ros.node('bystander', namespace='gondola_1'), PoseStamped, 'goal_pose', LATEST)
+    client.wait_until(lambda: client.node.count_subscribers('goal_pose') == 1, 'the bystander')
+    heard = []
+
+    def begin_late():
+        if client.goal and not heard:
+            heard.append(ros.collect(ros.node('compensator', namespace='gondola_1'), PoseStamped,
+                                     'goal_pose', LATEST))
+        ros.executor.spin_once(0.0)
+
+    client._check = begin_late
+    client.send_goal(GOAL)
+    assert heard[0]
+
+
 def test_a_goal_that_nobody_takes_is_an_error(client, monkeypatch):
     monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
     with pytest.raises(NoAnswerError, match='subscribes to goal_pose: not within 0.1 s'):
