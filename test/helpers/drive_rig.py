@@ -149,9 +149,10 @@ class Rig:
     def frames(self) -> list[can.Message]:
         """Return what the listener has received since it was last asked."""
         received = []
-        with suppress(can.CanOperationError):  # a socket tells once that the interface went down
-            while (message := self.listener.recv(0.0)) is not None:
-                received.append(message)
+        for _ in range(2):  # a socket tells once that the interface went down, before what it has
+            with suppress(can.CanOperationError):
+                while (message := self.listener.recv(0.0)) is not None:
+                    received.append(message)
         return received
 
     def forge(self, cob_id: int, data: bytes) -> None:
