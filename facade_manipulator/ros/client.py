@@ -205,7 +205,9 @@ class ManipulatorClient:
 
     def send_goal(self, pose: Pose) -> None:
         """
-        Send a goal for the head on the wall (frame ``facade``).
+        Send a goal for the head on the wall (frame ``facade``), until it has arrived.
+
+        It is sent a few times, within 1.5 s, where `compensator/goal_status` does not mention it.
 
         Raises
         ------

@@ -70,16 +70,18 @@ class DriverWatch:
     ----------
     status : DriverStatus or None
         None before a driver has published it.
-    is_idle : bool
-        Whether there is a driver and it does not follow setpoints.
 
     """
 
     def __init__(self, node: Node, on_change: Callable[[], None]) -> None:
         self.status: DriverStatus | None = None
-        self.is_idle = False
         self._on_change = on_change
         node.create_subscription(DiagnosticStatus, DRIVER_STATUS, self._receive, LATCHED)
+
+    @property
+    def is_idle(self) -> bool:
+        """Return whether there is a driver and it does not follow setpoints."""
+        return self.status is not None and not self.status.is_active
 
     def may_move(self, time: float) -> bool:
         """Return whether a goal that came at a time [s] came after the drives were activated."""
@@ -87,5 +89,4 @@ class DriverWatch:
 
     def _receive(self, message: DiagnosticStatus) -> None:
         self.status = DriverStatus.from_message(message)
-        self.is_idle = not self.status.is_active
         self._on_change()
