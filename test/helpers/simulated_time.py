@@ -154,12 +154,10 @@ class SimulatedTime:
 
     def __exit__(self, *details: object) -> None:
         self._patches.undo()
-        self._is_over = True
+        self._is_over, mine = True, self._present
         while self._ready or self._waiting:  # threads that the test has left behind
-            self._ready.extend(self._waiting)
+            self._ready += *self._waiting, mine
             self._waiting.clear()
-            self._ready.append(self._present)
-            mine, self._is_over = self._present, True
             with suppress(SystemExit):
                 self._give_turn(mine)
 

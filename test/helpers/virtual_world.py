@@ -10,7 +10,6 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
 import itertools
-from types import SimpleNamespace
 
 import can
 from can.interfaces.virtual import VirtualBus
@@ -21,6 +20,7 @@ from facade_manipulator.drives.cia402 import DEFAULT_AXES, group
 from facade_manipulator.drives.controller import (
     BusAccess,
     ControllerSettings,
+    ControllerSnapshot,
     DriveController,
     MechanismChecks,
 )
@@ -119,7 +119,7 @@ class World:
             raise OSError(19, 'No such device')
         return Bus(self)
 
-    def _observe(self, snapshot: SimpleNamespace) -> None:
+    def _observe(self, snapshot: ControllerSnapshot) -> None:
         self._cycles += 1
         self.time.notify(self)
         pause, self._pause = self._pause, 0.0
