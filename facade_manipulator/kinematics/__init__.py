@@ -7,7 +7,6 @@ carriages A1, A3, A2 stand on y = 0 in that order; q3 = x.
 
 from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.batch import forward_kinematics_batch, inverse_kinematics_batch
-from facade_manipulator.kinematics.certify import certify, MIN_CONDITIONING
 from facade_manipulator.kinematics.forward import forward_kinematics
 from facade_manipulator.kinematics.geometry import (
     Carriages,
@@ -17,21 +16,26 @@ from facade_manipulator.kinematics.geometry import (
     Twist,
     Wrench,
 )
-from facade_manipulator.kinematics.inverse import inverse_kinematics, links
-from facade_manipulator.kinematics.jacobian import (
+from facade_manipulator.kinematics.inverse import (
     branch_number,
-    carriage_velocity,
+    certify,
     check_characteristic_length,
+    inverse_kinematics,
+    links,
+    local_conditioning_index,
+    MIN_CONDITIONING,
+    parallel_singularity,
+    squared_index,
+    WorkingMode,
+)
+from facade_manipulator.kinematics.jacobian import (
+    carriage_velocity,
     end_effector_force,
     jacobian,
-    local_conditioning_index,
-    parallel_singularity,
     platform_velocity,
-    squared_index,
 )
 from facade_manipulator.kinematics.linkage import JointPoints, joints, Point
 from facade_manipulator.kinematics.mechanism import Mechanism, mechanism_of
-from facade_manipulator.kinematics.modes import WorkingMode
 from facade_manipulator.kinematics.planar import (
     add,
     compose,

@@ -8,21 +8,13 @@ mode is tried.
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from math import cos, isfinite, sin, sqrt
 
 import numpy as np
 
 from facade_manipulator.errors import LimitError, UnreachableError
 from facade_manipulator.kinematics.assembly import closing, Lengths, Mode, modes, newton
-from facade_manipulator.kinematics.certify import (
-    behind_rail,
-    check_gap,
-    check_index,
-    check_number,
-    check_stroke,
-    index_ratio,
-    MIN_CONDITIONING,
-)
 from facade_manipulator.kinematics.forward import forward_kinematics
 from facade_manipulator.kinematics.geometry import (
     Carriages,
@@ -32,10 +24,16 @@ from facade_manipulator.kinematics.geometry import (
     Twist,
     Wrench,
 )
-from facade_manipulator.kinematics.inverse import Links
-from facade_manipulator.kinematics.modes import WorkingMode
+from facade_manipulator.kinematics.inverse import (
+    behind_rail,
+    check_branch,
+    check_rail,
+    CONDITIONING_RATIO,
+    Links,
+    MIN_CONDITIONING,
+    WorkingMode,
+)
 from facade_manipulator.kinematics.planar import compose, invert, relative
-from facade_manipulator.kinematics.screw import Screw
 
 TAKE_UP_SPEED = 0.002  # m/s, below which a carriage does not rest on either flank of its screw
 
@@ -130,10 +128,10 @@ class CalibratedMechanism:
             raise behind_rail(platform.y)
         driven = self._driven(platform.x, at)
         self._check_rail(self._actual(platform.x, at), driven)
-        check_number(self._branch_number(at))
-        length = self.geometry.platform_half_length / index_ratio(
-            self.geometry, characteristic_length)
-        check_index(_squared_index(*self._entries(at), length), min_conditioning)
+        if characteristic_length is None:
+            characteristic_length = self.geometry.platform_half_length / CONDITIONING_RATIO
+        square = _squared_index(*self._entries(at), characteristic_length)
+        check_branch(self._branch_number(at), square, min_conditioning)
         return driven
 
     def check(self, carriages: Carriages) -> None:
@@ -155,9 +153,9 @@ class CalibratedMechanism:
 
     def _check_rail(self, actual: Carriages, driven: Carriages) -> None:
         q1, q2, q3 = actual
-        check_gap(self.geometry, q3 - q1, q2 - q3)
         play1, play2, _ = self.geometry.backlash
-        check_stroke(self.geometry, driven[0] - 0.5 * play1, driven[1] + 0.5 * play2)
+        check_rail(self.geometry, q3 - q1, q2 - q3,
+                   driven[0] - 0.5 * play1, driven[1] + 0.5 * play2)
 
     def _links(self, platform: Pose, working_mode: WorkingMode) -> Links:
         """Return the links of a pose of the platform, as `links` does."""
@@ -215,6 +213,54 @@ class CalibratedMechanism:
     def _on_branch(self, between: tuple[float, float], mode: Mode) -> bool:
         at = closing(self._lengths, *between, *mode)
         return mode[0] > 0.0 and at[4] > 0.0 and at[5] > 0.0 and self._branch_number(at) > 0.0
+
+
+class Screw:
+    """
+    One carriage's way from its drive's position q to its position Q on the rail.
+
+    Q = q + offset + e(q), with e linear between the entries of the screw's table and constant
+    beyond them; so the way back is exact too.
+
+    Parameters
+    ----------
+    offset : float
+        Q at q = 0 without the table [m].
+    span : tuple of two floats
+        Positions q of the first and the last entry [m].
+    errors : tuple of floats
+        Entries, evenly spaced [m]; a single one is constant.
+
+    """
+
+    def __init__(
+        self, offset: float, span: tuple[float, float], errors: tuple[float, ...]
+    ) -> None:
+        first, last = span
+        count = max(1, len(errors) - 1)
+        self._driven = tuple(first + (last - first) * k / count for k in range(len(errors)))
+        self._actual = tuple(
+            q + offset + error for q, error in zip(self._driven, errors, strict=True))
+        pieces = len(errors) - 1
+        self._slopes = (1.0, *(
+            (self._actual[k + 1] - self._actual[k]) / (self._driven[k + 1] - self._driven[k])
+            for k in range(pieces)), 1.0)
+
+    def actual(self, driven: float) -> float:
+        """Return Q of q [m]."""
+        k = bisect_right(self._driven, driven)
+        near = max(k - 1, 0)
+        return self._actual[near] + self._slopes[k] * (driven - self._driven[near])
+
+    def driven(self, actual: float) -> float:
+        """Return q of Q [m]."""
+        k = bisect_right(self._actual, actual)
+        near = max(k - 1, 0)
+        return self._driven[near] + (actual - self._actual[near]) / self._slopes[k]
+
+    def rate(self, actual: float) -> float:
+        """Return dq/dQ at Q."""
+        return 1.0 / self._slopes[bisect_right(self._actual, actual)]
 
 
 def _squared_index(y1: float, t1: float, y2: float, t2: float, length: float) -> float:

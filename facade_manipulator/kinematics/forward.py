@@ -17,12 +17,17 @@ acos, so nothing is lost near θ = 0; one Newton step on the links polishes the 
 
 from __future__ import annotations
 
-from math import atan2, cos, sin, sqrt
+from math import atan2, cos, isfinite, sin, sqrt
 
 from facade_manipulator.errors import SingularityError, UnreachableError
 from facade_manipulator.kinematics.assembly import assembly_modes, FARTHEST
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
-from facade_manipulator.kinematics.jacobian import branch_number, parallel_singularity
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
+from facade_manipulator.kinematics.inverse import (
+    branch_number,
+    check_branch,
+    check_rail,
+    parallel_singularity,
+)
 
 STEP_TOLERANCE = 1e-5  # such a step leaves its square, and the polish the square of that
 POLISHED = 1e-8  # a Newton step on the links from which nothing is left
@@ -65,6 +70,25 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     return _new_tuple(Pose, (q3, y, theta))
 
 
+def certify_carriages(geometry: Geometry, carriages: Carriages) -> None:
+    """
+    Check carriage positions [m]: the links close there, on the machine's branch.
+
+    How well the pose is conditioned is not asked.
+
+    Raises
+    ------
+    ParameterError, UnreachableError, SingularityError, CarriageGapError, StrokeLimitError
+        As `certify`.
+
+    """
+    q1, q2, q3 = carriages
+    if not isfinite(q1 + q2 + q3):
+        raise not_finite(carriages)
+    check_rail(geometry, q3 - q1, q2 - q3, q1, q2)
+    check_branch(_closed_number(geometry, q1 - q3, q2 - q3))
+
+
 def _cubic(
     geometry: Geometry, left: float, right: float
 ) -> tuple[float, float, float, float, float]:
@@ -100,7 +124,7 @@ def _cubic(
     )
 
 
-def closed_number(geometry: Geometry, left: float, right: float) -> float:
+def _closed_number(geometry: Geometry, left: float, right: float) -> float:
     """
     Return N [m²] where the links close, in half the time that the pose takes.
 

@@ -1,25 +1,63 @@
 """
-Inverse kinematics of one pose (eqs 7-9 of the paper), on `math`.
+What a pose asks of the mechanism: carriages (eqs 7-9 of the paper), conditioning, every limit.
+
+J mixes metres and radians, so the conditioning index depends on the unit of length. In
+millimetres, as in the paper, it flags only the far edge of the workspace; with a characteristic
+length near the machine's own size it also flags weak authority near the rail.
 
 References
 ----------
 Park et al., "Design of a 3-DOF Parallel Manipulator to Compensate for Disturbances in Facade
-Cleaning", section II-A.
+Cleaning", sections II-A, IV.
 
 """
 
 from __future__ import annotations
 
+from enum import Enum
 from math import cos, isfinite, sin, sqrt
+from typing import Any
 
-from facade_manipulator.errors import UnreachableError
+from facade_manipulator.errors import (
+    CarriageGapError,
+    ParameterError,
+    SingularityError,
+    StrokeLimitError,
+    UnreachableError,
+)
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
-from facade_manipulator.kinematics.modes import WorkingMode
 
+# b over the index's unit of length: for the design that is 1 m, for a mechanism of another size it
+# grows with it, so that the same poses are well conditioned.
+CONDITIONING_RATIO = 0.348
+# With that unit, the order of the carriages alone keeps the design above 0.07 near the rail.
+# Towards the far edge the index falls to 0 as the links become upright: 0.05 is passed 0.1 mm
+# before it at θ = 0, where carriages already move 40 times faster than the head.
+MIN_CONDITIONING = 0.05
+_TINY = 1e-300
 # s, c, u1, u2, s1, s2 of `links`: plain tuples, because naming the fields would cost as much as
 # computing them.
 Links = tuple[float, float, float, float, float, float]
 _new_tuple = tuple.__new__
+
+
+class WorkingMode(Enum):
+    """
+    On which side of the platform joints B1 and B2 the carriages A1 and A2 stand.
+
+    The signs are those of the roots in eqs 7-8 of the paper: plus is towards greater x. The
+    machine is built for PLUS_MINUS, both carriages inside the platform's span.
+    """
+
+    PLUS_PLUS = (1.0, 1.0)
+    PLUS_MINUS = (1.0, -1.0)
+    MINUS_PLUS = (-1.0, 1.0)
+    MINUS_MINUS = (-1.0, -1.0)
+
+    def __init__(self, sign1: float, sign2: float) -> None:
+        # Plain attributes: Enum.value is a descriptor and costs more than the arithmetic.
+        self.sign1 = sign1
+        self.sign2 = sign2
 
 
 def inverse_kinematics(
@@ -95,3 +133,191 @@ def links(
         sine, cos(theta), height1, height2,
         working_mode.sign1 * sqrt(root1), -working_mode.sign2 * sqrt(root2),
     )
+
+
+def parallel_singularity(
+    geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
+) -> float:
+    """
+    N = b s²(q1 − q2) + (q1 + q2 − 2 q3) y s + 2 y² c [m²]: det B = −4 b N, det J = −b N/(s1 s2).
+
+    Zero at a parallel (type 2) singularity. A pose with N ≤ 0 lies on another assembly branch
+    than the machine's and must not be commanded.
+
+    Raises
+    ------
+    ParameterError, UnreachableError
+        As `inverse_kinematics`.
+
+    """
+    return branch_number(links(geometry, pose, working_mode))
+
+
+def branch_number(at: Links) -> float:
+    """N [m²] of `parallel_singularity`, from the links of a pose; on floats as on arrays."""
+    sine, cosine, u1, u2, s1, s2 = at
+    return u1 * (u2 * cosine - s2 * sine) + u2 * (u1 * cosine + s1 * sine)
+
+
+def local_conditioning_index(
+    geometry: Geometry, pose: Pose, characteristic_length: float = 1.0,
+    working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
+) -> float:
+    """
+    Local conditioning index 1/(‖J‖ ‖J⁻¹‖), with ‖J‖² = tr(JᵀJ)/3.
+
+    It lies in [0, 1], depends on (y, θ) only, and is 0 on every singularity.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    pose : Pose
+        [m, m, rad].
+    characteristic_length : float
+        Unit of length of J [m]; 0.001 gives the paper's index in mm.
+    working_mode : WorkingMode
+
+    Raises
+    ------
+    ParameterError
+        If the pose is not finite or the characteristic length not positive.
+    UnreachableError
+        As `inverse_kinematics`.
+
+    References
+    ----------
+    Eqs 24-25 of the paper. The closed form of its appendix is misprinted.
+
+    """
+    check_characteristic_length(characteristic_length)
+    at = links(geometry, pose, working_mode)
+    return sqrt(squared_index(at, geometry.platform_half_length / characteristic_length))
+
+
+def check_characteristic_length(length: float) -> None:
+    """
+    Check a unit of length of the index [m].
+
+    Raises
+    ------
+    ParameterError
+        If it is not a positive length.
+
+    """
+    if not (isfinite(length) and length > 0.0):
+        raise ParameterError(f'characteristic_length = {length} m is not a positive length')
+
+
+def squared_index(at: Links, ratio: Any) -> Any:
+    """
+    Square of the index, on floats as on arrays: one formula for both arithmetics.
+
+    With P = s1 s2, LCI² = 9 d² P²/(g² (d² + k²)), which stays finite on the far edge P = 0; there
+    g² is 3 ‖J‖² P², d is det J·P, and k² is ‖adj J‖² P² less d².
+
+    Parameters
+    ----------
+    at : Links
+    ratio : float
+        b over the characteristic length.
+
+    """
+    sine, cosine, u1, u2, s1, s2 = at
+    y1, y2 = u1 * s2, u2 * s1
+    e1, e2 = u1 * cosine + s1 * sine, u2 * cosine - s2 * sine
+    t1, t2 = ratio * s2 * e1, ratio * s1 * e2
+    determinant = ratio * (u1 * e2 + u2 * e1)
+    determinant2 = determinant * determinant
+    product = s1 * s2
+    product2 = product * product
+    sum2 = (y1 * y1 + y2 * y2) + (t1 * t1 + t2 * t2)  # the same to the last bit for −θ
+    cofactor2 = sum2 + (y1 + y2) * (y1 + y2) + (t1 - t2) * (t1 - t2)
+    # Folded flat, d and k vanish together and the index is 0.
+    return 9.0 * determinant2 * product2 / (
+        (sum2 + 3.0 * product2) * (determinant2 + cofactor2 + _TINY))
+
+
+def certify(
+    geometry: Geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING,
+    characteristic_length: float | None = None,
+) -> Carriages:
+    """
+    Check a pose against all limits of the machine at once, in the working mode PLUS_MINUS.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    pose : Pose
+        [m, m, rad].
+    min_conditioning : float
+        Least local conditioning index; 0 asks for nothing beyond the other limits.
+    characteristic_length : float, optional
+        Unit of length of that index [m]; None for b/0.348, which is 1 m for the design.
+
+    Returns
+    -------
+    Carriages
+        Carriage positions of the pose [m].
+
+    Raises
+    ------
+    ParameterError
+        If the pose is not finite (a ValueError).
+    UnreachableError
+        If a link is too short.
+    SingularityError
+        If the pose is behind the rail, at or beyond the parallel singularity N = 0, or
+        conditioned worse than `min_conditioning`.
+    CarriageGapError
+        If neighbouring carriages come closer than the carriage gap or change their order.
+    StrokeLimitError
+        If a carriage leaves the stroke.
+
+    """
+    at = _, cosine, _, _, projection1, projection2 = links(geometry, pose)
+    x, y, _ = pose
+    if y <= 0.0:
+        raise behind_rail(y)
+    span = geometry.platform_half_length * cosine
+    q1, q2 = x - span + projection1, x + span - projection2
+    check_rail(geometry, span - projection1, span - projection2, q1, q2)
+    ratio = CONDITIONING_RATIO
+    if characteristic_length is not None:
+        ratio = geometry.platform_half_length / characteristic_length
+    check_branch(branch_number(at), squared_index(at, ratio), min_conditioning)
+    return Carriages(q1, q2, x)
+
+
+def check_rail(
+    geometry: Geometry, distance1: float, distance2: float, q1: float, q2: float
+) -> None:
+    """
+    Require the order A1, A3, A2 with the gap between neighbours (eq. 18), and the stroke.
+
+    Of the outer carriages alone: A3 stands between them.
+    """
+    gap, (least, greatest) = geometry.carriage_gap, geometry.stroke
+    if distance1 < gap or distance1 <= 0.0:
+        raise CarriageGapError('q3 - q1', distance1, gap, 'm', 'below' if gap else 'not above')
+    if distance2 < gap or distance2 <= 0.0:
+        raise CarriageGapError('q2 - q3', distance2, gap, 'm', 'below' if gap else 'not above')
+    if q1 < least:
+        raise StrokeLimitError('q1', q1, least, 'm', 'below')
+    if q2 > greatest:
+        raise StrokeLimitError('q2', q2, greatest, 'm', 'above')
+
+
+def check_branch(number: float, square: float = 1.0, least: float = 0.0) -> None:
+    """Require N > 0 [m²], the machine's branch, and of the index, given its square, so much."""
+    if number <= 0.0:
+        raise SingularityError(
+            'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')
+    index = sqrt(square)
+    if index < least:
+        raise SingularityError('conditioning index', index, least, '', 'below')
+
+
+def behind_rail(y: float) -> SingularityError:
+    """Say that a platform is behind the rail, ready to be raised."""
+    return SingularityError(
+        'y', y, 0.0, 'm', 'behind the rail, on the mirrored assembly branch: not above')

@@ -13,10 +13,9 @@ from functools import partial
 
 from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.calibrated import CalibratedMechanism
-from facade_manipulator.kinematics.certify import certify, certify_carriages
-from facade_manipulator.kinematics.forward import forward_kinematics
+from facade_manipulator.kinematics.forward import certify_carriages, forward_kinematics
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
-from facade_manipulator.kinematics.inverse import inverse_kinematics
+from facade_manipulator.kinematics.inverse import certify, inverse_kinematics
 from facade_manipulator.kinematics.jacobian import (
     carriage_velocity,
     end_effector_force,

@@ -127,7 +127,7 @@ def closed_sweep():
 
 def numeric_sweep():
     """The index at every mm of y, the width in x in closed form; one link length at a time."""
-    from facade_manipulator.kinematics.jacobian import squared_index
+    from facade_manipulator.kinematics import squared_index
 
     y = np.arange(1, 451) * STEP
     halves = np.array_split(DESIGNS[:, None], 16)  # so that a block stays in the cache

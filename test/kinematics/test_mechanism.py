@@ -27,8 +27,7 @@ from facade_manipulator.kinematics import (
     Twist,
     WorkingMode,
 )
-from facade_manipulator.kinematics.calibrated import CalibratedMechanism
-from facade_manipulator.kinematics.screw import Screw
+from facade_manipulator.kinematics.calibrated import CalibratedMechanism, Screw
 
 SPAN = (-0.5, 0.5)
 HEAD = Pose(0.02, 0.25, 0.05)
