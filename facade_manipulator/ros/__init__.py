@@ -9,33 +9,41 @@ from facade_manipulator.ros.clocks import reject_simulated_time, steady_timer
 from facade_manipulator.ros.codec import (
     estimate_codec,
     pose_codec,
-    PoseStream,
     setpoint_codec,
     states_codec,
 )
 from facade_manipulator.ros.conversions import (
-    diagnostic_status,
-    LEVELS,
     node_time,
     pose_message,
     pose_stamped,
-    rejection_status,
+    PoseStream,
     stamp,
-    stamp_text,
+    Transforms,
     wrench_stamped,
 )
 from facade_manipulator.ros.deferred import Deferred, DeferredReplies
-from facade_manipulator.ros.definitions import message_definition, type_name
-from facade_manipulator.ros.diagnostics import DiagnosticsPublisher, Rejections
-from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus, DriverWatch
+from facade_manipulator.ros.diagnostics import (
+    diagnostic_status,
+    DiagnosticsPublisher,
+    DRIVER_STATUS,
+    DriverStatus,
+    DriverWatch,
+    LEVELS,
+    rejection_status,
+    Rejections,
+    stamp_text,
+)
 from facade_manipulator.ros.known_parameters import require_known_parameters
 from facade_manipulator.ros.lifecycle import ManagedNode
-from facade_manipulator.ros.message_queue import MessageQueue
-from facade_manipulator.ros.parameter_reader import ParameterReader
 from facade_manipulator.ros.parameters import accept_old_names, declare
+from facade_manipulator.ros.recording import (
+    message_definition,
+    MessageQueue,
+    ParameterReader,
+    type_name,
+)
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE, run, USAGE_ERROR
 from facade_manipulator.ros.software_stop import SoftwareStop
-from facade_manipulator.ros.transforms import Transforms
 
 __all__ = [
     'accept_old_names',

@@ -36,7 +36,8 @@ from std_srvs.srv import SetBool, Trigger
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, difference, Pose
 from facade_manipulator.messages import planar_pose, RAIL, seconds
-from facade_manipulator.ros.conversions import node_time, pose_stamped, stamp_text
+from facade_manipulator.ros.conversions import node_time, pose_stamped
+from facade_manipulator.ros.diagnostics import stamp_text
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 ANSWER_TIMEOUT = 5.0

@@ -25,9 +25,6 @@ import sys
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from rclpy.event_handler import PublisherEventCallbacks
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
@@ -44,7 +41,6 @@ from facade_manipulator.messages import (
     seconds,
     VARIANCES,
 )
-from facade_manipulator.ros.conversions import planar_numbers, stamp_numbers
 
 ENCAPSULATION = {'little': b'\0\1', 'big': b'\0\0'}[sys.byteorder]
 NUMBER = None
@@ -233,38 +229,13 @@ def _carriages_codec(
     ), numbers_of, what)
 
 
-class PoseStream:
-    """Publish poses: to a node of the process by a call, on the topic if anybody subscribes."""
+def stamp_numbers(time: float) -> tuple[int, int]:
+    """Return the two numbers of a stamp, whole seconds and the nanoseconds after them."""
+    sec = math.floor(time)
+    return sec, int((time - sec) * 1e9)
 
-    def __init__(self, node: Node, topic: str, frame_id: str, qos: QoSProfile) -> None:
-        self._codec = pose_codec(topic, frame_id)
-        self._callback: Callable[[float, Pose], None] | None = None
-        self._subscriptions = self._unused = 0
-        self._publisher = node.create_publisher(
-            PoseStamped, topic, qos,
-            event_callbacks=PublisherEventCallbacks(matched=self._match))
 
-    def _match(self, matched) -> None:
-        self._subscriptions = matched.current_count
-
-    def connect(self, callback: Callable[[float, Pose], None], subscribes: bool) -> None:
-        """
-        Call a node of the same process with the poses, past the middleware.
-
-        Parameters
-        ----------
-        callback : callable
-            Of the time of a pose [s] and the pose.
-        subscribes : bool
-            Whether the node subscribes to the topic as well, for poses from elsewhere: for this
-            subscription alone nothing is published.
-
-        """
-        self._callback, self._unused = callback, int(subscribes)
-
-    def publish(self, time: float, pose: Pose) -> None:
-        """Publish a pose and its time [s]."""
-        if self._callback is not None:
-            self._callback(time, pose)
-        if self._subscriptions > self._unused:
-            self._publisher.publish(self._codec.write(time, planar_numbers(pose)))
+def planar_numbers(pose: Pose) -> tuple[float, ...]:
+    """Return the seven numbers of a planar pose, position [m] and quaternion."""
+    half = 0.5 * pose.theta
+    return pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half)

@@ -1,26 +1,19 @@
-"""Core values to messages."""
+"""Times and poses as ROS has them: messages, the topics of a stream, transforms."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-import math
-from typing import Any
+from collections.abc import Callable
+from importlib import import_module
 
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import Pose as PoseMessage
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 
-from facade_manipulator.errors import LimitError, ManipulatorError
 from facade_manipulator.kinematics import Pose, Wrench
-
-LEVELS = {
-    'ok': DiagnosticStatus.OK,
-    'warn': DiagnosticStatus.WARN,
-    'error': DiagnosticStatus.ERROR,
-    'stale': DiagnosticStatus.STALE,
-}
+from facade_manipulator.ros.codec import planar_numbers, pose_codec, stamp_numbers
 
 
 def node_time(node: Node) -> float:
@@ -32,82 +25,99 @@ def node_time(node: Node) -> float:
 
 def stamp(time: float) -> Time:
     """Return seconds since the epoch as a stamp."""
-    message = Time()
-    set_stamp(message, time)
-    return message
-
-
-def set_stamp(message: Time, time: float) -> None:
-    """Set a stamp to seconds since the epoch."""
-    message.sec, message.nanosec = stamp_numbers(time)
-
-
-def stamp_numbers(time: float) -> tuple[int, int]:
-    """Return the two numbers of a stamp, whole seconds and the nanoseconds after them."""
-    sec = math.floor(time)
-    return sec, int((time - sec) * 1e9)
-
-
-def stamp_text(stamp: Time) -> str:
-    """Return a stamp as a value of a diagnostic status, exact: seconds with nine decimals."""
-    return f'{stamp.sec}.{stamp.nanosec:09d}'
+    sec, nanosec = stamp_numbers(time)
+    return Time(sec=sec, nanosec=nanosec)
 
 
 def pose_message(pose: Pose) -> PoseMessage:
     """Return a planar pose as a message."""
     message = PoseMessage()
-    set_planar_pose(message, pose)
+    position, q = message.position, message.orientation
+    position.x, position.y, _, _, _, q.z, q.w = map(float, planar_numbers(pose))
     return message
 
 
 def pose_stamped(frame_id: str, time: float, pose: Pose) -> PoseStamped:
     """Return a planar pose with frame and stamp [s]."""
-    message = PoseStamped()
-    message.header.frame_id = frame_id
-    set_stamp(message.header.stamp, time)
-    set_planar_pose(message.pose, pose)
+    message = PoseStamped(pose=pose_message(pose))
+    message.header.frame_id, message.header.stamp = frame_id, stamp(time)
     return message
-
-
-def set_planar_pose(message: PoseMessage, pose: Pose) -> None:
-    """Set what a planar pose has of a message."""
-    position, q = message.position, message.orientation
-    position.x, position.y, _, _, _, q.z, q.w = map(float, planar_numbers(pose))
-
-
-def planar_numbers(pose: Pose) -> tuple[float, ...]:
-    """Return the seven numbers of a planar pose, position [m] and quaternion."""
-    half = 0.5 * pose.theta
-    return pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half)
 
 
 def wrench_stamped(frame_id: str, time: float, wrench: Wrench) -> WrenchStamped:
     """Return a planar wrench with frame and stamp [s]."""
     message = WrenchStamped()
-    message.header.frame_id = frame_id
-    message.header.stamp = stamp(time)
+    message.header.frame_id, message.header.stamp = frame_id, stamp(time)
     message.wrench.force.x, message.wrench.force.y = wrench.fx, wrench.fy
     message.wrench.torque.z = wrench.mz
     return message
 
 
-def diagnostic_status(
-    name: str, level: str, message: str, values: Mapping[str, Any], hardware_id: str = ''
-) -> DiagnosticStatus:
-    """Return one component's status; `level` is a key of `LEVELS`."""
-    return DiagnosticStatus(
-        name=name, level=LEVELS[level], message=message, hardware_id=hardware_id,
-        values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()])
+class PoseStream:
+    """Publish poses: to a node of the process by a call, on the topic if anybody subscribes."""
+
+    def __init__(self, node: Node, topic: str, frame_id: str, qos: QoSProfile) -> None:
+        self._codec = pose_codec(topic, frame_id)
+        self._callback: Callable[[float, Pose], None] | None = None
+        self._subscriptions = self._unused = 0
+        self._publisher = node.create_publisher(
+            PoseStamped, topic, qos,
+            event_callbacks=PublisherEventCallbacks(matched=self._match))
+
+    def _match(self, matched) -> None:
+        self._subscriptions = matched.current_count
+
+    def connect(self, callback: Callable[[float, Pose], None], subscribes: bool) -> None:
+        """
+        Call a node of the same process with the poses, past the middleware.
+
+        Parameters
+        ----------
+        callback : callable
+            Of the time of a pose [s] and the pose.
+        subscribes : bool
+            Whether the node subscribes to the topic as well, for poses from elsewhere: for this
+            subscription alone nothing is published.
+
+        """
+        self._callback, self._unused = callback, int(subscribes)
+
+    def publish(self, time: float, pose: Pose) -> None:
+        """Publish a pose and its time [s]."""
+        if self._callback is not None:
+            self._callback(time, pose)
+        if self._subscriptions > self._unused:
+            self._publisher.publish(self._codec.write(time, planar_numbers(pose)))
 
 
-def rejection_status(name: str, error: ManipulatorError, goal_stamp: Time) -> DiagnosticStatus:
-    """Return why a request with a goal is rejected: stamp of the goal, reason, limit."""
-    values = {'goal stamp': stamp_text(goal_stamp), 'reason': getattr(error, 'reason', 'other')}
-    if isinstance(error, LimitError):
-        values.update(
-            {key: getattr(error, key) for key in ('quantity', 'value', 'bound', 'unit')})
-    return diagnostic_status(name, 'error', str(error), values)
+class Transforms:
+    """
+    Broadcast where one frame is in another, with the node's namespace before their names.
 
+    For RViz and others, where tf2_ros is installed; no wheel has it.
 
-def _text(value: Any) -> str:
-    return f'{value:.6g}' if isinstance(value, float) else str(value)
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    parent, child : str
+
+    """
+
+    def __init__(self, node: Node, parent: str, child: str) -> None:
+        prefix = f'{node.get_namespace().strip("/")}/'.lstrip('/')
+        self._parent, self._child = prefix + parent, prefix + child
+        try:
+            self._broadcaster = import_module('tf2_ros').TransformBroadcaster(node)
+        except ImportError:
+            self._broadcaster = None
+
+    def publish(self, time: float, pose: Pose) -> None:
+        """Broadcast the pose of the child in the parent at a time [s]."""
+        if self._broadcaster is None:
+            return
+        message, place = TransformStamped(child_frame_id=self._child), pose_message(pose)
+        message.header.frame_id, message.header.stamp = self._parent, stamp(time)
+        translation, position = message.transform.translation, place.position
+        translation.x, translation.y = position.x, position.y
+        message.transform.rotation = place.orientation
+        self._broadcaster.sendTransform(message)

@@ -1,22 +1,55 @@
-"""What an operator reads in /diagnostics: components at 1 Hz and on change, rejections counted."""
+"""What nodes say of themselves: diagnostics, rejections counted, what the driver is doing."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import math
 import time
+from typing import Any, NamedTuple
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import LimitError, ManipulatorError
 from facade_manipulator.ros.clocks import steady_timer
-from facade_manipulator.ros.runtime import RELIABLE
+from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
+DRIVER_STATUS = 'driver/status'
+LEVELS = {
+    'ok': DiagnosticStatus.OK,
+    'warn': DiagnosticStatus.WARN,
+    'error': DiagnosticStatus.ERROR,
+    'stale': DiagnosticStatus.STALE,
+}
 PERIOD = 1.0
 WARN_EVERY = 1.0  # s
 REPEAT_AFTER = 60.0  # s, for the very message that stands in the log already
+
+
+def stamp_text(stamp: Time) -> str:
+    """Return a stamp as a value of a diagnostic status, exact: seconds with nine decimals."""
+    return f'{stamp.sec}.{stamp.nanosec:09d}'
+
+
+def diagnostic_status(
+    name: str, level: str, message: str, values: Mapping[str, Any], hardware_id: str = ''
+) -> DiagnosticStatus:
+    """Return one component's status; `level` is a key of `LEVELS`."""
+    return DiagnosticStatus(
+        name=name, level=LEVELS[level], message=message, hardware_id=hardware_id,
+        values=[KeyValue(key=key, value=f'{value:.6g}' if isinstance(value, float) else str(value))
+                for key, value in values.items()])
+
+
+def rejection_status(name: str, error: ManipulatorError, goal_stamp: Time) -> DiagnosticStatus:
+    """Return why a request with a goal is rejected: stamp of the goal, reason, limit."""
+    values = {'goal stamp': stamp_text(goal_stamp), 'reason': getattr(error, 'reason', 'other')}
+    if isinstance(error, LimitError):
+        values.update(
+            {key: getattr(error, key) for key in ('quantity', 'value', 'bound', 'unit')})
+    return diagnostic_status(name, 'error', str(error), values)
 
 
 class DiagnosticsPublisher:
@@ -116,3 +149,80 @@ class Rejections:
         """Return the counters as key-value pairs of a diagnostic status."""
         counts = {f'rejected: {reason}': n for reason, n in sorted(self._counts.items())}
         return {'rejected': self.total, **counts, 'last rejection': self.last_message}
+
+
+class DriverStatus(NamedTuple):
+    """
+    What the driver is doing.
+
+    Attributes
+    ----------
+    state : str
+        Such as ``'active'`` or ``'stopped'``.
+    activity : str
+        What the carriages are doing while it is active, such as ``'holding'``.
+    next_step : str
+        What the operator does so that goals are followed, ``''`` if they are.
+    active_since : float
+        Since when the drives follow setpoints [s]; infinite while they do not.
+
+    """
+
+    state: str
+    activity: str
+    next_step: str
+    active_since: float = math.inf
+
+    @property
+    def is_active(self) -> bool:
+        """Return whether the drives follow setpoints."""
+        return math.isfinite(self.active_since)
+
+    def to_message(self, level: str, message: str) -> DiagnosticStatus:
+        """Return the message on driver/status."""
+        return diagnostic_status('operation', level, message, {
+            'state': self.state, 'activity': self.activity, 'next step': self.next_step,
+            'active since': str(self.active_since)})
+
+    @staticmethod
+    def from_message(message: DiagnosticStatus) -> DriverStatus:
+        """Return what a message on driver/status says."""
+        values = {item.key: item.value for item in message.values}
+        return DriverStatus(values['state'], values['activity'], values['next step'],
+                            float(values['active since']))
+
+
+class DriverWatch:
+    """
+    Know what the driver is doing.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    on_change : callable
+        Called after `status` has changed.
+
+    Attributes
+    ----------
+    status : DriverStatus or None
+        None before a driver has published it.
+
+    """
+
+    def __init__(self, node: Node, on_change: Callable[[], None]) -> None:
+        self.status: DriverStatus | None = None
+        self._on_change = on_change
+        node.create_subscription(DiagnosticStatus, DRIVER_STATUS, self._receive, LATCHED)
+
+    @property
+    def is_idle(self) -> bool:
+        """Return whether there is a driver and it does not follow setpoints."""
+        return self.status is not None and not self.status.is_active
+
+    def may_move(self, time: float) -> bool:
+        """Return whether a goal that came at a time [s] came after the drives were activated."""
+        return self.status is None or time >= self.status.active_since
+
+    def _receive(self, message: DiagnosticStatus) -> None:
+        self.status = DriverStatus.from_message(message)
+        self._on_change()

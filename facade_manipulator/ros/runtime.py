@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 import gc
 import os
 from pathlib import Path
 import signal
+import socket
 import sys
 
 import rclpy
@@ -24,7 +26,6 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.deferred import require_of_rclpy
 from facade_manipulator.ros.executors import choose_executor, spin
 from facade_manipulator.ros.known_parameters import require_known_parameters
-from facade_manipulator.ros.service_manager import ServiceManager
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
@@ -35,6 +36,7 @@ RECENT = QoSProfile(  # who subscribes late, to look for one of them, still rece
 
 SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+FEED_SHARE = 0.5  # of systemd's watchdog time, as sd_watchdog_enabled(3) says
 WATCH_PERIOD = 0.05  # s, in which a signal is seen on a node where nothing happens
 
 
@@ -136,3 +138,48 @@ def _close(nodes: Sequence[Node]) -> None:
         if hasattr(node, 'close'):
             node.close()
         node.destroy_node()
+
+
+class ServiceManager:
+    """
+    Notifies systemd, where that has started the node, that it is ready, alive or ending.
+
+    The datagram socket is named in the environment; without it nothing is sent.
+
+    Attributes
+    ----------
+    feed_period : float or None
+        How often `feed` must be called [s]; None where no watchdog waits for this process.
+
+    References
+    ----------
+    sd_notify(3) and systemd.service(5), ``Type=notify`` and ``WatchdogSec=``.
+
+    """
+
+    def __init__(self) -> None:
+        self._address = os.environ.pop('NOTIFY_SOCKET', '')  # no child speaks for the node
+        timeout = os.environ.pop('WATCHDOG_USEC', '0')
+        for_us = os.environ.pop('WATCHDOG_PID', str(os.getpid())) == str(os.getpid())
+        watched = self._address and for_us and timeout.isdecimal() and int(timeout) > 0
+        self.feed_period = FEED_SHARE * 1e-6 * int(timeout) if watched else None
+
+    def ready(self) -> None:
+        """Say that the node has started."""
+        self._send(b'READY=1')
+
+    def feed(self) -> None:
+        """Feed the watchdog."""
+        self._send(b'WATCHDOG=1')
+
+    def stopping(self) -> None:
+        """Say that the node ends: it may take its time for the drives."""
+        self._send(b'STOPPING=1')
+
+    def _send(self, state: bytes) -> None:
+        if not self._address:
+            return
+        address = self._address.replace('@', '\0', 1) if self._address[0] == '@' else self._address
+        with suppress(OSError), socket.socket(
+                socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sender:
+            sender.sendto(state, address)

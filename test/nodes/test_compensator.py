@@ -26,7 +26,7 @@ from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.goal_report import followed_goal, GOAL_STATUS
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
-from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus
+from facade_manipulator.ros.diagnostics import DRIVER_STATUS, DriverStatus
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
 
 GOAL, OUTSIDE = Pose(0.03, 0.25, 0.02), Pose(0.0, 0.9, 0.0)

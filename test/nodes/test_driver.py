@@ -30,7 +30,7 @@ from facade_manipulator.loop.process import start_process
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import stamp
-from facade_manipulator.ros.driver_watch import DriverStatus
+from facade_manipulator.ros.diagnostics import DriverStatus
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
 
 HOME = (-0.1, 0.1, 0.0)

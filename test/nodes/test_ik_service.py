@@ -19,7 +19,7 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.ros.conversions import pose_stamped, stamp
-from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus
+from facade_manipulator.ros.diagnostics import DRIVER_STATUS, DriverStatus
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 GEOMETRY = Geometry()

@@ -13,7 +13,8 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.monitor import Observer, render
 from facade_manipulator.ros.client import ManipulatorClient
-from facade_manipulator.ros.conversions import diagnostic_status, pose_stamped, stamp
+from facade_manipulator.ros.conversions import pose_stamped, stamp
+from facade_manipulator.ros.diagnostics import diagnostic_status
 from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
 

@@ -15,7 +15,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, seconds, VARIANCES
 from facade_manipulator.ros import codec as codec
 from facade_manipulator.ros.codec import estimate_codec, pose_codec, setpoint_codec, states_codec
-from facade_manipulator.ros.conversions import pose_stamped, set_stamp
+from facade_manipulator.ros.conversions import pose_stamped, stamp
 
 STAMP = 12.5
 ARRAYS = ('position', 'velocity', 'effort')
@@ -51,7 +51,7 @@ def _fill(pose, values):
 
 def _stamped(message, frame_id):
     message.header.frame_id = frame_id
-    set_stamp(message.header.stamp, STAMP)
+    message.header.stamp = stamp(STAMP)
     return message
 
 

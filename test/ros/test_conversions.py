@@ -17,12 +17,12 @@ from facade_manipulator.messages import (
     seconds,
 )
 from facade_manipulator.ros.conversions import (
-    diagnostic_status,
     pose_message,
     pose_stamped,
     stamp,
     wrench_stamped,
 )
+from facade_manipulator.ros.diagnostics import diagnostic_status
 
 lengths = st.floats(-10.0, 10.0)
 angles = st.floats(-math.pi + 1e-9, math.pi)

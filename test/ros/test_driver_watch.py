@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from facade_manipulator.ros.driver_watch import DRIVER_STATUS, DriverStatus, DriverWatch
+from facade_manipulator.ros.diagnostics import DRIVER_STATUS, DriverStatus, DriverWatch
 from facade_manipulator.ros.runtime import LATCHED
 
 ACTIVE = DriverStatus('active', 'holding', '', 1795320000.123456)

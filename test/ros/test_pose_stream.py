@@ -7,7 +7,7 @@ import pytest
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose, seconds
-from facade_manipulator.ros.codec import PoseStream
+from facade_manipulator.ros.conversions import PoseStream
 from facade_manipulator.ros.runtime import LATEST
 
 PLACE = Pose(0.1, 0.2, math.radians(5.0))

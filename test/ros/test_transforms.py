@@ -7,7 +7,7 @@ import pytest
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import seconds
-from facade_manipulator.ros.transforms import Transforms
+from facade_manipulator.ros.conversions import Transforms
 
 
 @pytest.mark.parametrize('namespace, prefix', [('', ''), ('/gondola_1', 'gondola_1/')])

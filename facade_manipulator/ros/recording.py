@@ -1,0 +1,161 @@
+"""What a recorder needs of ROS: messages as bytes, definitions, parameters of another node."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from importlib import import_module
+import json
+from pathlib import Path
+import re
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.srv import GetParameters, ListParameters
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.qos import QoSProfile
+from rclpy.task import Future
+from rclpy.type_support import check_for_type_support
+
+from facade_manipulator.ros.deferred import require_of_rclpy
+
+_TYPE = re.compile(r'(\w+)/(\w+)')
+_RULE = '=' * 80
+
+
+class MessageQueue:
+    """
+    Receive the messages of a topic as bytes; `take` them before its depth is reached.
+
+    An executor calls Python for each message: for five topics at 100 Hz that are only kept, 3 % of
+    a processor. A queue is a subscription that no executor knows, which takes a quarter of it.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    kind : type
+        Of the messages.
+    topic : str
+    qos : rclpy.qos.QoSProfile
+        Its depth bounds what waits.
+
+    """
+
+    def __init__(self, node: Node, kind: type, topic: str, qos: QoSProfile) -> None:
+        require_of_rclpy(rclpy_implementation, 'Subscription')
+        check_for_type_support(kind)
+        self.kind, self.topic = kind, node.resolve_topic_name(topic)
+        with node.handle:
+            self._subscription = rclpy_implementation.Subscription(
+                node.handle, kind, topic, qos.get_c_qos_profile())
+        require_of_rclpy(self._subscription, 'take_message')
+
+    def take(self) -> Iterator[tuple[float, bytes]]:
+        """Yield what has come since: when it was received [s, system's clock] and its bytes."""
+        with self._subscription:
+            while (taken := self._subscription.take_message(self.kind, True)) is not None:
+                data, info = taken
+                yield 1e-9 * info['received_timestamp'], data
+
+    def close(self) -> None:
+        """Subscribe no longer."""
+        self._subscription.destroy_when_not_in_use()
+
+
+class ParameterReader:
+    """
+    Read all parameters of a node, as they are now, without waiting for it.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        Who asks.
+    name : str
+        Who is asked.
+
+    Attributes
+    ----------
+    values : dict
+        Parameters by name; empty until the node has answered.
+
+    """
+
+    def __init__(self, node: Node, name: str) -> None:
+        self.values: dict[str, Any] = {}
+        # not rclpy's AsyncParameterClient: its clients could set parameters, which SROS2 forbids
+        self._list = node.create_client(ListParameters, f'{name}/list_parameters')
+        self._get = node.create_client(GetParameters, f'{name}/get_parameters')
+        self._was_there = False
+
+    def ask_once(self) -> None:
+        """Ask whenever the node has appeared."""
+        is_there = self._list.service_is_ready() and self._get.service_is_ready()
+        if is_there and not self._was_there:
+            answer = self._list.call_async(ListParameters.Request())
+            answer.add_done_callback(self._read_names)
+        self._was_there = is_there
+
+    def update(self, event: ParameterEvent) -> None:
+        """Note parameters that were declared or changed."""
+        for parameter in (*event.new_parameters, *event.changed_parameters):
+            self.values[parameter.name] = _plain(parameter_value_to_python(parameter.value))
+
+    def as_text(self) -> dict[str, str]:
+        """Return the values as JSON."""
+        return {name: json.dumps(value) for name, value in self.values.items()}
+
+    def _read_names(self, answer: Future) -> None:
+        names = answer.result().result.names
+        answer = self._get.call_async(GetParameters.Request(names=names))
+        answer.add_done_callback(lambda values: self._read_values(names, values))
+
+    def _read_values(self, names: list[str], answer: Future) -> None:
+        self.values = {
+            name: _plain(parameter_value_to_python(value))
+            for name, value in zip(names, answer.result().values, strict=True)}
+
+
+def _plain(value: Any) -> Any:
+    """Return an array of numbers as a list."""
+    return value.tolist() if hasattr(value, 'tolist') else value
+
+
+def type_name(kind: type) -> str:
+    """Return the full name of a message class, such as ``geometry_msgs/msg/PoseStamped``."""
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
+def message_definition(kind: type) -> str:
+    """
+    Return the definition of a message class followed by those of all that it contains.
+
+    Raises
+    ------
+    OSError, LookupError
+        If the package's ``.msg`` files are not installed.
+
+    References
+    ----------
+    MCAP registry, schema encoding ``ros2msg``.
+
+    """
+    parts = [_source(kind)]
+    parts += [f'{_RULE}\nMSG: {part.__module__.split(".")[0]}/{part.__name__}\n{_source(part)}'
+              for part in dict.fromkeys(_contained(kind))]
+    return ''.join(parts)
+
+
+def _source(kind: type) -> str:
+    package, folder, name = type_name(kind).split('/')
+    path = Path(get_package_share_directory(package)) / folder / f'{name}.msg'
+    return path.read_text(encoding='utf-8').rstrip() + '\n'
+
+
+def _contained(kind: type) -> Iterator[type]:
+    for field in kind.get_fields_and_field_types().values():
+        for package, name in _TYPE.findall(field):
+            part = getattr(import_module(f'{package}.msg'), name)
+            yield part
+            yield from _contained(part)
