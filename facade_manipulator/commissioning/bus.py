@@ -10,7 +10,7 @@ from canopen.lss import LssMaster
 
 from facade_manipulator.drives.canopen import (
     BusSettings,
-    CanBus,
+    can_bus,
     Frame,
     heartbeat_cob_id,
     MASTER_NODE_ID,
@@ -62,7 +62,7 @@ class ToolBus:
 
     def __init__(self, settings: BusSettings) -> None:
         self.settings = settings
-        self.frames = CanBus(open_bus(settings))
+        self.frames = can_bus(open_bus(settings))
         self.network = PumpedNetwork(self.frames)
         self.latest: dict[int, Frame] = {}
         self._collected: list[Frame] = []

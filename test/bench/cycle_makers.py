@@ -180,10 +180,10 @@ def map_pdos(node, number: int):
 def exchange():
     """The driver's bus and codecs alone, with nothing decided."""
     from facade_manipulator.drives.canopen import pdo
-    from facade_manipulator.drives.canopen.bus import CanBus
+    from facade_manipulator.drives.canopen.bus import can_bus
 
     Answers(bus())
-    ours = CanBus(bus())
+    ours = can_bus(bus())
     decoders = {base + n: decode for n in NODES for base, decode in (
         (0x180, pdo.TPDO1.unpack), (0x280, pdo.TPDO2.unpack), (0x380, pdo.TPDO3.unpack),
         (0x700, bytes))}

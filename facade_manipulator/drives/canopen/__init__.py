@@ -9,6 +9,7 @@ from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.bus import (
     BusCongestedError,
     BusStatistics,
+    can_bus,
     CanBus,
     Condition,
     Frame,
@@ -53,6 +54,7 @@ __all__ = [
     'BusCongestedError',
     'BusSettings',
     'BusStatistics',
+    'can_bus',
     'CanBus',
     'Condition',
     'decode_emergency',

@@ -15,6 +15,7 @@ import time
 import can
 
 from facade_manipulator.drives.canopen import (
+    can_bus,
     CanBus,
     Condition,
     NmtCommand,
@@ -270,7 +271,7 @@ class Session:
 
     def _open_bus(self) -> CanBus:
         try:
-            return CanBus(self._bus.open())
+            return can_bus(self._bus.open())
         except (can.CanError, OSError, ValueError) as error:
             raise BusError(f'the CAN bus cannot be opened: {error}') from error
 
