@@ -28,6 +28,10 @@ Messages are messages with the value, the bound and the unit.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 
 class ManipulatorError(Exception):
     """Base of every error that this package raises on purpose."""
@@ -42,6 +46,16 @@ def missing_package(error: ModuleNotFoundError) -> str:
 
 class ParameterError(ManipulatorError, ValueError):
     """A parameter is not finite, out of range or contradicts another one."""
+
+
+@contextmanager
+def file_errors(path: Path) -> Iterator[None]:
+    """Raise a ParameterError that names a file if what is inside cannot write it."""
+    try:
+        yield
+    except (OSError, ValueError) as error:  # matplotlib's of a file name without a known ending
+        raise ParameterError(
+            f'{path} cannot be written: {getattr(error, "strerror", None) or error}') from error
 
 
 class InputError(ManipulatorError):

@@ -13,7 +13,6 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Lend the path of a draft beside a file; it takes the file's name when the block ends well.
 
     A draft that is not completed goes; what had the name before stays.
-
     """
     draft = path.with_name(f'.{path.name}.part')
     try:

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import Any, TypeVar
 
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.parameters import as_fields
 
@@ -78,11 +78,9 @@ def write_parameters(
             place = place[key]
         for name, value in values.items():
             place[name] = _plain(value)
-    try:
-        with atomic_write(target) as draft, draft.open('w', encoding='utf-8') as file:
-            _yaml().dump(content, file)
-    except OSError as error:
-        raise ParameterError(f'{target} cannot be written: {error.strerror or error}') from error
+    with (file_errors(target), atomic_write(target) as draft,
+          draft.open('w', encoding='utf-8') as file):
+        _yaml().dump(content, file)
 
 
 def _load(path: Path) -> Any:

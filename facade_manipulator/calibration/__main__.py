@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 import csv
 from pathlib import Path
 import sys
@@ -44,7 +43,12 @@ from facade_manipulator.calibration.wall_fit import (
     report_wall,
     touched_points,
 )
-from facade_manipulator.errors import CalibrationError, ManipulatorError, missing_package
+from facade_manipulator.errors import (
+    CalibrationError,
+    file_errors,
+    ManipulatorError,
+    missing_package,
+)
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameter_file import ALL_NODES, read_settings, write_parameters
@@ -91,7 +95,7 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
         print(line)
     _check_outliers(found.outliers, options)
     if options.picture is not None:
-        with _writing(options.picture):
+        with file_errors(options.picture):
             draw_accuracy(options.picture, geometry, found, unknowns)
     if options.output is not None:
         fields = dict.fromkeys(unknown.field for unknown in unknowns)
@@ -167,15 +171,6 @@ def _estimator_recording(options: argparse.Namespace) -> EstimatorRecording:
         read_table(options.wall, ('time',), HEAD))
 
 
-@contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except (OSError, ValueError) as error:  # matplotlib's of a file name without a known ending
-        raise CalibrationError(
-            f'{path} cannot be written: {getattr(error, "strerror", None) or error}') from error
-
-
 def _check_outliers(outliers: Sequence, options: argparse.Namespace) -> None:
     if outliers and not options.drop_outliers:
         raise CalibrationError(
@@ -202,7 +197,7 @@ def _measurements(path: Path | None) -> Measurements:
 def _write_plan(path: Path, geometry, carriages: np.ndarray) -> None:
     """Write where to measure, with empty cells for what is measured."""
     directions = ['direction'] * (carriages.shape[1] - len(CARRIAGES))
-    with (_writing(path), atomic_write(path) as draft,
+    with (file_errors(path), atomic_write(path) as draft,
           draft.open('w', newline='', encoding='utf-8') as file):
         rows = csv.writer(file)
         rows.writerow([*CARRIAGES, *directions, *(f'goal_{name}' for name in HEAD), *HEAD])

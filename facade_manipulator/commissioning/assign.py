@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from canopen.lss import LssError, LssMaster
 
-from facade_manipulator.commissioning.bus import ToolBus
-from facade_manipulator.drives.canopen import NmtCommand
+from facade_manipulator.commissioning.bus import read_number, ToolBus
+from facade_manipulator.drives.canopen import NmtCommand, SdoChannel
 from facade_manipulator.errors import CommissioningError, DriveError
 
 UNCONFIGURED = 255
@@ -35,31 +35,14 @@ class Found(NamedTuple):
 
 
 class Assignment:
-    """
-    Node ids for the drives of a bus.
-
-    Parameters
-    ----------
-    bus : ToolBus
-    timeout : float
-        How long a drive may take to answer a request of LSS [s].
-
-    """
+    """Node ids for the drives of a bus; `timeout` is for a drive's answer to a request [s]."""
 
     def __init__(self, bus: ToolBus, timeout: float) -> None:
         self._bus = bus
         self._lss = bus.lss(timeout)
 
     def take_all(self) -> None:
-        """
-        Take the node ids from all drives, without storing that.
-
-        Raises
-        ------
-        CommissioningError
-            No drive knows LSS.
-
-        """
+        """Take all node ids, without storing that; a CommissioningError if none knows LSS."""
         self._lss.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
         self._configure(UNCONFIGURED)
         self._lss.send_switch_state_global(LssMaster.WAITING_STATE)
@@ -78,11 +61,7 @@ class Assignment:
         """
         Give the selected drive a node id, store it, and let the drive come up.
 
-        Raises
-        ------
-        CommissioningError
-            The drive rejects or stops answering; the message says in what state it is.
-
+        Raises a CommissioningError if it does not; the message says in what state it is.
         """
         self._configure(node_id)
         try:
@@ -110,15 +89,7 @@ class Assignment:
                 'one again after its power was off and on') from error
 
     def verify(self, node_id: int, serial_number: int, boot_timeout: float = 5.0) -> None:
-        """
-        Wait until a drive answers under its new node id.
-
-        Raises
-        ------
-        CommissioningError
-            It does not, or it is another one.
-
-        """
+        """Wait for a drive's new node id; a CommissioningError if another has it, or none."""
         drive = self._bus.objects(node_id)
         end = time.monotonic() + boot_timeout
         while (serial := _serial(drive)) is None and time.monotonic() < end:
@@ -130,9 +101,9 @@ class Assignment:
                 'stored; switch its power off and on, then scan')
 
 
-def _serial(drive) -> int | None:
+def _serial(drive: SdoChannel) -> int | None:
     try:
-        return int.from_bytes(drive.read(0x1018, 4), 'little')
+        return read_number(drive, 0x1018, 4)
     except DriveError:
         return None
 
@@ -141,26 +112,10 @@ def assign_all(
     assignment: Assignment, node_ids: dict[str, int], axis_of: Callable[[Found], str]
 ) -> dict[str, Found]:
     """
-    Give all drives on the bus their node ids.
+    Give all drives on the bus their node ids by axis; return which drive is which axis.
 
-    Parameters
-    ----------
-    assignment : Assignment
-    node_ids : dict
-        By axis.
-    axis_of : callable
-        Says which axis a drive moves; empty for none.
-
-    Returns
-    -------
-    dict
-        Which drive is which axis.
-
-    Raises
-    ------
-    CommissioningError
-        With the state in which the drives are.
-
+    `axis_of` says which axis a drive moves, empty for none. Raises a CommissioningError with the
+    state in which the drives are.
     """
     assignment.take_all()
     given: dict[str, Found] = {}

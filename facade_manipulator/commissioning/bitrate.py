@@ -20,11 +20,7 @@ def guess_bitrate(settings: BusSettings, operator: Operator, may_change: bool) -
     """
     Listen at the usual bit rates, without a bit sent, and say where frames come.
 
-    Raises
-    ------
-    CommissioningError
-        The interface cannot be set; it needs root.
-
+    Raises a CommissioningError if the interface cannot be set; it needs root.
     """
     operator.say(
         'Nothing answers: power, plugs, termination (60 ohms between CAN high and low), or '

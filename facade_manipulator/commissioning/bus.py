@@ -42,22 +42,9 @@ STORING = Patience(timeout=5.0, attempts=1)  # a second attempt would store what
 
 class ToolBus:
     """
-    The bus while a tool of commissioning has it.
+    The bus while a tool of commissioning has it; `latest` has the newest frame by COB-ID.
 
-    Parameters
-    ----------
-    settings : BusSettings
-
-    Attributes
-    ----------
-    latest : dict
-        The newest frame by COB-ID.
-
-    Raises
-    ------
-    BusError
-        The interface is missing, down or at another bit rate.
-
+    Raises a BusError if the interface is missing, down or at another bit rate.
     """
 
     def __init__(self, settings: BusSettings) -> None:
@@ -92,15 +79,7 @@ class ToolBus:
                 self.network.feed(frame)
 
     def check(self) -> None:
-        """
-        Check that the bus is there.
-
-        Raises
-        ------
-        BusError
-            It was lost.
-
-        """
+        """Raise a BusError if the bus was lost."""
         if self._error is not None:
             raise self._error
 
@@ -116,9 +95,7 @@ class ToolBus:
     def collect(self, duration: float) -> list[Frame]:
         """Wait and return all frames that were received meanwhile."""
         self._collected.clear()
-        time.sleep(duration)
-        self.check()
-        return list(self._collected)
+        return self.received_since(duration)
 
     def received_since(self, duration: float) -> list[Frame]:
         """Wait on, and return all frames since `collect` was last called."""
@@ -149,15 +126,7 @@ class ToolBus:
         return master
 
     def reset(self, node_id: int, timeout: float = 5.0) -> None:
-        """
-        Reset a drive and wait until it is back.
-
-        Raises
-        ------
-        DriveTimeoutError
-            It sends no boot-up message.
-
-        """
+        """Reset a drive and wait until it is back; raises a DriveTimeoutError if it is not."""
         cob_id = heartbeat_cob_id(node_id)
         self.latest.pop(cob_id, None)
         self.command(NmtCommand.RESET_NODE, node_id)
@@ -167,15 +136,7 @@ class ToolBus:
                 'check its power')
 
     def require_alone(self) -> None:
-        """
-        Listen whether a driver runs on this bus.
-
-        Raises
-        ------
-        DriveStateError
-            One does.
-
-        """
+        """Listen whether a driver runs on this bus; raises a DriveStateError if one does."""
         received = {frame.cob_id for frame in self.collect(LISTENING_TIME)}
         for cob_ids, what in _ONLY_MASTERS.items():
             for cob_id in received.intersection(cob_ids):
@@ -183,3 +144,8 @@ class ToolBus:
                     f'{what} ({cob_id:03X}h) is on {self.frames}: a driver runs on this bus, or '
                     'another tool, and two masters must not command one drive; end it, then try '
                     'again')
+
+
+def read_number(drive: SdoChannel, index: int, subindex: int = 0, signed: bool = False) -> int:
+    """Read an object that is a number; raises what `SdoChannel.read` does."""
+    return int.from_bytes(drive.read(index, subindex), 'little', signed=signed)

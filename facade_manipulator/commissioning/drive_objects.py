@@ -20,7 +20,7 @@ from canopen.objectdictionary import ODVariable
 
 from facade_manipulator.commissioning.bus import STORING, ToolBus
 from facade_manipulator.drives.canopen import DISABLED, SdoAbortError, SdoChannel
-from facade_manipulator.errors import CommissioningError, DriveError, ParameterError
+from facade_manipulator.errors import CommissioningError, DriveError, file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 
 Key = tuple[int, int]
@@ -61,13 +61,7 @@ def take_snapshot(drive: SdoChannel, eds: Path) -> Snapshot:
     """
     Read the identity and all writable objects that an EDS names; those that are absent are left.
 
-    Raises
-    ------
-    DriveTimeoutError
-        The drive stops answering.
-    ParameterError
-        The EDS cannot be read.
-
+    Raises a DriveTimeoutError if the drive stops answering, a ParameterError for the EDS.
     """
     dictionary = read_dictionary(eds, drive.node_id)
     values = {}
@@ -100,11 +94,9 @@ def write_dcf(snapshot: Snapshot, path: Path) -> None:
     dictionary.comments = (
         f'{snapshot.source}, {datetime.now().isoformat(" ", "seconds")}, serial number '
         f'{snapshot.values.get(IDENTITY[3])}')
-    try:
-        with atomic_write(path) as draft, draft.open('w', encoding='utf-8') as file:
-            export_od(dictionary, file, 'dcf')
-    except OSError as error:
-        raise ParameterError(f'{path} cannot be written: {error.strerror}') from error
+    with (file_errors(path), atomic_write(path) as draft,
+          draft.open('w', encoding='utf-8') as file):
+        export_od(dictionary, file, 'dcf')
 
 
 def read_dcf(path: Path) -> Snapshot:
@@ -146,18 +138,10 @@ def _name(snapshot: Snapshot, key: Key) -> str:
 
 def restore(drive: SdoChannel, wanted: Snapshot, present: Snapshot) -> int:
     """
-    Write what differs, in the order that PDOs need, and read it back; nothing is stored.
+    Write what differs, in the order that PDOs need, and read it back; return how many differed.
 
-    Returns
-    -------
-    int
-        How many objects were written.
-
-    Raises
-    ------
-    CommissioningError
-        The drive rejects one, reads it back otherwise or stops answering; with its state.
-
+    Nothing is stored. Raises a CommissioningError with the drive's state if it rejects an object,
+    reads it back otherwise or stops answering.
     """
     changes = {
         difference.key: _value_for(drive.node_id, wanted, difference.key)
@@ -228,11 +212,7 @@ def store(bus: ToolBus, node_id: int, name: str) -> None:
     """
     Let a drive store its objects (1010h:01), reset it, and wait until it is back.
 
-    Raises
-    ------
-    CommissioningError
-        It rejects, or stops answering in the middle; the message says what may be in it now.
-
+    Raises a CommissioningError that says what may be in it now, if it does not.
     """
     drive = bus.objects(node_id, name, patience=STORING)
     try:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from canopen import ObjectDictionary
 
+from facade_manipulator.commissioning.bus import read_number
 from facade_manipulator.commissioning.drive_objects import read_dictionary, variables
 from facade_manipulator.drives.canopen import SdoChannel
 from facade_manipulator.drives.cia402 import DriveProfile, load_profile
@@ -32,20 +33,10 @@ _QUESTIONS = {
 
 def draft(eds: Path) -> tuple[str, list[str]]:
     """
-    Draft a profile from a maker's EDS.
+    Draft a profile from a maker's EDS; return its YAML, and what the drive lacks.
 
-    Returns
-    -------
-    text : str
-        The profile's YAML; what only the maker or the drive can say stands in it as questions.
-    missing : list of str
-        What the drive lacks of what is needed.
-
-    Raises
-    ------
-    ParameterError
-        The EDS cannot be read.
-
+    What only the maker or the drive can say stands in the YAML as questions. Raises a
+    ParameterError if the EDS cannot be read.
     """
     dictionary = read_dictionary(eds)
     template = load_profile(TEMPLATE)
@@ -119,13 +110,7 @@ def differences(drive: SdoChannel, profile: DriveProfile) -> list[str]:
     """
     Return everything in which a drive departs from its profile; nothing is written.
 
-    Raises
-    ------
-    DriveTimeoutError
-        The drive stops answering.
-    ParameterError
-        The profile's EDS cannot be read.
-
+    Raises a DriveTimeoutError if the drive stops answering, a ParameterError for its EDS.
     """
     dictionary = read_dictionary(profile.eds, drive.node_id)
     found = []
@@ -165,7 +150,7 @@ def _problem(
 
 def _read(drive: SdoChannel, index: int) -> int | None:
     try:
-        return int.from_bytes(drive.read(index, 0), 'little')
+        return read_number(drive, index)
     except DriveTimeoutError:
         raise
     except DriveError:

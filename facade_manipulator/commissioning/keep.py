@@ -22,7 +22,7 @@ from facade_manipulator.commissioning.drive_objects import (
 from facade_manipulator.commissioning.drive_profile import check_draft, differences, draft
 from facade_manipulator.commissioning.scan import require_one
 from facade_manipulator.drives.cia402 import AXIS_NAMES, load_profile
-from facade_manipulator.errors import CommissioningError, ParameterError
+from facade_manipulator.errors import CommissioningError, file_errors
 
 
 def add_commands(add: Callable) -> None:
@@ -59,12 +59,10 @@ def run_profile(context: Context) -> int:
     for item in missing:
         context.operator.say(f'! {options.eds.name} lacks {item}')
     context.operator.agree(f'{output} is written, and the EDS beside it.')
-    try:
+    with file_errors(output):
         if options.eds.resolve().parent != output.resolve().parent:
             shutil.copy(options.eds, output.parent)
         output.write_text(text, 'utf-8')
-    except OSError as error:
-        raise ParameterError(f'{output} cannot be written: {error.strerror}') from error
     check_draft(output)
     for line in text.splitlines():
         if '# ?' in line:

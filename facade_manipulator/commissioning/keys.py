@@ -17,15 +17,7 @@ _END = (b'q', b'\x03', b'\x04')
 
 
 class HeldKeys:
-    """
-    The direction that a held key gives; none means stop.
-
-    Parameters
-    ----------
-    descriptor : int
-        Of the terminal; a pipe does.
-
-    """
+    """The direction that a held key of a terminal, or a pipe, gives; none means stop."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor

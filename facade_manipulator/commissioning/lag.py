@@ -18,7 +18,7 @@ from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.motion import AxisSample, Motion, PERIOD, TORQUE
 from facade_manipulator.commissioning.moving import add_motion_options, motion_bounds, powered
 from facade_manipulator.drives.cia402 import AXIS_NAMES
-from facade_manipulator.errors import CommissioningError, missing_package
+from facade_manipulator.errors import CommissioningError, file_errors, missing_package
 
 FREQUENCIES = (1.0, 2.0, 5.0, 10.0, 20.0)  # Hz
 _AMPLITUDE = 0.003  # m, where the speed permits it
@@ -139,9 +139,9 @@ def run_lag(context: Context) -> None:
             raise CommissioningError(
                 f'--frequencies {frequency:g} Hz is not between 0.1 and {0.25 / PERIOD:g} Hz')
     for name in options.axes or AXIS_NAMES:
-        with powered(context, name, 'sines of a few millimetres') as (motion, number):
+        with powered(context, name, 'sines of a few millimetres') as motion:
             motion.require(TORQUE, 'which shows friction and backlash')
-            recording = record(motion, number, speed, options.frequencies)
+            recording = record(motion, speed, options.frequencies)
         found[name] = analyse(recording)
     operator.table(
         ('axis', 'lag', 'bandwidth', 'following error', 'Coulomb', 'viscous', 'backlash'),
@@ -174,15 +174,14 @@ class AxisRecord(NamedTuple):
     triangle: list[AxisSample]
 
 
-def record(
-    motion: Motion, number: int, speed: float, frequencies: Sequence[float]
-) -> AxisRecord:
+def record(motion: Motion, speed: float, frequencies: Sequence[float]) -> AxisRecord:
     """Move and record; nothing is computed here, for each cycle feeds the drives' watchdog."""
     sines = {}
     for frequency in frequencies:
-        sines[frequency] = follow(motion, number, sine(frequency, speed, motion.window))
-        follow(motion, number, np.linspace(sines[frequency][0][-1], 0.0, 20))
-    return AxisRecord(sines, follow(motion, number, triangle())[1])
+        targets = sine(frequency, speed, motion.window)
+        sines[frequency] = targets, follow(motion, targets)
+        follow(motion, np.linspace(targets[-1], 0.0, 20))
+    return AxisRecord(sines, follow(motion, triangle()))
 
 
 def sine(frequency: float, speed: float, window: float) -> np.ndarray:
@@ -198,18 +197,12 @@ def analyse(recording: AxisRecord) -> AxisDynamics:
     responses, motions = [], []
     for frequency, (targets, samples) in recording.sines.items():
         first = round(_SETTLING / frequency / PERIOD)
-        positions = np.array([sample.position for sample in samples])
+        positions, velocities, forces, _ = np.array(samples).T
         responses.append(response(frequency, targets[first:-_DELAY], positions[first + _DELAY:]))
-        motions.append(_loads(samples[first:]))
-    motions.append(_loads(recording.triangle))
-    backlash = find_backlash(
-        np.array([sample.position for sample in recording.triangle]), motions[-1][1])
-    return AxisDynamics(tuple(responses), *fit_friction(motions), backlash)
-
-
-def _loads(samples: list[AxisSample]) -> tuple[np.ndarray, np.ndarray]:
-    return (np.array([sample.velocity for sample in samples]),
-            np.array([sample.force for sample in samples]))
+        motions.append((velocities[first:], forces[first:]))
+    positions, velocities, forces, _ = np.array(recording.triangle).T
+    friction = fit_friction([*motions, (velocities, forces)])
+    return AxisDynamics(tuple(responses), *friction, find_backlash(positions, forces))
 
 
 def triangle() -> np.ndarray:
@@ -219,12 +212,9 @@ def triangle() -> np.ndarray:
     return np.concatenate([rise, rise[::-1], rise, rise[::-1]])
 
 
-def follow(
-    motion: Motion, number: int, displacements: np.ndarray
-) -> tuple[np.ndarray, list[AxisSample]]:
-    """Command displacements [m], one a cycle; return them and what one axis answered."""
-    samples = [motion.step([float(value)] * len(motion.names))[number] for value in displacements]
-    return displacements, samples
+def follow(motion: Motion, displacements: np.ndarray) -> list[AxisSample]:
+    """Command displacements [m], one a cycle; return what the axis answered."""
+    return [motion.step(value) for value in displacements.tolist()]
 
 
 def unlike(found: dict[str, AxisDynamics]) -> list[str]:
@@ -263,7 +253,5 @@ def draw(path: Path, found: dict[str, AxisDynamics]) -> None:
     above.set(ylabel='gain', ylim=(0.0, None))
     above.legend()
     below.set(ylabel='lag [ms]', xlabel='frequency [Hz]')
-    try:
+    with file_errors(path):
         figure.savefig(path, dpi=110)
-    except OSError as error:
-        raise CommissioningError(f'{path} cannot be written: {error.strerror}') from error

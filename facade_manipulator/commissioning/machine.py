@@ -13,7 +13,7 @@ import yaml
 
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.maintenance import ServiceSettings
 from facade_manipulator.parameter_file import ALL_NODES, read_parameters, write_parameters
@@ -25,15 +25,7 @@ DRIVER = '/**/driver'
 
 @dataclass(frozen=True)
 class Machine:
-    """
-    A parameter file and the journal beside it.
-
-    Parameters
-    ----------
-    path : Path
-        It is made of the installed one when something is first written.
-
-    """
+    """A parameter file, made of the installed one at the first writing, and its journal."""
 
     path: Path
 
@@ -48,18 +40,10 @@ class Machine:
         return read_parameters(self.source, DRIVER)
 
     def axis(self, name: str) -> AxisSettings:
-        """
-        Return the settings of an axis.
-
-        Raises
-        ------
-        ParameterError
-            The file cannot be read, or has values that no axis can have.
-
-        """
+        """Return the settings of an axis; raises a ParameterError for what none can have."""
         if name not in AXIS_NAMES:
             raise ParameterError(f'{name} is none of {", ".join(AXIS_NAMES)}')
-        return self._settings(AxisSettings, name, axis_defaults(self._stroke)[name])
+        return self._settings(AxisSettings, name, defaults=axis_defaults(self._stroke)[name])
 
     @property
     def _stroke(self) -> tuple[float, float]:
@@ -79,25 +63,24 @@ class Machine:
 
     def bus(self, **changes: Any) -> BusSettings:
         """Return the bus of the file, with what is not None of `changes`."""
-        given = {name: value for name, value in changes.items() if value is not None}
-        return self._settings(BusSettings, 'bus', {}, given)
+        return self._settings(BusSettings, 'bus', changes={
+            name: value for name, value in changes.items() if value is not None})
 
     @property
     def service(self) -> ServiceSettings:
         """Where the counters are and when service is due; raises a ParameterError."""
-        return self._settings(ServiceSettings, 'service', {})
+        return self._settings(ServiceSettings, 'service')
 
-    def _settings(self, cls: type, section: str, *layers: Mapping[str, Any]) -> Any:
+    def _settings(
+        self, cls: type, section: str, defaults: Mapping[str, Any] | None = None,
+        changes: Mapping[str, Any] | None = None,
+    ) -> Any:
         values = self._section(self.parameters, section)
         unknown = values.keys() - parameter_fields(cls).keys()
         if unknown:
             raise ParameterError(f'{self.source}: {section} has no parameter {min(unknown)}')
-        before, *after = layers
-        merged = {**before, **values}
-        for layer in after:
-            merged.update(layer)
         try:
-            return cls(**merged)
+            return cls(**{**(defaults or {}), **values, **(changes or {})})
         except (TypeError, ParameterError) as error:
             raise ParameterError(f'{self.source}: {section}: {error}') from error
 
@@ -108,15 +91,7 @@ class Machine:
         return section
 
     def check_writable(self) -> None:
-        """
-        Check, before drives are changed, that what is found can be written down.
-
-        Raises
-        ------
-        ParameterError
-            The file cannot be read, or neither it nor its folder can be written.
-
-        """
+        """Raise a ParameterError, before drives are changed, if nothing can be written down."""
         self.axes  # noqa: B018 - reads them
         folder = self.path.resolve().parent
         if not os.access(folder, os.W_OK):
@@ -128,11 +103,7 @@ class Machine:
         """
         Write values of a node, comments kept, and note in the journal that they were measured.
 
-        Raises
-        ------
-        ParameterError
-            The file is as it was; the message has the lines to write by hand.
-
+        Raises a ParameterError with the lines to write by hand; the file is then as it was.
         """
         lines = '; '.join(
             f'{section}.{name}: {value}' for section, values in sections.items()
@@ -163,10 +134,7 @@ class Machine:
         """Add to the journal; raises a ParameterError where that cannot be written."""
         entry = {'date': datetime.now().isoformat(' ', 'seconds'), 'check': check, 'axis': axis,
                  'passed': passed, 'result': result}
+        text = yaml.safe_dump([*self.journal, entry], sort_keys=False, allow_unicode=True)
         path = self.beside('.journal.yaml')
-        try:
-            with atomic_write(path) as draft:
-                draft.write_text(yaml.safe_dump(
-                    [*self.journal, entry], sort_keys=False, allow_unicode=True), 'utf-8')
-        except OSError as error:
-            raise ParameterError(f'{path} cannot be written: {error.strerror}') from error
+        with file_errors(path), atomic_write(path) as draft:
+            draft.write_text(text, 'utf-8')

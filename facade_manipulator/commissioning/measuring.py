@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 import math
 from typing import Any, NamedTuple
 
-from facade_manipulator.commissioning.bus import ToolBus
+from facade_manipulator.commissioning.bus import read_number, ToolBus
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.drive_objects import store
-from facade_manipulator.commissioning.motion import INPUTS, Motion, PERIOD, Ramp
+from facade_manipulator.commissioning.motion import INPUTS, Motion, PERIOD, POSITION, Ramp
 from facade_manipulator.commissioning.moving import add_motion_options, motion_bounds, powered
 from facade_manipulator.commissioning.scan import require_one
 from facade_manipulator.drives.canopen import SdoAbortError
@@ -63,32 +63,25 @@ def run_direction(context: Context) -> None:
     with context.bus() as bus:
         require_one(bus, axis.node_id, name)
         drive = bus.objects(axis.node_id, name)
-        _require_unpowered(drive, name)
-        start = _counts(drive)
+        if read_number(drive, 0x6041) & 0x6F == 0x27:
+            raise CommissioningError(f'{name} has power, somebody has enabled it: nothing is done')
+        start = read_number(drive, POSITION, signed=True)
         context.operator.say(
             f'{name} has no power. Push its carriage to the right (towards +q) by a centimetre.')
         needed = abs(axis.to_counts(_PUSHED))
-        if not bus.wait_for(lambda: abs(_counts(drive) - start) >= needed, _PATIENCE):
+        if not bus.wait_for(lambda: abs(
+                read_number(drive, POSITION, signed=True) - start) >= needed, _PATIENCE):
             raise CommissioningError(
                 f'{name} counted no {_MM * _PUSHED:g} mm within {_PATIENCE:g} s: is it this '
                 'carriage, does its encoder count, can the screw be turned by hand? Nothing is '
                 'written')
         bus.collect(0.5)
-        counts = _counts(drive) - start
+        counts = read_number(drive, POSITION, signed=True) - start
     found = 1 if counts > 0 else -1
     context.operator.say(f'{name} counted {counts:+d}: direction {found}')
     if found != axis.direction:
         offer(context, name, direction=found)
     machine.note('direction', f'{found} ({counts:+d} counts towards +q)', axis=name)
-
-
-def _counts(drive) -> int:
-    return int.from_bytes(drive.read(0x6064, 0), 'little', signed=True)
-
-
-def _require_unpowered(drive, name: str) -> None:
-    if int.from_bytes(drive.read(0x6041, 0), 'little') & 0x6F == 0x27:
-        raise CommissioningError(f'{name} has power, somebody has enabled it: nothing is done')
 
 
 # --- lead
@@ -104,15 +97,13 @@ def run_lead(context: Context) -> None:
         raise CommissioningError(f'--travel {options.travel:g} mm is not between 5 and '
                                  f'{_MM * window:g} mm, the window')
     context.operator.say(f'Mark where the carriage of {name} stands.')
-    with powered(context, name, f'by {options.travel:g} mm') as (motion, number):
-        went = go(motion, number, travel, speed)
-    if options.measured is None:
-        answer = context.operator.ask(
+    with powered(context, name, f'by {options.travel:g} mm') as motion:
+        went = go(motion, travel, speed)
+    measured = options.measured
+    if measured is None:
+        measured = _number(context.operator.ask(
             f'{name} went {_MM * went:.2f} mm by its counts. How many mm by the ruler?',
-            '--measured')
-        measured = _number(answer)
-    else:
-        measured = options.measured
+            '--measured'))
     if not 0.05 < abs(measured / _MM / went) < 20.0:
         raise CommissioningError(f'{measured:g} mm for {_MM * went:.1f} mm is no lead: nothing is '
                                  'written; measure again')
@@ -136,17 +127,16 @@ def _number(text: str) -> float:
     return value
 
 
-def go(motion: Motion, number: int, goal: float, speed: float) -> float:
-    """Move all carriages by one displacement [m] and come to rest; return where one stands."""
-    ramp, sample = Ramp(abs(goal)), None
+def go(motion: Motion, goal: float, speed: float) -> float:
+    """Move by a displacement [m] and come to rest; return where the carriage stands."""
+    ramp = Ramp(abs(goal))
     while abs(ramp.displacement - goal) > 1e-6 or ramp.speed:
         before = ramp.displacement
-        sample = motion.step(
-            [ramp.step(math.copysign(speed, goal))] * len(motion.names))[number]
+        motion.step(ramp.step(math.copysign(speed, goal)))
         if ramp.displacement == before and abs(ramp.displacement - goal) < 1e-4:
             break
     for _ in range(30):
-        sample = motion.step([ramp.displacement] * len(motion.names))[number]
+        sample = motion.step(ramp.displacement)
     return sample.position
 
 
@@ -166,10 +156,10 @@ def run_home_switch(context: Context) -> None:
     name, options, operator = context.options.axis, context.options, context.operator
     axis, side = context.machine.axis(name), 1 if options.towards == '+' else -1
     speed, _ = motion_bounds(context)
-    with powered(context, name, f'{options.approaches} times to its home switch and back') as (
-            motion, number):
+    with powered(
+            context, name, f'{options.approaches} times to its home switch and back') as motion:
         motion.require(INPUTS, 'the digital inputs')
-        finder = SwitchFinder(motion, number, side, speed)
+        finder = SwitchFinder(motion, side, speed)
         is_on_away = finder.away
         approaches = list(finder.approaches(options.approaches))
     firsts = [approach.first for approach in approaches]
@@ -195,16 +185,15 @@ def run_home_switch(context: Context) -> None:
 class SwitchFinder:
     """Approaches of a carriage to its home switch."""
 
-    def __init__(self, motion: Motion, number: int, side: int, speed: float) -> None:
-        self._motion, self._number, self._side = motion, number, side
+    def __init__(self, motion: Motion, side: int, speed: float) -> None:
+        self._motion, self._side = motion, side
         self._ramp = Ramp(motion.window)
         self._fast, self.slow = speed, min(speed, 0.002)
         self.away = self._step(0.0)[1]
 
     def _step(self, goal: float) -> tuple[float, bool]:
         """Go on with a speed; return position and whether the switch is on."""
-        sample = self._motion.step(
-            [self._ramp.step(goal)] * len(self._motion.names))[self._number]
+        sample = self._motion.step(self._ramp.step(goal))
         return sample.position, bool(sample.inputs & HOME_SWITCH)
 
     def _until(self, goal: float, changed: bool) -> float:
@@ -255,8 +244,7 @@ def _correct_polarity(context: Context, name: str, axis: AxisSettings) -> None:
     label = f'{INPUT_POLARITY[0]:04X}h:{INPUT_POLARITY[1]:02X}'
     with context.bus() as bus:
         try:
-            polarity = int.from_bytes(bus.objects(axis.node_id, name).read(*INPUT_POLARITY),
-                                      'little')
+            polarity = read_number(bus.objects(axis.node_id, name), *INPUT_POLARITY)
         except SdoAbortError:
             context.operator.say(
                 f'! {name}: the switch opens at home: turn the polarity of its input in the '
@@ -276,8 +264,7 @@ def _write_polarity(bus: ToolBus, axis: AxisSettings, name: str, polarity: int) 
     size = len(drive.read(*INPUT_POLARITY))
     drive.write(*INPUT_POLARITY, polarity.to_bytes(size, 'little'))
     store(bus, axis.node_id, name)
-    drive = bus.objects(axis.node_id, name)
-    if int.from_bytes(drive.read(*INPUT_POLARITY), 'little') != polarity:
+    if read_number(bus.objects(axis.node_id, name), *INPUT_POLARITY) != polarity:
         raise CommissioningError(f'{name} did not keep the polarity of its inputs: set it in the '
                                  "maker's tool")
 

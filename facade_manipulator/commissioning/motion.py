@@ -8,7 +8,7 @@ falls silent, and the drives quick-stop by themselves (1016h, 6007h) within `HEA
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 import math
@@ -17,20 +17,21 @@ import threading
 import time
 from typing import NamedTuple
 
-from facade_manipulator.commissioning.bus import ToolBus
+from facade_manipulator.commissioning.bus import read_number, ToolBus
 from facade_manipulator.commissioning.scan import require_one
 from facade_manipulator.drives.canopen import (
     decode_emergency,
     describe,
     emergency_cob_id,
+    Frame,
     heartbeat_cob_id,
     MASTER_NODE_ID,
     NmtCommand,
     NmtState,
-    Pdo,
     SYNC_COB_ID,
 )
 from facade_manipulator.drives.cia402 import (
+    AxisCommand,
     AxisSettings,
     Cause,
     Feedback,
@@ -59,27 +60,13 @@ _FOLLOWING_ERROR = 0.003  # m
 _REST_SPEED = 0.002  # m/s
 _MISSED = 5  # cycles
 _ANSWER_TIME = 0.8 * PERIOD
-_STOPPING_TIME = 1.0  # s
+_READY_TIME = 8.0  # s
 CONTROLWORD, STATUSWORD, ERROR_CODE, MODE, DISPLAYED_MODE = 0x6040, 0x6041, 0x603F, 0x6060, 0x6061
 TARGET, POSITION, VELOCITY, TORQUE, INPUTS = 0x607A, 0x6064, 0x606C, 0x6077, 0x60FD
 
 
 class AxisSample(NamedTuple):
-    """
-    An axis at a SYNC.
-
-    Attributes
-    ----------
-    position : float
-        Since power-on, along the rail [m].
-    velocity : float
-        In m/s.
-    force : float
-        Of the motor on the carriage [N].
-    inputs : int
-        60FDh.
-
-    """
+    """An axis at a SYNC: position since power-on [m], velocity [m/s], motor's force [N], 60FDh."""
 
     position: float
     velocity: float
@@ -87,48 +74,93 @@ class AxisSample(NamedTuple):
     inputs: int
 
 
+class _Carriage:
+    """An axis of a motion: what its drive is, what it sent last, what it is sent."""
+
+    def __init__(self, name: str, axis: AxisSettings) -> None:
+        self.name = name
+        self.profile = load_profile(axis.profile)
+        self.axis = replace(axis, velocity_unit=self.profile.velocity_unit)
+        self.feedback = Feedback(0x40)
+        # all with every SYNC: switches and torque are measured
+        self.pdos = [replace(one, transmission=1) for one in self.profile.pdos]
+        self.tpdos, self._rpdos = (
+            {one.cob_id(axis.node_id): one for one in self.pdos if one.is_transmitted is sent}
+            for sent in (True, False))
+        self._values: dict[int, int] = {}
+        self._base = 0  # counts where it stood
+
+    def limited(self, here: float, window: float) -> AxisSettings:
+        """Return its settings with limits around where it is [m]."""
+        return replace(
+            self.axis, home_position=here, lower_limit=here - window, upper_limit=here + window,
+            limit_margin=_MARGIN, max_speed=2.0 * MAX_SPEED,
+            max_acceleration=max(self.axis.max_acceleration, ACCELERATION),
+            following_error_window=min(self.axis.following_error_window, _FOLLOWING_ERROR))
+
+    def receive(self, latest: dict[int, Frame], is_following: bool) -> AxisSample:
+        """Return what the newest TPDOs say; what did not come stays as it was."""
+        values, axis = self._values, self.axis
+        before = values.get(POSITION, 0)
+        for cob_id, one in self.tpdos.items():
+            if cob_id in latest:
+                values.update(zip(one.indices, one.unpack(latest[cob_id].data), strict=True))
+        if POSITION not in values:
+            return AxisSample(0.0, 0.0, 0.0, 0)
+        speed = (axis.speed_to_metres(values[VELOCITY]) if VELOCITY in values else
+                 axis.to_metres(values[POSITION] - before) / PERIOD)
+        if not is_following:
+            self._base = values[POSITION]
+        self.feedback = Feedback(
+            values[STATUSWORD], values[DISPLAYED_MODE], abs(speed) < _REST_SPEED,
+            values.get(ERROR_CODE, 0))
+        return AxisSample(axis.to_metres(values[POSITION] - self._base), speed,
+                          axis.to_force(values.get(TORQUE, 0)), values.get(INPUTS, 0))
+
+    def encode(self, command: AxisCommand, displacement: float) -> list[tuple[int, bytes]]:
+        """Return the RPDOs, with their COB-IDs, of a command and a displacement [m]."""
+        values = {CONTROLWORD: command.controlword, MODE: command.mode,
+                  TARGET: self._base + self.axis.to_counts(displacement)}
+        return [(cob_id, one.encode(values)) for cob_id, one in self._rpdos.items()]
+
+
 class Motion:
     """
-    Carriages in cyclic synchronous position, powered while the context lasts.
+    Carriages in cyclic synchronous position, powered while the context lasts, moved all alike.
 
     Parameters
     ----------
     bus : ToolBus
     axes : dict
         Settings by name; these drives are reset, written to and powered, the others not.
+    name : str
+        The one whose answers are returned.
     window : float
         How far a carriage may go from its start [m].
 
     """
 
-    def __init__(self, bus: ToolBus, axes: dict[str, AxisSettings], window: float) -> None:
+    def __init__(
+        self, bus: ToolBus, axes: dict[str, AxisSettings], name: str, window: float
+    ) -> None:
         self._bus = bus
         self.window = min(window, MAX_WINDOW)
-        self.names = tuple(axes)
-        profiles = {name: load_profile(axis.profile) for name, axis in axes.items()}
-        self._profiles = profiles
-        # all with every SYNC: switches and torque are measured
-        self._pdos = [tuple(replace(one, transmission=1) for one in profile.pdos)
-                      for profile in profiles.values()]
-        self._values: list[dict[int, int]] = [{} for _ in axes]
-        self._axes = [replace(axis, velocity_unit=profiles[name].velocity_unit)
-                      for name, axis in axes.items()]
-        self._settings = ControllerSettings(rate=RATE, heartbeat_timeout=HEARTBEAT_TIMEOUT)
-        self._group = Group(self.names, GroupSettings(hold_cycles=5), time.monotonic())
-        self._bases = [0] * len(axes)  # counts where each stood
-        self._counts = [0] * len(axes)
-        self._displacements = [0.0] * len(axes)
-        self._feedback = [Feedback(0x40)] * len(axes)
-        self._commands = self._group.commands
+        self._carriages = [_Carriage(*item) for item in axes.items()]
+        self._number = list(axes).index(name)
+        self._group = Group(tuple(axes), GroupSettings(hold_cycles=5), time.monotonic())
+        self._displacement = 0.0
         self._missed = 0
         self._tick = 0.0
         self._is_stopping = False
 
     def __enter__(self) -> Motion:
         try:
-            for number, name in enumerate(self.names):
-                self._configure(name, self._axes[number], self._pdos[number])
-            self._power_on()
+            for carriage in self._carriages:
+                self._configure(carriage)
+            self._tick = time.monotonic()
+            self._run_until(Phase.OFF)
+            self._group.enable(time.monotonic())
+            self._run_until(Phase.RUNNING)
         except BaseException:
             self._stop()
             raise
@@ -141,81 +173,74 @@ class Motion:
                 self._run_until(Phase.OFF)
         self._stop()
 
-    def _configure(self, name: str, axis: AxisSettings, pdos: tuple[Pdo, ...]) -> None:
+    def _configure(self, carriage: _Carriage) -> None:
         """Reset a drive, so that it is without fault, and give it limits around where it is."""
-        require_one(self._bus, axis.node_id, name)
-        self._bus.reset(axis.node_id)
-        self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
-        drive = self._bus.objects(axis.node_id, name, eds=self._profiles[name].eds)
-        here = axis.to_metres(int.from_bytes(drive.read(0x6064, 0), 'little', signed=True))
-        limited = replace(
-            axis, home_position=here, lower_limit=here - self.window,
-            upper_limit=here + self.window, limit_margin=_MARGIN, max_speed=2.0 * MAX_SPEED,
-            max_acceleration=max(axis.max_acceleration, ACCELERATION),
-            following_error_window=min(axis.following_error_window, _FOLLOWING_ERROR))
-        write_objects(drive, [*object_writes(self._profiles[name], limited, self._settings),
-                              *pdo_writes(axis.node_id, RATE, pdos)])
-        self._bus.command(NmtCommand.START, axis.node_id)
-        for cob_id in (emergency_cob_id(axis.node_id), heartbeat_cob_id(axis.node_id)):
+        node_id, profile = carriage.axis.node_id, carriage.profile
+        require_one(self._bus, node_id, carriage.name)
+        self._bus.reset(node_id)
+        self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
+        drive = self._bus.objects(node_id, carriage.name, eds=profile.eds)
+        here = carriage.axis.to_metres(read_number(drive, POSITION, signed=True))
+        settings = ControllerSettings(rate=RATE, heartbeat_timeout=HEARTBEAT_TIMEOUT)
+        write_objects(drive, [
+            *object_writes(profile, carriage.limited(here, self.window), settings),
+            *pdo_writes(node_id, RATE, tuple(carriage.pdos))])
+        self._bus.command(NmtCommand.START, node_id)
+        for cob_id in (emergency_cob_id(node_id), heartbeat_cob_id(node_id)):
             self._bus.latest.pop(cob_id, None)  # its boot-up was ours
 
-    def _power_on(self) -> None:
-        self._tick = time.monotonic()
-        self._run_until(Phase.OFF)
-        self._group.enable(time.monotonic())
-        self._run_until(Phase.RUNNING)
-
     def _run_until(self, phase: Phase) -> None:
-        end = time.monotonic() + 8 * _STOPPING_TIME
-        while not (self._group.phase is phase and self._group.is_settled):
-            if time.monotonic() > end:
-                raise CommissioningError(f'{", ".join(self.names)} did not reach: {phase.value}')
-            self._cycle()
+        if not self._cycle_for(_READY_TIME, phase):
+            names = ', '.join(carriage.name for carriage in self._carriages)
+            raise CommissioningError(f'{names} did not reach: {phase.value}')
 
-    def step(self, displacements: Sequence[float]) -> list[AxisSample]:
+    def require(self, index: int, purpose: str) -> None:
+        """Raise a CommissioningError if a drive does not send an object with every SYNC."""
+        for carriage in self._carriages:
+            if not any(index in one.indices for one in carriage.tpdos.values()):
+                raise CommissioningError(
+                    f'{carriage.name}: no TPDO of its profile carries {index:04X}h, {purpose}: '
+                    'add it to pdos, or measure by hand')
+
+    def step(self, displacement: float) -> AxisSample:
         """
-        Command where the carriages shall be after the next cycle, and wait for this one's answers.
+        Command where each carriage shall be after the next cycle, from its start [m].
 
-        Parameters
-        ----------
-        displacements : sequence of float
-            Of each carriage from its start [m].
-
-        Returns
-        -------
-        list of AxisSample
-            What the drives sent at this cycle's SYNC.
-
-        Raises
-        ------
-        CommissioningError
-            A target is outside the window or too far away, or a drive stopped: all are stopped.
-        BusError
-            The bus is gone: the drives stop by themselves.
-
+        Returns what the drive that is looked at sent at this cycle's SYNC. Raises a
+        CommissioningError if that is outside the window or too far away, or a drive stopped: all
+        are stopped; a BusError if the bus is gone: the drives stop by themselves.
         """
-        for name, wanted, last in zip(self.names, displacements, self._displacements, strict=True):
-            if not math.isfinite(wanted) or abs(wanted) > self.window:
-                self._fail(f'{name} = {1e3 * wanted:.1f} mm from its start is outside the window '
-                           f'of {1e3 * self.window:.0f} mm')
-            if abs(wanted - last) > 1.5 * MAX_SPEED * PERIOD:
-                self._fail(f'{name}: a step of {1e3 * (wanted - last):.2f} mm in a cycle is above '
-                           f'{1.5e3 * MAX_SPEED * PERIOD:.2f} mm')
-        self._displacements = list(displacements)
+        change, most = displacement - self._displacement, 1.5 * MAX_SPEED * PERIOD
+        name = self._carriages[self._number].name
+        if not math.isfinite(displacement) or abs(displacement) > self.window:
+            self._fail(f'{name} = {1e3 * displacement:.1f} mm from its start is outside the '
+                       f'window of {1e3 * self.window:.0f} mm')
+        if abs(change) > most:
+            self._fail(f'{name}: a step of {1e3 * change:.2f} mm in a cycle is above '
+                       f'{1e3 * most:.2f} mm')
+        self._displacement = displacement
         return self._cycle()
 
     def _fail(self, message: str) -> None:
         self._group.stop(Cause(message), time.monotonic())
         raise CommissioningError(f'{message}: all carriages are stopped')
 
-    def _cycle(self) -> list[AxisSample]:
+    def _cycle(self) -> AxisSample:
         self._wait_for_tick()
-        samples = self._exchange()
-        self._commands = self._group.step(tuple(self._feedback), time.monotonic())
-        self._send()
+        self._exchange_sync()
+        is_following = self._group.phase in FOLLOWING_PHASES
+        samples = [one.receive(self._bus.latest, is_following) for one in self._carriages]
+        for carriage in self._carriages:
+            self._look_for_faults(carriage)
+        commands = self._group.step(
+            tuple(one.feedback for one in self._carriages), time.monotonic())
+        self._bus.send(heartbeat_cob_id(MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
+        for carriage, command in zip(self._carriages, commands, strict=True):
+            for cob_id, data in carriage.encode(command, self._displacement):
+                self._bus.send(cob_id, data)
         if self._group.cause is not None and not self._is_stopping:
             raise CommissioningError(f'{self._group.cause}; the carriages are stopped')
-        return samples
+        return samples[self._number]
 
     def _wait_for_tick(self) -> None:
         self._tick += PERIOD
@@ -224,62 +249,24 @@ class Motion:
             self._tick += late
         time.sleep(max(0.0, -late))
 
-    def _exchange(self) -> list[AxisSample]:
-        """Send SYNC and wait for all TPDOs; what does not come stays as it was."""
+    def _exchange_sync(self) -> None:
+        """Send SYNC and wait for all TPDOs; stop where a drive sends nothing for some cycles."""
         latest = self._bus.latest
-        wanted = [one.cob_id(axis.node_id) for axis, pdos in zip(
-            self._axes, self._pdos, strict=True) for one in pdos if one.is_transmitted]
+        wanted = [cob_id for carriage in self._carriages for cob_id in carriage.tpdos]
         for cob_id in wanted:
             latest.pop(cob_id, None)
         self._bus.send(SYNC_COB_ID)
         complete = self._bus.wait_for(lambda: all(c in latest for c in wanted), _ANSWER_TIME)
         self._missed = 0 if complete else self._missed + 1
         if self._missed >= _MISSED:
-            missing = [name for name, axis, pdos in zip(
-                self.names, self._axes, self._pdos, strict=True) if not any(
-                    one.cob_id(axis.node_id) in latest for one in pdos if one.is_transmitted)]
+            missing = [one.name for one in self._carriages
+                       if not any(cob_id in latest for cob_id in one.tpdos)]
             self._group.stop(Cause(
                 f'{" and ".join(missing) or "a drive"} sent nothing for {_MISSED} cycles: check '
                 'its power and cable'), time.monotonic())
-        return [self._sample(number, axis) for number, axis in enumerate(self._axes)]
 
-    def _sample(self, number: int, axis: AxisSettings) -> AxisSample:
-        values, before = self._values[number], self._counts[number]
-        for one in self._pdos[number]:
-            frame = self._bus.latest.get(one.cob_id(axis.node_id)) if one.is_transmitted else None
-            if frame is not None:
-                values.update(zip(one.indices, one.unpack(frame.data), strict=True))
-        if POSITION not in values:
-            return AxisSample(0.0, 0.0, 0.0, 0)
-        self._counts[number] = values[POSITION]
-        speed = (axis.speed_to_metres(values[VELOCITY]) if VELOCITY in values else
-                 axis.to_metres(values[POSITION] - before) / PERIOD)
-        if self._group.phase not in FOLLOWING_PHASES:
-            self._bases[number] = values[POSITION]
-        self._feedback[number] = Feedback(
-            values[STATUSWORD], values[DISPLAYED_MODE], abs(speed) < _REST_SPEED,
-            values.get(ERROR_CODE, 0))
-        self._look_for_faults(self.names[number], axis.node_id)
-        return AxisSample(self._position(number), speed, axis.to_force(values.get(TORQUE, 0)),
-                          values.get(INPUTS, 0))
-
-    def require(self, index: int, purpose: str) -> None:
-        """
-        Check that the drives send an object with every SYNC.
-
-        Raises
-        ------
-        CommissioningError
-            A profile's process data do not carry it.
-
-        """
-        for name, pdos in zip(self.names, self._pdos, strict=True):
-            if not any(one.is_transmitted and index in one.indices for one in pdos):
-                raise CommissioningError(
-                    f'{name}: no TPDO of its profile carries {index:04X}h, {purpose}: add it to '
-                    'pdos, or measure by hand')
-
-    def _look_for_faults(self, name: str, node_id: int) -> None:
+    def _look_for_faults(self, carriage: _Carriage) -> None:
+        name, node_id = carriage.name, carriage.axis.node_id
         emergency = self._bus.latest.get(emergency_cob_id(node_id))
         beat = self._bus.latest.get(heartbeat_cob_id(node_id))
         if emergency is not None and (code := decode_emergency(emergency.data).code):
@@ -287,19 +274,6 @@ class Motion:
         if beat is not None and beat.data == bytes([NmtState.INITIALISING]) and (
                 self._group.phase is not Phase.OFF):
             self._group.stop(Cause(f'{name} has restarted: check its supply'), time.monotonic())
-
-    def _position(self, number: int) -> float:
-        return self._axes[number].to_metres(self._counts[number] - self._bases[number])
-
-    def _send(self) -> None:
-        self._bus.send(heartbeat_cob_id(MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
-        for number, (axis, command) in enumerate(zip(self._axes, self._commands, strict=True)):
-            values = {
-                CONTROLWORD: command.controlword, MODE: command.mode,
-                TARGET: self._bases[number] + axis.to_counts(self._displacements[number])}
-            for one in self._pdos[number]:
-                if not one.is_transmitted:
-                    self._bus.send(one.cob_id(axis.node_id), one.encode(values))
 
     def _stop(self) -> None:
         """Quick-stop, then take the power; a bus that is gone leaves that to the drives."""
@@ -310,16 +284,18 @@ class Motion:
                 self._cycle_for(0.3, Phase.STOPPED)
             self._group.cut_power(time.monotonic())
             self._cycle_for(0.3, Phase.STOPPED)
-            for axis in self._axes:
-                self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
+            for carriage in self._carriages:
+                self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, carriage.axis.node_id)
         except BusError:
             return
 
-    def _cycle_for(self, longest: float, phase: Phase) -> None:
+    def _cycle_for(self, longest: float, phase: Phase) -> bool:
+        """Go on until a phase is reached, for a time at most [s]; return whether it is."""
         end = time.monotonic() + longest
-        while time.monotonic() < end and not (
-                self._group.phase is phase and self._group.is_settled):
+        while not (is_reached := self._group.phase is phase and self._group.is_settled) and (
+                time.monotonic() < end):
             self._cycle()
+        return is_reached
 
 
 class Ramp:

@@ -54,12 +54,8 @@ def motion_bounds(context: Context) -> tuple[float, float]:
 
 
 @contextmanager
-def powered(context: Context, name: str, action: str) -> Iterator[tuple[Motion, int]]:
-    """
-    Ask, then lend the carriages under power, and the number of the one that is looked at.
-
-    With coupled links all three carriages are powered, and must be given one displacement.
-    """
+def powered(context: Context, name: str, action: str) -> Iterator[Motion]:
+    """Ask, then lend the carriage under power; with coupled links all three, which move alike."""
     links = context.options.links or context.operator.ask(
         'Are the links joined to the carriages? [coupled/uncoupled]', '--links')
     if links not in LINKS:
@@ -77,22 +73,21 @@ def powered(context: Context, name: str, action: str) -> Iterator[tuple[Motion, 
         f'{" and ".join(moved)} are reset, powered and moved: {action}, at most '
         f'{_MM * speed:g} mm/s and {_MM * window:g} mm from where they stand. Keep clear, and '
         'keep the emergency stop in your hand.')
-    with context.bus() as bus, ended_by_signals(), Motion(bus, moved, window) as motion:
-        yield motion, motion.names.index(name)
+    with context.bus() as bus, ended_by_signals(), Motion(bus, moved, name, window) as motion:
+        yield motion
 
 
 def run_jog(context: Context) -> None:
     """Move while a key is held."""
     name, operator = context.options.axis, context.operator
     speed, _ = motion_bounds(context)
-    with powered(context, name, 'while a key is held') as (motion, number), held_keys() as keys:
+    with powered(context, name, 'while a key is held') as motion, held_keys() as keys:
         operator.say('Hold → or d towards +, ← or a towards −; q ends. Powered.')
-        ramp, count = Ramp(motion.window), len(motion.names)
-        sample = None
+        ramp, sample = Ramp(motion.window), None
         while not keys.is_ended:
-            sample = motion.step([ramp.step(speed * keys.direction())] * count)[number]
+            sample = motion.step(ramp.step(speed * keys.direction()))
         while ramp.speed:
-            sample = motion.step([ramp.step(0.0)] * count)[number]
+            sample = motion.step(ramp.step(0.0))
     moved = _MM * (sample.position if sample else 0.0)
     operator.say(f'{name} stands {moved:+.2f} mm from where it was; no power.')
     context.machine.note('jog', f'{moved:+.2f} mm', axis=name)

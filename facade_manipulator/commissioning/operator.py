@@ -12,16 +12,7 @@ from facade_manipulator.errors import CommissioningError
 
 
 class Operator:
-    """
-    Somebody who stands at the machine.
-
-    Parameters
-    ----------
-    agrees : bool
-        Whether every question of yes or no is answered by yes, unattended.
-    console : rich.console.Console, optional
-
-    """
+    """Somebody who stands at the machine; with `agrees` every answer is yes, unattended."""
 
     def __init__(self, agrees: bool = False, console: Console | None = None) -> None:
         self.agrees = agrees
@@ -41,15 +32,7 @@ class Operator:
         self._console.print(table)
 
     def agree(self, action: str) -> None:
-        """
-        Say what will be done and wait for a yes.
-
-        Raises
-        ------
-        CommissioningError
-            The answer is another one.
-
-        """
+        """Say what will be done and wait for a yes; a CommissioningError for another answer."""
         self.say(action)
         if self.agrees:
             return
@@ -60,11 +43,7 @@ class Operator:
         """
         Ask for what only somebody at the machine knows.
 
-        Raises
-        ------
-        CommissioningError
-            Nobody is there: `option` gives it.
-
+        Raises a CommissioningError if nobody is there: `option` gives it.
         """
         if self.agrees:
             raise CommissioningError(f'{question} Nobody is asked with --yes: give {option}')

@@ -10,7 +10,7 @@ from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.machine import Machine
 from facade_manipulator.commissioning.scan import Node, scan
 from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
-from facade_manipulator.errors import BusError, ParameterError
+from facade_manipulator.errors import BusError, file_errors
 from facade_manipulator.files import atomic_write
 from facade_manipulator.maintenance import kept_counters, ServiceSettings
 from facade_manipulator.parameters import parameter_fields
@@ -37,11 +37,8 @@ def run_report(context: Context) -> int:
         nodes, absent = [], str(error)
     text = '\n'.join(page(machine, nodes, absent)) + '\n'
     path = machine.beside('.report.md')
-    try:
-        with atomic_write(path) as draft:
-            draft.write_text(text, 'utf-8')
-    except OSError as error:
-        raise ParameterError(f'{path} cannot be written: {error.strerror}') from error
+    with file_errors(path), atomic_write(path) as draft:
+        draft.write_text(text, 'utf-8')
     missing = list(open_points(machine, nodes))
     for item in missing:
         context.operator.say(f'! {item}')

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from canopen import lss
 
-from facade_manipulator.commissioning.bus import ToolBus
+from facade_manipulator.commissioning.bus import read_number, ToolBus
 from facade_manipulator.drives.canopen import (
     heartbeat_cob_id,
     MASTER_NODE_ID,
@@ -104,7 +104,7 @@ def _text(drive: SdoChannel, index: int) -> str:
 
 def _number(drive: SdoChannel, index: int, subindex: int) -> int | None:
     try:
-        return int.from_bytes(drive.read(index, subindex), 'little')
+        return read_number(drive, index, subindex)
     except DriveError:
         return None
 
@@ -140,15 +140,7 @@ def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) ->
 
 
 def require_one(bus: ToolBus, node_id: int, name: str) -> None:
-    """
-    Check that exactly one drive answers at a node id.
-
-    Raises
-    ------
-    DriveIdentityError
-        More than one answers.
-
-    """
+    """Raise a DriveIdentityError if more than one drive answers at a node id."""
     bus.collect(0.0)
     bus.send(sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
     answers = [frame for frame in bus.received_since(_ANSWER)

@@ -10,7 +10,7 @@ from pathlib import Path
 import shutil
 import tempfile
 
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import file_errors
 from facade_manipulator.files import atomic_write
 
 
@@ -19,19 +19,13 @@ def json_file(path: Path) -> Iterator[dict]:
     """
     Lend a dictionary that is written to `path` when the block ends well.
 
-    Raises
-    ------
-    ParameterError
-        Before the block, if the file cannot be written.
-
+    Raises a ParameterError before the block if the file cannot be written.
     """
     with atomic_write(path) as draft:
-        try:
+        with file_errors(path):
             if path.is_dir():
                 raise IsADirectoryError('it is a directory')
             draft.touch()
-        except OSError as error:
-            raise _unwritable(path, error) from error
         content: dict = {}
         yield content
         draft.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', encoding='utf-8')
@@ -42,18 +36,12 @@ def folder(path: Path) -> Iterator[Path]:
     """
     Lend an empty folder whose files move to `path` when the block ends well.
 
-    Raises
-    ------
-    ParameterError
-        Before the block, if the folder cannot be made or written.
-
+    Raises a ParameterError before the block if the folder cannot be made or written.
     """
     created = not path.exists()
-    try:
+    with file_errors(path):
         path.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix='.draft.', dir=path))
-    except OSError as error:
-        raise _unwritable(path, error) from error
     try:
         yield draft
         for file in sorted(draft.iterdir()):
@@ -63,7 +51,3 @@ def folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(draft, ignore_errors=True)
         if created:
             path.rmdir()
-
-
-def _unwritable(path: Path, error: OSError) -> ParameterError:
-    return ParameterError(f'{path} cannot be written: {error.strerror or error}')
