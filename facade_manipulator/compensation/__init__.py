@@ -7,12 +7,6 @@ within the workspace and the limits of motion, for the instant it is meant for. 
 clock or I/O.
 """
 
-from facade_manipulator.compensation.arrival import (
-    ArrivalSettings,
-    ArrivalWatch,
-    GoalProgress,
-    GoalState,
-)
 from facade_manipulator.compensation.compensator import (
     Compensator,
     CompensatorSettings,
@@ -21,9 +15,15 @@ from facade_manipulator.compensation.compensator import (
 )
 from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
 from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.following import (
+    ArrivalSettings,
+    ArrivalWatch,
+    GoalProgress,
+    GoalState,
+)
+from facade_manipulator.compensation.limits import WorkspaceLimit
 from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.compensation.suspension import GRAVITY, SuspensionSettings
-from facade_manipulator.compensation.workspace_limit import WorkspaceLimit
 
 __all__ = [
     'WorkspaceLimit',

@@ -12,23 +12,27 @@ from functools import partial
 import math
 from typing import Any, NamedTuple
 
-from facade_manipulator.compensation.blend import Blend
-from facade_manipulator.compensation.contact import Contact
+from facade_manipulator.compensation.contact import Contact, LateralSettings, StampDelay
 from facade_manipulator.compensation.correction import (
+    Blend,
     Correction,
     CorrectionSettings,
     FADE_ACCELERATION,
     LONGEST_PAUSE,
 )
-from facade_manipulator.compensation.feasibility import obstacle, stroke_obstacle
 from facade_manipulator.compensation.following import Following
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
-from facade_manipulator.compensation.lateral import LateralSettings
-from facade_manipulator.compensation.stamp_delay import StampDelay
-from facade_manipulator.compensation.strokes import StrokeWatch
-from facade_manipulator.compensation.suspension import SuspensionSettings
-from facade_manipulator.compensation.tracker import Tracker
-from facade_manipulator.compensation.workspace_limit import WorkspaceLimit, WorkspaceLimitSettings
+from facade_manipulator.compensation.limits import (
+    Tracker,
+    WorkspaceLimit,
+    WorkspaceLimitSettings,
+)
+from facade_manipulator.compensation.suspension import (
+    obstacle,
+    stroke_obstacle,
+    StrokeWatch,
+    SuspensionSettings,
+)
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
     add,
@@ -190,6 +194,7 @@ class Compensator:
 
         """
         self._changes[part](settings)
+        self.contact.look_whether_idle()
 
     def _change_motion(self, settings: CompensationSettings) -> None:
         self.settings = settings
@@ -359,8 +364,11 @@ class Compensator:
         if self._last is not None:
             interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
             saturation_error = self._last.saturation_error
-        shifted = self.contact.shift(
-            now, time, interval, reference, saturation_error, rail)
+        if self.contact.is_idle:
+            shifted, self.contact.yaw = reference, reference.theta
+        else:
+            shifted = self.contact.shift(
+                now, time, interval, reference, saturation_error, rail)
         disturbance = rail.position
         wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
@@ -369,15 +377,14 @@ class Compensator:
         self.following.publish(time, pose)
         return CorrectedPose(
             time, pose, reference, shifted, disturbance, inside.saturation_error,
-            self._tracker.tracking_error)
+            subtract(wanted, tracked))
 
     def _initialise(self, now: float, aim: float, disturbance: Pose) -> None:
         """Begin the path where the head stands, or at the goal if that is not known."""
         self._tracker.reset()
         self.following.begin(now)
         self.initialisations += 1
-        head = self.following.head(now)
-        start = self.goal
-        if head is not None:
-            start = subtract(compose(disturbance, head), self.contact.present)
+        newest, start = self.following.newest(now), self.goal
+        if newest is not None:
+            start = subtract(compose(disturbance, newest[1]), self.contact.present)
         self._reference.initialise(aim, HeadMotion(start), self.goal)

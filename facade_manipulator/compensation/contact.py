@@ -1,4 +1,4 @@
-"""What is measured at the wall: forces to give way to, slip to bring back."""
+"""What is measured at the wall: forces to give way to, slip to bring back and to learn from."""
 
 from __future__ import annotations
 
@@ -6,22 +6,149 @@ import math
 
 from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
-from facade_manipulator.compensation.lateral import (
-    LateralRegulator,
-    LateralSettings,
-    OLDEST_OFFSET,
-)
 from facade_manipulator.compensation.pressing import Pressing
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import add, MotionState, Pose, Wrench
+from facade_manipulator.parameters import parameter, settings
 
 FUTURE_TOLERANCE = 0.02  # s
 CLOCK_STEP = 2.0  # s, a measurement older than that means that the clock was set back
+PROPORTIONAL = 0.3  # gain: low, because the measurement is late
+FILTER_TIME = 0.1  # s, time constant of the filter on the measurement, for the proportional part
+SPEED = 0.05  # m/s, highest of the shift
+OLDEST_OFFSET = 0.3  # s, from which a measurement is not used; the shift is held
+MEMORY = 60.0  # s, time constant with which old slip is forgotten
+LONGEST_INTERVAL = 0.5  # s, a pause counts as no longer
+ALIKE = 1.0  # s, for which the rest of the slip stays alike
+LEAST_WEIGHT = 20.0  # s, of slip, before anything is said
+LEAST_SPEED = 0.005  # m/s RMS, below which a gondola hangs still
+
+
+@settings
+class LateralSettings:
+    """Gains and limits of the lateral regulator."""
+
+    enabled: bool = parameter(False, 'Whether lateral_offset is regulated')
+    integral: float = parameter(1.5, 'Integral gain', unit='1/s', minimum=0.0, maximum=20.0)
+    range: float = parameter(
+        0.1, 'Furthest shift along the wall', unit='m', minimum=1e-3, maximum=1.0)
+
+
+class LateralRegulator:
+    """
+    PI on the measured lateral offset, without wind-up: it brings back what the head slips.
+
+    It works on top of the prediction and corrects what that cannot know: an estimator's drift, a
+    wrong nominal position. The measurement is late, so the regulator is mostly integral.
+
+    Attributes
+    ----------
+    shift : float
+        Present shift of the goal along the wall [m].
+
+    References
+    ----------
+    Park et al., conclusion: the lateral disturbance compensated by a conventional regulator.
+
+    """
+
+    def __init__(self, settings: LateralSettings) -> None:
+        self.settings = settings
+        self.shift = 0.0
+        self._integral = 0.0
+        self._filtered = 0.0
+        self._measured_at = -math.inf
+        self._measured = 0.0
+
+    @property
+    def idle(self) -> bool:
+        """Whether a step would change nothing: switched off and never on."""
+        return not self.settings.enabled and self.shift == self._integral == self._filtered == 0.0
+
+    def add_measurement(self, stamp: float, offset: float) -> None:
+        """Note where the head should be, from it along the wall, at a stamp [m, s]."""
+        self._measured_at, self._measured = stamp, offset
+
+    def step(self, now: float, interval: float, saturation_error: float) -> None:
+        """
+        Move the shift on.
+
+        Parameters
+        ----------
+        now, interval : float
+            Present time and the time since the last step [s].
+        saturation_error : float
+            By how much x is held back at the workspace limit: the shift goes no further there.
+
+        """
+        settings = self.settings
+        fresh = settings.enabled and now - self._measured_at <= OLDEST_OFFSET
+        measured = self._measured if fresh else 0.0
+        share = 1.0 - math.exp(-interval / FILTER_TIME)
+        self._filtered += share * (measured - self._filtered)
+        integral = self._integral + settings.integral * interval * measured
+        wanted = integral + PROPORTIONAL * self._filtered
+        step = SPEED * interval
+        shift = min(max(wanted, self.shift - step), self.shift + step)
+        shift = min(max(shift, -settings.range), settings.range)
+        blocked = saturation_error * (shift - self.shift) > 0.0
+        self.shift = self.shift if blocked else shift
+        if not blocked and abs(wanted - shift) < step:
+            self._integral = integral
+
+
+class StampDelay:
+    """
+    How late the estimator's stamps are, from the slip that is measured along the wall.
+
+    A correction by stamps that are late by a delay is that of the motion so much earlier: the head
+    slips by the delay times the speed of the rail at the head. Slip regressed on speed shows it.
+    """
+
+    def __init__(self) -> None:
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget everything: the estimates are others."""
+        self._stamp = -math.inf
+        self._weight = self._slip = self._speed = 0.0  # means
+        self._slips = self._products = self._speeds = 0.0  # mean products, less those of means
+
+    def add(self, stamp: float, slip: float, speed: float) -> None:
+        """Note by how much the head is off along the wall [m] at a stamp, and the speed [m/s]."""
+        interval = min(max(stamp - self._stamp, 0.0), LONGEST_INTERVAL)
+        self._stamp = stamp
+        fade = math.exp(-interval / MEMORY)
+        self._weight = fade * self._weight + interval
+        share = interval / self._weight
+        slip_change, speed_change = slip - self._slip, speed - self._speed
+        self._slip += share * slip_change
+        self._speed += share * speed_change
+        rest = 1.0 - share
+        self._slips = rest * (self._slips + share * slip_change * slip_change)
+        self._products = rest * (self._products + share * slip_change * speed_change)
+        self._speeds = rest * (self._speeds + share * speed_change * speed_change)
+
+    @property
+    def found(self) -> tuple[float, float] | None:
+        """Return the delay and its standard deviation [s], None while the motion shows none."""
+        if self._weight < LEAST_WEIGHT or self._speeds < LEAST_SPEED ** 2:
+            return None
+        delay = self._products / self._speeds
+        left = max(self._slips - delay * self._products, 0.0)
+        return delay, math.sqrt(left * ALIKE / (self._speeds * self._weight))
 
 
 class Contact:
     """
     Shift the goal on the wall by what is measured there.
+
+    Attributes
+    ----------
+    is_idle : bool
+        Whether `shift` would change nothing: switched off, and nothing is left of before.
+    yaw : float
+        Of the head on the wall [rad], by which forces are turned.
 
     Parameters
     ----------
@@ -40,9 +167,14 @@ class Contact:
     ) -> None:
         self.lateral = LateralRegulator(lateral)
         self.pressing = Pressing(impedance, yaw_impedance)
-        self._yaw = 0.0
+        self.yaw = 0.0
         self._stamps: dict[str, float] = {}
         self._wrench: Wrench | None = None
+        self.look_whether_idle()
+
+    def look_whether_idle(self) -> None:
+        """Find `is_idle` again: settings have been changed."""
+        self.is_idle = self.lateral.idle and self.pressing.idle
 
     def add_wrench(self, now: float, stamp: float, wrench: Wrench) -> None:
         """
@@ -55,7 +187,7 @@ class Contact:
 
         """
         self._check('contact_wrench', now, stamp, OLDEST_WRENCH, wrench._asdict())
-        cosine, sine = math.cos(self._yaw), math.sin(self._yaw)
+        cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
         force = -(sine * wrench.fx + cosine * wrench.fy)
         self.pressing.add_measurement(stamp, force, -wrench.mz, wrench == self._wrench)
         self._wrench = wrench
@@ -97,11 +229,11 @@ class Contact:
             Disturbance of the gondola.
 
         """
-        if not (self.lateral.idle and self.pressing.idle):
-            self.lateral.step(now, interval, saturation_error.x)
-            self.pressing.step(now, time, interval, saturation_error, rail)
+        self.lateral.step(now, interval, saturation_error.x)
+        self.pressing.step(now, time, interval, saturation_error, rail)
+        self.look_whether_idle()
         shifted = add(reference, self.present)
-        self._yaw = shifted.theta
+        self.yaw = shifted.theta
         return shifted
 
     def _check(

@@ -1,12 +1,15 @@
-"""How the head follows the published path: whether at all, and with which lag."""
+"""How the head follows the published path, with which lag, and when it has reached its goal."""
 
 from __future__ import annotations
 
+from enum import Enum
 import math
+from typing import NamedTuple
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion import TimedBuffer
+from facade_manipulator.parameters import parameter, settings
 
 CLOCK_STEP = 2.0  # s, a pose older than that means that the clock was set back
 LARGEST_ERROR, LARGEST_YAW_ERROR = 0.02, 0.035  # m, rad: beyond, the head is not following
@@ -15,16 +18,25 @@ ARM = 0.35  # m, weighs yaw against displacement
 LEAST_SPEED = 0.02  # m/s, below which the lag drowns in noise
 LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
 GREATEST_LAG = 0.05  # s, that is compensated: a greater one is no lag but a fault
+LEAVING = 2.0  # times the tolerance: a goal once reached is left beyond it
 
 
 class Following:
-    """Compare where the head is with what was published for that instant."""
+    """
+    Compare where the head is with what was published for that instant.
+
+    Attributes
+    ----------
+    lag : float
+        Of the head on its path [s], 0 while it is not known.
+
+    """
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose] = TimedBuffer()
         self._head: tuple[float, Pose] | None = None
         self._followed_at = -math.inf
-        self._delay = self._power = 0.0
+        self.lag = self._delay = self._power = 0.0
 
     def begin(self, now: float) -> None:
         """Forget the path; a new one begins."""
@@ -65,22 +77,10 @@ class Following:
             return None
         return self._head
 
-    def head(self, now: float) -> Pose | None:
-        """Return where the head is, None if that is not known any more."""
-        newest = self.newest(now)
-        return newest and newest[1]
-
     def is_off_path(self, now: float) -> bool:
         """Return whether the head's pose is known but does not follow."""
-        return self.head(now) is not None and (
-            self._head[0] - self._followed_at > PATIENCE)
-
-    @property
-    def lag(self) -> float:
-        """Lag of the head on its path [s], 0 while it is not known."""
-        if self._power < LEAST_SPEED ** 2:
-            return 0.0
-        return min(max(self._delay / self._power, -GREATEST_LAG), GREATEST_LAG)
+        newest = self.newest(now)
+        return newest is not None and newest[0] - self._followed_at > PATIENCE
 
     def _planned(self, stamp: float) -> MotionState | None:
         """Return the motion on the path at a stamp, None where there was none."""
@@ -102,4 +102,101 @@ class Following:
             error.x * velocity.x + error.y * velocity.y + error.theta * turn)
         self._power = fade * self._power + interval * (
             velocity.x ** 2 + velocity.y ** 2 + velocity.theta * turn)
+        self.lag = 0.0
+        if self._power >= LEAST_SPEED ** 2:
+            self.lag = min(max(self._delay / self._power, -GREATEST_LAG), GREATEST_LAG)
 
+
+@settings
+class ArrivalSettings:
+    """How near the head must be to its goal, and for how long."""
+
+    distance: float = parameter(
+        0.005, 'Distance on the wall within which a goal is reached', unit='m', minimum=1e-4,
+        maximum=0.1)
+    angle: float = parameter(
+        0.01, 'Angle within which a goal is reached', unit='rad', minimum=1e-4, maximum=0.5)
+    dwell: float = parameter(
+        0.2, 'How long the head must be so near', unit='s', minimum=0.0, maximum=10.0)
+
+
+class GoalState(Enum):
+    """How far a goal has got."""
+
+    ACCEPTED = 'accepted'
+    MOVING = 'moving'
+    HELD_BACK = 'held back'
+    REACHED = 'reached'
+    REJECTED = 'rejected'
+
+
+class GoalProgress(NamedTuple):
+    """
+    Where the head is on the way to its goal.
+
+    Attributes
+    ----------
+    state : GoalState
+    distance, angle : float
+        Of the head as measured from the goal [m, rad]; NaN where the head is not known.
+    time_to_go : float
+        Until the path ends and the dwell is over [s].
+
+    """
+
+    state: GoalState
+    distance: float = math.nan
+    angle: float = math.nan
+    time_to_go: float = math.nan
+
+
+class ArrivalWatch:
+    """Decides whether a goal is reached."""
+
+    def __init__(self, settings: ArrivalSettings) -> None:
+        self.settings = settings
+        self._near_since: float | None = None
+        self._is_reached = False
+
+    def begin(self) -> None:
+        """Watch another goal from now on."""
+        self._near_since, self._is_reached = None, False
+
+    def update(
+        self, now: float, error: Pose | None, path_time: float, is_held_back: bool
+    ) -> GoalProgress:
+        """
+        Return the progress at a time [s].
+
+        Parameters
+        ----------
+        now : float
+        error : Pose or None
+            Goal less the head on the wall, both measured; None where that is not known.
+        path_time : float
+            How long the path to the goal still takes [s].
+        is_held_back : bool
+            Whether a limit keeps the head from its path.
+
+        """
+        distance = angle = math.nan
+        if error is not None:
+            distance, angle = math.hypot(error.x, error.y), abs(error.theta)
+        near = path_time <= 0.0 and self._is_near(distance, angle)
+        if not near:
+            self._near_since = None
+        elif self._near_since is None:
+            self._near_since = now
+        self._is_reached = near and (
+            self._is_reached or now - self._near_since >= self.settings.dwell)
+        if self._is_reached:
+            return GoalProgress(GoalState.REACHED, distance, angle, 0.0)
+        state = GoalState.HELD_BACK if is_held_back else GoalState.MOVING
+        dwelt = now - self._near_since if near else 0.0
+        return GoalProgress(
+            state, distance, angle, max(path_time, 0.0) + self.settings.dwell - dwelt)
+
+    def _is_near(self, distance: float, angle: float) -> bool:
+        factor = LEAVING if self._is_reached else 1.0
+        settings = self.settings
+        return distance <= factor * settings.distance and angle <= factor * settings.angle

@@ -1,10 +1,36 @@
-"""What the head is to do on the wall in y and θ, which forces and how far it gives way."""
+"""
+How an axis gives way to the wall: forces desired, the law that follows them, the stiffness learnt.
+
+On y by the contact force, on θ by the contact moment, the goal is shifted by an offset a. What is
+measured is late by T in all: F(t) = k (a(t) + w(t)) is known at a stamp, and the offset decided
+now acts only a horizon later. With â the offset meant for the stamp,
+
+    da/dt = (F_d − F − k̂ (a − â)) / (k̂ τ),    τ = 1.7 T,
+
+which predicts the force by what has been decided since. With k̂ = k no latency remains in the
+loop; it is stable to k = 4.1 k̂, and for every smaller k it is but slower. With T = 70 ms and
+k̂ = 1.3 k as it is learnt, another 0.33 s of latency would make it unstable; it halves the wall's
+motion w below 0.35 Hz and lets it grow above 0.97 Hz, by 1.25 at 2.9 Hz (Bode's integral).
+"""
 
 from __future__ import annotations
 
+from collections import deque
+import math
 from typing import ClassVar
 
+from facade_manipulator.motion import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
+
+FILTER_TIME = 0.01  # s, of force and offset alike, against the sensor's noise
+TIME_CONSTANT = 1.7  # τ in delays
+SHORTEST_DELAY, LONGEST_DELAY = 0.02, 0.5  # s
+LEAST_STIFFNESS, GREATEST_STIFFNESS = 400.0, 20000.0  # N/m, that the slow estimate may give
+MARGIN = 1.3  # of the slow estimate: rather too stiff than too soft
+RISE_TIME = 0.07  # s, about the loop's delay: what a rise in it shows was no answer to it
+LEAST_RISE = 6.0  # N
+UNKNOWN_MOTION = 5e-4  # m, that the wall may have moved meanwhile
+STIFFER = 1.5  # each time the force chatters
 
 
 @settings
@@ -56,3 +82,113 @@ class YawImpedanceSettings:
         unit='N m/rad', minimum=0.0, maximum=1e6)
     range: float = parameter(
         0.12, 'Furthest offset from the goal', unit='rad', minimum=1e-4, maximum=0.5)
+
+
+class ForceLaw:
+    """
+    The offset of one axis and what was measured with it.
+
+    Attributes
+    ----------
+    offset : float
+        Present offset [m or rad].
+    measured : float
+        Force on the wall that was last measured [N or N m].
+    force, offset_then : float
+        The same after the filter, and the offset that it was measured with.
+
+    """
+
+    def __init__(self) -> None:
+        self.offset = 0.0
+        self.measured = self.force = self.offset_then = 0.0
+        self._stamp = -math.inf
+        self._offsets: TimedBuffer[float] = TimedBuffer()
+
+    def begin(self, offset: float) -> None:
+        """Begin at an offset, as if it had been there all the time."""
+        self.offset = self.offset_then = offset
+        self._offsets.clear()
+
+    def add_measurement(self, stamp: float, force: float) -> None:
+        """Note a force [N or N m] measured at a stamp [s]."""
+        share = 1.0 - math.exp(-max(stamp - self._stamp, 0.0) / FILTER_TIME)
+        self._stamp, self.measured = stamp, force
+        self.force += share * (force - self.force)
+        self.offset_then += share * (self._offset_at(stamp) - self.offset_then)
+
+    def velocity(self, desired: float, stiffness: float, time: float) -> float:
+        """Return how fast the offset is to move for a desired force, decided for a time [s]."""
+        delay = min(max(time - self._stamp, SHORTEST_DELAY), LONGEST_DELAY)
+        predicted = self.force + stiffness * (self.offset - self.offset_then)
+        return (desired - predicted) / (stiffness * TIME_CONSTANT * delay)
+
+    def move(self, time: float, offset: float) -> None:
+        """Move to an offset at a time [s]."""
+        self.offset = offset
+        self._offsets.append(time, offset)
+
+    def _offset_at(self, time: float) -> float:
+        before, after = self._offsets.around(time)
+        if before is None or after is None:
+            return (before or after or (time, self.offset))[1]
+        (begin, a), (end, b) = before, after
+        return a + (b - a) * (time - begin) / (end - begin)
+
+
+class ContactStiffness:
+    """
+    Estimate the stiffness of the contact.
+
+    Slowly: the desired force F_d rises whatever the wall does, so it is an instrument that the
+    wall's motion does not correlate with, k = cov(F_d, F) / cov(F_d, a). At once, where a force
+    that rises faster than the loop can answer shows that the contact is stiffer than thought.
+
+    Parameters
+    ----------
+    value : float
+        First guess [N/m], which the law works with.
+
+    """
+
+    def __init__(self, value: float) -> None:
+        self.value = value
+        self._recent: deque[tuple[float, float, float]] = deque()
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin the slow estimate: the force begins to rise."""
+        self._count = 0
+        self._means = [0.0, 0.0, 0.0]
+        self._with_force = self._with_offset = 0.0
+
+    def add(self, stamp: float, force: float, offset: float) -> None:
+        """Look for a sudden rise of the force [N] at a stamp [s], at an offset [m]."""
+        recent = self._recent
+        recent.append((stamp, force, offset))
+        while stamp - recent[0][0] > RISE_TIME:
+            recent.popleft()
+        _, least, there = min(recent, key=lambda item: item[1])
+        if force - least > LEAST_RISE:
+            self.value = max(
+                self.value, (force - least) / (max(offset - there, 0.0) + UNKNOWN_MOTION))
+
+    def add_rising(self, desired: float, force: float, offset: float) -> None:
+        """Learn from the desired force, the force and the offset of a moment of the ramp."""
+        self._count += 1
+        before = desired - self._means[0]
+        for i, value in enumerate((desired, force, offset)):
+            self._means[i] += (value - self._means[i]) / self._count
+        self._with_force += before * (force - self._means[1])
+        self._with_offset += before * (offset - self._means[2])
+
+    def finish(self) -> None:
+        """Take the slow estimate: the ramp is at its end."""
+        if self._with_force > 0.0:
+            slope = self._with_offset / self._with_force
+            self.value = min(max(MARGIN / slope if slope > 0.0 else math.inf, LEAST_STIFFNESS),
+                             GREATEST_STIFFNESS)
+
+    def stiffen(self) -> None:
+        """Think of the contact as stiffer: the force chatters."""
+        self.value *= STIFFER

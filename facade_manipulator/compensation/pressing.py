@@ -12,12 +12,19 @@ from __future__ import annotations
 import enum
 import math
 
-from facade_manipulator.compensation.contact_stiffness import ContactStiffness
-from facade_manipulator.compensation.force_law import ForceLaw
-from facade_manipulator.compensation.force_watch import ForceWatch, OLDEST_WRENCH
-from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
-from facade_manipulator.compensation.latency_check import LatencyCheck, MOST_LATENCY
-from facade_manipulator.compensation.sway_watch import SwayWatch
+from facade_manipulator.compensation.force_watch import (
+    ForceWatch,
+    LatencyCheck,
+    MOST_LATENCY,
+    OLDEST_WRENCH,
+)
+from facade_manipulator.compensation.impedance import (
+    ContactStiffness,
+    ForceLaw,
+    ImpedanceSettings,
+    YawImpedanceSettings,
+)
+from facade_manipulator.compensation.suspension import SwayWatch
 from facade_manipulator.kinematics import MotionState, Pose
 
 FIRST_SHARE = 0.1  # of the desired force, with which the ramp begins

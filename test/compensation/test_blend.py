@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.blend import Blend
+from facade_manipulator.compensation.correction import Blend
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import MotionState, ZERO_STATE
 

@@ -9,7 +9,7 @@ import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
 from facade_manipulator.compensation.correction import CorrectionMode
-from facade_manipulator.compensation.workspace_limit import WorkspaceLimitSettings
+from facade_manipulator.compensation.limits import WorkspaceLimitSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, Pose
 
@@ -105,3 +105,22 @@ def test_another_prediction_learns_anew_and_is_trusted_again():
     assert correction.mode is not CorrectionMode.ACTIVE
     course.run(2.0)
     assert correction.mode is CorrectionMode.ACTIVE
+
+
+def test_pressing_that_is_switched_on_moves_the_head_off_the_goal_and_off_again_back_to_it():
+    compensator, now = Compensator(Geometry()), 1.0
+    compensator.set_goal(GOAL)
+
+    def updated(duration):
+        nonlocal now
+        for _ in range(round(duration / PERIOD)):
+            now += PERIOD
+            last = compensator.update(now)
+        return last
+
+    assert updated(1.0).shifted == GOAL
+    compensator.change('impedance', replace(DEFAULTS.impedance, enabled=True))
+    assert updated(3.0).shifted.y == pytest.approx(GOAL.y - DEFAULTS.impedance.retreat)
+    compensator.change('impedance', DEFAULTS.impedance)
+    assert updated(3.0).shifted == GOAL
+    assert compensator.contact.is_idle

@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from facade_manipulator.compensation.contact import Contact
+from facade_manipulator.compensation.contact import Contact, LateralSettings
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
-from facade_manipulator.compensation.lateral import LateralSettings
 from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose, Wrench, ZERO_POSE, ZERO_STATE

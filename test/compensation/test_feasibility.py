@@ -7,10 +7,14 @@ import numpy as np
 import pytest
 
 from facade_manipulator.compensation.compensator import Compensator, DEFAULTS
-from facade_manipulator.compensation.feasibility import obstacle, stroke_obstacle
 from facade_manipulator.compensation.impedance import ImpedanceSettings
-from facade_manipulator.compensation.strokes import Strokes, StrokeWatch
-from facade_manipulator.compensation.suspension import SuspensionSettings
+from facade_manipulator.compensation.suspension import (
+    obstacle,
+    stroke_obstacle,
+    Strokes,
+    StrokeWatch,
+    SuspensionSettings,
+)
 from facade_manipulator.kinematics import Geometry, MotionState, Pose
 from facade_manipulator.simulation.gondola import GondolaSettings, modes
 from facade_manipulator.simulation.reaction import ModalReaction

@@ -74,8 +74,8 @@ def test_a_head_elsewhere_is_lost_after_a_while(offset):
 
 def test_a_head_that_is_not_seen_is_not_lost():
     following, now = run(1.0, course)
-    assert following.head(now + 0.1) == pytest.approx(tuple(course(now)))
-    assert following.head(now + 1.0) is None
+    assert following.newest(now + 0.1)[1] == pytest.approx(tuple(course(now)))
+    assert following.newest(now + 1.0) is None
     assert not following.is_off_path(now + 1.0)
 
 

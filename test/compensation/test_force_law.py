@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.force_law import ForceLaw, TIME_CONSTANT
+from facade_manipulator.compensation.impedance import ForceLaw, TIME_CONSTANT
 
 PERIOD, HORIZON, LATENCY = 0.01, 6, 1  # s, cycles
 DELAY = PERIOD * (HORIZON + LATENCY)

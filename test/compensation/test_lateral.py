@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.lateral import LateralRegulator, LateralSettings, SPEED
+from facade_manipulator.compensation.contact import LateralRegulator, LateralSettings, SPEED
 from facade_manipulator.errors import ParameterError
 
 SETTINGS = LateralSettings(enabled=True)

@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from facade_manipulator.compensation.stamp_delay import StampDelay
+from facade_manipulator.compensation.contact import StampDelay
 from facade_manipulator.simulation.bench.__main__ import run_scenario
 from facade_manipulator.simulation.scenario import load_scenario
 

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.workspace_limit import (
+from facade_manipulator.compensation.limits import (
     soft_clamp,
     WorkspaceLimit,
     WorkspaceLimitSettings,
