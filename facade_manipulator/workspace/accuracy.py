@@ -84,15 +84,7 @@ class Worth(NamedTuple):
 
 
 def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Worth:
-    """
-    Return what a pose is worth.
-
-    Raises
-    ------
-    LimitError
-        If the machine may not stand there at any x.
-
-    """
+    """Return what a pose is worth; raises a LimitError if none may stand there at any x."""
     pose, mechanism = Pose(0.0, y, theta), mechanism_of(geometry)
     rates = mechanism.jacobian(pose)
     deviations = _amplification(mechanism, pose, np.linalg.inv(rates)) * (

@@ -57,11 +57,17 @@ def figure(width: float, height: float, title: str, layout: str = 'constrained')
     return made
 
 
-def label(axes: Axes, x: str, y: str, title: str = '') -> None:
-    """Name both axes of a plot, units included, and give it a title."""
-    axes.set_xlabel(x)
-    axes.set_ylabel(y)
-    axes.set_title(title)
+def label(axes: Axes, x: str, y: str, title: str = '', grid: bool = False) -> None:
+    """Name both axes of a plot, units included, and give it a title, and a grid."""
+    axes.set(xlabel=x, ylabel=y, title=title)
+    if grid:
+        axes.grid(color=PALE, linewidth=0.6)
+
+
+def lengths(geometry: Geometry) -> str:
+    """Return the lengths of a design, for a title."""
+    return (f'l = {geometry.link_length * MILLIMETRES:.0f} mm, '
+            f'b = {geometry.platform_half_length * MILLIMETRES:.0f} mm')
 
 
 def draw_mechanism(axes: Axes, geometry: Geometry, pose: Pose) -> None:

@@ -66,8 +66,7 @@ def _draw_ellipses(axes: Axes, poses: list[Worth]) -> None:
             axes.add_patch(Ellipse(
                 (x, at.y * MILLIMETRES), 60.0 * greater / most, 60.0 * less / most,
                 angle=np.degrees(angle), fill=False, color=colour))
-    axes.set_xlim(-80.0, 230.0)
-    axes.set_ylim(0.0, max(at.y for at in poses) * MILLIMETRES + 40.0)
+    axes.set(xlim=(-80.0, 230.0), ylim=(0.0, max(at.y for at in poses) * MILLIMETRES + 40.0))
     axes.set_aspect('equal', adjustable='box')
     axes.set_xticks([0.0, 150.0], [f'velocity up to\n{speed:.2g} m/s',
                                    f'force up to\n{force:.3g} N'])

@@ -9,7 +9,14 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 import numpy as np
 
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.workspace.drawing import COLOUR_MAP, figure, GREY, MILLIMETRES, Study
+from facade_manipulator.workspace.drawing import (
+    COLOUR_MAP,
+    figure,
+    GREY,
+    lengths,
+    MILLIMETRES,
+    Study,
+)
 from facade_manipulator.workspace.maps import pose_map
 from facade_manipulator.workspace.volume import theta_bounds
 
@@ -28,8 +35,7 @@ def figure_6(study: Study) -> Figure:
     for place, geometry in enumerate((example, study.geometry), start=1):
         axes = made.add_subplot(1, 2, place, projection='3d')
         _draw(axes, geometry, scale)
-        axes.set_title(f'l = {geometry.link_length * MILLIMETRES:.0f} mm, '
-                       f'b = {geometry.platform_half_length * MILLIMETRES:.0f} mm', y=0.99)
+        axes.set_title(lengths(geometry), y=0.99)
     made.colorbar(ScalarMappable(scale, COLOUR_MAP), cax=made.add_axes((0.91, 0.2, 0.015, 0.6)),
                   label='LCI, characteristic length 1 m (grey: beyond N = 0)')
     return made
@@ -59,15 +65,11 @@ def _draw(axes, geometry: Geometry, scale: Normalize) -> None:
 
 def _frame(axes, geometry: Geometry, end: float) -> None:
     reach = geometry.stroke_length * 0.5 * MILLIMETRES
-    axes.set_xlim(-reach, reach)
-    axes.set_ylim(0.0, geometry.link_length * MILLIMETRES)
-    axes.set_zlim(-np.degrees(end), np.degrees(end))
-    axes.set_xlabel('x [mm]')
-    axes.set_ylabel('y [mm]')
+    axes.set(xlim=(-reach, reach), ylim=(0.0, geometry.link_length * MILLIMETRES),
+             zlim=(-np.degrees(end), np.degrees(end)), xlabel='x [mm]', ylabel='y [mm]')
     axes.zaxis.set_rotate_label(False)
     axes.set_zlabel('θ [deg]', rotation=90.0)
-    axes.locator_params(axis='x', nbins=5)
-    axes.locator_params(axis='y', nbins=4)
-    axes.locator_params(axis='z', nbins=6)
+    for axis, count in (('x', 5), ('y', 4), ('z', 6)):
+        axes.locator_params(axis=axis, nbins=count)
     axes.view_init(elev=24.0, azim=52.0)  # from the façade: what lies beyond N = 0 is behind
     axes.set_box_aspect((1.3, 1.0, 0.9), zoom=1.0)

@@ -8,6 +8,7 @@ and angles in degrees, as in the paper.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -26,6 +27,7 @@ from facade_manipulator.workspace.drawing import (
     GREEN,
     GREY,
     label,
+    lengths,
     MILLIMETRES,
     ORANGE,
     PALE,
@@ -87,7 +89,7 @@ def figure_8(study: Study) -> Figure:
 def figure_9(study: Study) -> Figure:
     """Map the conditioning index of the design over (x, y) and over (θ, y), in two units."""
     geometry = study.geometry
-    made = figure(10.0, 6.2, f'Figure 9: local conditioning index, {_design(geometry)}')
+    made = figure(10.0, 6.2, f'Figure 9: local conditioning index, {lengths(geometry)}')
     grid = made.subplots(2, 2, width_ratios=(1.35, 1.0))
     for row, unit in zip(grid, (study, study._replace(
             characteristic_length=1.0, threshold=0.0)), strict=True):
@@ -109,24 +111,21 @@ def figure_9(study: Study) -> Figure:
 
 def figure_11(study: Study) -> Figure:
     """Plot how far the design turns and travels at every distance, with and without a gap."""
-    made = figure(10.0, 4.2, f'Figure 11: ranges of the design, {_design(study.geometry)}, '
+    made = figure(10.0, 4.2, f'Figure 11: ranges of the design, {lengths(study.geometry)}, '
                   f'Q = {study.geometry.stroke_length * MILLIMETRES:.0f} mm')
     left, right = made.subplots(1, 2)
-    gap = study.geometry.carriage_gap
-    for geometry, colour, width in _gaps(study.geometry, gap):
-        y = np.linspace(1e-6, geometry.link_length, 2000)[:-1]
-        turn = theta_bounds(geometry, y)
-        name = f'gap {geometry.carriage_gap * MILLIMETRES:.0f} mm'
-        left.plot(y * MILLIMETRES, np.degrees(turn), color=colour, linewidth=width, label=name)
-        of = pose_map(geometry, y, 0.0)
-        right.plot(y * MILLIMETRES, of.upper * MILLIMETRES, color=colour, linewidth=width,
-                   label=name)
-    label(left, Y_LABEL, '|θ| max [deg]', 'rotation')
-    label(right, Y_LABEL, '|x| max at θ = 0 [mm]', 'travel along the rail')
+    y = np.linspace(1e-6, study.geometry.link_length, 2000)[:-1]
+    for gap, colour, width in (
+            (0.0, BLUE, 3.2), (study.geometry.carriage_gap or 0.02, ORANGE, 1.4)):
+        geometry = replace(study.geometry, carriage_gap=gap)
+        look = {'color': colour, 'linewidth': width, 'label': f'gap {gap * MILLIMETRES:.0f} mm'}
+        left.plot(y * MILLIMETRES, np.degrees(theta_bounds(geometry, y)), **look)
+        right.plot(y * MILLIMETRES, pose_map(geometry, y, 0.0).upper * MILLIMETRES, **look)
+    label(left, Y_LABEL, '|θ| max [deg]', 'rotation', grid=True)
+    label(right, Y_LABEL, '|x| max at θ = 0 [mm]', 'travel along the rail', grid=True)
     for axes in (left, right):
         axes.set_xlim(0.0, study.geometry.link_length * MILLIMETRES)
         axes.set_ylim(bottom=0.0)
-        axes.grid(color=PALE, linewidth=0.6)
         axes.legend()
     return made
 
@@ -136,14 +135,13 @@ def figure_singularity(study: Study) -> Figure:
     made = figure(10.0, 4.2, 'The parallel singularity that the paper misses')
     left, right = made.subplots(1, 2)
     length = np.append(0.35 - 0.2 * np.linspace(1.0, 0.0, 40) ** 2, 0.36)
-    shares = [beyond_share(case_geometry(one, 0.7 - one, study.geometry.stroke_length)).share
+    shares = [beyond_share(case_geometry(one, 0.7 - one, study.geometry.stroke_length))
               for one in length]
     left.plot(length * MILLIMETRES, 100.0 * np.array(shares), color=BLUE)
     _mark_design(left, 44.0)
     label(left, 'l [mm], with l + b = 700 mm', 'workspace beyond N = 0 [%]',
-          'share of the volume over x, y and θ')
+          'share of the volume over x, y and θ', grid=True)
     left.set_ylim(bottom=0.0)
-    left.grid(color=PALE, linewidth=0.6)
     for one, colour in ((0.2, BLUE), (0.25, ORANGE), (0.3, GREEN), (0.34, PURPLE)):
         geometry = case_geometry(one, 0.7 - one)
         theta = np.linspace(-0.999, 0.999, 800) * np.arcsin(one / (0.7 - one))
@@ -174,15 +172,14 @@ def figure_optimum(study: Study) -> Figure:
         values = merit.evaluate(length, 0.7 - length, need, lambda count: None)
         best = int(np.argmax(values))
         axes.plot(length * MILLIMETRES, values, color=BLUE)
-        axes.plot(length[best] * MILLIMETRES, values[best], 'o', color=ORANGE)
-        axes.annotate(f'l = {length[best] * MILLIMETRES:.0f} mm', (
-            length[best] * MILLIMETRES, values[best]), xytext=(-8, -4),
-            textcoords='offset points', ha='right', color=ORANGE)
+        peak = length[best] * MILLIMETRES, values[best]
+        axes.plot(*peak, 'o', color=ORANGE)
+        axes.annotate(f'l = {peak[0]:.0f} mm', peak, xytext=(-8, -4), textcoords='offset points',
+                      ha='right', color=ORANGE)
         _mark_design(axes, 0.02 * values.max() + 0.98 * values.min())
         unit = f' [{merit.unit.replace("m2", "m²")}]' if merit.unit else ''
         label(axes, 'l [mm]' if axes in grid[1] else '', 'value' + unit,
-              merit.description.replace('theta', 'θ'))
-        axes.grid(color=PALE, linewidth=0.6)
+              merit.description.replace('theta', 'θ'), grid=True)
     return made
 
 
@@ -196,11 +193,6 @@ FIGURES: dict[str, Callable[[Study], Figure]] = {
     'figure_accuracy.png': figure_accuracy,
     'figure_optimum.png': figure_optimum,
 }
-
-
-def _design(geometry: Geometry) -> str:
-    return (f'l = {geometry.link_length * MILLIMETRES:.0f} mm, '
-            f'b = {geometry.platform_half_length * MILLIMETRES:.0f} mm')
 
 
 def _mark_design(axes: Axes, height: float) -> None:
@@ -281,10 +273,3 @@ def _draw_parallel_locus(axes: Axes) -> None:
     axes.annotate('N > 0', (0.0, 150.0), ha='center')
     axes.annotate('N < 0', (theta[-1] * 0.45, 22.0), ha='center')
     label(axes, THETA_LABEL, Y_LABEL, 'the locus N = 0 (orange)\nin the workspace of this design')
-
-
-def _gaps(geometry: Geometry, gap: float) -> list[tuple[Geometry, str, float]]:
-    """Return the geometry without a gap and with its own, or 20 mm where it has none."""
-    shown = gap or 0.02
-    return [(Geometry(geometry.link_length, geometry.platform_half_length, geometry.stroke, one),
-             colour, width) for one, colour, width in ((0.0, BLUE, 3.2), (shown, ORANGE, 1.4))]

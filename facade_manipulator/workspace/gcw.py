@@ -8,7 +8,6 @@ because the two ends are checked by the very comparison that brute force makes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -78,8 +77,9 @@ def count_poses(
     check_characteristic_length(characteristic_length)
     y = grid_y(geometry, grid)
     counts = np.zeros(3)  # exact for whole numbers of this size
-    for theta in _theta_blocks(geometry, grid, len(y)):
-        at = closed_links(geometry, y, theta)
+    angles, columns = grid_theta(geometry, grid), max(1, BLOCK // max(1, len(y)))
+    for start in range(0, len(angles), columns):
+        at = closed_links(geometry, y, angles[start:start + columns])
         counts += _count_block(geometry, grid.x, at, threshold, characteristic_length)
     return PoseCount(*map(int, counts))
 
@@ -117,13 +117,6 @@ def closed_links(
         cells = np.flatnonzero((room >= geometry.carriage_gap) & (room > 0.0))
     columns = cells % len(theta)
     return sine[columns], cosine[columns], *(array.ravel()[cells] for array in arrays)
-
-
-def _theta_blocks(geometry: Geometry, grid: Grid, rows: int) -> Iterator[np.ndarray]:
-    theta = grid_theta(geometry, grid)
-    columns = max(1, BLOCK // max(1, rows))
-    for start in range(0, len(theta), columns):
-        yield theta[start:start + columns]
 
 
 def _count_block(

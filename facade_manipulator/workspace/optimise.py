@@ -48,23 +48,10 @@ def optimise(
     objective: str, need: Requirements | None = None, tick: Tick = lambda count: None
 ) -> Optimum:
     """
-    Find the link lengths with the greatest objective.
+    Find the link lengths with the greatest of `OBJECTIVES`.
 
-    Parameters
-    ----------
-    objective : str
-        One of ``'area'``, ``'good_area'``, ``'volume'``, ``'ratio'``.
-    need : Requirements
-        Box, sum, stroke, gap and what the design must reach.
-    tick : callable
-        Called with the number of designs done since, for a progress bar.
-
-    Raises
-    ------
-    ParameterError
-        If the objective is unknown, or if no design satisfies the requirements; the message
-        names the conflict.
-
+    Raises a ParameterError if the objective is unknown, or if no design satisfies the
+    requirements; the message names the conflict.
     """
     need = need or Requirements()
     merit = _objective(objective)

@@ -2,56 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 import time
-from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 PATIENCE = 1.0  # s before the bar appears
 
 
-class ProgressBar:
-    """
-    Progress of a known number of steps, on standard error.
+@contextmanager
+def progress_bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Lend what counts steps that are done of a known number, on standard error."""
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:3.0f} %'),
+        TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal)
+    task, begun = bar.add_task(title, total=total), time.monotonic()
 
-    Parameters
-    ----------
-    title : str
-        What is being done.
-    total : int
-        Number of steps.
+    def tick(count: int = 1) -> None:
+        bar.advance(task, count)
+        if time.monotonic() - begun > PATIENCE:
+            bar.start()
 
-    """
-
-    def __init__(self, title: str, total: int) -> None:
-        self._title, self._total, self._done = title, total, 0
-        self._begun = time.monotonic()
-        self._bar = None
-
-    def __enter__(self) -> ProgressBar:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-    def tick(self, count: int = 1) -> None:
-        """Count steps done."""
-        self._done += count
-        if self._bar is None and time.monotonic() - self._begun > PATIENCE:
-            self._show()
-        if self._bar is not None:
-            self._bar.update(self._task, completed=min(self._done, self._total))
-
-    def _show(self) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-        console = Console(stderr=True)
-        self._bar = Progress(
-            TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:3.0f} %'),
-            TimeRemainingColumn(), console=console, transient=True,
-            disable=not console.is_terminal)
-        self._task = self._bar.add_task(self._title, total=self._total)
-        self._bar.start()
+    try:
+        yield tick
+    finally:
+        if bar.live.is_started:
+            bar.stop()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 import math
 
 from rich.table import Table
@@ -11,8 +11,6 @@ from rich.text import Text
 from facade_manipulator.workspace.accuracy import Worth
 from facade_manipulator.workspace.objectives import OBJECTIVES
 from facade_manipulator.workspace.optimise import Optimum
-from facade_manipulator.workspace.singularities import Share
-from facade_manipulator.workspace.table2 import Row
 
 AREA_NOTE = (
     'The ratios are those of the paper to its three digits. Its areas are not: it states neither '
@@ -20,46 +18,47 @@ AREA_NOTE = (
     'to nothing.')
 
 
-def table2_table(rows: Sequence[Row], stroke_length: float) -> Table:
+def table2_table(rows: Sequence[dict], stroke_length: float) -> Table:
     """Table 2: paper, ours and the difference."""
     table = _table(
         f'Table 2 with Q = {stroke_length * 1e3:g} mm: good-condition ratio and areas [m2]',
-        'l [mm]', 'b [mm]', 'ratio', 'paper', 'diff.', 'section', 'union', 'paper',
-        'section diff.', 'union diff.')
+        ('l [mm]', 'b [mm]', 'ratio', 'paper', 'diff.', 'section', 'union', 'paper',
+         'section diff.', 'union diff.'), (_table2_row(row, row['paper']) for row in rows))
     table.caption = AREA_NOTE
-    for row in rows:
-        paper = row.paper
-        table.add_row(
-            _mm(paper.link_length), _mm(paper.platform_half_length), f'{row.ratio:.4f}',
-            f'{paper.ratio:.3f}', f'{row.ratio - paper.ratio:+.4f}', f'{row.area_section:.4f}',
-            f'{row.area_union:.4f}', f'{paper.area:.3f}',
-            f'{row.area_section - paper.area:+.4f}', f'{row.area_union - paper.area:+.4f}')
     return table
+
+
+def _table2_row(row: dict, paper: dict) -> tuple[str, ...]:
+    ratio, section, union = row['ratio'], row['area_section'], row['area_union']
+    return (_mm(row['l']), _mm(row['b']), f'{ratio:.4f}', f'{paper["ratio"]:.3f}',
+            f'{ratio - paper["ratio"]:+.4f}', f'{section:.4f}', f'{union:.4f}',
+            f'{paper["area"]:.3f}', f'{section - paper["area"]:+.4f}',
+            f'{union - paper["area"]:+.4f}')
 
 
 def ranges_table(rows: Sequence[dict], title: str) -> Table:
     """How far the head turns and travels at every distance."""
-    table = _table(title, 'y [mm]', 'theta max [deg]', 'x max at theta = 0 [mm]')
-    for row in rows:
-        table.add_row(f'{row["y"] * 1e3:.1f}', f'{math.degrees(row["theta_max"]):.2f}',
-                      f'{row["x_max"] * 1e3:.1f}')
-    return table
+    return _table(title, ('y [mm]', 'theta max [deg]', 'x max at theta = 0 [mm]'), (
+        (f'{row["y"] * 1e3:.1f}', f'{math.degrees(row["theta_max"]):.2f}',
+         f'{row["x_max"] * 1e3:.1f}') for row in rows))
 
 
 def accuracy_table(rows: Sequence[Worth], title: str) -> Table:
     """Return what the poses at every distance are worth."""
-    table = _table(title, 'y [mm]', 'x +- [mm]', 'y +- [mm]', 'theta +- [deg]', 'kx [N/um]',
-                   'ky [N/um]', 'press [N]', 'speed [m/s]', 'force [N]')
+    table = _table(
+        title, ('y [mm]', 'x +- [mm]', 'y +- [mm]', 'theta +- [deg]', 'kx [N/um]', 'ky [N/um]',
+                'press [N]', 'speed [m/s]', 'force [N]'), map(_accuracy_row, rows))
     table.caption = ('speed and force: half axes of the ellipses in the plane, without turning '
                      'and without moment; press: force on the wall that the drives hold for long')
-    for row in rows:
-        x, y, theta = row.errors
-        table.add_row(
-            f'{row.y * 1e3:.0f}', f'{x * 1e3:.3f}', f'{y * 1e3:.3f}',
+    return table
+
+
+def _accuracy_row(row: Worth) -> tuple[str, ...]:
+    x, y, theta = row.errors
+    return (f'{row.y * 1e3:.0f}', f'{x * 1e3:.3f}', f'{y * 1e3:.3f}',
             f'{math.degrees(theta):.3f}', f'{row.stiffness[0] * 1e-6:.2f}',
             f'{row.stiffness[1] * 1e-6:.2f}', f'{row.pressing:.0f}',
             *(f'{most:.3g} x {least:.3g}' for most, least, _ in (row.speeds, row.forces)))
-    return table
 
 
 WORDS = ('objective', 'quantity', 'unit', 'active')  # columns of words, not of numbers
@@ -79,41 +78,35 @@ SUMMARY = (  # key, words, factor, unit
 
 def summary_table(summary: dict[str, float], title: str) -> Table:
     """One design in a dozen numbers."""
-    table = _table(title, 'quantity', 'value', 'unit')
-    for key, words, factor, unit in SUMMARY:
-        table.add_row(words, f'{summary[key] * factor:.5g}', unit)
-    return table
+    return _table(title, ('quantity', 'value', 'unit'), (
+        (words, f'{summary[key] * factor:.5g}', unit) for key, words, factor, unit in SUMMARY))
 
 
-def singularity_table(shares: Sequence[Share]) -> Table:
+def singularity_table(rows: Sequence[dict]) -> Table:
     """Share of every design's workspace beyond N = 0."""
-    table = _table('Workspace beyond the parallel singularity N = 0, which the paper misses',
-                   'l [mm]', 'b [mm]', 'share [%]')
-    for share in shares:
-        table.add_row(_mm(share.link_length), _mm(share.platform_half_length),
-                      f'{100.0 * share.share:.1f}')
-    return table
+    return _table(
+        'Workspace beyond the parallel singularity N = 0, which the paper misses',
+        ('l [mm]', 'b [mm]', 'share [%]'),
+        ((_mm(row['l']), _mm(row['b']), f'{100.0 * row["share"]:.1f}') for row in rows))
 
 
 def optimum_table(optima: Sequence[Optimum]) -> Table:
     """Best design for every objective, and what holds it there."""
-    table = _table('Optimum', 'objective', 'l [mm]', 'b [mm]', 'value', 'unit', 'designs',
-                   'active')
-    for optimum in optima:
-        unit = OBJECTIVES[optimum.objective].unit
-        table.add_row(
-            optimum.objective, f'{optimum.link_length * 1e3:.2f}',
-            f'{optimum.platform_half_length * 1e3:.2f}', f'{optimum.value:.4f}', unit,
-            f'{optimum.designs}', '; '.join(optimum.active) or 'none: an inner optimum')
-    return table
+    return _table(
+        'Optimum', ('objective', 'l [mm]', 'b [mm]', 'value', 'unit', 'designs', 'active'),
+        ((one.objective, f'{one.link_length * 1e3:.2f}', f'{one.platform_half_length * 1e3:.2f}',
+          f'{one.value:.4f}', OBJECTIVES[one.objective].unit, f'{one.designs}',
+          '; '.join(one.active) or 'none: an inner optimum') for one in optima))
 
 
-def _table(title: str, *columns: str) -> Table:
+def _table(title: str, columns: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     # As texts: in plain strings rich would take the units for its markup.
     table = Table(title=Text(title, no_wrap=True, overflow='ignore'), title_justify='left',
                   caption_justify='left')
     for name in columns:
         table.add_column(Text(name), justify='left' if name in WORDS else 'right')
+    for row in rows:
+        table.add_row(*row)
     return table
 
 

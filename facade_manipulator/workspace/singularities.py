@@ -23,14 +23,6 @@ STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)
 _SAMPLES = 100
 
 
-class Share(NamedTuple):
-    """Share of a design's workspace that lies beyond the parallel singularity."""
-
-    link_length: float
-    platform_half_length: float
-    share: float
-
-
 class Configuration(NamedTuple):
     """A configuration worth drawing: name, what it shows, geometry, pose."""
 
@@ -71,15 +63,14 @@ def parallel_curves(geometry: Geometry, theta: np.ndarray) -> tuple[np.ndarray, 
     return lower, upper
 
 
-def beyond_share(geometry: Geometry) -> Share:
+def beyond_share(geometry: Geometry) -> float:
     """Measure the share of the workspace by reach, order, gap and stroke that has N ≤ 0."""
-    share = measure(geometry, 0.0, theta_nodes=512, y_cells=256).beyond_share
-    return Share(geometry.link_length, geometry.platform_half_length, share)
+    return measure(geometry, 0.0, theta_nodes=512, y_cells=256).beyond_share
 
 
-def studied_shares(stroke: tuple[float, float], gap: float) -> list[Share]:
-    """Measure that share for designs along l + b = 0.7 m."""
-    return [beyond_share(Geometry(length, round(STUDIED_SUM - length, 9), stroke, gap))
+def studied_designs(stroke: tuple[float, float], gap: float) -> list[Geometry]:
+    """Return designs along l + b = 0.7 m."""
+    return [Geometry(length, round(STUDIED_SUM - length, 9), stroke, gap)
             for length in STUDIED_LENGTHS]
 
 

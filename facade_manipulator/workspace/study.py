@@ -12,7 +12,9 @@ from contextlib import ExitStack
 from dataclasses import asdict, fields
 from pathlib import Path
 import sys
-from typing import Any
+from typing import NamedTuple
+
+from rich.console import Console
 
 from facade_manipulator.errors import (
     LimitError,
@@ -23,16 +25,17 @@ from facade_manipulator.errors import (
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.parameters import METADATA_KEY
+from facade_manipulator.workspace import report
 from facade_manipulator.workspace.accuracy import DriveTrain, worth_rows
 from facade_manipulator.workspace.limits import theta_max, x_interval
 from facade_manipulator.workspace.objectives import OBJECTIVES, Requirements
 from facade_manipulator.workspace.optimise import optimise, sweep_size
 from facade_manipulator.workspace.output import folder, json_file
-from facade_manipulator.workspace.progress import ProgressBar
+from facade_manipulator.workspace.progress import progress_bar
 from facade_manipulator.workspace.section import section_bounds
-from facade_manipulator.workspace.singularities import beyond_share, studied_shares
+from facade_manipulator.workspace.singularities import beyond_share, studied_designs
 from facade_manipulator.workspace.summary import summarise
-from facade_manipulator.workspace.table2 import as_json, STROKE_LENGTH, table2
+from facade_manipulator.workspace.table2 import STROKE_LENGTH, table2
 
 REPORT = Path('workspace_report')
 BAD_INPUT = 2
@@ -79,79 +82,90 @@ def _run(options: argparse.Namespace) -> None:
         parts, options.figures = list(PARTS), REPORT
         options.optimise = []
         options.json = options.json or REPORT / 'study.json'
-    geometry, need = _geometry(options), _requirements(options)
+    of = _Inputs(options, _geometry(options), _requirements(options))
     with ExitStack() as stack:
         draft = stack.enter_context(folder(options.figures)) if options.figures else None
         content = stack.enter_context(json_file(options.json)) if options.json else {}
-        content['inputs'] = {**asdict(geometry), 'threshold': need.threshold,
-                             'characteristic_length': need.characteristic_length}
+        content['inputs'] = {**asdict(of.geometry), 'threshold': of.need.threshold,
+                             'characteristic_length': of.need.characteristic_length}
+        # Wide enough for every column where the output is no terminal.
+        console = Console(width=None if sys.stdout.isatty() else 120)
         for name in parts:
-            key, data, table = PARTS[name](options, geometry, need)
-            content[key] = data
-            _print(table)
+            key, content[key], table = PARTS[name](of)
+            console.print(table)
         if draft:
-            _draw(draft, geometry, need, _drive_train(options))
-    _say_where(options)
+            _draw(draft, of)
+    if options.figures:
+        print(f'figures are in {options.figures}/')
+    if options.json:
+        print(f'numbers are in {options.json}')
 
 
-def _table2_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
-    from facade_manipulator.workspace.report import table2_table
+class _Inputs(NamedTuple):
+    """What every part works with."""
 
-    stroke_length = geometry.stroke_length if options.stroke else STROKE_LENGTH
+    options: argparse.Namespace
+    geometry: Geometry
+    need: Requirements
+
+    @property
+    def train(self) -> DriveTrain:
+        """What --accuracy assumes."""
+        return DriveTrain(**{
+            item.name: getattr(self.options, item.name) for item in fields(DriveTrain)})
+
+    def title(self, what: str) -> str:
+        """Return a title with the lengths of the design."""
+        of = self.geometry
+        return (f'{what} of l = {of.link_length * 1e3:g} mm, '
+                f'b = {of.platform_half_length * 1e3:g} mm, '
+                f'Q = {of.stroke_length * 1e3:g} mm, gap {of.carriage_gap * 1e3:g} mm')
+
+
+def _table2_part(of: _Inputs) -> tuple:
+    stroke_length = of.geometry.stroke_length if of.options.stroke else STROKE_LENGTH
     rows = table2(stroke_length)
-    return 'table2', as_json(rows), table2_table(rows, stroke_length)
+    return 'table2', rows, report.table2_table(rows, stroke_length)
 
 
-def _summary_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
-    from facade_manipulator.workspace.report import summary_table
-
-    summary = summarise(geometry, need.threshold, need.characteristic_length)
-    return 'summary', summary, summary_table(summary, _title('Workspace', geometry))
+def _summary_part(of: _Inputs) -> tuple:
+    summary = summarise(of.geometry, of.need.threshold, of.need.characteristic_length)
+    return 'summary', summary, report.summary_table(summary, of.title('Workspace'))
 
 
-def _ranges_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
-    from facade_manipulator.workspace.report import ranges_table
-
-    rows = [_range(geometry, y) for y in options.y or _distances(geometry)]
-    return 'ranges', rows, ranges_table(rows, _title('Ranges', geometry))
+def _ranges_part(of: _Inputs) -> tuple:
+    rows = [_range(of.geometry, y) for y in of.options.y or _distances(of.geometry)]
+    return 'ranges', rows, report.ranges_table(rows, of.title('Ranges'))
 
 
-def _singularity_part(
-    options: argparse.Namespace, geometry: Geometry, need: Requirements
-) -> tuple:
-    from facade_manipulator.workspace.report import singularity_table
-
-    chosen = options.l is not None or options.b is not None
-    shares = [beyond_share(geometry)] if chosen else studied_shares(
-        geometry.stroke, geometry.carriage_gap)
-    rows = [{'l': share.link_length, 'b': share.platform_half_length, 'share': share.share}
-            for share in shares]
-    return 'beyond_parallel_singularity', rows, singularity_table(shares)
+def _singularity_part(of: _Inputs) -> tuple:
+    chosen = of.options.l is not None or of.options.b is not None
+    designs = [of.geometry] if chosen else studied_designs(
+        of.geometry.stroke, of.geometry.carriage_gap)
+    rows = [{'l': design.link_length, 'b': design.platform_half_length,
+             'share': beyond_share(design)} for design in designs]
+    return 'beyond_parallel_singularity', rows, report.singularity_table(rows)
 
 
-def _accuracy_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
-    from facade_manipulator.workspace.report import accuracy_table
-
-    head = mechanism_of(geometry).head
-    distances = options.y or [head(Pose(0.0, y, 0.0)).y for y in _distances(geometry)]
-    rows = worth_rows(geometry, distances, _drive_train(options))
+def _accuracy_part(of: _Inputs) -> tuple:
+    head = mechanism_of(of.geometry).head
+    distances = of.options.y or [head(Pose(0.0, y, 0.0)).y for y in _distances(of.geometry)]
+    rows = worth_rows(of.geometry, distances, of.train)
     if not rows:
         raise ParameterError('the machine reaches none of these y')
-    return 'accuracy', [row._asdict() for row in rows], accuracy_table(
-        rows, _title('Worth at theta = 0', geometry))
+    return 'accuracy', [row._asdict() for row in rows], report.accuracy_table(
+        rows, of.title('Worth at theta = 0'))
 
 
-def _optimise_part(options: argparse.Namespace, geometry: Geometry, need: Requirements) -> tuple:
-    from facade_manipulator.workspace.report import optimum_table
-
+def _optimise_part(of: _Inputs) -> tuple:
     optima = []
-    for objective in options.optimise or OBJECTIVES:
-        with ProgressBar(f'optimise {objective}', sweep_size(objective, need)) as bar:
-            optima.append(optimise(objective, need, bar.tick))
-    return 'optimum', [asdict(optimum) for optimum in optima], optimum_table(optima)
+    for objective in of.options.optimise or OBJECTIVES:
+        with progress_bar(f'optimise {objective}', sweep_size(objective, of.need)) as tick:
+            optima.append(optimise(objective, of.need, tick))
+    return 'optimum', [asdict(optimum) for optimum in optima], report.optimum_table(optima)
 
 
-PARTS: dict[str, Callable[[argparse.Namespace, Geometry, Requirements], tuple]] = {
+PARTS: dict[str, Callable[[_Inputs], tuple]] = {
     'table2': _table2_part,
     'summary': _summary_part,
     'ranges': _ranges_part,
@@ -161,21 +175,15 @@ PARTS: dict[str, Callable[[argparse.Namespace, Geometry, Requirements], tuple]] 
 }
 
 
-def _title(what: str, geometry: Geometry) -> str:
-    return (f'{what} of l = {geometry.link_length * 1e3:g} mm, '
-            f'b = {geometry.platform_half_length * 1e3:g} mm, '
-            f'Q = {geometry.stroke_length * 1e3:g} mm, gap {geometry.carriage_gap * 1e3:g} mm')
-
-
-def _draw(draft: Path, geometry: Geometry, need: Requirements, train: DriveTrain) -> None:
+def _draw(draft: Path, of: _Inputs) -> None:
     from facade_manipulator.workspace.drawing import Study, style
     from facade_manipulator.workspace.figures import FIGURES
 
-    study = Study(geometry, need.threshold, need.characteristic_length, train)
-    with style(), ProgressBar('figures', len(FIGURES)) as bar:
+    study = Study(of.geometry, of.need.threshold, of.need.characteristic_length, of.train)
+    with style(), progress_bar('figures', len(FIGURES)) as tick:
         for name, draw in FIGURES.items():
             draw(study).savefig(draft / name)
-            bar.tick()
+            tick()
 
 
 def _range(geometry: Geometry, y: float) -> dict[str, float]:
@@ -213,10 +221,6 @@ def _geometry(options: argparse.Namespace) -> Geometry:
         _stroke(options.stroke), options.gap)
 
 
-def _drive_train(options: argparse.Namespace) -> DriveTrain:
-    return DriveTrain(**{item.name: getattr(options, item.name) for item in fields(DriveTrain)})
-
-
 def _stroke(values: list[float] | None) -> tuple[float, float]:
     """Return the stroke from its length, about zero, or from its two ends."""
     if not values:
@@ -238,35 +242,19 @@ def _requirements(options: argparse.Namespace) -> Requirements:
         options.min_conditioning, **good)
 
 
-def _print(table: Any) -> None:
-    from rich.console import Console
-
-    # Wide enough for every column where the output is no terminal.
-    Console(width=None if sys.stdout.isatty() else 120).print(table)
-
-
-def _say_where(options: argparse.Namespace) -> None:
-    if options.figures:
-        print(f'figures are in {options.figures}/')
-    if options.json:
-        print(f'numbers are in {options.json}')
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='workspace_study', description=__doc__.strip().splitlines()[0], epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parts = parser.add_argument_group('what to study (everything, if none is given)')
-    parts.add_argument('--table2', action='store_true', default=None,
-                       help='Table 2 of the paper beside its figures')
-    parts.add_argument('--summary', action='store_true', default=None,
-                       help='ranges, areas, volume and shares of one design')
-    parts.add_argument('--ranges', action='store_true', default=None,
-                       help='greatest theta and x over y')
-    parts.add_argument('--accuracy', action='store_true', default=None,
-                       help='error, stiffness, pressing force and ellipses over y')
-    parts.add_argument('--singularity', action='store_true', default=None,
-                       help='share of the workspace beyond N = 0; of one design with --l and --b')
+    for name, text in (
+            ('table2', 'Table 2 of the paper beside its figures'),
+            ('summary', 'ranges, areas, volume and shares of one design'),
+            ('ranges', 'greatest theta and x over y'),
+            ('accuracy', 'error, stiffness, pressing force and ellipses over y'),
+            ('singularity',
+             'share of the workspace beyond N = 0; of one design with --l and --b')):
+        parts.add_argument(f'--{name}', action='store_true', default=None, help=text)
     parts.add_argument('--optimise', nargs='*', metavar='OBJECTIVE',
                        help=f'best l and b for {", ".join(OBJECTIVES)} (all, if none is named)')
     parts.add_argument('--figures', nargs='?', type=Path, const=REPORT, metavar='DIR',

@@ -16,21 +16,9 @@ def summarise(
     geometry: Geometry, threshold: float, characteristic_length: float
 ) -> dict[str, float]:
     """
-    Measure one design.
+    Measure one design, in m, m², m² rad and rad; `report.SUMMARY` says what each number is.
 
-    Returns
-    -------
-    dict
-        ``y_min``, ``y_max`` at θ = 0 [m]; ``theta_max`` over all y before N = 0 [rad];
-        ``area_section``, ``good_area_section``, ``area_union`` [m²]; ``volume``,
-        ``good_volume`` [m² rad]; ``ratio`` and ``beyond_parallel_singularity``, shares of the
-        volume.
-
-    Raises
-    ------
-    ParameterError
-        If the workspace is empty.
-
+    Raises a ParameterError if the workspace is empty.
     """
     design = (geometry.link_length, geometry.platform_half_length, geometry.stroke_length,
               geometry.carriage_gap)

@@ -29,15 +29,6 @@ class PaperRow(NamedTuple):
     good_area: float
 
 
-class Row(NamedTuple):
-    """A row as computed: good-condition ratio, section θ = 0 and union over θ [m²]."""
-
-    paper: PaperRow
-    ratio: float
-    area_section: float
-    area_union: float
-
-
 PAPER = (
     PaperRow(0.150, 0.550, 0.025, 0.788, 0.020),
     PaperRow(0.200, 0.500, 0.080, 0.803, 0.064),
@@ -52,14 +43,9 @@ def case_geometry(length: float, half: float, stroke_length: float = STROKE_LENG
     return Geometry(length, half, (-0.5 * stroke_length, 0.5 * stroke_length), 0.0)
 
 
-def table2(stroke_length: float = STROKE_LENGTH) -> list[Row]:
+def table2(stroke_length: float = STROKE_LENGTH) -> list[dict]:
     """
-    Compute every row of Table 2.
-
-    Parameters
-    ----------
-    stroke_length : float
-        Q [m], common to all rows.
+    Compute every row of Table 2 for a common Q [m], as JSON wants it: lengths in m, areas in m².
 
     References
     ----------
@@ -69,19 +55,11 @@ def table2(stroke_length: float = STROKE_LENGTH) -> list[Row]:
     return [_row(paper, stroke_length) for paper in PAPER]
 
 
-def _row(paper: PaperRow, stroke_length: float) -> Row:
+def _row(paper: PaperRow, stroke_length: float) -> dict:
     length, half = paper.link_length, paper.platform_half_length
     geometry = case_geometry(length, half, stroke_length)
-    return Row(
-        paper, count_poses(geometry).ratio,
-        float(section_area(length, half, stroke_length, 0.0)), union_area(geometry))
-
-
-def as_json(rows: list[Row]) -> list[dict]:
-    """Rows as JSON wants them, lengths in m and areas in m²."""
-    return [{
-        'l': row.paper.link_length, 'b': row.paper.platform_half_length,
-        'ratio': row.ratio, 'area_section': row.area_section, 'area_union': row.area_union,
-        'paper': {'area': row.paper.area, 'ratio': row.paper.ratio,
-                  'good_area': row.paper.good_area},
-    } for row in rows]
+    return {
+        'l': length, 'b': half, 'ratio': count_poses(geometry).ratio,
+        'area_section': float(section_area(length, half, stroke_length, 0.0)),
+        'area_union': union_area(geometry),
+        'paper': {'area': paper.area, 'ratio': paper.ratio, 'good_area': paper.good_area}}

@@ -152,13 +152,14 @@ def test_a_folder_keeps_what_it_had_when_the_study_fails(tmp_path):
 
 
 def test_the_bar_appears_only_when_the_work_is_long(monkeypatch, capsys):
-    with progress.ProgressBar('quick', 2) as bar:
-        bar.tick()
-        assert bar._bar is None
+    monkeypatch.setenv('FORCE_COLOR', '1')  # as on a terminal
+    with progress.progress_bar('quick', 2) as tick:
+        tick()
+    assert capsys.readouterr().err == ''
     monkeypatch.setattr(progress, 'PATIENCE', -1.0)
-    with progress.ProgressBar('long', 2) as bar:
-        bar.tick(2)
-        assert bar._bar is not None
+    with progress.progress_bar('long', 2) as tick:
+        tick(2)
+    assert 'long' in capsys.readouterr().err
 
 
 def test_an_interrupted_study_says_so_and_writes_nothing(tmp_path, monkeypatch, capsys):

@@ -69,12 +69,12 @@ def test_the_section_of_the_design_begins_at_the_order_and_ends_at_the_reach():
 @pytest.mark.parametrize(('length', 'percent'), [(0.15, 48.0), (0.34, 26.0)])
 def test_the_share_beyond_n_is_that_of_the_design_page(length, percent):
     share = beyond_share(Geometry(length, 0.7 - length, (-0.5, 0.5), 0.0))
-    assert 100.0 * share.share == pytest.approx(percent, abs=0.5)
+    assert 100.0 * share == pytest.approx(percent, abs=0.5)
 
 
 @pytest.mark.parametrize('length', [0.35, 0.352, 0.4])
 def test_links_as_long_as_b_never_pass_n(length):
-    share = beyond_share(Geometry(length, 0.7 - length, (-0.5, 0.5), 0.0)).share
+    share = beyond_share(Geometry(length, 0.7 - length, (-0.5, 0.5), 0.0))
     assert share == pytest.approx(0.0, abs=1e-12)
 
 
