@@ -11,7 +11,9 @@ from pathlib import Path
 
 import matplotlib
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 import numpy as np
 
 TITLES = ('x, along the wall [mm]', 'y, to the wall [mm]', 'θ, yaw [°]')
@@ -126,7 +128,7 @@ def draw_force(
     if desired is not None:
         panel.axhline(desired, color=GOAL, ls='--', lw=1.0, label='desired')
     panel.set_ylim(bottom=0.0)
-    label(panel, 'time [s]', 'force on the wall [N]')
+    label(panel, 'time [s]', 'force [N]')
 
 
 def draw_gondola(panel: Axes, times: np.ndarray, rails: np.ndarray) -> None:
@@ -137,7 +139,8 @@ def draw_gondola(panel: Axes, times: np.ndarray, rails: np.ndarray) -> None:
     yaw.plot(times, np.degrees(rails[:, 2]), color=GOAL, lw=1.0)
     panel.plot([], [], color=GOAL, lw=1.0, label='its yaw (right)')
     yaw.set_ylabel('yaw [°]')
-    panel.legend(loc='upper right', ncols=3, fontsize=8)
+    panel.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8,
+                 frameon=False)
     label(panel, 'time [s]', 'gondola [mm]')
 
 
@@ -147,6 +150,12 @@ def label(panel: Axes, x: str, y: str) -> None:
     panel.set_ylabel(y)
     panel.grid(alpha=0.3)
     panel.margins(x=0.01)
+
+
+def plain_ticks(axis: Axis) -> None:
+    """Show 0.1, 0.3, 1 and so on along a logarithmic axis, and no powers of ten."""
+    axis.set(major_locator=LogLocator(subs=(1.0, 3.0)), major_formatter='{x:g}',
+             minor_locator=NullLocator())
 
 
 def save(figure: Figure, path: Path) -> None:

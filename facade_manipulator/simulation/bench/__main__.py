@@ -1,15 +1,15 @@
 """
 Bench of the compensation: every scenario in a closed loop, beside plain and ideal predictions.
 
-Run it by ``python -m facade_manipulator.simulation.bench.__main__``. It prints a table and writes
-compensation.json, a picture of each scenario, one of the sweep and one of the force that
-a gondola can press with.
+Run it by ``python -m facade_manipulator.simulation.bench``. It prints tables and writes
+compensation.json, a picture of each scenario, one of what each prediction leaves, one of the sweep
+and one of the force that a gondola can press with.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 import json
 import math
@@ -21,16 +21,26 @@ import numpy as np
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.simulation.bench.pictures import (
-    draw_forces,
-    draw_models,
-    draw_scenario,
-    draw_sweep,
+from facade_manipulator.prediction import DisturbancePredictor
+from facade_manipulator.simulation.bench.comparison import (
+    BEFORE,
+    draw_comparison,
+    figures,
+    LEARNT,
+    PREDICTIONS,
+    rows,
+    WITHOUT_ANY,
 )
-from facade_manipulator.simulation.bench.plain import AccelerationPrediction, HeldPrediction
+from facade_manipulator.simulation.bench.pictures import draw_forces, draw_scenario, draw_sweep
+from facade_manipulator.simulation.bench.plain import (
+    AccelerationPrediction,
+    HeldPrediction,
+    HORIZON,
+)
 from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, LoopStep
 from facade_manipulator.simulation.facade import Facade
-from facade_manipulator.simulation.oracle import law, OraclePrediction
+from facade_manipulator.simulation.oracle import KnownDisturbance, limits
+from facade_manipulator.simulation.pictures import TITLES
 from facade_manipulator.simulation.scenario import (
     load_scenario,
     Motion,
@@ -46,23 +56,40 @@ CLEARANCE = 0.02  # m, from the wall at the start
 SWEEP = (0.05, 0.08, 0.12, 0.2, 0.3, 0.5, 0.8, 1.2, 1.6, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0)
 SWEEP_AMPLITUDE = Pose(0.01, 0.01, math.radians(1.0))
 SWEEP_DURATION = 30.0
-PLAIN = {
-    'ratio_constant_acceleration': AccelerationPrediction,
-    'ratio_without_prediction': HeldPrediction,
-}
-ORACLE = 'ratio_oracle'  # where the law of the disturbance is known
+PLAIN = {'acceleration': AccelerationPrediction, 'held': HeldPrediction}
 
 
 class Run(NamedTuple):
-    """One run: the loop after it, and every cycle."""
+    """One run: the loop after it, every cycle, and what was expected one horizon ahead."""
 
     loop: ClosedLoop
     steps: list[LoopStep]
+    expected: dict[float, tuple]
+
+    def go_on(self, duration: float) -> None:
+        """Run for a time [s]."""
+        predictor = self.loop.compensator.correction.predictor
+        for _ in range(round(duration / self.loop.settings.period)):
+            self.steps.append(self.loop.step())
+            if isinstance(predictor, DisturbancePredictor) and predictor.stamp is not None:
+                time = predictor.stamp + HORIZON
+                self.expected[time] = (
+                    *predictor.predict(time).position, *predictor.deviations(time))
+
+    def within(self) -> list[float]:
+        """Return the share of the prediction's errors within two of its standard deviations."""
+        times, expected = np.array(list(self.expected)), np.array(list(self.expected.values()))
+        came = [step.sample.time for step in self.steps]
+        settled = np.interp(times, came, [step.sample.settled for step in self.steps]) == 1.0
+        errors = expected[:, :3] - np.column_stack([
+            np.interp(times, came, axis)
+            for axis in zip(*(step.rail for step in self.steps), strict=True)])
+        return (np.abs(errors) < 2.0 * expected[:, 3:])[settled].mean(axis=0).tolist()
 
 
 def run_scenario(
     scenario: Scenario, motion: Motion | None = None,
-    predictor: OraclePrediction | HeldPrediction | None = None,
+    predictor: KnownDisturbance | HeldPrediction | None = None,
     geometry: Geometry | None = None, made: Geometry | None = None,
 ) -> Run:
     """
@@ -78,11 +105,12 @@ def run_scenario(
                       _begin(scenario), made)
     if predictor is not None:
         loop.compensator.correction.predictor = predictor
-    steps = loop.run(HEAD_START)
+    run = Run(loop, [], {})
+    run.go_on(HEAD_START)
     for number in range(math.ceil(mission.duration / mission.goal_period)):
         loop.send_goal(mission.goal(number * mission.goal_period))
-        steps += loop.run(mission.goal_period)
-    return Run(loop, steps)
+        run.go_on(mission.goal_period)
+    return run
 
 
 def _begin(scenario: Scenario) -> Pose:
@@ -100,37 +128,43 @@ def with_seed(scenario: Scenario, seed: int) -> Scenario:
         force_sensor=replace(scenario.force_sensor, seed=seed))
 
 
-def run_models(scenario: Scenario) -> dict[str, Run]:
-    """Run a scenario by the prediction, by plainer ones and by the best there is."""
-    motion, known = scenario.motion(), law(scenario)
-    runs = {'ratio': run_scenario(scenario, motion)}
-    for name, plain in PLAIN.items():
-        runs[name] = run_scenario(scenario, motion, plain())
-    if known is not None:
-        estimator = scenario.estimator
-        runs[ORACLE] = run_scenario(scenario, motion, OraclePrediction(
-            known, 1.0 / estimator.rate, estimator.variances()))
-    return runs
+def run_predictions(scenario: Scenario) -> dict[str, Run]:
+    """Run a scenario by the prediction, by plainer ones and by the best there are."""
+    motion = scenario.motion()
+    others = {name: plain() for name, plain in PLAIN.items()} | limits(scenario, motion)
+    return {name: run_scenario(scenario, motion, predictor)
+            for name, predictor in ({LEARNT: None} | others).items()}
 
 
 def evaluate(scenario: Scenario, seeds: int = 1) -> tuple[dict, Run]:
-    """Return what the report says of a scenario, over seeds, and the first run it is about."""
+    """
+    Return what the report says of a scenario, over seeds, and the first run it is about.
+
+    ``rms`` is what is left of the disturbance by prediction and axis [m, m, rad]; an axis along
+    which the head presses has none.
+    """
     first = scenario.wind.seed
-    trials = [run_models(with_seed(scenario, first + number)) for number in range(seeds)]
-    best = trials[0]['ratio']
-    reports = {
-        name: _together([runs[name].loop.wall.report()['axes'] for runs in trials])
-        for name in trials[0]}
-    pressing = dict(zip(AXES, (False, *(
-        part.enabled for part in (
-            scenario.compensator.impedance, scenario.compensator.yaw_impedance))), strict=True))
-    result = {
-        axis: None if pressing[axis] else _axis(axis, reports) for axis in AXES}
+    trials = [run_predictions(with_seed(scenario, first + number)) for number in range(seeds)]
+    compensator, run = scenario.compensator, trials[0][LEARNT]
+    free = (True, not compensator.impedance.enabled, not compensator.yaw_impedance.enabled)
+    reports = {name: [runs[name].loop.wall.report()['axes'] for runs in trials]
+               for name in trials[0]}
+    rms = {WITHOUT_ANY: _together(reports[LEARNT], 'disturbance_rms', free)}
+    rms |= {name: _together(axes, 'residual_rms', free) for name, axes in reports.items()}
     return {
-        **result, 'contact_force': _contact(scenario, best.steps),
-        'max_step': largest_step(best.steps), 'rejections': len(best.loop.rejections),
-        'brakes': best.loop.follower.brakes,
-    }, best
+        'rms': rms, 'within_two_deviations': np.mean(
+            [runs[LEARNT].within() for runs in trials], axis=0).tolist(),
+        'contact_force': _contact(scenario, run.steps),
+        'max_step': largest_step(run.steps), 'rejections': len(run.loop.rejections),
+        'brakes': run.loop.follower.brakes,
+    }, run
+
+
+def _together(reports: list[dict], name: str, free: Iterable[bool]) -> list[float | None]:
+    """Return the root mean squares of several reports along the axes that are free."""
+    return [
+        math.sqrt(sum(report[axis][name] ** 2 for report in reports) / len(reports))
+        if counts else None for axis, counts in zip(AXES, free, strict=True)]
 
 
 def largest_step(steps: list[LoopStep]) -> dict[str, float]:
@@ -156,27 +190,9 @@ def _sweep_at(frequency: float) -> dict:
     wall = replace(base.wall, settling_time=10.0)
     run = run_scenario(
         base._replace(mission=mission, wall=wall), Sway(SwaySettings(**sines)).at)
-    report = run.loop.wall.report()['axes']
-    ratios = {axis: _ratio(report[axis]) for axis in AXES}
+    ratios = {axis: report['residual_rms'] / report['disturbance_rms']
+              for axis, report in run.loop.wall.report()['axes'].items()}
     return {'frequency_hz': frequency, 'ratio': max(ratios.values()), **ratios}
-
-
-def _together(reports: list[dict]) -> dict[str, dict]:
-    """Return the root mean squares of several reports."""
-    return {axis: {
-        name: math.sqrt(sum(report[axis][name] ** 2 for report in reports) / len(reports))
-        for name in ('residual_rms', 'disturbance_rms')} for axis in AXES}
-
-
-def _axis(axis: str, reports: dict[str, dict]) -> dict:
-    report = reports['ratio'][axis]
-    return {
-        'disturbance_rms': report['disturbance_rms'], 'residual_rms': report['residual_rms'],
-        **{name: _ratio(each[axis]) for name, each in reports.items()}}
-
-
-def _ratio(report: dict) -> float:
-    return report['residual_rms'] / report['disturbance_rms']
 
 
 def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
@@ -201,33 +217,36 @@ def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
 
 def table(results: dict) -> Iterator[str]:
     """Yield the lines that a person reads."""
-    yield (f'{"scenario":26}{"axis":7}{"disturbance":>13}{"residual":>10}{"ratio":>8}'
-           f'{"acceleration":>14}{"none":>8}{"oracle":>9}   (RMS, ratios by prediction)')
+    yield f'Left of the disturbance, {" / ".join(AXES)}, RMS; errors within two deviations'
+    shown = [name for name in PREDICTIONS if name != WITHOUT_ANY and any(
+        name in result['rms'] for result in results['scenarios'].values())]
+    yield from rows(
+        ('scenario', f'disturbance [{", ".join(UNITS)}]',
+         *(f'{PREDICTIONS[name][0]} [%]' for name in shown), 'within 2 σ [%]'),
+        ((name, figures(result['rms'][WITHOUT_ANY], SCALES),
+          *(figures(shares(result['rms'], model)) for model in shown),
+          figures(result['within_two_deviations'], 3 * (100.0,)))
+         for name, result in results['scenarios'].items()))
     for name, result in results['scenarios'].items():
-        for axis in AXES:
-            if result[axis] is not None:
-                yield f'{name:26}{axis:7}' + _cells(axis, result[axis])
-        if result['contact_force']:
-            force = result['contact_force']
+        step, force = result['max_step'], result['contact_force']
+        yield (f'{name:26}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
+               f'{step["theta_deg"]:.3f}° in one cycle at most')
+        if force:
             yield (f'{name:26}force  {force["desired"]:9.1f} N {force["rms_error"]:8.2f} N'
                    f'{100 * force["rms_error_ratio"]:7.2f}%  {force["least"]:.1f} to '
                    f'{force["most"]:.1f} N, off the wall '
                    f'{100 * force["share_off_the_wall"]:.2g} %')
             yield (f'{name:26}gondola  pushed back {force["push_back_mm"]:.1f} mm, yaw '
                    f'{force["most_yaw_deg"]:.2f}° at most')
-        step = result['max_step']
-        yield (f'{name:26}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
-               f'{step["theta_deg"]:.3f}° in one cycle at most')
     yield 'sweep: ' + '  '.join(
         f'{item["frequency_hz"]:g} Hz {100 * item["ratio"]:.0f}%' for item in results['sweep'])
 
 
-def _cells(axis: str, result: dict) -> str:
-    scale, unit = getattr(SCALES, axis), getattr(UNITS, axis)
-    return (f'{scale * result["disturbance_rms"]:9.3f} {unit:3}'
-            f'{scale * result["residual_rms"]:7.3f} {unit:3}' + ''.join(
-                f'{100 * result[name]:{width}.2f}%' if name in result else ''
-                for name, width in zip(('ratio', *PLAIN, ORACLE), (6, 13, 7, 8), strict=True)))
+def shares(rms: dict[str, list], name: str) -> list[float | None] | None:
+    """Return what a prediction leaves in percent of the disturbance, None if it was not run."""
+    return None if name not in rms else [
+        None if whole is None else 100.0 * part / whole
+        for part, whole in zip(rms[name], rms[WITHOUT_ANY], strict=True)]
 
 
 def _report(output: Path, name: str, scenario: Scenario, seeds: int) -> dict:
@@ -239,11 +258,18 @@ def _report(output: Path, name: str, scenario: Scenario, seeds: int) -> dict:
     return result
 
 
+def put_beside(results: dict, before: dict) -> None:
+    """Put what an earlier report says of the same scenarios beside."""
+    for name in results['scenarios'].keys() & before['scenarios'].keys():
+        results['scenarios'][name]['rms'][BEFORE] = before['scenarios'][name]['rms'][LEARNT]
+
+
 def main(args: list[str] | None = None) -> int:
     """Run the bench; return the exit status."""
     parser = argparse.ArgumentParser(prog='bench', description=__doc__.splitlines()[1])
     parser.add_argument('--scenario', action='append', help='a name or a file; all without it')
     parser.add_argument('--seeds', type=int, default=1, help='of gusts and noise, together')
+    parser.add_argument('--before', type=Path, help='a compensation.json to be put beside')
     parser.add_argument('--output', default='bench_report', help='folder of the report')
     options = parser.parse_args(args)
     try:
@@ -254,14 +280,18 @@ def main(args: list[str] | None = None) -> int:
         results = {'scenarios': {
             name: _report(output, Path(name).stem, scenario, options.seeds)
             for name, scenario in scenarios.items()}, 'sweep': sweep()}
-    except ManipulatorError as error:
+        if options.before:
+            put_beside(results, json.loads(options.before.read_text()))
+    except (ManipulatorError, OSError, ValueError) as error:
         print(error, file=sys.stderr)
         return 2
     draw_sweep(output / 'sweep.png', results['sweep'])
     draw_forces(output / 'forces.png')
-    draw_models(output / 'models.png', results['scenarios'], {
-        'learnt continuation': 'ratio', 'constant acceleration': 'ratio_constant_acceleration',
-        'oracle': ORACLE})
+    draw_comparison(output / 'predictions.png', {
+        name: {key: [part and scale * part for part, scale in zip(rms, SCALES, strict=True)]
+               for key, rms in result['rms'].items()}
+        for name, result in results['scenarios'].items()}, TITLES,
+        'Error of the head on the wall by prediction (RMS)')
     (output / 'compensation.json').write_text(json.dumps(results, indent=2) + '\n')
     print(*table(results), sep='\n')
     return 0

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
-from matplotlib.ticker import LogLocator, NullLocator
 import numpy as np
 
 from facade_manipulator.compensation import SuspensionSettings
@@ -26,6 +25,7 @@ from facade_manipulator.simulation.pictures import (
     draw_path,
     draw_spectra,
     label,
+    plain_ticks,
     save,
     TITLES,
     WITH,
@@ -87,6 +87,8 @@ def draw_sweep(path: Path, sweep: Sequence[dict]) -> None:
     for axis, title in zip(AXES, TITLES, strict=True):
         panel.loglog(frequencies, [100.0 * item[axis] for item in sweep], marker='o', ms=4,
                      label=title.split(' [')[0])
+    plain_ticks(panel.xaxis)
+    plain_ticks(panel.yaxis)
     panel.axhline(100.0, color=WITHOUT, ls='--', lw=1.0)
     panel.legend()
     label(panel, 'frequency [Hz]', 'residual [% of the disturbance, RMS]')
@@ -105,6 +107,8 @@ def draw_forces(path: Path) -> None:
             for length in lengths]
         panel.loglog(lengths, forces, label=(
             f'guide {stiffness:g} N/m at ±{lever:g} m' if stiffness else 'no guide'))
+    plain_ticks(panel.xaxis)
+    plain_ticks(panel.yaxis)
     panel.axhline(30.0, color=WITHOUT, ls='--', lw=1.0)
     panel.legend()
     label(panel, 'free length of the cables [m]', 'force on the wall [N]')
@@ -118,25 +122,6 @@ def _most_force(suspension: SuspensionSettings) -> float:
                math.radians(YAW) / suspension.yaw(1.0, BESIDE))
 
 
-def draw_models(path: Path, scenarios: dict[str, dict], models: dict[str, str]) -> None:
-    """Draw the residual of every scenario by the model of the prediction."""
-    figure = Figure(figsize=(13, 5), layout='constrained')
-    for panel, axis, title, scale in zip(
-            figure.subplots(1, 3), AXES, TITLES, SCALES, strict=True):
-        for text, key in models.items():
-            found = {name: result[axis] for name, result in scenarios.items()
-                     if result[axis] is not None and key in result[axis]}
-            panel.semilogx(
-                [scale * each['disturbance_rms'] * each[key] for each in found.values()],
-                list(found), 'o', label=text)
-        panel.xaxis.set(major_locator=LogLocator(subs=(1.0, 2.0, 5.0)),
-                        major_formatter='{x:g}', minor_locator=NullLocator())
-        label(panel, title, '')
-    figure.axes[0].legend(fontsize=8)
-    figure.suptitle('Residual (RMS) by prediction')
-    save(figure, path)
-
-
 def _draw_hold(
     figure: Figure, place: SubplotSpec, times: np.ndarray, steps: Sequence[LoopStep],
     pressed: float | None,
@@ -146,7 +131,9 @@ def _draw_hold(
         saturation_error = [1e3 * step.corrected.saturation_error.x for step in steps]
         panel = figure.add_subplot(place)
         panel.plot(times, saturation_error, color=WITH, lw=1.0)
-        label(panel, 'time [s]', 'x held back at the workspace limit [mm]')
+        most = 1.05 * max(1.0, *map(abs, saturation_error))
+        panel.set_ylim(-most, most)
+        label(panel, 'time [s]', 'held back of x [mm]')
         return
     forces = np.array([Facade.force_on_wall(step.sample.head, step.wrench) for step in steps])
     force, gondola = place.subgridspec(2, 1).subplots(sharex=True)

@@ -36,9 +36,6 @@ class HeldPrediction:
                 for v, new, old in zip(self._velocity, values, self._position, strict=True)))
         self.stamp, self._position = stamp, values
 
-    def deviations(self, time: float) -> None:
-        """Return None: how far off it may be is not known."""
-
     def predict(self, time: float) -> MotionState:
         """Return where the disturbance was one horizon before a time [s], as far as seen."""
         late = time - HORIZON - self.stamp
