@@ -3,6 +3,7 @@
 .PHONY: help setup bench bench-vcan bench-compensation bench-calibration demo check test soak soak-prediction stopping study docs lint clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
+unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
 IN_VENV := . .venv/environment;
 
 help:  ## Show the targets

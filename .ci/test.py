@@ -23,6 +23,7 @@ INTERRUPTED, NOTHING_SELECTED = 2, 5  # exit statuses of pytest
 LEAST_URGENT = 19  # SCHED_IDLE would wait for strangers as well
 ON_EVERY_PROCESSOR = ('--numprocesses=auto', '--dist=worksteal')
 sys.path.insert(0, str(TOP / 'test' / 'socketcan'))
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # for there is a process for each processor
 
 import guest  # noqa: E402
 import vcan  # noqa: E402

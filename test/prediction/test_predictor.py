@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 import math
 
 from hypothesis import given
@@ -35,10 +36,14 @@ def sines(axes):
             for amplitude, frequency, phase in parts) for parts in axes])
 
 
+@cache
+def gondola(seed, speed, cable):
+    return Gondola(
+        GondolaSettings(cable_length=cable), WindSettings(mean_speed=speed, seed=seed))
+
+
 def gusts(seed, speed=4.0, cable=30.0):
-    gondola = Gondola(GondolaSettings(cable_length=cable),
-                      WindSettings(mean_speed=speed, seed=seed))
-    return lambda time: np.array(gondola.at(time))
+    return lambda time: np.array(gondola(seed, speed, cable).at(time))
 
 
 def still(_):
