@@ -7,9 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from facade_manipulator.calibration.estimator_fit import DEFAULT, SOUGHT
-from facade_manipulator.calibration.geometry_fit import AXES
 from facade_manipulator.calibration.recorded import HEAD_ON_WALL
-from facade_manipulator.calibration.unknowns import UNKNOWNS
+from facade_manipulator.calibration.unknowns import AXES, UNKNOWNS
 
 Run = Callable[[argparse.Namespace], None]
 DESCRIPTION = (

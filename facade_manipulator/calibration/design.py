@@ -50,11 +50,7 @@ def candidates(geometry: Geometry) -> np.ndarray:
     """
     Return carriage positions all over the permitted workspace, shape (n, 3) [m].
 
-    Raises
-    ------
-    CalibrationError
-        If there are none.
-
+    Raises a CalibrationError if there are none.
     """
     least, greatest = geometry.stroke
     try:
@@ -90,22 +86,7 @@ def information(
 
 
 def choose(rows: np.ndarray, count: int) -> list[int]:
-    """
-    Choose poses by their information, greedily and then by exchange (Fedorov).
-
-    Parameters
-    ----------
-    rows : ndarray, shape (n, k, m)
-        As `information` returns it.
-    count : int
-        How many poses.
-
-    Returns
-    -------
-    list of int
-        Different rows.
-
-    """
+    """Choose rows of `information`, all different, greedily and then by exchange (Fedorov)."""
     total, chosen = np.eye(rows.shape[2]), []
     for _ in range(min(count, len(rows))):
         chosen.append(_best(rows, total, chosen))
@@ -138,15 +119,7 @@ def plan(
     Choose carriage positions to measure at, in an order of short ways, shape (count, 3) [m].
 
     Where backlash is looked for, a fourth column has the direction to arrive in, as `heads` takes
-    it.
-
-    Raises
-    ------
-    ParameterError
-        If none are wanted.
-    CalibrationError
-        If the geometry permits too few.
-
+    it. Raises a ParameterError if none are wanted, a CalibrationError if too few are permitted.
     """
     if count < 1:
         raise ParameterError(f'{count} poses are none to plan: at least 1')

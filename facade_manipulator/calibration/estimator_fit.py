@@ -15,34 +15,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.calibration.geometry_fit import AXES, FAR, HUBER
-from facade_manipulator.calibration.unknowns import heads
+from facade_manipulator.calibration.geometry_fit import FAR, HUBER
+from facade_manipulator.calibration.unknowns import AXES, heads, UNITS
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.prediction import EstimateSettings
 
 
 class Sought(NamedTuple):
-    """
-    A number that may be looked for.
-
-    Parameters
-    ----------
-    words, unit : str
-    factor : float
-        From SI to that unit.
-    accepted : float
-        Greatest standard deviation: known no better, it has not been found [m, rad or s].
-    tolerance : float
-        What is known without a recording [m, rad or s].
-
-    """
+    """A number that may be looked for."""
 
     words: str
     unit: str
-    factor: float
-    accepted: float
-    tolerance: float
+    factor: float  # from SI to that unit
+    accepted: float  # deviation: known no better, it has not been found [m, rad or s]
+    tolerance: float  # what is known without a recording [m, rad or s]
 
 
 DEGREES = 180.0 / np.pi
@@ -57,7 +44,6 @@ DEFAULT = ('x', 'y', 'yaw', 'delay')
 # after these, x and y of the second measurement's origin and the turn of its axes
 TOLERANCES = np.array([*(one.tolerance for one in SOUGHT.values()), 10.0, 10.0, 1.0])
 DELAY, AXIS_TURN, ORIGIN, TURN = 3, 4, [5, 6], 7
-UNITS = (('mm', 1e3), ('mm', 1e3), ('deg', DEGREES))
 SMOOTHING = 0.3  # s, well below a period of any gondola
 LONGEST_GAP = 1.0  # s
 LEAST_OVERLAP = 20.0  # s
@@ -69,46 +55,20 @@ Curve = Callable[[np.ndarray], np.ndarray]
 
 
 class EstimatorRecording(NamedTuple):
-    """
-    What a fit is made of; the first column of each is the stamp [s].
+    """What a fit is made of, each of shape (n, 4); the first column of each is the stamp [s]."""
 
-    Parameters
-    ----------
-    disturbance : ndarray, shape (n, 4)
-        As published: x, y, θ [m, m, rad].
-    joints : ndarray, shape (k, 4)
-        Positions of the carriages [m].
-    wall : ndarray, shape (m, 4)
-        The head on the wall: x, y, θ [m, m, rad]; NaN where not measured.
-
-    """
-
-    disturbance: np.ndarray
-    joints: np.ndarray
-    wall: np.ndarray
+    disturbance: np.ndarray  # as published: x, y, θ [m, m, rad]
+    joints: np.ndarray  # positions of the carriages [m]
+    wall: np.ndarray  # the head on the wall: x, y, θ [m, m, rad]; NaN where not measured
 
 
 class EstimatorFit(NamedTuple):
-    """
-    What was found.
+    """What was found."""
 
-    Parameters
-    ----------
-    settings : EstimateSettings
-        With what was found; the rest is as it was.
-    deviations : dict
-        Standard deviation of each number that was looked for [m, rad or s], by its name.
-    turn : float
-        Angle from the axes of `facade` to those of the second measurement [rad].
-    residual : ndarray, shape (3,)
-        RMS of what remains on the wall; NaN where not measured.
-
-    """
-
-    settings: EstimateSettings
-    deviations: dict[str, float]
-    turn: float
-    residual: np.ndarray
+    settings: EstimateSettings  # with what was found; the rest is as it was
+    deviations: dict[str, float]  # of each number that was looked for [m, rad or s], by name
+    turn: float  # from the axes of `facade` to those of the second measurement [rad]
+    residual: np.ndarray  # RMS of what remains on the wall, shape (3,); NaN where not measured
 
     @property
     def values(self) -> dict[str, float]:
@@ -122,25 +82,11 @@ def fit_estimator(
     present: EstimateSettings | None = None,
 ) -> EstimatorFit:
     """
-    Find mounting, delay and axes of an estimator.
+    Find mounting, delay and axes of an estimator on a machine whose geometry is calibrated.
 
-    Parameters
-    ----------
-    geometry : Geometry
-        Of the machine, calibrated.
-    recording : EstimatorRecording
-    find : sequence of str
-        Names of `SOUGHT`. With ``'axes'`` the second measurement has the axes of `facade`.
-    present : EstimateSettings, optional
-        What holds for the rest.
-
-    Raises
-    ------
-    ParameterError
-        For a name that is none.
-    CalibrationError
-        If the recording has gaps, is too short or cannot show what is looked for.
-
+    `find` has names of `SOUGHT`; with ``'axes'`` the second measurement has the axes of `facade`.
+    `present` holds for the rest. Raises a ParameterError for a name that is none, a
+    CalibrationError if the recording has gaps, is too short or cannot show what is looked for.
     """
     unknown = [name for name in find if name not in SOUGHT]
     if unknown:
@@ -194,11 +140,7 @@ def _smoothed(disturbance: np.ndarray) -> Curve:
     """
     Return the published disturbance as a smooth function of its stamps.
 
-    Raises
-    ------
-    CalibrationError
-        If it moves no more than its noise: that would look like a motion, and show a delay.
-
+    Raises a CalibrationError if it moves no more than its noise, which would look like a motion.
     """
     from scipy.interpolate import CubicSpline
     from scipy.signal import savgol_coeffs, savgol_filter
@@ -228,35 +170,32 @@ class _Fit(NamedTuple):
 
     def solve(self, present: EstimateSettings) -> EstimatorFit:
         values = np.array([*_present(present), 0.0, 0.0, 0.0])
-        there = np.isfinite(self.wall)
-        counts = np.where(there.any(axis=0), there.sum(axis=0), np.nan)
-        first = np.nan_to_num(np.nansum(self.misses(values), axis=0) / counts)
-        values[ORIGIN] = first[:2]
+        values[ORIGIN] = np.nan_to_num(
+            np.ma.masked_invalid(self.misses(values)).mean(axis=0).filled(0.0)[:2])
         noise = np.full(3, 1e-2)
         for _ in range(2):  # with weights guessed, then with those of the residuals
             values, rates = self._nearest(values, noise)
             remains = self.misses(values)
-            noise = np.maximum(1.4826 * np.nan_to_num([
-                np.median(np.abs(column[seen])) if seen.any() else 0.0
-                for column, seen in zip(remains.T, there.T, strict=True)]), 1e-9)
-        residual = np.sqrt((remains ** 2).sum(axis=0) / counts)
+            noise = np.maximum(
+                1.4826 * np.ma.median(np.abs(remains), axis=0).filled(0.0), 1e-9)
+        residual = np.ma.sqrt((remains ** 2).mean(axis=0)).filled(np.nan)
         _check_agreement(residual, self.published(self.times).std(axis=0))
-        deviations = self._deviations(rates, remains / noise)
+        deviations = self._deviations(rates, (remains / noise).filled(0.0))
         _check_shown(deviations)
         return EstimatorFit(
             _settings(present, values), deviations, float(values[TURN]), residual)
 
-    def misses(self, values: np.ndarray) -> np.ndarray:
-        """Return measured less expected on the wall, shape (m, 3); 0 where not measured."""
+    def misses(self, values: np.ndarray) -> np.ma.MaskedArray:
+        """Return measured less expected on the wall, shape (m, 3); masked where not measured."""
         published = self.published(self.times + values[DELAY])
-        return np.where(
-            np.isfinite(self.wall), self.wall - _expected(values, published, self.head), 0.0)
+        return np.ma.array(self.wall - _expected(values, published, self.head),
+                           mask=~np.isfinite(self.wall))
 
     def _nearest(self, values: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the values that fit best, and the weighed Jacobian in units of tolerances."""
         from scipy.optimize import least_squares
 
-        there, tolerances = np.isfinite(self.wall), TOLERANCES[self.free]
+        tolerances = TOLERANCES[self.free]
 
         def with_free(scaled: np.ndarray) -> np.ndarray:
             changed = values.copy()
@@ -264,7 +203,7 @@ class _Fit(NamedTuple):
             return changed
 
         def residuals(scaled: np.ndarray) -> np.ndarray:
-            weighed = (self.misses(with_free(scaled)) / noise)[there]
+            weighed = (self.misses(with_free(scaled)) / noise).compressed()
             return np.concatenate([np.nan_to_num(weighed, nan=FAR), scaled])
 
         found = least_squares(residuals, values[self.free] / tolerances, loss='huber',

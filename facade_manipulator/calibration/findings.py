@@ -9,19 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.calibration.design import candidates, Noise, spread
-from facade_manipulator.calibration.geometry_fit import (
-    AXES,
-    Identification,
-    identify,
-    Measurements,
-)
-from facade_manipulator.calibration.unknowns import heads, Unknown
+from facade_manipulator.calibration.geometry_fit import Identification, identify, Measurements
+from facade_manipulator.calibration.unknowns import AXES, heads, UNITS, Unknown
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import Geometry
 
 HELD_OUT_EVERY = 4
-DEGREE = np.pi / 180.0
-SHOWN = (('mm', 1e3), ('mm', 1e3), ('deg', 1.0 / DEGREE))
 BLIND = 5.0  # times the noise: a head that is known no better has not been calibrated
 
 
@@ -51,9 +44,7 @@ def cross_check(
 
 def _rms(values: np.ndarray) -> np.ndarray:
     """Return the root mean square of each column's numbers; NaN where it has none."""
-    there = np.isfinite(values)
-    counts = np.where(there.any(axis=0), there.sum(axis=0), np.nan)
-    return np.sqrt(np.nansum(values ** 2, axis=0) / counts)
+    return np.ma.sqrt((np.ma.masked_invalid(values) ** 2).mean(axis=0)).filled(np.nan)
 
 
 def accuracy(
@@ -71,19 +62,14 @@ def check_accuracy(
     """
     Check that all over the workspace the head is known about as well as it was measured.
 
-    Of an axis that was never measured nothing is asked.
-
-    Raises
-    ------
-    CalibrationError
-        Naming what the poses cannot show.
-
+    Of an axis that was never measured nothing is asked. Raises a CalibrationError that names what
+    the poses cannot show.
     """
     measured = np.isfinite(measurements.heads).any(axis=0)
     worst = measured * (accuracy(found, unknowns) / noise.deviations).max(axis=0)
     if worst.max() > BLIND:
         axis = int(np.argmax(worst))
-        unit, factor = SHOWN[axis]
+        unit, factor = UNITS[axis]
         value = worst[axis] * noise.deviations[axis] * factor
         names = ', '.join(dict.fromkeys(sum(found.unidentified, [])))
         raise CalibrationError(
@@ -112,12 +98,12 @@ def report(
         lines += [
             f'{AXES[k]} at {held.count} held-out poses: {held.before[k] * factor:.3f} {unit} '
             f'before, {held.after[k] * factor:.3f} {unit} after'
-            for k, (unit, factor) in enumerate(SHOWN) if np.isfinite(held.before[k])]
+            for k, (unit, factor) in enumerate(UNITS) if np.isfinite(held.before[k])]
     return lines
 
 
 def _value(unknown: Unknown, value: float, deviation: float) -> str:
-    unit, factor = SHOWN[2 if unknown.is_angle else 0]
+    unit, factor = UNITS[2 if unknown.is_angle else 0]
     return (f'{unknown.words:34s} {value * factor:+9.3f} +- {deviation * factor:.3f} {unit}  '
             f'({unknown.name})')
 

@@ -13,11 +13,17 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.calibration.design import information, Noise
-from facade_manipulator.calibration.unknowns import heads, Unknown, values_of, with_values
+from facade_manipulator.calibration.unknowns import (
+    AXES,
+    heads,
+    UNITS,
+    Unknown,
+    values_of,
+    with_values,
+)
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
 
-AXES = ('x', 'y', 'theta')
 EXPLAINED = np.array([0.05, 0.05, 0.1])  # m, m, rad: errors of a machine explain no more
 OUTLIER = 4.5  # standard deviations
 MOST_OUTLIERS = 0.2
@@ -29,20 +35,10 @@ FAR = 1e6
 
 
 class Measurements(NamedTuple):
-    """
-    The head, measured at carriage positions.
+    """The head, measured at carriage positions."""
 
-    Parameters
-    ----------
-    carriages : ndarray, shape (n, 3) or (n, 4)
-        As commanded [m], and in which direction they arrived, as `heads` takes it.
-    heads : ndarray, shape (n, 3)
-        x, y, θ in frame rail [m, m, rad]; NaN where not measured.
-
-    """
-
-    carriages: np.ndarray
-    heads: np.ndarray
+    carriages: np.ndarray  # as commanded, as `heads` takes them, shape (n, 3) or (n, 4)
+    heads: np.ndarray  # in frame rail, shape (n, 3) [m, m, rad]; NaN where not measured
 
     def part(self, rows: np.ndarray | slice) -> Measurements:
         """Return some of the rows."""
@@ -50,45 +46,22 @@ class Measurements(NamedTuple):
 
 
 class Identification(NamedTuple):
-    """
-    A machine found.
+    """A machine found."""
 
-    Parameters
-    ----------
-    geometry : Geometry
-        With the errors found.
-    values : ndarray, shape (m,)
-        Of the unknowns.
-    covariance : ndarray, shape (m, m)
-    scatter : float
-        Residuals over the noise that was stated, 1 where both agree.
-    outliers : list of (int, int)
-        Row and axis of measurements that contradict the others; they were left out.
-    unidentified : list of list of str
-        Groups of unknowns, in words, that the data cannot show, or not apart from each other.
-    observability : float
-        Borm and Menq's index, in units of noise and tolerance.
-
-    """
-
-    geometry: Geometry
-    values: np.ndarray
-    covariance: np.ndarray
-    scatter: float
-    outliers: list[tuple[int, int]]
-    unidentified: list[list[str]]
-    observability: float
+    geometry: Geometry  # with the errors found
+    values: np.ndarray  # of the unknowns, shape (m,)
+    covariance: np.ndarray  # shape (m, m)
+    scatter: float  # residuals over the noise that was stated, 1 where both agree
+    outliers: list[tuple[int, int]]  # row and axis of what contradicts the rest, left out
+    unidentified: list[list[str]]  # groups, in words, not shown by the data or not apart
+    observability: float  # Borm and Menq's index, in units of noise and tolerance
 
 
 def check(geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements) -> None:
     """
     Check that measurements can be those of this machine at all, and are enough.
 
-    Raises
-    ------
-    CalibrationError
-        Naming the row, numbered from 1, and what is wrong with it.
-
+    Raises a CalibrationError that names the row, numbered from 1, and what is wrong with it.
     """
     empty = np.flatnonzero(np.isnan(measurements.heads).all(axis=1))
     if len(empty):
@@ -113,10 +86,11 @@ def check(geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measure
 
 
 def _contradiction(row: int, axis: int, value: float, expected: float) -> str:
-    unit, other, factor = ('m', 'mm', 1e-3) if axis < 2 else ('rad', 'deg', np.pi / 180.0)
+    unit = 'm' if axis < 2 else 'rad'
+    other, factor = UNITS[axis]
     message = (f'row {row + 1}: {AXES[axis]} = {value:g} {unit}, but the head stands near '
                f'{expected:g} {unit}')
-    for meant, is_in in ((value * factor, other), (value / factor, unit)):
+    for meant, is_in in ((value / factor, other), (value * factor, unit)):
         if abs(meant - expected) < EXPLAINED[axis]:
             message += f'; if it is in {is_in}, name the column {AXES[axis]}_{is_in}'
     return message
@@ -127,25 +101,10 @@ def identify(
     noise: Noise | None = None,
 ) -> Identification:
     """
-    Find the errors of a machine.
+    Find the errors of a machine that is taken to be the drawing, or an earlier calibration.
 
-    Parameters
-    ----------
-    geometry : Geometry
-        What the machine is taken to be: the drawing, or an earlier calibration.
-    unknowns : sequence of Unknown
-    measurements : Measurements
-    noise : Noise, optional
-
-    Returns
-    -------
-    Identification
-
-    Raises
-    ------
-    CalibrationError
-        If the measurements are not of such a machine, too few, or contradict each other.
-
+    Raises a CalibrationError if the measurements are not of such a machine, too few, or contradict
+    each other.
     """
     noise = noise or Noise()
     check(geometry, unknowns, measurements)

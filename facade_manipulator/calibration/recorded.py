@@ -32,21 +32,8 @@ def read_estimator_recording(path: Path, head_topic: str = HEAD_ON_WALL) -> Esti
     Return disturbance, carriages and the head on the wall from a file of the recorder.
 
     Without a measurement of the head, `lateral_offset` shows its x: where it should be then, less
-    what it is off.
-
-    Parameters
-    ----------
-    path : Path
-    head_topic : str
-        Topic of the head's pose on the wall.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be read.
-    CalibrationError
-        If a topic is not in it.
-
+    what it is off. Raises a RecordError if the file cannot be read, a CalibrationError if a topic
+    is not in it.
     """
     run = read_recording(path)
     tables = (_table(run, path, _estimates(run), lambda message: _place(message.pose)),
@@ -62,41 +49,20 @@ def read_estimator_recording(path: Path, head_topic: str = HEAD_ON_WALL) -> Esti
 
 
 class TouchRecording(NamedTuple):
-    """
-    The head while it presses on the wall, one row for each measured force.
+    """The head while it presses on the wall, one row for each measured force."""
 
-    Parameters
-    ----------
-    times, forces : ndarray, shape (n,)
-        Stamps [s], and force on the wall [N].
-    carriages, rails : ndarray, shape (n, 3)
-        Positions [m], and pose of the rail in facade [m, m, rad].
-
-    """
-
-    times: np.ndarray
-    forces: np.ndarray
-    carriages: np.ndarray
-    rails: np.ndarray
+    times: np.ndarray  # stamps, shape (n,) [s]
+    forces: np.ndarray  # on the wall, shape (n,) [N]
+    carriages: np.ndarray  # positions, shape (n, 3) [m]
+    rails: np.ndarray  # poses of the rail in facade, shape (n, 3) [m, m, rad]
 
 
 def read_touches(path: Path, estimate: EstimateSettings) -> TouchRecording:
     """
     Return where the head pressed on the wall, from a file of the recorder.
 
-    Parameters
-    ----------
-    path : Path
-    estimate : EstimateSettings
-        Mounting, axes and delay of the estimator.
-
-    Raises
-    ------
-    RecordError
-        If the file cannot be read.
-    CalibrationError
-        If a topic is not in it, or the head did not touch.
-
+    `estimate` has mounting, axes and delay of the estimator. Raises a RecordError if the file
+    cannot be read, a CalibrationError if a topic is not in it, or the head did not touch.
     """
     run, gate = read_recording(path), EstimateGate(estimate)
 

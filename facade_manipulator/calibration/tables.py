@@ -21,22 +21,8 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
     A column is named plainly, in m, rad or s, or with its unit: ``x_mm``, ``theta_deg``. Between
     columns is a comma, or a semicolon as some spreadsheets write it, with decimal commas then.
 
-    Parameters
-    ----------
-    path : Path
-    required, optional : sequence of str
-        Columns; cells of optional ones may be empty.
-
-    Returns
-    -------
-    ndarray, shape (n, len(required) + len(optional))
-        In SI units; NaN where nothing is written.
-
-    Raises
-    ------
-    CalibrationError
-        Naming the file, the line and the column.
-
+    Returns SI units, shape (n, len(required) + len(optional)), NaN where nothing is written: cells
+    of optional columns may be empty. Raises a CalibrationError that names file, line and column.
     """
     try:
         with path.open(newline='', encoding='utf-8-sig') as file:
@@ -48,15 +34,7 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
 def parse_table(
     name: str, lines: Iterable[str], required: Sequence[str], optional: Sequence[str] = ()
 ) -> np.ndarray:
-    """
-    Read a table from its lines, as `read_table`; `name` stands in messages.
-
-    Raises
-    ------
-    CalibrationError
-        As `read_table`.
-
-    """
+    """Read a table from its lines, as `read_table`; `name` stands in messages."""
     numbered = {number: line for number, line in enumerate(lines, 1) if not line.startswith('#')}
     numbers, rows_text = list(numbered), list(numbered.values())
     delimiter = ';' if rows_text and ';' in rows_text[0] else ','

@@ -13,6 +13,8 @@ from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, mechanism_of, Pose
 
 STEP = 1e-6
+AXES = ('x', 'y', 'theta')  # of the head
+UNITS = (('mm', 1e3), ('mm', 1e3), ('deg', 180.0 / np.pi))  # as people read them, from SI
 
 
 class Unknown(NamedTuple):
@@ -83,11 +85,7 @@ def with_screw_tables(geometry: Geometry, entries: int) -> Geometry:
     """
     Return the geometry with tables of so many entries for its screws, which say the same.
 
-    Raises
-    ------
-    ParameterError
-        For fewer than two entries.
-
+    Raises a ParameterError for fewer than two.
     """
     if entries < 2:
         raise ParameterError(f'a table of {entries} entries is none: 2 are the least')
@@ -102,11 +100,7 @@ def unknowns_named(names: Sequence[str]) -> tuple[Unknown, ...]:
     """
     Return unknowns by their names or those of their fields; all of them for no name.
 
-    Raises
-    ------
-    ParameterError
-        For a name that none has.
-
+    Raises a ParameterError for a name that none has.
     """
     known = {unknown.name for unknown in UNKNOWNS} | {unknown.field for unknown in UNKNOWNS}
     for name in names:
@@ -142,19 +136,9 @@ def head_at(
     """
     Return where the head stands with the drives at positions [m].
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-    q1, q2, q3 : float
-    direction : float
-        1 if the carriages arrived towards greater x, -1 if towards less: they rest on that flank
-        of their screws. 0 if that is not known.
-
-    Raises
-    ------
-    LimitError
-        If the links cannot be joined there.
-
+    The direction is 1 if the carriages arrived towards greater x, -1 if towards less: they rest on
+    that flank of their screws; 0 if it is not known. Raises a LimitError if the links cannot be
+    joined there.
     """
     return mechanism.forward_kinematics(mechanism.take_up(
         Carriages(q1, q2, q3), Carriages(-direction, -direction, -direction)))
@@ -164,12 +148,7 @@ def heads(geometry: Geometry, carriages: np.ndarray) -> np.ndarray:
     """
     Return where the head stands, shape (n, 3); NaN where the links cannot be joined.
 
-    Parameters
-    ----------
-    geometry : Geometry
-    carriages : ndarray, shape (n, 3) or (n, 4)
-        Positions [m], and in the fourth column the direction of `head_at`.
-
+    Carriages have the shape (n, 3) or (n, 4): positions [m], and the direction of `head_at`.
     """
     mechanism, out = mechanism_of(geometry), np.full((len(carriages), 3), np.nan)
     for row, station in enumerate(carriages.tolist()):

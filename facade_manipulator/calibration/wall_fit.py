@@ -20,51 +20,23 @@ ACCEPTED = np.array([0.01, 0.01])  # m, rad: known no better, the wall has not b
 
 
 class WallFit(NamedTuple):
-    """
-    A straight wall.
+    """A straight wall."""
 
-    Parameters
-    ----------
-    distance : float
-        y of the wall at x = 0 [m].
-    angle : float
-        From x to the wall [rad].
-    yields : float
-        By how much brush and wall give way to a force [m/N]; 0 where none was measured.
-    deviations : ndarray, shape (2,)
-        Standard deviations of distance and angle.
-    residuals : ndarray, shape (n,)
-        Of the touches, away from the wall [m].
-    outliers : list of int
-        Rows that contradict the others.
-
-    """
-
-    distance: float
-    angle: float
-    yields: float
-    deviations: np.ndarray
-    residuals: np.ndarray
-    outliers: list[int]
+    distance: float  # y of the wall at x = 0 [m]
+    angle: float  # from x to the wall [rad]
+    yields: float  # of brush and wall to a force [m/N]; 0 where none was measured
+    deviations: np.ndarray  # of distance and angle, shape (2,)
+    residuals: np.ndarray  # of the touches, away from the wall, shape (n,) [m]
+    outliers: list[int]  # rows that contradict the others
 
 
 def touched_points(geometry: Geometry, carriages: np.ndarray, rails: np.ndarray) -> np.ndarray:
     """
     Return where the head touched, in frame facade, shape (n, 2) [m].
 
-    Parameters
-    ----------
-    geometry : Geometry
-    carriages : ndarray, shape (n, 3)
-        Positions at the touch [m].
-    rails : ndarray, shape (n, 3)
-        Pose of the rail in facade then, as estimated; NaN for a rail at rest [m, m, rad].
-
-    Raises
-    ------
-    CalibrationError
-        If the links do not close at a row.
-
+    Carriages are positions at the touch, shape (n, 3) [m]; rails poses of the rail in facade then,
+    as estimated, shape (n, 3) [m, m, rad], NaN for a rail at rest. Raises a CalibrationError if
+    the links do not close at a row.
     """
     seen = heads(geometry, carriages)
     if np.isnan(seen).any():
@@ -149,13 +121,7 @@ def along_wall(estimate: EstimateSettings, found: WallFit) -> tuple[EstimateSett
     """
     Turn frame facade so that its x lies along the wall.
 
-    Returns
-    -------
-    EstimateSettings
-        By which estimates are those of the rail in that frame.
-    float
-        Distance of the wall there [m].
-
+    Returns by what estimates are those of the rail in that frame, and the wall's distance there.
     """
     x, y, yaw = estimate.mounting
     turned = replace(estimate, mounting=(x, y, yaw + found.angle),
