@@ -12,7 +12,7 @@ from reprlib import repr as quoted  # a message stays short, whatever is sent
 from typing import Any, NamedTuple
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Carriages, Pose, wrap_angle, Wrench
+from facade_manipulator.kinematics import Carriages, Pose, Wrench
 
 PLANE_TOLERANCE = 1e-6  # m
 TILT_TOLERANCE = 1e-3  # rad
@@ -61,6 +61,12 @@ def planar_pose(message: Any, what: str) -> Pose:
 
     """
     return planar(pose_numbers(message), what)
+
+
+def pose_in_frame(message: Any, frame_id: str, what: str) -> Pose:
+    """Return the planar pose of a message with a header; as `require_frame` and `planar_pose`."""
+    require_frame(message.header.frame_id, frame_id, what)
+    return planar_pose(message.pose, what)
 
 
 def pose_numbers(message: Any) -> tuple[float, ...]:
@@ -116,7 +122,8 @@ def projected(numbers: Sequence[float], what: str) -> tuple[Pose, OutOfPlane]:
             'quaternion', f'{what} orientation has norm {norm:.6g}, not 1 within '
             f'{NORM_TOLERANCE:g}')
     tilt = 2.0 * math.atan2(math.hypot(qx, qy), math.hypot(qz, qw))
-    return Pose(x, y, wrap_angle(2.0 * math.atan2(qz, qw))), OutOfPlane(z, tilt)
+    yaw = math.atan2(2.0 * qz * qw, (qw - qz) * (qw + qz))
+    return Pose(x, y, yaw), OutOfPlane(z, tilt)
 
 
 def require_finite(names: Sequence[str], values: Sequence[float], what: str) -> None:

@@ -373,7 +373,9 @@ class Compensator:
         wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
         inside = self._workspace_limit.saturate(tracked, math.tan(disturbance.theta))
-        pose = add(inside.pose, self._remainder.at(time).position)
+        pose = inside.pose
+        if time <= self._remainder.end:
+            pose = add(pose, self._remainder.at(time).position)
         self.following.publish(time, pose)
         return CorrectedPose(
             time, pose, reference, shifted, disturbance, inside.saturation_error,

@@ -77,6 +77,11 @@ class Blend:
         Acceleration that the remainder adds at most, about: a greater one takes longer
         [m/s², m/s², rad/s²].
 
+    Attributes
+    ----------
+    end : float
+        Until when anything remains [s].
+
     """
 
     def __init__(self, acceleration: tuple[float, ...]) -> None:
@@ -85,7 +90,7 @@ class Blend:
 
     def clear(self) -> None:
         """Forget the remainder."""
-        self._start = self._end = -math.inf
+        self._start = self.end = -math.inf
 
     def begin(self, time: float, difference: MotionState, constant: float) -> None:
         """
@@ -105,14 +110,14 @@ class Blend:
         constants = [
             max(constant, QUICKEST, _least_constant(*axis))
             for axis in zip(position, velocity, self._acceleration, strict=True)]
-        self._start, self._end = time, time + DEAD_AFTER * max(constants)
+        self._start, self.end = time, time + DEAD_AFTER * max(constants)
         self._constants = constants
         self._position = position
         self._slope = [v + p / c for p, v, c in zip(position, velocity, constants, strict=True)]
 
     def at(self, time: float) -> MotionState:
         """Return the remainder at a time [s]: (p + s t) exp(−t/T) of each axis."""
-        if time > self._end:
+        if time > self.end:
             return ZERO_STATE
         t = max(time - self._start, 0.0)
         (a, b, c), (x, y, theta), (dx, dy, dtheta) = self._constants, self._position, self._slope
@@ -245,9 +250,12 @@ class Correction:
         """Return the prediction with the remainders of what was aimed at before."""
         if self._time is None:
             return ZERO_STATE
-        remainder = self._smooth.at(self._time).plus(self._fade.at(self._time))
         active = self.mode is CorrectionMode.ACTIVE
-        return self.motion(self._time).plus(remainder) if active else remainder
+        aim = self.motion(self._time) if active else ZERO_STATE
+        for remainder in (self._smooth, self._fade):
+            if self._time <= remainder.end:
+                aim = aim.plus(remainder.at(self._time))
+        return aim
 
     def disturbance(self, time: float) -> Pose:
         """Return where the rail is at a time [s], whether that is corrected or not."""

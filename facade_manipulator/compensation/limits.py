@@ -54,16 +54,14 @@ class Tracker:
         if self._time is None or time <= self._time:
             self._position, self._velocity = target, ZERO_TWIST
         else:
-            self._advance(time - self._time, target)
+            interval = time - self._time
+            self._velocity = Twist(*map(
+                _velocity, repeat(interval), self._position, self._velocity, target, self._target,
+                self._speed, self._acceleration))
+            self._position = Pose(*(
+                p + v * interval for p, v in zip(self._position, self._velocity, strict=True)))
         self._time, self._target = time, target
         return self._position
-
-    def _advance(self, interval: float, target: Pose) -> None:
-        self._velocity = Twist(*map(
-            _velocity, repeat(interval), self._position, self._velocity, target, self._target,
-            self._speed, self._acceleration))
-        (x, y, theta), (vx, vy, omega) = self._position, self._velocity
-        self._position = Pose(x + vx * interval, y + vy * interval, theta + omega * interval)
 
 
 def _velocity(

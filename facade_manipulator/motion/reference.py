@@ -159,11 +159,19 @@ class ReferencePath:
 
 
 class Approach:
-    """Lead the head to a goal that comes alone, as a supervisor without a compensator sends it."""
+    """
+    Lead the head to a goal that comes alone, as a supervisor without a compensator sends it.
+
+    Attributes
+    ----------
+    is_under_way : bool
+        Whether the head is being led; false leads it no longer.
+
+    """
 
     def __init__(self, settings: ReferenceSettings) -> None:
         self._reference = ReferencePath(settings)
-        self._is_under_way = False
+        self.is_under_way = False
 
     def change_settings(self, settings: ReferenceSettings) -> None:
         """Lead within other limits from the next goal on."""
@@ -171,21 +179,17 @@ class Approach:
 
     def begin(self, time: float, head: Pose, goal: Pose) -> None:
         """Lead from where the head rests, or from where it is being led, to the goal."""
-        if self._is_under_way:
+        if self.is_under_way:
             self._reference.retarget(time, goal)
         else:
             self._reference.initialise(time, HeadMotion(head), goal)
-        self._is_under_way = True
-
-    def end(self) -> None:
-        """Lead no longer."""
-        self._is_under_way = False
+        self.is_under_way = True
 
     def pose(self, time: float) -> Pose | None:
         """Return where the head should be at a time [s]; None when it is not being led."""
-        if not self._is_under_way:
+        if not self.is_under_way:
             return None
-        self._is_under_way = time < self._reference.arrival()
+        self.is_under_way = time < self._reference.arrival()
         return self._reference.at(time).position
 
 

@@ -30,15 +30,19 @@ from facade_manipulator.messages import (
     estimate_numbers,
     FACADE,
     planar,
-    planar_pose,
     planar_wrench,
+    pose_in_frame,
     projected,
     RAIL,
     require_frame,
     seconds,
 )
-from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
-from facade_manipulator.nodes.goal_report import GoalReport, HOLD
+from facade_manipulator.nodes.compensator_report import (
+    CompensatorReport,
+    GoalReport,
+    HOLD,
+    millimetres,
+)
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
@@ -137,8 +141,7 @@ class CompensatorNode(Node):
     def _receive_goal(self, message: PoseStamped) -> None:
         now, stamp = node_time(self), message.header.stamp
         try:
-            require_frame(message.header.frame_id, FACADE, 'goal_pose')
-            goal = planar_pose(message.pose, 'goal_pose')
+            goal = pose_in_frame(message, FACADE, 'goal_pose')
             self._follow(now, goal)
         except ManipulatorError as error:
             self._rejections.add(error, 'goal_pose' if isinstance(error, LimitError) else '')
@@ -214,9 +217,12 @@ class CompensatorNode(Node):
                 node_time(self), seconds(message.header.stamp), message.point.x)
 
     def _update(self) -> None:
-        now, corrected = node_time(self), None
-        with self._rejections:
+        now = node_time(self)
+        try:
             corrected = self._compensator.update(now)
+        except ManipulatorError as error:
+            self._rejections.add(error)
+            return
         if corrected is not None:
             self.corrected.publish(corrected.time, corrected.pose)
             self._reference.publish(corrected.time, corrected.reference)

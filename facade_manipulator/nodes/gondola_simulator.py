@@ -24,8 +24,7 @@ from facade_manipulator.messages import (
     carriages_from,
     END_EFFECTOR,
     FACADE,
-    planar_pose,
-    require_frame,
+    pose_in_frame,
     seconds,
     VARIANCES,
 )
@@ -117,8 +116,7 @@ class GondolaSimulatorNode(Node):
 
     def _receive_goal(self, message: PoseStamped) -> None:
         with self._rejections:
-            require_frame(message.header.frame_id, FACADE, 'goal_pose')
-            goal = planar_pose(message.pose, 'goal_pose')
+            goal = pose_in_frame(message, FACADE, 'goal_pose')
             self._mechanism.certify(goal)
             self._wall.set_goal(node_time(self), goal)
 

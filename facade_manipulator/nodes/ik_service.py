@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 import math
 
@@ -19,10 +17,9 @@ from facade_manipulator.messages import (
     CARRIAGES,
     END_EFFECTOR,
     planar,
-    planar_pose,
+    pose_in_frame,
     RAIL,
     require_finite,
-    require_frame,
 )
 from facade_manipulator.motion import (
     Approach,
@@ -60,6 +57,7 @@ from facade_manipulator.ros import (
 ACTUATOR_SPACE = 'actuator_space'
 APPROACH_PERIOD = 0.01
 LEAD = 0.05  # s, how far ahead of their time the setpoints of an approach are sent
+FOLLOWING = 'ok', 'following the goals'
 SAME_TIME = 1e-5  # s: stamps are cut to nanoseconds, floats hold a quarter of a microsecond
 
 
@@ -108,75 +106,75 @@ class IkServiceNode(Node):
     def _change_settings(self, settings: GoalSettings) -> None:
         self.settings = self._stream.settings = settings
 
-    @contextmanager
-    def _ending_at_rejection(self) -> Iterator[None]:
-        """End the approach where a goal or a pose on the path to it is rejected."""
-        try:
-            yield
-        except ManipulatorError as error:
-            self._approach.end()
-            self._rejections.add(error)
-            self._rejected = str(error)
-            self._publish_outcome()
+    def _reject(self, error: ManipulatorError) -> None:
+        """End the approach: a goal or a pose on the path to it is rejected."""
+        self._approach.is_under_way = False
+        self._rejections.add(error)
+        self._rejected = str(error)
+        self._publish_outcome()
 
     def _change_driver(self) -> None:
         """Lead no goal on that came before the drives were activated."""
         self._rejected = ''
         if not self._driver.may_move(self._approached_at):
-            self._approach.end()
+            self._approach.is_under_way = False
         if self._waiting is not None:
             came, pose = self._waiting
             if self._driver.may_move(came):
                 self._waiting = None
-                with self._ending_at_rejection():
-                    self._go_to(node_time(self), pose)
+                self.follow(node_time(self), pose)
         self._publish_outcome()
 
     def _receive_goal(self, data: bytes) -> None:
-        with self._ending_at_rejection():
+        try:
             time, numbers = self._goal_codec.read(data)
             if abs(time - self._last_goal_time) < SAME_TIME:  # came by a call already
                 return
-            self._go_to(time or node_time(self), planar(numbers, 'corrected_pose'))
+            pose = planar(numbers, 'corrected_pose')
+        except ManipulatorError as error:
+            self._reject(error)
+        else:
+            self.follow(time or node_time(self), pose)
 
     def follow(self, time: float, pose: Pose) -> None:
-        """Follow a pose meant for a time [s], by call from a compensator in this process."""
-        with self._ending_at_rejection():
-            self._go_to(time, pose)
-
-    def _go_to(self, time: float, pose: Pose) -> None:
-        """Follow a goal of a stream; approach one that comes alone."""
-        if self._driver.is_idle:
-            self._mechanism.certify(pose, self.settings.min_conditioning)
-            self._waiting = node_time(self), pose
-            return
-        pause = time - self._last_goal_time
-        self._last_goal_time = time
-        if self._head is None or pause <= STREAM_GAP:
-            self._approach.end()
-            self._follow(time, pose)
-            return
-        self._mechanism.certify(pose, self.settings.min_conditioning)
-        self._approached_at = node_time(self)
-        self._approach.begin(self._approached_at + LEAD, self._head, pose)
-        self._approaching.reset()
+        """Follow a pose of a stream, meant for a time [s]; approach one that comes alone."""
+        try:
+            if self._driver.is_idle:
+                self._mechanism.certify(pose, self.settings.min_conditioning)
+                self._waiting = node_time(self), pose
+                return
+            pause, self._last_goal_time = time - self._last_goal_time, time
+            if self._head is None or pause <= STREAM_GAP:
+                self._approach.is_under_way = False
+                self._send(time, pose)
+            else:
+                self._mechanism.certify(pose, self.settings.min_conditioning)
+                self._approached_at = node_time(self)
+                self._approach.begin(self._approached_at + LEAD, self._head, pose)
+                self._approaching.reset()
+        except ManipulatorError as error:
+            self._reject(error)
 
     def _continue_approach(self) -> None:
         time = node_time(self) + LEAD
-        with self._ending_at_rejection():
-            pose = self._approach.pose(time)
-            if pose is None:
-                self._approaching.cancel()
-            else:
-                self._follow(time, pose)
+        pose = self._approach.pose(time)
+        if pose is None:
+            self._approaching.cancel()
+            return
+        try:
+            self._send(time, pose)
+        except ManipulatorError as error:
+            self._reject(error)
 
-    def _follow(self, time: float, pose: Pose) -> None:
+    def _send(self, time: float, pose: Pose) -> None:
+        """Publish the setpoint of a pose."""
         setpoint = self._stream.setpoint(time, pose)
         self._setpoint_count += 1
         self._setpoints.publish(self._setpoint_codec.write(
             setpoint.time, setpoint.position + setpoint.velocity))
         self._rejected = ''
-        self._publish_outcome()
+        if self._published_outcome != FOLLOWING:  # which the next setpoint does not change
+            self._publish_outcome()
 
     def _receive_joint_states(self, data: bytes) -> None:
         self._head = None
@@ -203,12 +201,10 @@ class IkServiceNode(Node):
         return response
 
     def _path(self, request: GetPlan.Request) -> list[Carriages]:
-        require_frame(request.goal.header.frame_id, RAIL, 'goal')
-        goal = planar_pose(request.goal.pose, 'goal')
+        goal = pose_in_frame(request.goal, RAIL, 'goal')
         if not request.start.header.frame_id:
             return certified_path(self._mechanism, self.settings, goal, goal)[:1]
-        require_frame(request.start.header.frame_id, RAIL, 'start')
-        start = planar_pose(request.start.pose, 'start')
+        start = pose_in_frame(request.start, RAIL, 'start')
         return certified_path(self._mechanism, self.settings, start, goal, request.tolerance)
 
     def _publish_outcome(self) -> None:
@@ -229,7 +225,7 @@ class IkServiceNode(Node):
             return 'ok', 'holding: no goal since the drives were activated'
         if driver is not None and driver.activity == 'holding':
             return 'ok', 'holding: no goal comes'
-        return 'ok', 'following the goals' if self._setpoint_count else 'no goal yet'
+        return FOLLOWING if self._setpoint_count else ('ok', 'no goal yet')
 
     def _outcome_status(self) -> DiagnosticStatus:
         values = {'setpoints': self._setpoint_count, **self._rejections.values()}

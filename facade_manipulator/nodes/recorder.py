@@ -43,7 +43,7 @@ from facade_manipulator.blackbox import (
     SUMMARY,
     write_mcap,
 )
-from facade_manipulator.nodes.goal_report import GOAL_STATUS, HOLD
+from facade_manipulator.nodes.compensator_report import GOAL_STATUS, HOLD
 from facade_manipulator.ros import (
     declare,
     Deferred,

@@ -173,11 +173,6 @@ class DriverStatus(NamedTuple):
     next_step: str
     active_since: float = math.inf
 
-    @property
-    def is_active(self) -> bool:
-        """Return whether the drives follow setpoints."""
-        return math.isfinite(self.active_since)
-
     def to_message(self, level: str, message: str) -> DiagnosticStatus:
         """Return the message on driver/status."""
         return diagnostic_status('operation', level, message, {
@@ -217,7 +212,7 @@ class DriverWatch:
     @property
     def is_idle(self) -> bool:
         """Return whether there is a driver and it does not follow setpoints."""
-        return self.status is not None and not self.status.is_active
+        return self.status is not None and self.status.active_since == math.inf
 
     def may_move(self, time: float) -> bool:
         """Return whether a goal that came at a time [s] came after the drives were activated."""

@@ -176,7 +176,7 @@ def test_the_driver_says_what_it_does_and_what_comes_next_at_every_change(bench)
     until('inactive', 'home, activate')
     bench.ask('home')
     until('inactive', 'activate')
-    assert not newest().is_active
+    assert newest().active_since == math.inf
     before = bench.now()
     bench.change(Transition.TRANSITION_ACTIVATE)
     after = bench.now()
