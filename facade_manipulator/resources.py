@@ -14,31 +14,15 @@ from pathlib import Path
 import sys
 
 PACKAGE = Path(__file__).resolve().parent
-
-
 # what the machine writes about itself; ROS_HOME is where ROS itself puts its logs
 STATE_FOLDER = os.path.join(os.environ.get('ROS_HOME') or '~/.ros', PACKAGE.name)
 
 
 def config_path(relative: str | os.PathLike[str] = '') -> Path:
     """
-    Find a file or folder of ``config/``.
+    Return the absolute path of a file or folder below ``config/``: ``'drives/epos4.yaml'``.
 
-    Parameters
-    ----------
-    relative : str or os.PathLike
-        Path below ``config/``, such as ``'drives/epos4.yaml'``.
-
-    Returns
-    -------
-    path : pathlib.Path
-        Its absolute path.
-
-    Raises
-    ------
-    FileNotFoundError
-        With every place that was searched.
-
+    Raises a FileNotFoundError with every place that was searched.
     """
     return resource_path(Path('config') / relative)
 

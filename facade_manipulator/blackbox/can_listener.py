@@ -19,15 +19,8 @@ class CanListener:
     """
     Hand every frame of a SocketCAN interface on, in batches, in a thread of its own; never send.
 
-    It opens the interface again for as long as it is lost.
-
-    Parameters
-    ----------
-    channel : str
-        Name of the interface, such as ``can0``.
-    add : callable
-        Takes the monotonic time of the newest frame [s] and a batch of them, for `messages_of`.
-
+    It opens the interface, such as ``can0``, again for as long as it is lost. `add` takes the
+    monotonic time of the newest frame [s] and a batch of them, for `messages_of`.
     """
 
     def __init__(self, channel: str, add: Callable[[float, bytes], None]) -> None:

@@ -23,22 +23,11 @@ _NANOSECONDS = 1e9
 
 
 class RecordedTopic(NamedTuple):
-    """
-    A topic with its type.
-
-    Attributes
-    ----------
-    topic : str
-    type : str
-        As ``geometry_msgs/msg/PoseStamped``.
-    definition : str
-        Definition of the type and of all that it contains, as the schema encoding wants it.
-
-    """
+    """A topic with its type."""
 
     topic: str
-    type: str
-    definition: str
+    type: str  #: as ``geometry_msgs/msg/PoseStamped``
+    definition: str  #: of the type and of all that it contains, as the schema encoding wants it
 
 
 def write_mcap(
@@ -46,25 +35,10 @@ def write_mcap(
     metadata: Mapping[str, Mapping[str, str]],
 ) -> None:
     """
-    Write messages to a file.
+    Write messages, all of them of these topics, to a file; raises an OSError if that fails.
 
-    Parameters
-    ----------
-    path : Path
-    topics : iterable of RecordedTopic
-        All of them: a message of another one is an error.
-    messages : iterable of Kept
-    epoch : float
-        The system's time when the monotonic clock was zero [s]: a step of the system's clock
-        within a file would put its messages out of order.
-    metadata : mapping
-        Records of names and values, by their name.
-
-    Raises
-    ------
-    OSError
-        If it cannot be written.
-
+    The epoch is the system's time when the monotonic clock was zero [s]: a step of the system's
+    clock within a file would put its messages out of order. Metadata are records by their name.
     """
     with path.open('wb') as file:
         writer = Writer(file, CHUNK, compression=CompressionType.ZSTD)

@@ -32,39 +32,25 @@ class RecordedRun:
     """
     The content of a file.
 
-    Attributes
-    ----------
-    reasons : list of str
-        Why it was written.
-    begin, end : float
-        From when to when everything was kept [s, system clock]; the last messages of topics that
-        had been silent for longer came before.
-    parameters : dict
-        Of each node its parameters by name, as they were when it was written.
-    topics : dict
-        Of each topic, without its namespace, the messages in the order of time.
-    damage : str
-        Why the file could not be read to its end; empty if it could.
-
+    From `begin` to `end` [s, system clock] everything was kept; the last messages of topics that
+    had been silent for longer came before.
     """
 
-    reasons: list[str] = field(default_factory=list)
+    reasons: list[str] = field(default_factory=list)  #: why it was written
     begin: float = 0.0
     end: float = 0.0
+    #: of each node its parameters by name, as they were when it was written
     parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
+    #: of each topic, without its namespace, the messages in the order of time
     topics: dict[str, list[Received]] = field(default_factory=lambda: defaultdict(list))
-    damage: str = ''
+    damage: str = ''  #: why the file could not be read to its end; empty if it could
 
 
 def read_recording(path: Path) -> RecordedRun:
     """
     Read a file; of one that was cut off what there is.
 
-    Raises
-    ------
-    RecordError
-        If it cannot be opened, or is no file of the black box.
-
+    Raises a RecordError if it cannot be opened, or is no file of the black box.
     """
     try:
         with path.open('rb') as file:

@@ -24,15 +24,8 @@ class MessageRing:
     Keep messages for a time; any thread may add them.
 
     What is older than that, or finds no room, goes; of every topic the last one stays, so that a
-    goal or a parameter of an hour ago is still known.
-
-    Parameters
-    ----------
-    duration : float
-        How long a message is kept [s].
-    capacity : int
-        Memory for the messages [byte], their objects included.
-
+    goal or a parameter of an hour ago is still known. A message is kept for the duration [s]; the
+    capacity is memory for messages, their objects included [byte].
     """
 
     def __init__(self, duration: float, capacity: int) -> None:

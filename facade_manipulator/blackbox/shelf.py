@@ -20,15 +20,8 @@ class Shelf:
     """
     Write files into a folder and delete the oldest.
 
-    They are numbered, since a clock that starts in 1970 would make the newest look oldest.
-
-    Parameters
-    ----------
-    folder : str
-        ``~`` is the user's home.
-    limit : float
-        Space for all files together [MB].
-
+    They are numbered, since a clock that starts in 1970 would make the newest look oldest. In
+    `folder` ``~`` is the user's home; `limit` is space for all files together [MB].
     """
 
     def __init__(self, folder: str, limit: float) -> None:
@@ -39,11 +32,7 @@ class Shelf:
         """
         Let `write` fill a file of this time [s]; return its path.
 
-        Raises
-        ------
-        RecordError
-            Naming the folder, what the system says, and what is free.
-
+        Raises a RecordError that names the folder, what the system says, and what is free.
         """
         label = time.strftime('%Y%m%dT%H%M%SZ', time.gmtime(stamp))
         try:
@@ -54,7 +43,8 @@ class Shelf:
                     f'{self.folder} has {free / _MEGABYTE:.0f} MB free, '
                     f'{RESERVE / _MEGABYTE:.0f} MB are left to others: nothing was recorded; '
                     'make room')
-            number = max((self._number(path) for path in self._files()), default=0) + 1
+            number = max((int(_NAME.fullmatch(path.name)[1]) for path in self._files()),
+                         default=0) + 1
             path = self.folder / f'blackbox_{number:06}_{label}.mcap'
             with atomic_write(path) as draft:
                 write(draft)
@@ -67,9 +57,6 @@ class Shelf:
     def _files(self) -> list[Path]:
         return sorted(path for path in self.folder.glob('blackbox_*.mcap')
                       if _NAME.fullmatch(path.name))
-
-    def _number(self, path: Path) -> int:
-        return int(_NAME.fullmatch(path.name)[1])
 
     def _drop_oldest(self) -> None:
         """Delete the oldest files beyond the limit; the newest stays, whatever its size."""

@@ -11,15 +11,8 @@ class RecordTrigger:
     Collect the reasons for a file until it is due.
 
     A reason that has just been recorded does not make another file before what the first one
-    holds is past: a fault that comes and goes must not push older files off the disk.
-
-    Parameters
-    ----------
-    aftermath : float
-        How long a file goes on after its first reason [s].
-    pause : float
-        How long a reason that was recorded is not recorded again [s].
-
+    holds is past: a fault that comes and goes must not push older files off the disk. A file goes
+    on for `aftermath` [s] after its first reason; a reason is recorded again after `pause` [s].
     """
 
     def __init__(self, aftermath: float, pause: float) -> None:
@@ -37,15 +30,10 @@ class RecordTrigger:
         """
         was = self._present.get(source)
         self._present[source] = reason
-        if reason and not was:
-            self._add(now, source, reason)
-
-    def _add(self, now: float, source: str, reason: str) -> None:
-        if now - self._recorded.get(source, -math.inf) < self._pause:
-            return
-        self._recorded[source] = now
-        self._reasons.append(f'{source}: {reason}')
-        self._due = min(self._due, now + self._aftermath)
+        if reason and not was and now - self._recorded.get(source, -math.inf) >= self._pause:
+            self._recorded[source] = now
+            self._reasons.append(f'{source}: {reason}')
+            self._due = min(self._due, now + self._aftermath)
 
     def due(self, now: float) -> Iterable[str]:
         """Return why a file is due at this time [s]; nothing if none is."""

@@ -27,9 +27,9 @@ class Sought(NamedTuple):
 
     words: str
     unit: str
-    factor: float  # from SI to that unit
-    accepted: float  # deviation: known no better, it has not been found [m, rad or s]
-    tolerance: float  # what is known without a recording [m, rad or s]
+    factor: float  #: from SI to that unit
+    accepted: float  #: deviation: known no better, it has not been found [m, rad or s]
+    tolerance: float  #: what is known without a recording [m, rad or s]
 
 
 DEGREES = 180.0 / np.pi
@@ -57,18 +57,18 @@ Curve = Callable[[np.ndarray], np.ndarray]
 class EstimatorRecording(NamedTuple):
     """What a fit is made of, each of shape (n, 4); the first column of each is the stamp [s]."""
 
-    disturbance: np.ndarray  # as published: x, y, θ [m, m, rad]
-    joints: np.ndarray  # positions of the carriages [m]
-    wall: np.ndarray  # the head on the wall: x, y, θ [m, m, rad]; NaN where not measured
+    disturbance: np.ndarray  #: as published: x, y, θ [m, m, rad]
+    joints: np.ndarray  #: positions of the carriages [m]
+    wall: np.ndarray  #: the head on the wall: x, y, θ [m, m, rad]; NaN where not measured
 
 
 class EstimatorFit(NamedTuple):
     """What was found."""
 
-    settings: EstimateSettings  # with what was found; the rest is as it was
-    deviations: dict[str, float]  # of each number that was looked for [m, rad or s], by name
-    turn: float  # from the axes of `facade` to those of the second measurement [rad]
-    residual: np.ndarray  # RMS of what remains on the wall, shape (3,); NaN where not measured
+    settings: EstimateSettings  #: with what was found; the rest is as it was
+    deviations: dict[str, float]  #: of each number that was looked for [m, rad or s], by name
+    turn: float  #: from the axes of `facade` to those of the second measurement [rad]
+    residual: np.ndarray  #: RMS of what remains on the wall, shape (3,); NaN where not measured
 
     @property
     def values(self) -> dict[str, float]:

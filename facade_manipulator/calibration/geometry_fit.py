@@ -37,8 +37,8 @@ FAR = 1e6
 class Measurements(NamedTuple):
     """The head, measured at carriage positions."""
 
-    carriages: np.ndarray  # as commanded, as `heads` takes them, shape (n, 3) or (n, 4)
-    heads: np.ndarray  # in frame rail, shape (n, 3) [m, m, rad]; NaN where not measured
+    carriages: np.ndarray  #: as commanded, as `heads` takes them, shape (n, 3) or (n, 4)
+    heads: np.ndarray  #: in frame rail, shape (n, 3) [m, m, rad]; NaN where not measured
 
     def part(self, rows: np.ndarray | slice) -> Measurements:
         """Return some of the rows."""
@@ -48,13 +48,13 @@ class Measurements(NamedTuple):
 class Identification(NamedTuple):
     """A machine found."""
 
-    geometry: Geometry  # with the errors found
-    values: np.ndarray  # of the unknowns, shape (m,)
-    covariance: np.ndarray  # shape (m, m)
-    scatter: float  # residuals over the noise that was stated, 1 where both agree
-    outliers: list[tuple[int, int]]  # row and axis of what contradicts the rest, left out
-    unidentified: list[list[str]]  # groups, in words, not shown by the data or not apart
-    observability: float  # Borm and Menq's index, in units of noise and tolerance
+    geometry: Geometry  #: with the errors found
+    values: np.ndarray  #: of the unknowns, shape (m,)
+    covariance: np.ndarray  #: shape (m, m)
+    scatter: float  #: residuals over the noise that was stated, 1 where both agree
+    outliers: list[tuple[int, int]]  #: row and axis of what contradicts the rest, left out
+    unidentified: list[list[str]]  #: groups, in words, not shown by the data or not apart
+    observability: float  #: Borm and Menq's index, in units of noise and tolerance
 
 
 def check(geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements) -> None:

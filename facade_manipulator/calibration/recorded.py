@@ -51,10 +51,10 @@ def read_estimator_recording(path: Path, head_topic: str = HEAD_ON_WALL) -> Esti
 class TouchRecording(NamedTuple):
     """The head while it presses on the wall, one row for each measured force."""
 
-    times: np.ndarray  # stamps, shape (n,) [s]
-    forces: np.ndarray  # on the wall, shape (n,) [N]
-    carriages: np.ndarray  # positions, shape (n, 3) [m]
-    rails: np.ndarray  # poses of the rail in facade, shape (n, 3) [m, m, rad]
+    times: np.ndarray  #: stamps, shape (n,) [s]
+    forces: np.ndarray  #: on the wall, shape (n,) [N]
+    carriages: np.ndarray  #: positions, shape (n, 3) [m]
+    rails: np.ndarray  #: poses of the rail in facade, shape (n, 3) [m, m, rad]
 
 
 def read_touches(path: Path, estimate: EstimateSettings) -> TouchRecording:

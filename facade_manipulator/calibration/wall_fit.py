@@ -22,12 +22,12 @@ ACCEPTED = np.array([0.01, 0.01])  # m, rad: known no better, the wall has not b
 class WallFit(NamedTuple):
     """A straight wall."""
 
-    distance: float  # y of the wall at x = 0 [m]
-    angle: float  # from x to the wall [rad]
-    yields: float  # of brush and wall to a force [m/N]; 0 where none was measured
-    deviations: np.ndarray  # of distance and angle, shape (2,)
-    residuals: np.ndarray  # of the touches, away from the wall, shape (n,) [m]
-    outliers: list[int]  # rows that contradict the others
+    distance: float  #: y of the wall at x = 0 [m]
+    angle: float  #: from x to the wall [rad]
+    yields: float  #: of brush and wall to a force [m/N]; 0 where none was measured
+    deviations: np.ndarray  #: of distance and angle, shape (2,)
+    residuals: np.ndarray  #: of the touches, away from the wall, shape (n,) [m]
+    outliers: list[int]  #: rows that contradict the others
 
 
 def touched_points(geometry: Geometry, carriages: np.ndarray, rails: np.ndarray) -> np.ndarray:

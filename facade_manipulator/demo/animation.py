@@ -29,21 +29,9 @@ CROSS = 0.035
 
 def frames(course: TimeCourse, geometry: Geometry, wall: FacadeSettings) -> Iterator[Image.Image]:
     """
-    Draw the last seconds of a run frame by frame.
+    Yield the last seconds of a run, of two samples at least, frame by frame in one palette.
 
-    Parameters
-    ----------
-    course : TimeCourse
-        At least two samples.
-    geometry : Geometry
-    wall : FacadeSettings
-        The wall is drawn at some distance where there is none to touch.
-
-    Yields
-    ------
-    PIL.Image.Image
-        Next frame in a palette.
-
+    The wall is drawn at some distance where there is none to touch.
     """
     count = int(min(FRAMES, (course.times[-1] - course.times[0]) / FRAME_PERIOD)) or 1
     scene = Drawing(course, geometry, wall)
@@ -114,11 +102,10 @@ class Drawing:
         sway = 1.1 * np.abs(self._course.uncompensated[:, :2]).max(axis=0)
         least, greatest = self._geometry.stroke
         half = max(GONDOLA_SIZE[0], abs(least), abs(greatest)) + sway[0] + 0.02
-        self._panel.set_xlim(-1e3 * half, 1e3 * half)
-        self._panel.set_ylim(-1e3 * (GONDOLA_SIZE[1] + sway[1] + 0.1), 1e3 * 0.36)
+        self._panel.set(xlim=(-1e3 * half, 1e3 * half),
+                        ylim=(-1e3 * (GONDOLA_SIZE[1] + sway[1] + 0.1), 1e3 * 0.36),
+                        xlabel='x on the wall [mm]', ylabel='y [mm]')
         self._panel.set_aspect('equal', adjustable='box')
-        self._panel.set_xlabel('x on the wall [mm]')
-        self._panel.set_ylabel('y [mm]')
 
 
 def _mechanism(geometry: Geometry, rail: Pose, head: Pose) -> dict[str, list]:

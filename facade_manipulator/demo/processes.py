@@ -29,13 +29,8 @@ class NodeProcesses:
     Start node executables and end them again, in the reverse order of their start.
 
     Each is a session of its own, so that a Ctrl-C in the terminal reaches this process alone and
-    the drives can be stopped first; the kernel ends them if this process is killed.
-
-    Parameters
-    ----------
-    log_directory : Path
-        Gets one file per node.
-
+    the drives can be stopped first; the kernel ends them if this process is killed. The directory
+    of logs gets one file per node.
     """
 
     def __init__(self, log_directory: Path) -> None:
@@ -56,15 +51,7 @@ class NodeProcesses:
         return self._log_directory / f'{name}.log'
 
     def check(self) -> None:
-        """
-        Check that every node still runs.
-
-        Raises
-        ------
-        NodeEndedError
-            With the last line of the log of the node that ended.
-
-        """
+        """Raise a NodeEndedError with the last line of the log of a node that has ended."""
         for name, process in self._processes.items():
             if process.poll() is not None:
                 lines = self.log(name).read_text().strip().splitlines() or ['no output']

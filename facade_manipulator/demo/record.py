@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from functools import partial
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -39,25 +40,14 @@ class RunSample(NamedTuple):
 
 
 class TimeCourse(NamedTuple):
-    """
-    Samples as arrays.
+    """Samples as arrays, poses of shape (n, 3)."""
 
-    Parameters
-    ----------
-    times : numpy.ndarray, shape (n,)
-        Since the first goal [s].
-    heads, errors, uncompensated, references : numpy.ndarray, shape (n, 3)
-    settled : numpy.ndarray of bool, shape (n,)
-        Whether the goal had stood for long enough to count.
-
-    """
-
-    times: np.ndarray
+    times: np.ndarray  # since the first goal [s]
     heads: np.ndarray
     errors: np.ndarray
     uncompensated: np.ndarray
     references: np.ndarray
-    settled: np.ndarray
+    settled: np.ndarray  # whether the goal had stood for long enough to count
 
     @property
     def goals(self) -> np.ndarray:
@@ -96,15 +86,9 @@ class Thinned:
 
 class Recorder:
     """
-    Keep what the gondola simulator measures of the head on the wall.
+    Keep what the gondola simulator measures of the head on the wall, by subscriptions of a node.
 
-    Parameters
-    ----------
-    node : rclpy.node.Node
-        Takes the subscriptions.
-    settling_time : float
-        Time for which a goal must have stood to count [s].
-
+    A goal counts once it has stood for the settling time [s].
     """
 
     def __init__(self, node: Node, settling_time: float) -> None:
@@ -118,7 +102,7 @@ class Recorder:
         self._references: TimedBuffer[Pose] = TimedBuffer()
         for part in PARTS:
             node.create_subscription(
-                PoseStamped, f'gondola_simulator/{part}', self._receiver(part), RELIABLE)
+                PoseStamped, f'gondola_simulator/{part}', partial(self._receive, part), RELIABLE)
         node.create_subscription(
             PoseStamped, 'compensator/reference', self._receive_reference, RELIABLE)
         node.create_subscription(
@@ -157,9 +141,6 @@ class Recorder:
             for part in RunSample._fields[1:])
         return TimeCourse(times, heads, errors, uncompensated, references,
                           settled(times, heads - errors, self._settling_time))
-
-    def _receiver(self, part: str) -> Callable[[PoseStamped], None]:
-        return lambda message: self._receive(part, message)
 
     def _receive(self, part: str, message: PoseStamped) -> None:
         time = seconds(message.header.stamp)

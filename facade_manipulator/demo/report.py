@@ -22,17 +22,9 @@ LEAST_SAMPLES = 10
 
 def summarise(measured: dict, observer: Observer, duration: float) -> dict:
     """
-    Return what summary.json holds of a run.
+    Return what summary.json holds of a run whose strokes took a duration [s].
 
-    Parameters
-    ----------
-    measured : dict
-        Report of the gondola simulator.
-    observer : Observer
-        Knows the last counters of the nodes.
-    duration : float
-        Of the strokes [s].
-
+    `measured` is the gondola simulator's report; the observer knows the nodes' last counters.
     """
     return {
         'axes': {axis: {key: measured['axes'][axis][key] for key in KEPT} for axis in AXES},
@@ -81,22 +73,9 @@ def draw(
     folder: Path, recorder: Recorder, summary: dict, scenario: Scenario, geometry: Geometry
 ) -> Iterator[float]:
     """
-    Draw everything; who closes the iterator early leaves only complete files.
+    Draw everything and yield the share that is done, 0 to 1.
 
-    Parameters
-    ----------
-    folder : pathlib.Path
-    recorder : Recorder
-    summary : dict
-    scenario : Scenario
-        Of it the wall and the desired force.
-    geometry : Geometry
-
-    Yields
-    ------
-    float
-        Share that is done, 0 to 1.
-
+    Who closes the iterator early leaves only complete files.
     """
     # matplotlib comes in here, so that the nodes' start does not wait for it
     from facade_manipulator.demo import animation

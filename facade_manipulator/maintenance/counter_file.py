@@ -12,8 +12,6 @@ from facade_manipulator.files import atomic_write
 from facade_manipulator.maintenance.counters import MachineCounters
 
 PERIOD = 1.0  # s, so that no kill loses more
-
-
 DAMAGES = (OSError, ValueError, TypeError, AttributeError, KeyError)
 
 
@@ -35,22 +33,9 @@ class CounterFile:
     Keep the counters of one machine in a file.
 
     A disk that hangs or is full costs the counters, nothing else: a thread writes, and what could
-    not be written is tried again a second later.
-
-    Parameters
-    ----------
-    folder : str
-        ``~`` is the user's home; empty keeps nothing.
-    machine : str
-        Namespace of the machine, which names the file.
-
-    Attributes
-    ----------
-    counters : MachineCounters
-        As read from the file; new where there is none. A file that cannot be read is put aside.
-    error : str
-        What is wrong with the file; empty if nothing is.
-
+    not be written is tried again a second later. In `folder` ``~`` is the user's home, empty keeps
+    nothing; the machine's namespace names the file. `counters` are as read from it, new where
+    there is none; one that cannot be read is put aside. `error` says what is wrong with it.
     """
 
     def __init__(self, folder: str, machine: str) -> None:

@@ -10,7 +10,7 @@ travel; its life goes with the third power.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 import re
 from typing import Any
@@ -47,25 +47,12 @@ class ServiceSettings:
 
 @dataclass
 class AxisCounters:
-    """
-    Counters of one axis.
+    """Counters of one axis."""
 
-    Attributes
-    ----------
-    travel : float
-        [m]
-    cubed_load : float
-        Integral of the cube of the force over the travel [N³ m].
-    reversals : int
-    greatest_following_error : float
-        [m]
-
-    """
-
-    travel: float = 0.0
-    cubed_load: float = 0.0
+    travel: float = 0.0  # m
+    cubed_load: float = 0.0  # integral of the cube of the force over the travel [N³ m]
     reversals: int = 0
-    greatest_following_error: float = 0.0
+    greatest_following_error: float = 0.0  # m
 
     @property
     def mean_load(self) -> float:
@@ -75,30 +62,14 @@ class AxisCounters:
 
 @dataclass
 class MachineCounters:
-    """
-    Counters of a machine.
+    """Counters of a machine."""
 
-    Attributes
-    ----------
-    hours : float
-        Under power [h].
-    starts : int
-        Activations.
-    stops : dict
-        How often the drives were stopped, by cause without its numbers.
-    axes : dict
-        Counters of the axes by name.
-    service_hours, service_travel : float
-        `hours` [h] and greatest travel [m] at the last service.
-
-    """
-
-    hours: float = 0.0
-    starts: int = 0
-    stops: dict[str, int] = field(default_factory=dict)
+    hours: float = 0.0  #: under power [h]
+    starts: int = 0  #: activations
+    stops: dict[str, int] = field(default_factory=dict)  #: by cause without its numbers
     axes: dict[str, AxisCounters] = field(default_factory=dict)
-    service_hours: float = 0.0
-    service_travel: float = 0.0
+    service_hours: float = 0.0  #: `hours` at the last service [h]
+    service_travel: float = 0.0  #: greatest travel at the last service [m]
 
     def __post_init__(self) -> None:
         self._time: float | None = None
@@ -110,11 +81,7 @@ class MachineCounters:
         """
         Make counters of what `values` returned; what is missing or unknown counts as new.
 
-        Raises
-        ------
-        TypeError, ValueError, AttributeError
-            If they are no counters.
-
+        Raises a TypeError, ValueError or AttributeError if they are no counters.
         """
         known = {item.name for item in fields(MachineCounters)} - {'axes', 'stops'}
         made = MachineCounters(**{
@@ -201,9 +168,5 @@ class MachineCounters:
             yield f'{name} mean load over travel [N]', f'{axis.mean_load:.1f}'
             yield (f'{name} greatest following error [mm]',
                    f'{1e3 * axis.greatest_following_error:.3f}')
-        yield from _sorted_stops(self.stops.items())
-
-
-def _sorted_stops(stops: Iterable[tuple[str, int]]) -> Iterator[tuple[str, str]]:
-    for cause, count in sorted(stops, key=lambda stop: -stop[1]):
-        yield f'stops: {cause}', str(count)
+        for cause, count in sorted(self.stops.items(), key=lambda stop: -stop[1]):
+            yield f'stops: {cause}', str(count)

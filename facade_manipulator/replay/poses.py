@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator.blackbox import Received, RecordedRun
+from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.compensation import Compensator, CompensatorSettings, DEFAULTS
 from facade_manipulator.errors import ManipulatorError, RecordError
 from facade_manipulator.kinematics import Geometry, Pose
@@ -28,27 +28,13 @@ SETTLING = 20.0  # s: what the compensator learnt before the recording it has to
 
 
 class Comparison(NamedTuple):
-    """
-    What was recorded and what the replay made of the same input.
+    """What was recorded and what the replay made of the same input: poses or setpoints."""
 
-    Attributes
-    ----------
-    times : numpy.ndarray, shape (n,)
-        Stamps [s].
-    recorded, replayed : numpy.ndarray, shape (n, 3)
-        x, y, θ of poses or q1, q2, q3 of setpoints [m, rad].
-    settled : numpy.ndarray of bool, shape (n,)
-        Where the two should be alike.
-    rejections : list of str
-        What the replay rejected.
-
-    """
-
-    times: np.ndarray
-    recorded: np.ndarray
-    replayed: np.ndarray
-    settled: np.ndarray
-    rejections: list[str]
+    times: np.ndarray  #: stamps, shape (n,) [s]
+    recorded: np.ndarray  #: x, y, θ or q1, q2, q3, shape (n, 3) [m, rad]
+    replayed: np.ndarray  #: the same, shape (n, 3)
+    settled: np.ndarray  #: where the two should be alike, shape (n,)
+    rejections: list[str]  #: what the replay rejected
 
     @classmethod
     def of(
@@ -72,15 +58,7 @@ def carriages(message: Any) -> tuple[float, float, float]:
 
 
 def geometry_of(run: RecordedRun, node: str) -> Geometry:
-    """
-    Return the mechanism of a node's recorded parameters.
-
-    Raises
-    ------
-    RecordError
-        If they are not in the recording.
-
-    """
+    """Return the mechanism of a node's parameters; raises a RecordError if they are missing."""
     if node not in run.parameters:
         raise RecordError(f'the parameters of {node} are not in the recording: it had not '
                           'answered the recorder yet')
@@ -99,7 +77,7 @@ def replay_poses(run: RecordedRun) -> Comparison:
         part: settings_from(type(default), values, '' if part == 'compensation' else part)
         for part, default in DEFAULTS._asdict().items()}))
     horizon = compensator.settings.horizon
-    ticks = [Received(seconds(one.message.header.stamp) - horizon, one.message)
+    ticks = [(seconds(one.message.header.stamp) - horizon, '', one.message)
              for one in run.topics['corrected_pose']]
     rejections: list[str] = []
     pairs = []
@@ -161,11 +139,12 @@ INPUTS: dict[str, Callable[[Compensator, float, Any], None]] = {
 }
 
 
-def _in_order(run: RecordedRun, ticks: list[Received]) -> Iterator[tuple[float, str, Any]]:
+def _in_order(
+    run: RecordedRun, ticks: list[tuple[float, str, Any]]
+) -> Iterator[tuple[float, str, Any]]:
     """Yield time, topic ('' for a tick of the compensator) and message of everything."""
     streams = [[(one.time, topic, one.message) for one in run.topics[topic]] for topic in INPUTS]
-    streams.append([(one.time, '', one.message) for one in ticks])
-    return merge(*streams, key=lambda item: item[0])
+    return merge(*streams, ticks, key=lambda item: item[0])
 
 
 def _attempt(action: Callable[[], Any], rejections: list[str]) -> Any:

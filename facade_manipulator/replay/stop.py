@@ -15,7 +15,6 @@ from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSett
 from facade_manipulator.drives.controller import (
     ACTIVE_STATES,
     ControllerSettings,
-    ControllerSnapshot,
     ControllerState,
 )
 from facade_manipulator.errors import ManipulatorError, RecordError
@@ -65,24 +64,12 @@ class Stop(NamedTuple):
 
 
 class StopReplay(NamedTuple):
-    """
-    How the recorded stop and the replayed one compare.
-
-    Attributes
-    ----------
-    recorded, replayed : Stop or None
-        None where nothing stopped.
-    faults : list of DriveFault
-        What the simulated drives were made to do.
-    rejections : list of str
-        Setpoints that the driver rejected.
-
-    """
+    """How the recorded stop and the replayed one compare; None where nothing stopped."""
 
     recorded: Stop | None
     replayed: Stop | None
-    faults: list[DriveFault]
-    rejections: list[str]
+    faults: list[DriveFault]  #: what the simulated drives were made to do
+    rejections: list[str]  #: setpoints that the driver rejected
 
     @property
     def is_alike(self) -> bool:
@@ -95,15 +82,20 @@ class StopReplay(NamedTuple):
 def recorded_stop(run: RecordedRun) -> Stop | None:
     """Return the first stop that the driver's diagnostics name within the recording."""
     moved = False
-    for received in run.topics['/diagnostics']:
-        for status in received.message.status:
-            values = {item.key: item.value for item in status.values}
-            if not status.name.endswith(OPERATION) or received.time < run.begin:
-                continue
+    for stamp, status, values in _statuses(run):
+        if status.name.endswith(OPERATION):
             if moved and values.get('state') in STOPPED:
-                return Stop(received.time, values.get('cause', status.message))
+                return Stop(stamp, values.get('cause', status.message))
             moved |= values.get('state') not in STOPPED
     return None
+
+
+def _statuses(run: RecordedRun) -> Iterator[tuple[float, Any, dict[str, str]]]:
+    """Yield time, status and its values of all diagnostics within the recording."""
+    for received in run.topics['/diagnostics']:
+        if received.time >= run.begin:
+            for status in received.message.status:
+                yield received.time, status, {item.key: item.value for item in status.values}
 
 
 def drive_faults(run: RecordedRun) -> list[DriveFault]:
@@ -157,18 +149,16 @@ def _frames_of_drives(
 
 
 def _faults_in_diagnostics(run: RecordedRun) -> Iterator[DriveFault]:
-    for received in run.topics['/diagnostics']:
-        for status in received.message.status:
-            name = status.name.rpartition('driver: ')[2]
-            if name not in AXIS_NAMES or received.time < run.begin:
-                continue
-            values = {item.key: item.value for item in status.values}
-            axis = AXIS_NAMES.index(name)
-            if code := re.fullmatch(r'([0-9A-F]+)h', values.get('error code', '')):
-                yield from _errors(received.time, axis, int(code[1], 16))
-            age = re.fullmatch(r'[\d.]+', values.get('heartbeat age [s]', ''))
-            if age and float(age[0]) > SILENCE:
-                yield _silence(received.time - float(age[0]), axis)
+    for stamp, status, values in _statuses(run):
+        name = status.name.rpartition('driver: ')[2]
+        if name not in AXIS_NAMES:
+            continue
+        axis = AXIS_NAMES.index(name)
+        if code := re.fullmatch(r'([0-9A-F]+)h', values.get('error code', '')):
+            yield from _errors(stamp, axis, int(code[1], 16))
+        age = re.fullmatch(r'[\d.]+', values.get('heartbeat age [s]', ''))
+        if age and float(age[0]) > SILENCE:
+            yield _silence(stamp - float(age[0]), axis)
 
 
 def _errors(time: float, axis: int, code: int) -> Iterator[DriveFault]:
@@ -184,21 +174,9 @@ def replay_stop(run: RecordedRun, duration: float) -> StopReplay:
     """
     Let simulated drives follow the recorded setpoints and fail as the recorded ones did.
 
-    Takes as long as it took then: the control loop is the real one, in its own process.
-
-    Parameters
-    ----------
-    run : RecordedRun
-    duration : float
-        How long before the stop, or the end of the recording, it begins [s].
-
-    Raises
-    ------
-    RecordError
-        If there is no setpoint in that time.
-    ManipulatorError
-        If the simulated drives cannot be brought to where the recording begins.
-
+    Takes as long as it took then: the control loop is the real one, in its own process. It begins
+    a duration [s] before the stop, or the end of the recording. Raises a RecordError if there is
+    no setpoint in that time, a ManipulatorError if the simulated drives cannot be brought there.
     """
     stop = recorded_stop(run)
     begin = (stop.time if stop else run.end) - duration
@@ -269,13 +247,10 @@ class _Rig:
         self.loop.feed()
         time.sleep(PERIOD)
 
-    def _snapshot(self) -> ControllerSnapshot:
-        return self.loop.snapshot()
-
     def approach(self, target: Carriages) -> None:
         """Move the carriages to where the recording begins, at the speed of an approach."""
         mechanism = mechanism_of(self._geometry)
-        here = Carriages(*(one.position for one in self._snapshot().axes))
+        here = Carriages(*(one.position for one in self.loop.snapshot().axes))
         path, stream = Approach(ReferenceSettings()), SetpointStream(
             self._geometry, GoalSettings())
         path.begin(time.time() + LEAD, *(
@@ -283,30 +258,22 @@ class _Rig:
         while (pose := path.pose(time.time() + LEAD)) is not None:
             self.loop.send_setpoint(stream.setpoint(time.time() + LEAD, pose))
             self._pause()
-            self._require_power()
-
-    def _require_power(self) -> None:
-        snapshot = self._snapshot()
-        if snapshot.state not in ACTIVE_STATES:
-            raise ManipulatorError(
-                f'the simulated drives stopped on the way to the beginning: {snapshot.cause}')
+            snapshot = self.loop.snapshot()
+            if snapshot.state not in ACTIVE_STATES:
+                raise ManipulatorError(
+                    f'the simulated drives stopped on the way to the beginning: {snapshot.cause}')
 
     def play(
         self, begin: float, actions: list[tuple[float, Callable[[float], None]]], end: float
     ) -> Stop | None:
         """Do the actions at their time; return when and why the drives stopped."""
         shift = time.time() + LEAD - begin
-        remaining = iter([*actions, (end, lambda _: None)])
-        due, action = next(remaining)
-        while True:
-            now = time.time() - shift
-            while due <= now:
-                action(shift)
-                due, action = next(remaining, (None, None))
-                if due is None:
-                    return None
-            snapshot = self._snapshot()
-            if snapshot.state not in ACTIVE_STATES:
-                return Stop(now, snapshot.cause)
-            self.loop.feed()
-            time.sleep(max(0.0, min(PERIOD, due - now)))
+        for due, action in [*actions, (end, lambda _: None)]:
+            while (now := time.time() - shift) < due:
+                snapshot = self.loop.snapshot()
+                if snapshot.state not in ACTIVE_STATES:
+                    return Stop(now, snapshot.cause)
+                self.loop.feed()
+                time.sleep(min(PERIOD, due - now))
+            action(shift)
+        return None
