@@ -82,9 +82,9 @@ def draw_comparison(
         panel.set_xscale('log')
         plain_ticks(panel.xaxis)
         panel.set_yticks(range(len(cases)), cases)
+        panel.set_ylim(len(cases) - 0.5, -0.5)
         label(panel, text, '')
         panel.margins(x=0.05)
-    panels[0].invert_yaxis()
     figure.legend(*panels[0].get_legend_handles_labels(), loc='outside lower center',
                   ncols=len(PREDICTIONS), fontsize=9, frameon=False)
     figure.suptitle(title)
