@@ -86,7 +86,10 @@ def certify_carriages(geometry: Geometry, carriages: Carriages) -> None:
     if not isfinite(q1 + q2 + q3):
         raise not_finite(carriages)
     check_rail(geometry, q3 - q1, q2 - q3, q1, q2)
-    check_branch(_closed_number(geometry, q1 - q3, q2 - q3))
+    left, right, half = q1 - q3, q2 - q3, geometry.platform_half_length
+    y, sine, cosine = _close(geometry, left, right)  # in half the time that the pose takes
+    rise, span = half * sine, half * cosine
+    check_branch(branch_number((sine, cosine, y - rise, y + rise, left + span, span - right)))
 
 
 def _cubic(
@@ -122,28 +125,6 @@ def _cubic(
         product,
         constant + product - e,
     )
-
-
-def _closed_number(geometry: Geometry, left: float, right: float) -> float:
-    """
-    Return N [m²] where the links close, in half the time that the pose takes.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    left, right : float
-        q1 − q3 and q2 − q3, carriages in their order [m].
-
-    Raises
-    ------
-    UnreachableError
-        As `forward_kinematics`.
-
-    """
-    y, sine, cosine = _close(geometry, left, right)
-    half = geometry.platform_half_length
-    rise, span = half * sine, half * cosine
-    return branch_number((sine, cosine, y - rise, y + rise, left + span, span - right))
 
 
 def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:

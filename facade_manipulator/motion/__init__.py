@@ -12,6 +12,7 @@ from facade_manipulator.motion.guard import (
     measured_guard,
     MEASURED_SHARE,
     MechanismGuard,
+    Separation,
 )
 from facade_manipulator.motion.limits import MotionLimits, Triple
 from facade_manipulator.motion.reference import (
@@ -32,7 +33,6 @@ from facade_manipulator.motion.stopping import (
     highest_speed,
     least_distance,
     overshoot,
-    Separation,
 )
 from facade_manipulator.motion.timed_buffer import TimedBuffer
 

@@ -17,7 +17,14 @@ from ruckig import (
 )
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Pose, Twist, wrap_angle, ZERO_POSE, ZERO_TWIST
+from facade_manipulator.kinematics import (
+    Pose,
+    subtract,
+    Twist,
+    wrap_angle,
+    ZERO_POSE,
+    ZERO_TWIST,
+)
 from facade_manipulator.parameters import parameter, settings
 
 UNITS = 'm, rad'
@@ -67,7 +74,6 @@ class ReferencePath:
         self._trajectory = Trajectory(len(Pose._fields))
         self._end = HeadMotion(ZERO_POSE)
         self._start: float | None = None
-        self.goal: Pose | None = None
 
     def initialise(self, time: float, motion: HeadMotion, goal: Pose) -> None:
         """
@@ -89,51 +95,36 @@ class ReferencePath:
         """
         turn = wrap_angle(goal.theta - motion.position.theta)
         goal = goal._replace(theta=motion.position.theta + turn)
-        self._begin_at(motion)
         self._plan.target_position = list(goal)
         straight = not any(motion.velocity) and not any(motion.acceleration)
-        self._limit([goal[i] - motion.position[i] if straight else 0.0 for i in range(len(goal))])
-        trajectory = self._calculate()
-        if trajectory is None:
-            raise ManipulatorError(
-                f'no jerk-limited path from {tuple(motion.position)} to {tuple(goal)} {UNITS}')
-        self._follow(time, trajectory)
-        self.goal = goal
+        self._begin(
+            time, motion, subtract(goal, motion.position) if straight else ZERO_POSE,
+            f'from {tuple(motion.position)} to {tuple(goal)} {UNITS}')
 
     def stop(self, time: float) -> Pose:
         """Come to rest as soon as the limits allow, from a time on [s]; return where."""
-        self._begin_at(self.at(time))
-        self._limit([0.0] * len(Pose._fields))
         self._plan.control_interface = ControlInterface.Velocity
         try:
-            trajectory = self._calculate()
+            self._begin(time, self.at(time), ZERO_POSE, 'to rest')
         finally:
             self._plan.control_interface = ControlInterface.Position
-        if trajectory is None:
-            raise ManipulatorError('no jerk-limited path to rest')
-        self._follow(time, trajectory)
-        self.goal = self._end.position
-        return self.goal
+        return self._end.position
 
-    def _begin_at(self, motion: HeadMotion) -> None:
-        plan = self._plan
+    def _begin(self, time: float, motion: HeadMotion, displacement: Pose, where: str) -> None:
+        """Plan from a motion; straight, unless rounding leaves ruckig no such path."""
+        plan, trajectory = self._plan, Trajectory(len(Pose._fields))
         plan.current_position, plan.current_velocity, plan.current_acceleration = (
             map(list, motion))
-
-    def _follow(self, time: float, trajectory: Trajectory) -> None:
-        self._trajectory, self._start = trajectory, time
-        self._end = _motion(trajectory, trajectory.duration)
-
-    def _calculate(self) -> Trajectory | None:
-        """Return a path, straight unless rounding leaves ruckig none; None if there is none."""
-        trajectory = Trajectory(len(Pose._fields))
+        self._limit(displacement)
         for synchronization in (Synchronization.Phase, Synchronization.TimeIfNecessary):
-            self._plan.synchronization = synchronization
+            plan.synchronization = synchronization
             with suppress(RuckigError):  # met where the remainder of a path is 1e-14
-                if self._planner.calculate(self._plan, trajectory) in (
+                if self._planner.calculate(plan, trajectory) in (
                         Result.Working, Result.Finished):
-                    return trajectory
-        return None
+                    self._trajectory, self._start = trajectory, time
+                    self._end = _motion(trajectory, trajectory.duration)
+                    return
+        raise ManipulatorError(f'no jerk-limited path {where}')
 
     def retarget(self, time: float, goal: Pose) -> None:
         """Plan to another goal from the motion at a time [s]; it must have been initialised."""
@@ -146,7 +137,7 @@ class ReferencePath:
             return self._end
         return _motion(self._trajectory, elapsed)
 
-    def _limit(self, displacement: list[float]) -> None:
+    def _limit(self, displacement: Pose) -> None:
         """Limit all axes that move in proportion to their displacement: the path is straight."""
         plan, settings = self._plan, self.settings
         plan.max_velocity, plan.max_acceleration, plan.max_jerk = (
@@ -198,7 +189,7 @@ def _motion(trajectory: Trajectory, elapsed: float) -> HeadMotion:
     return HeadMotion(Pose(*position), Twist(*velocity), tuple(acceleration))
 
 
-def _proportional(limits: tuple[float, ...], displacement: list[float]) -> list[float]:
+def _proportional(limits: tuple[float, ...], displacement: Pose) -> list[float]:
     """Return the greatest limits in proportion to the displacement; an axis at rest keeps its."""
     pace = min(
         (limit / abs(step) for limit, step in zip(limits, displacement, strict=True)

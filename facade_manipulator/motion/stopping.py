@@ -9,7 +9,6 @@ fast carriages may be at a distance so that none runs into one that stands dead.
 from __future__ import annotations
 
 from collections.abc import Callable
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,60 +17,6 @@ from facade_manipulator.motion.limits import MotionLimits
 
 SPEEDS, TIMES = 41, 65  # of the search; twice as many of both change 0.1 mm
 SHORTEST = 1e-9  # s
-
-
-MARGIN = 0.003  # m, for what the speed lacks while the carriages slow down to it
-
-
-class Separation(NamedTuple):
-    """
-    Speed and distance: how fast carriages may be where a neighbour may stand dead at once.
-
-    A dead drive that is silent is missed after `silence`. One that still answers is found by its
-    following error, or where the measured distance is below the least that is tolerated.
-
-    Attributes
-    ----------
-    touching : float
-        Distance at which neighbours touch [m].
-    deceleration : float
-        Of the weakest brake [m/s²].
-    silence : float
-        How long the others go on until a silent drive is missed and they brake [s].
-    window, tracking : float
-        Following error that is tolerated [m], and how long it may be beyond it [s].
-    tolerated, report : float
-        Least distance as measured that is tolerated [m], and how long until they brake [s].
-
-    """
-
-    touching: float
-    deceleration: float
-    silence: float
-    window: float
-    tracking: float
-    tolerated: float
-    report: float
-
-    def speed(self, distance: float) -> float:
-        """Return how fast neighbours may be at a distance [m], in m/s."""
-        seen = max(self._stopping_from(self.tolerated, self.report),
-                   self._stopping_from(distance - self.window, self.tracking))
-        return min(seen, self._stopping_from(distance, self.silence))
-
-    def distance(self, speed: float) -> float:
-        """Return the least distance at which neighbours may be as fast as a speed [m/s], in m."""
-        def needed(delay: float) -> float:
-            return self.touching + MARGIN + speed * delay + 0.5 * speed ** 2 / self.deceleration
-
-        is_seen = needed(self.report) <= self.tolerated
-        return max(needed(self.silence), 0.0 if is_seen else self.window + needed(self.tracking))
-
-    def _stopping_from(self, distance: float, delay: float) -> float:
-        """Return the speed from which a carriage just stops within a distance, after a delay."""
-        room = max(0.0, distance - self.touching - MARGIN)
-        late = self.deceleration * delay
-        return math.sqrt(late * late + 2.0 * self.deceleration * room) - late
 
 
 class Brake(NamedTuple):

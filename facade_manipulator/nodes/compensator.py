@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -245,29 +245,29 @@ class CompensatorNode(Node):
         return response
 
     def _tare(self, _: Trigger.Request, response: Trigger.Response):
-        try:
-            nominal = self._compensator.correction.tare(node_time(self))
-        except ManipulatorError as error:
-            response.success, response.message = False, str(error)
-            return response
-        response.success = True
-        response.message = f'the nominal position of the rail is now {millimetres(nominal)}'
-        return response
+        return _answer(response, lambda: (
+            'the nominal position of the rail is now '
+            + millimetres(self._compensator.correction.tare(node_time(self)))))
 
     def _hold(self, _: Trigger.Request, response: Trigger.Response):
-        try:
-            place = self._compensator.hold(node_time(self))
-        except ManipulatorError as error:
-            response.success, response.message = False, str(error)
-            return response
-        self._goal = node_time(self), place
-        self._progress.end(HOLD)
-        response.success = True
-        response.message = f'the head stays on the wall at {millimetres(place)}'
-        return response
+        def hold() -> str:
+            now = node_time(self)
+            self._goal = now, self._compensator.hold(now)
+            self._progress.end(HOLD)
+            return f'the head stays on the wall at {millimetres(self._goal[1])}'
+
+        return _answer(response, hold)
 
     def _components(self) -> list[DiagnosticStatus]:
         return self._report.components(node_time(self), self._rejections.values())
+
+
+def _answer(response: Trigger.Response, act: Callable[[], str]) -> Trigger.Response:
+    try:
+        response.success, response.message = True, act()
+    except ManipulatorError as error:
+        response.success, response.message = False, str(error)
+    return response
 
 
 main = partial(run, lambda: [CompensatorNode()])

@@ -36,7 +36,7 @@ from facade_manipulator.errors import DriveStateError, InputError, ManipulatorEr
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import LoopProcess, LoopSetup, start_process, StoppingAnalysis
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
-from facade_manipulator.messages import CARRIAGES, carriages_from, require_finite
+from facade_manipulator.messages import carriages_from
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
@@ -181,12 +181,8 @@ class DriverNode(ManagedNode):
             self.create_subscription(
                 JointState, 'gondola_simulator/carriage_forces', self._receive_forces, LATEST)
         self._software_stop = SoftwareStop(self, self._stop_by_software, self._loop.forbid_power)
-        for name, start in (
-            ('home', lambda: self._loop.request('home')),
-            ('halt', lambda: self._loop.request('halt')),
-            ('clear_faults', lambda: self._loop.request('clear_faults')),
-        ):
-            self._offer_request(f'driver/{name}', start)
+        for name in ('home', 'halt', 'clear_faults'):
+            self._offer_request(name)
         self.create_service(Trigger, 'driver/service_done', self._record_service)
         self.replies.attach(self.create_service(
             SelfTest, 'driver/self_test',
@@ -198,15 +194,15 @@ class DriverNode(ManagedNode):
         steady_timer(self, 1.0 / rate, lambda: self._publish_joint_states(every))
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
-    def _offer_request(self, name: str, start) -> None:
+    def _offer_request(self, name: str) -> None:
         def answer(job: Future) -> Trigger.Response:
             error = job.exception()
             message = str(error or job.result())
             self.report(error is None, message)
             return Trigger.Response(success=error is None, message=message)
 
-        self.replies.attach(
-            self.create_service(Trigger, name, lambda *_: Deferred(start(), answer)))
+        self.replies.attach(self.create_service(
+            Trigger, f'driver/{name}', lambda *_: Deferred(self._loop.request(name), answer)))
 
     def _self_test_response(self, job: Future) -> SelfTest.Response:
         error = job.exception()
@@ -221,9 +217,8 @@ class DriverNode(ManagedNode):
     def _receive_forces(self, message: JointState) -> None:
         """Let the simulated drives feel what the simulated wall does."""
         with self._rejections:
-            forces = carriages_from(message.name, message.effort, 'carriage_forces effort')
-            require_finite(CARRIAGES, forces, 'carriage_forces effort of')
-            self._loop.load(forces)
+            self._loop.load(
+                carriages_from(message.name, message.effort, 'carriage_forces effort'))
 
     def _record_service(self, _: Trigger.Request, response: Trigger.Response):
         counters = self._counting.counters

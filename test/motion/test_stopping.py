@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import CarriageGapError, ManipulatorError
+from facade_manipulator.motion.guard import Separation
 from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
 from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, StreamSettings
 from facade_manipulator.motion.stopping import (
@@ -19,7 +20,6 @@ from facade_manipulator.motion.stopping import (
     highest_speed,
     least_distance,
     overshoot,
-    Separation,
 )
 
 LIMITS = MotionLimits()
