@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import math
 
 import numpy as np
 
@@ -11,6 +12,11 @@ from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
 from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
 
 DRAIN = 1.0  # s, after which what was measured last has come
+
+
+def wandering(time: float) -> Pose:
+    """Return a head that wipes to and fro along the rail."""
+    return Pose(0.05 * math.sin(0.7 * time), 0.25, 0.0)
 
 
 def record_estimator(

@@ -21,7 +21,6 @@ References
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -44,27 +43,6 @@ STEP = 5e-4  # Hz, between the frequencies of gusts
 DIFFERENCE = 1e-3  # s, of which velocities are taken
 GROWTH = 1.5  # from one number of estimates to the next for which weights are kept
 FREQUENCY_DEVIATION = 0.2  # Hz, of sways between 0.05 and 0.8 Hz, before anything is known
-
-
-class Law(NamedTuple):
-    """
-    Power of the disturbance by frequency.
-
-    Parameters
-    ----------
-    frequencies : numpy.ndarray, shape (n,)
-        [Hz].
-    power : numpy.ndarray, shape (3, n)
-        Mean square of each [m², m², rad²].
-
-    """
-
-    frequencies: np.ndarray
-    power: np.ndarray
-
-    def covariance(self, lags: np.ndarray) -> np.ndarray:
-        """Return the covariance over lags [s], shape (3, lags)."""
-        return self.power @ np.cos(math.tau * np.outer(self.frequencies, lags))
 
 
 def limits(scenario: Scenario, motion: Motion, origin: float = START) -> dict:
@@ -94,13 +72,13 @@ def limits(scenario: Scenario, motion: Motion, origin: float = START) -> dict:
             found[name] = SinesPrediction(scenario.sway, origin, deviation)
     if scenario.mission.motion == 'wind':
         found['oracle'] = GustsPrediction(
-            wind_law(scenario.gondola, scenario.wind), 1.0 / scenario.estimator.rate,
+            *wind_law(scenario.gondola, scenario.wind), 1.0 / scenario.estimator.rate,
             scenario.estimator.variances())
     return found
 
 
-def wind_law(gondola: GondolaSettings, wind: WindSettings) -> Law:
-    """Return the law of a gondola's sway under small gusts."""
+def wind_law(gondola: GondolaSettings, wind: WindSettings) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies [Hz] and the power of each axis there, of sway under small gusts."""
     frequencies = np.arange(LOWEST_FREQUENCY, HIGHEST_FREQUENCY, STEP)
     natural, _, participation, output = modes(gondola)
     force = 0.5 * AIR_DENSITY * gondola.drag_coefficient * gondola.area * wind.mean_speed
@@ -112,7 +90,12 @@ def wind_law(gondola: GondolaSettings, wind: WindSettings) -> Law:
     resonances = 1.0 / (natural[:, None] ** 2 + damping * s + s * s)
     response = np.einsum('am,mf,km,kg->agf', output, resonances, participation, forces)
     gusts = np.stack([spectral_density(wind, axis, frequencies) for axis in range(2)])
-    return Law(frequencies, (np.abs(response) ** 2 * gusts).sum(axis=1) * STEP)
+    return frequencies, (np.abs(response) ** 2 * gusts).sum(axis=1) * STEP
+
+
+def covariance(frequencies: np.ndarray, power: np.ndarray, lags: np.ndarray) -> np.ndarray:
+    """Return the covariance of each axis over lags [s], shape (3, lags)."""
+    return power @ np.cos(math.tau * np.outer(frequencies, lags))
 
 
 class GustsPrediction:
@@ -121,7 +104,10 @@ class GustsPrediction:
 
     Parameters
     ----------
-    law : Law
+    frequencies : numpy.ndarray, shape (n,)
+        [Hz].
+    power : numpy.ndarray, shape (3, n)
+        Mean square of the disturbance at each [m², m², rad²].
     interval : float
         Between two estimates [s].
     variances : Pose
@@ -129,12 +115,15 @@ class GustsPrediction:
 
     """
 
-    def __init__(self, law: Law, interval: float, variances: Pose) -> None:
+    def __init__(
+        self, frequencies: np.ndarray, power: np.ndarray, interval: float, variances: Pose
+    ) -> None:
         self.stamp: float | None = None
         self.since: float | None = None
         self._interval, self._variances = interval, np.array(variances)[:, None, None]
         self._size, self._steps = round(WINDOW / interval), math.ceil(FARTHEST / interval) + 1
-        self._covariance = law.covariance(interval * np.arange(self._size + self._steps))
+        self._covariance = covariance(
+            frequencies, power, interval * np.arange(self._size + self._steps))
         self._covariance[:, 0] += LEAST_POWER
         self._solved = {size: self._solve(size) for size in _sizes(self._size)}
         self._values = np.zeros((0, 3))

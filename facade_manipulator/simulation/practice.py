@@ -21,7 +21,7 @@ import numpy as np
 from facade_manipulator.errors import CalibrationError, ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose
 from facade_manipulator.simulation.estimator import EstimatorSettings
-from facade_manipulator.simulation.estimator_recording import record_estimator
+from facade_manipulator.simulation.estimator_recording import record_estimator, wandering
 from facade_manipulator.simulation.machines import make_machine, measure_heads, ShopSettings
 from facade_manipulator.simulation.sway import Sway, SwaySettings
 
@@ -84,11 +84,8 @@ def _measure(
 
 
 def _record(folder: Path, machine: Geometry, estimator: EstimatorSettings) -> None:
-    def head(time: float) -> Pose:
-        return Pose(0.05 * math.sin(0.7 * time), 0.25, 0.0)
-
     recording = record_estimator(
-        Sway(SwaySettings()).at, head, estimator, machine, DURATION, CAMERA_NOISE)
+        Sway(SwaySettings()).at, wandering, estimator, machine, DURATION, CAMERA_NOISE)
     columns = {'disturbance': HEAD, 'joints': Carriages._fields, 'wall': HEAD}
     for name, table in recording._asdict().items():
         _write(folder / f'{name}.csv', ('time', *columns[name]), table.round(7).tolist())

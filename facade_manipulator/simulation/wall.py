@@ -6,6 +6,8 @@ from collections.abc import Callable
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from facade_manipulator.kinematics import (
     Carriages,
     compose,
@@ -82,7 +84,7 @@ class WallMeasurement:
         self._motion = motion
         self._goal: Pose | None = None
         self._goal_since = math.inf
-        self._squares = {'disturbance': [0.0] * 3, 'residual': [0.0] * 3}
+        self._squares = np.zeros((2, len(AXES)))  # of disturbance and residual
         self.count = 0
 
     def set_goal(self, now: float, goal: Pose) -> None:
@@ -108,29 +110,21 @@ class WallMeasurement:
         uncompensated = difference(compose(disturbance, self._goal), self._goal)
         settled = stamp - self._goal_since >= self._settings.settling_time
         if settled:
-            self._count_in(error, uncompensated)
+            self.count += 1
+            self._squares += np.square((uncompensated, error))
         return WallSample(stamp, head, error, uncompensated, settled)
 
     def report(self) -> dict:
         """Return RMS of disturbance and residual and the attenuation of each axis."""
-        return {'axes': {
-            axis: self._axis(i) for i, axis in enumerate(AXES)}, 'samples': self.count}
+        return {'axes': {axis: self._axis(*squares) for axis, squares in zip(
+            AXES, self._squares.T.tolist(), strict=True)}, 'samples': self.count}
 
-    def _count_in(self, error: Pose, uncompensated: Pose) -> None:
-        self.count += 1
-        for i in range(len(AXES)):
-            self._squares['residual'][i] += error[i] * error[i]
-            self._squares['disturbance'][i] += uncompensated[i] * uncompensated[i]
-
-    def _axis(self, i: int) -> dict[str, float | int | None]:
+    def _axis(self, *squares: float) -> dict[str, float | int | None]:
         if not self.count:
             return {'disturbance_rms': None, 'residual_rms': None, 'attenuation_db': None,
                     'samples': 0}
-        disturbance, residual = (
-            math.sqrt(self._squares[name][i] / self.count)
-            for name in ('disturbance', 'residual'))
+        disturbance, residual = (math.sqrt(square / self.count) for square in squares)
         attenuation = (
             20.0 * math.log10(disturbance / residual) if disturbance and residual else None)
         return {'disturbance_rms': disturbance, 'residual_rms': residual,
                 'attenuation_db': attenuation, 'samples': self.count}
-

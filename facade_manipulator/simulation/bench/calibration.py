@@ -28,9 +28,9 @@ from facade_manipulator.calibration import (
     UNKNOWNS,
     values_of,
 )
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.simulation.bench.__main__ import run_scenario
-from facade_manipulator.simulation.estimator_recording import record_estimator
+from facade_manipulator.simulation.estimator_recording import record_estimator, wandering
 from facade_manipulator.simulation.machines import make_machine, measure_heads, ShopSettings
 from facade_manipulator.simulation.scenario import load_scenario
 from facade_manipulator.simulation.sway import Sway
@@ -131,11 +131,6 @@ def try_estimators(count: int, seed: int = 1) -> np.ndarray:
             DRAWING, RECORDED, WALL_NOISE)).settings
         rows.append(np.subtract((*found.mounting, found.delay), (*mounting, delay)))
     return np.array(rows)
-
-
-def wandering(time: float) -> Pose:
-    """Return a head that wipes to and fro along the rail."""
-    return Pose(0.05 * math.sin(0.7 * time), 0.25, 0.0)
 
 
 def estimator_table(errors: np.ndarray) -> list[str]:

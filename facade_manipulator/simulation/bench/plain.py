@@ -2,55 +2,29 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from facade_manipulator.kinematics import MotionState, Pose, Twist, ZERO_POSE, ZERO_TWIST
+from facade_manipulator.kinematics import MotionState, Pose, Twist
 
 HORIZON = 0.12  # s, by which the plainest comes late
 LONGEST_GAP = 3.0  # s without estimates, after which everything begins again
-VELOCITY_TIME = 0.1  # s
 FIRST_VELOCITY = 0.3  # m/s or rad/s, standard deviation
 FIRST_ACCELERATION = 0.3  # m/s² or rad/s²
 JERK_DENSITY = 0.01  # m²/s⁵ or rad²/s⁵
 
 
-class HeldPrediction:
-    """The disturbance is taken as it was when last seen: it comes one horizon late."""
+class AccelerationPrediction:
+    """Position, velocity and acceleration of each axis, driven by white jerk."""
 
     def __init__(self) -> None:
         self.stamp: float | None = None
         self.since: float | None = None
-        self._position, self._velocity = ZERO_POSE, ZERO_TWIST
-
-    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
-        """Take an estimate of a stamp [s]."""
-        if self.stamp is None or not 0.0 < stamp - self.stamp <= LONGEST_GAP:
-            self.since, self._velocity = stamp, ZERO_TWIST
-        else:
-            interval = stamp - self.stamp
-            share = 1.0 - math.exp(-interval / VELOCITY_TIME)
-            self._velocity = Twist(*(
-                v + share * ((new - old) / interval - v)
-                for v, new, old in zip(self._velocity, values, self._position, strict=True)))
-        self.stamp, self._position = stamp, values
-
-    def predict(self, time: float) -> MotionState:
-        """Return where the disturbance was one horizon before a time [s], as far as seen."""
-        late = time - HORIZON - self.stamp
-        position = (p + late * v for p, v in zip(self._position, self._velocity, strict=True))
-        return MotionState(Pose(*position), self._velocity)
-
-
-class AccelerationPrediction(HeldPrediction):
-    """Position, velocity and acceleration of each axis, driven by white jerk."""
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
         """Learn from an estimate of a stamp [s]."""
-        last = self.stamp
-        super().update(stamp, values, variances)
-        if self.since == stamp:
+        last, self.stamp = self.stamp, stamp
+        if last is None or not 0.0 < stamp - last <= LONGEST_GAP:
+            self.since = stamp
             self._states = np.column_stack([values, np.zeros((3, 2))])
             self._covariances = np.stack([np.diag(
                 [noise, FIRST_VELOCITY ** 2, FIRST_ACCELERATION ** 2]) for noise in variances])
@@ -68,6 +42,14 @@ class AccelerationPrediction(HeldPrediction):
         ahead = min(time - self.stamp, LONGEST_GAP)
         states = self._states @ _transition(ahead).T
         return MotionState(Pose(*states[:, 0].tolist()), Twist(*states[:, 1].tolist()))
+
+
+class HeldPrediction(AccelerationPrediction):
+    """The disturbance is taken as it was when last seen: it comes one horizon late."""
+
+    def predict(self, time: float) -> MotionState:
+        """Return where the disturbance was one horizon before a time [s]."""
+        return super().predict(time - HORIZON)
 
 
 def _transition(interval: float) -> np.ndarray:
