@@ -28,9 +28,12 @@ Messages are messages with the value, the bound and the unit.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+import sys
+
+INTERRUPTED = 130  # as a shell says of a command that Ctrl-C has ended
 
 
 class ManipulatorError(Exception):
@@ -42,6 +45,22 @@ def missing_package(error: ModuleNotFoundError) -> str:
     name = str(error.name).partition('.')[0].lower()
     return (f'the Python package {name} is needed for this: sudo apt install python3-{name}, or '
             "pip install the extra 'study' of facade_manipulator")
+
+
+def exit_status(
+    name: str, action: Callable[[], int | None], failed: int = 1, interrupted: str = 'interrupted'
+) -> int:
+    """Return with what a command ends; an error is a line on standard error, no traceback."""
+    try:
+        return action() or 0
+    except (ManipulatorError, OSError) as error:
+        message = str(error)
+    except ModuleNotFoundError as error:
+        message = missing_package(error)
+    except KeyboardInterrupt:
+        message, failed = interrupted, INTERRUPTED
+    print(f'{name}: {message}', file=sys.stderr)
+    return failed
 
 
 class ParameterError(ManipulatorError, ValueError):

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.files import atomic_write
-from facade_manipulator.parameters import as_fields
+from facade_manipulator.parameters import as_fields, parameter_fields
 
 DIGITS = 7  # behind the point: 0.1 um, 0.1 urad
 ALL_NODES = '/**'
@@ -20,11 +20,7 @@ def read_parameters(path: Path, node: str) -> dict[str, Any]:
     """
     Return what a parameter file gives a node, by section and name; empty for nothing.
 
-    Raises
-    ------
-    ParameterError
-        It cannot be read, or is no parameter file.
-
+    Raises a ParameterError if it cannot be read, or is no parameter file.
     """
     parameters = (_load(path).get(node) or {}).get('ros__parameters') or {}
     if not isinstance(parameters, dict):
@@ -32,20 +28,29 @@ def read_parameters(path: Path, node: str) -> dict[str, Any]:
     return parameters
 
 
-def read_settings(path: Path, node: str, section: str, cls: type[Class]) -> Class:
+def read_section(path: Path, node: str, section: str) -> dict[str, Any]:
+    """Return a section of `read_parameters`; raises a ParameterError if it is no table."""
+    values = read_parameters(path, node).get(section) or {}
+    if not isinstance(values, dict):
+        raise ParameterError(f'{path}: {section} = {values!r} is not a table')
+    return values
+
+
+def read_settings(
+    path: Path, node: str, section: str, cls: type[Class], **defaults: Any
+) -> Class:
     """
     Return settings from a section of what a parameter file gives a node.
 
-    Raises
-    ------
-    ParameterError
-        As `read_parameters`; or the section has an unknown name or a value out of range.
-
+    Raises a ParameterError as `read_section`, for an unknown name and for a value out of range.
     """
-    values = read_parameters(path, node).get(section) or {}
+    values = read_section(path, node, section)
+    unknown = values.keys() - parameter_fields(cls).keys()
+    if unknown:
+        raise ParameterError(f'{path}: {section} has no parameter {min(unknown)}')
     try:
-        return cls(**as_fields(values))
-    except TypeError as error:
+        return cls(**defaults | as_fields(values))
+    except (TypeError, ParameterError) as error:
         raise ParameterError(f'{path}: {section}: {error}') from error
 
 

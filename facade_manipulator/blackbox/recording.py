@@ -6,7 +6,7 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Metadata, Schema
@@ -54,7 +54,7 @@ def read_recording(path: Path) -> RecordedRun:
     """
     try:
         with path.open('rb') as file:
-            run = _Reader().read(file)
+            run = _read(file)
     except (OSError, McapError) as error:
         raise RecordError(f'{path} cannot be read: {error}') from error
     if not run.topics or not run.begin:
@@ -63,51 +63,31 @@ def read_recording(path: Path) -> RecordedRun:
     return run
 
 
-class _Reader:
-    """Turns the records of an MCAP file into a `RecordedRun`, as far as they go."""
-
-    def __init__(self) -> None:
-        self._run = RecordedRun()
-        self._namespace = ''
-        self._schemas: dict[int, Schema] = {}
-        self._topics: dict[int, tuple[str, Any]] = {}
-        self._factory = DecoderFactory()
-        self._handlers = {Metadata: self._metadata, Schema: self._schema,
-                          Channel: self._channel, Message: self._message}
-
-    def read(self, file) -> RecordedRun:
-        records = StreamReader(file).records
-        try:
-            for record in records:
-                handle = self._handlers.get(type(record))
-                if handle is not None:
-                    handle(record)
-        except Exception as error:  # damaged bytes raise whatever their decoder does
-            self._run.damage = str(error) or type(error).__name__
-        return self._run
-
-    def _metadata(self, record: Metadata) -> None:
-        if record.name == SUMMARY:
-            self._namespace = record.metadata['namespace'].rstrip('/') + '/'
-            self._run.reasons = record.metadata['reasons'].splitlines()
-            self._run.begin = float(record.metadata['begin'])
-        elif record.name.startswith(PARAMETERS):
-            self._run.parameters[record.name.removeprefix(PARAMETERS)] = {
-                name: json.loads(value) for name, value in record.metadata.items()}
-
-    def _schema(self, record: Schema) -> None:
-        self._schemas[record.id] = record
-
-    def _channel(self, record: Channel) -> None:
-        decode = self._factory.decoder_for(
-            record.message_encoding, self._schemas[record.schema_id])
-        topic = record.topic
-        if topic not in OF_THE_GRAPH:
-            topic = topic.removeprefix(self._namespace)
-        self._topics[record.id] = topic, decode
-
-    def _message(self, record: Message) -> None:
-        topic, decode = self._topics[record.channel_id]
-        time = record.log_time / _NANOSECONDS
-        self._run.topics[topic].append(Received(time, decode(record.data)))
-        self._run.end = max(self._run.end, time)
+def _read(file: BinaryIO) -> RecordedRun:
+    """Turn the records of an MCAP file into a `RecordedRun`, as far as they go."""
+    run, namespace, factory = RecordedRun(), '', DecoderFactory()
+    schemas, topics = {}, {}
+    try:
+        for record in StreamReader(file).records:
+            match record:
+                case Metadata(name=name, metadata=values) if name == SUMMARY:
+                    namespace = values['namespace'].rstrip('/') + '/'
+                    run.reasons = values['reasons'].splitlines()
+                    run.begin = float(values['begin'])
+                case Metadata(name=name, metadata=values) if name.startswith(PARAMETERS):
+                    run.parameters[name.removeprefix(PARAMETERS)] = {
+                        name: json.loads(value) for name, value in values.items()}
+                case Schema():
+                    schemas[record.id] = record
+                case Channel(topic=topic):
+                    topics[record.id] = (
+                        topic if topic in OF_THE_GRAPH else topic.removeprefix(namespace),
+                        factory.decoder_for(record.message_encoding, schemas[record.schema_id]))
+                case Message():
+                    topic, decode = topics[record.channel_id]
+                    time = record.log_time / _NANOSECONDS
+                    run.topics[topic].append(Received(time, decode(record.data)))
+                    run.end = max(run.end, time)
+    except Exception as error:  # damaged bytes raise whatever their decoder does
+        run.damage = str(error) or type(error).__name__
+    return run

@@ -43,12 +43,7 @@ from facade_manipulator.calibration.wall_fit import (
     report_wall,
     touched_points,
 )
-from facade_manipulator.errors import (
-    CalibrationError,
-    file_errors,
-    ManipulatorError,
-    missing_package,
-)
+from facade_manipulator.errors import CalibrationError, exit_status, file_errors
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.parameter_file import ALL_NODES, read_settings, write_parameters
@@ -62,15 +57,7 @@ COMPENSATOR, RECORDED = '/**/compensator', '.mcap'
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
     options = parser(calibrate_geometry, calibrate_estimator, calibrate_wall).parse_args(arguments)
-    try:
-        options.run(options)
-    except (ManipulatorError, FileNotFoundError) as error:
-        print(f'calibrate: {error}', file=sys.stderr)
-        return 1
-    except ModuleNotFoundError as error:
-        print(f'calibrate: {missing_package(error)}', file=sys.stderr)
-        return 1
-    return 0
+    return exit_status('calibrate', lambda: options.run(options))
 
 
 def calibrate_geometry(options: argparse.Namespace) -> None:

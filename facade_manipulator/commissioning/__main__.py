@@ -19,7 +19,7 @@ from facade_manipulator.commissioning import (
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.machine import Machine
 from facade_manipulator.commissioning.operator import Operator
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import exit_status
 
 EPILOG = """
 One command a step, in this order: scan, assign, scan, profile --check, backup, direction, lead,
@@ -35,14 +35,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logging.getLogger('can').setLevel(logging.CRITICAL)  # said once, in a message of ours
     logging.getLogger('canopen').setLevel(logging.CRITICAL)
     context = Context(Machine(options.parameters), Operator(options.yes), options)
-    try:
-        return options.run(context) or 0
-    except (ManipulatorError, OSError) as error:
-        print(f'commission {options.command}: {error}', file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print(f'commission {options.command}: stopped by Ctrl-C', file=sys.stderr)
-        return 130
+    return exit_status(f'commission {options.command}', lambda: options.run(context),
+                       interrupted='stopped by Ctrl-C')
 
 
 def _parser() -> argparse.ArgumentParser:

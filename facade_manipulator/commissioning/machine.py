@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 import os
 from pathlib import Path
@@ -16,8 +16,13 @@ from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSett
 from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.maintenance import ServiceSettings
-from facade_manipulator.parameter_file import ALL_NODES, read_parameters, write_parameters
-from facade_manipulator.parameters import parameter_fields
+from facade_manipulator.parameter_file import (
+    ALL_NODES,
+    read_parameters,
+    read_section,
+    read_settings,
+    write_parameters,
+)
 from facade_manipulator.resources import config_path
 
 DRIVER = '/**/driver'
@@ -43,11 +48,12 @@ class Machine:
         """Return the settings of an axis; raises a ParameterError for what none can have."""
         if name not in AXIS_NAMES:
             raise ParameterError(f'{name} is none of {", ".join(AXIS_NAMES)}')
-        return self._settings(AxisSettings, name, defaults=axis_defaults(self._stroke)[name])
+        return read_settings(
+            self.source, DRIVER, name, AxisSettings, **axis_defaults(self._stroke)[name])
 
     @property
     def _stroke(self) -> tuple[float, float]:
-        geometry = self._section(read_parameters(self.source, ALL_NODES), 'geometry')
+        geometry = read_section(self.source, ALL_NODES, 'geometry')
         stroke = geometry.get('stroke', (AxisSettings.lower_limit, AxisSettings.upper_limit))
         try:
             least, greatest = stroke
@@ -63,32 +69,13 @@ class Machine:
 
     def bus(self, **changes: Any) -> BusSettings:
         """Return the bus of the file, with what is not None of `changes`."""
-        return self._settings(BusSettings, 'bus', changes={
-            name: value for name, value in changes.items() if value is not None})
+        given = {name: value for name, value in changes.items() if value is not None}
+        return replace(read_settings(self.source, DRIVER, 'bus', BusSettings), **given)
 
     @property
     def service(self) -> ServiceSettings:
         """Where the counters are and when service is due; raises a ParameterError."""
-        return self._settings(ServiceSettings, 'service')
-
-    def _settings(
-        self, cls: type, section: str, defaults: Mapping[str, Any] | None = None,
-        changes: Mapping[str, Any] | None = None,
-    ) -> Any:
-        values = self._section(self.parameters, section)
-        unknown = values.keys() - parameter_fields(cls).keys()
-        if unknown:
-            raise ParameterError(f'{self.source}: {section} has no parameter {min(unknown)}')
-        try:
-            return cls(**{**(defaults or {}), **values, **(changes or {})})
-        except (TypeError, ParameterError) as error:
-            raise ParameterError(f'{self.source}: {section}: {error}') from error
-
-    def _section(self, parameters: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-        section = parameters.get(name) or {}
-        if not isinstance(section, Mapping):
-            raise ParameterError(f'{self.source}: {name} = {section!r} is not a table')
-        return section
+        return read_settings(self.source, DRIVER, 'service', ServiceSettings)
 
     def check_writable(self) -> None:
         """Raise a ParameterError, before drives are changed, if nothing can be written down."""

@@ -6,11 +6,10 @@ import argparse
 from collections.abc import Callable, Sequence
 import csv
 from pathlib import Path
-import sys
 from typing import Any
 
 from facade_manipulator.blackbox import read_recording, RecordedRun
-from facade_manipulator.errors import ManipulatorError, missing_package, RecordError
+from facade_manipulator.errors import exit_status, missing_package, RecordError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import pose_numbers, projected, seconds
@@ -35,23 +34,12 @@ examples:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     options = _options(arguments)
-    try:
-        run = read_recording(options.file)
-        if options.disturbance:
-            _write_disturbance(run, options.disturbance)
-        else:
-            _replay(run, options)
-    except (ManipulatorError, OSError) as error:
-        print(f'replay: {error}', file=sys.stderr)
-        return 1
-    except ModuleNotFoundError as error:
-        print(f'replay: {PAGE} is written, {PICTURE} is not: {missing_package(error)}',
-              file=sys.stderr)
-        return 1
-    return 0
+    return exit_status('replay', lambda: (
+        _write_disturbance if options.disturbance else _replay)(options))
 
 
-def _replay(run: RecordedRun, options: argparse.Namespace) -> None:
+def _replay(options: argparse.Namespace) -> None:
+    run = read_recording(options.file)
     poses, setpoints = (_compare(replay, run) for replay in (replay_poses, replay_setpoints))
     stop = None
     if options.drives:
@@ -63,8 +51,11 @@ def _replay(run: RecordedRun, options: argparse.Namespace) -> None:
         draft.write_text(text, encoding='utf-8')
     print(text)
     last = (stop.recorded.time if stop and stop.recorded else run.end) - run.begin
-    from facade_manipulator.replay.picture import draw  # matplotlib: no need of a machine's
-
+    try:
+        from facade_manipulator.replay.picture import draw  # matplotlib: no need of a machine's
+    except ModuleNotFoundError as error:
+        raise RecordError(
+            f'{PAGE} is written, {PICTURE} is not: {missing_package(error)}') from error
     draw(options.output / PICTURE, run, poses, setpoints, stop,
          (max(0.0, last - options.seconds), last + AFTER))
     print(f'written in {options.output}/: {PAGE}, {PICTURE}')
@@ -78,8 +69,9 @@ def _compare(replay: Callable[[RecordedRun], Comparison], run: RecordedRun) -> C
         return Comparison.of([], run.begin, [str(error)])
 
 
-def _write_disturbance(run: RecordedRun, path: Path) -> None:
+def _write_disturbance(options: argparse.Namespace) -> None:
     """Write the recorded disturbance as a scenario's recording."""
+    run, path = read_recording(options.file), options.disturbance
     rows = sorted({seconds(one.message.header.stamp): _place(one.message)
                    for one in run.topics['disturbance']}.items())
     if len(rows) < 2:

@@ -169,7 +169,7 @@ def figure_optimum(study: Study) -> Figure:
     length = np.linspace(0.15, 0.4, 251)
     grid = made.subplots(2, 2, sharex=True)
     for axes, merit in zip(grid.flat, OBJECTIVES.values(), strict=True):
-        values = merit.evaluate(length, 0.7 - length, need, lambda count: None)
+        values = merit.evaluate(length, 0.7 - length, need)
         best = int(np.argmax(values))
         axes.plot(length * MILLIMETRES, values, color=BLUE)
         peak = length[best] * MILLIMETRES, values[best]

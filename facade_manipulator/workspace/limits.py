@@ -13,13 +13,14 @@ from math import cos, isfinite, sin, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from facade_manipulator.errors import CarriageGapError, StrokeLimitError, UnreachableError
 from facade_manipulator.kinematics import branch_number, Geometry, links, not_finite, Pose
 from facade_manipulator.workspace.volume import theta_bounds_of
 
 _BISECTIONS = 60
-_SAMPLES = 64
+_SAMPLES = 100
 
 
 class Interval(NamedTuple):
@@ -77,7 +78,9 @@ def y_range(geometry: Geometry, theta: float = 0.0) -> Interval:
     if room < length:
         lower = rise + sqrt(length * length - room * room)
     else:
-        lower, upper = _regular_y(geometry, theta, upper)
+        # links so short that they never cross
+        lower, upper = (float(np.nan_to_num(end[0], nan=upper))
+                        for end in regular_y(geometry, theta))
     if lower >= upper:
         raise UnreachableError('least |y| + b |sin theta|', lower + rise, length, 'm', 'not below')
     return Interval(lower, upper)
@@ -117,21 +120,29 @@ def theta_limits(length: Any, half: Any, gap: float, y: np.ndarray) -> np.ndarra
     return np.where(_number(length, half, y, bound) > 0.0, bound, root)
 
 
-def _regular_y(geometry: Geometry, theta: float, edge: float) -> Interval:
-    """Return where N > 0 below the far edge, for links so short that they never cross."""
-    def number(y: Any) -> Any:
-        return _number(geometry.link_length, geometry.platform_half_length, y, abs(theta))
+def regular_y(geometry: Geometry, theta: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the ends of the y > 0 up to the far edge with N > 0 at every θ [m]; NaN where none is.
 
-    rise = geometry.platform_half_length * abs(sin(theta))
-    if rise <= edge:
-        # N > 0 from the platform's rise upwards: both joints B are in front of the rail.
-        return Interval(float(bisect(number, 0.0, rise)), edge)
-    samples = np.linspace(0.0, edge, _SAMPLES + 1)
-    best = samples[np.argmax(number(samples))]
-    if number(best) <= 0.0:
-        return Interval(edge, edge)
-    lower = float(bisect(number, 0.0, best))
-    return Interval(lower, edge if number(edge) > 0.0 else float(bisect(number, edge, best)))
+    Towards the façade they end before the far edge at the angles where the platform's rear half is
+    behind the rail.
+    """
+    theta = np.abs(np.atleast_1d(np.asarray(theta, float)))
+    length, half = geometry.link_length, geometry.platform_half_length
+    edge = length - half * np.sin(theta)
+    edge = np.where((edge > 0.0) & (np.cos(theta) > 0.0), edge, np.nan)
+
+    def number(y: np.ndarray) -> np.ndarray:
+        return _number(length, half, y, theta)
+
+    y = edge * np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
+    numbers = number(y)
+    highest = np.argmax(np.nan_to_num(numbers, nan=-np.inf), axis=0)[None]
+    top = np.take_along_axis(y, highest, axis=0)[0]
+    regular = np.take_along_axis(numbers, highest, axis=0)[0] > 0.0
+    lower = np.where(numbers[0] < 0.0, bisect(number, np.zeros_like(edge), top), 0.0)
+    upper = np.where(numbers[-1] < 0.0, bisect(number, edge, top), edge)
+    return np.where(regular, lower, np.nan), np.where(regular, upper, np.nan)
 
 
 def _number(length: Any, half: Any, y: Any, theta: Any) -> Any:

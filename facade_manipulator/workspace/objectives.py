@@ -75,49 +75,40 @@ class Requirements:
 
 
 class Objective(NamedTuple):
-    """A figure of merit: `evaluate(length, half, requirements, tick)` over arrays of designs."""
+    """A figure of merit: a closed form of arrays of designs, or one of a workspace measured."""
 
     description: str
     unit: str
-    closed_form: bool
-    evaluate: Callable[[np.ndarray, np.ndarray, Requirements, Tick], np.ndarray]
+    closed_form: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray] | None = None
+    merit: Callable[[Workspace], float] | None = None
 
-
-def _area(length: np.ndarray, half: np.ndarray, need: Requirements, tick: Tick) -> np.ndarray:
-    tick(length.size)
-    return section_area(length, half, need.stroke_length, need.carriage_gap)
-
-
-def _good_area(length: np.ndarray, half: np.ndarray, need: Requirements, tick: Tick) -> np.ndarray:
-    tick(length.size)
-    return good_section_area(length, half, need.stroke_length, need.carriage_gap,
-                             need.threshold, need.characteristic_length)
-
-
-def _volume(length: np.ndarray, half: np.ndarray, need: Requirements, tick: Tick) -> np.ndarray:
-    return _each(length, half, need, tick, lambda of: of.volume - of.beyond)
-
-
-def _ratio(length: np.ndarray, half: np.ndarray, need: Requirements, tick: Tick) -> np.ndarray:
-    return _each(length, half, need, tick, lambda of: of.ratio if of.volume else 0.0)
-
-
-def _each(
-    length: np.ndarray, half: np.ndarray, need: Requirements, tick: Tick,
-    merit: Callable[[Workspace], float],
-) -> np.ndarray:
-    values = np.empty(length.shape)
-    for place in np.ndindex(length.shape):
-        values[place] = merit(measure(
-            need.geometry(length[place], half[place]), need.threshold,
-            need.characteristic_length, THETA_NODES, Y_CELLS))
-        tick(1)
-    return values
+    def evaluate(
+        self, length: np.ndarray, half: np.ndarray, need: Requirements,
+        tick: Tick = lambda count: None,
+    ) -> np.ndarray:
+        """Return the merit of every design, of their shape."""
+        if self.closed_form:
+            tick(length.size)
+            return self.closed_form(length, half, need)
+        values = np.empty(length.shape)
+        for place in np.ndindex(length.shape):
+            values[place] = self.merit(measure(
+                need.geometry(length[place], half[place]), need.threshold,
+                need.characteristic_length, THETA_NODES, Y_CELLS))
+            tick(1)
+        return values
 
 
 OBJECTIVES = {
-    'area': Objective('area at theta = 0', 'm2', True, _area),
-    'good_area': Objective('area at theta = 0 with a good index', 'm2', True, _good_area),
-    'volume': Objective('volume over x, y and theta before N = 0', 'm2 rad', False, _volume),
-    'ratio': Objective('good share of the volume', '', False, _ratio),
+    'area': Objective(
+        'area at theta = 0', 'm2', lambda length, half, need: section_area(
+            length, half, need.stroke_length, need.carriage_gap)),
+    'good_area': Objective(
+        'area at theta = 0 with a good index', 'm2', lambda length, half, need: good_section_area(
+            length, half, need.stroke_length, need.carriage_gap, need.threshold,
+            need.characteristic_length)),
+    'volume': Objective('volume over x, y and theta before N = 0', 'm2 rad',
+                        merit=lambda of: of.volume - of.beyond),
+    'ratio': Objective('good share of the volume', '',
+                       merit=lambda of: of.ratio if of.volume else 0.0),
 }

@@ -101,8 +101,7 @@ def _steps(lower: float, upper: float, step: float) -> np.ndarray:
 
 
 def _evaluate(merit: Objective, need: Requirements, length: float, half: float) -> float:
-    return float(merit.evaluate(
-        np.array([length]), np.array([half]), need, lambda count: None)[0])
+    return float(merit.evaluate(np.array([length]), np.array([half]), need)[0])
 
 
 def _refine(

@@ -14,13 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.workspace.limits import bisect
-from facade_manipulator.workspace.maps import branch_map
+from facade_manipulator.workspace.limits import regular_y
 from facade_manipulator.workspace.volume import measure
 
 STUDIED_SUM = 0.7  # l + b of the paper's cases [m]
 STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)
-_SAMPLES = 100
 
 
 class Configuration(NamedTuple):
@@ -45,22 +43,9 @@ def parallel_curves(geometry: Geometry, theta: np.ndarray) -> tuple[np.ndarray, 
     The first curve bounds N > 0 towards the rail. The second bounds it towards the façade, near
     the far edge, at the angles where the platform's rear half is behind the rail.
     """
-    theta = np.abs(np.atleast_1d(np.asarray(theta, float)))
-    edge = geometry.link_length - geometry.platform_half_length * np.sin(theta)
-    edge = np.where((edge > 0.0) & (np.cos(theta) > 0.0), edge * (1.0 - 1e-9), np.nan)
-    y = edge * np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
-
-    def number_at(y: np.ndarray) -> np.ndarray:
-        return branch_map(geometry, y, theta)
-
-    number = number_at(y)
-    highest = np.argmax(np.nan_to_num(number, nan=-np.inf), axis=0)[None]
-    top = np.take_along_axis(y, highest, axis=0)[0]
-    regular = np.take_along_axis(number, highest, axis=0)[0] > 0.0
-    lower = np.where(
-        regular & (number[0] < 0.0), bisect(number_at, np.zeros_like(edge), top), np.nan)
-    upper = np.where(regular & (number[-1] < 0.0), bisect(number_at, edge, top), np.nan)
-    return lower, upper
+    lower, upper = regular_y(geometry, theta)
+    return (np.where(lower > 0.0, lower, np.nan),
+            np.where(upper < serial_curve(geometry, theta), upper, np.nan))
 
 
 def beyond_share(geometry: Geometry) -> float:

@@ -16,12 +16,7 @@ from typing import NamedTuple
 
 from rich.console import Console
 
-from facade_manipulator.errors import (
-    LimitError,
-    ManipulatorError,
-    missing_package,
-    ParameterError,
-)
+from facade_manipulator.errors import exit_status, LimitError, ParameterError
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.parameters import METADATA_KEY
@@ -61,18 +56,8 @@ Lengths are in m and angles in rad. Wrong input ends with exit status 2 and writ
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return the exit status."""
     options = _parser().parse_args(argv)
-    try:
-        _run(options)
-    except (ManipulatorError, OSError) as error:
-        print(f'workspace_study: {error}', file=sys.stderr)
-        return BAD_INPUT
-    except ModuleNotFoundError as error:
-        print(f'workspace_study: {missing_package(error)}', file=sys.stderr)
-        return BAD_INPUT
-    except KeyboardInterrupt:
-        print('workspace_study: interrupted, nothing was written', file=sys.stderr)
-        return 130
-    return 0
+    return exit_status('workspace_study', lambda: _run(options), BAD_INPUT,
+                       'interrupted, nothing was written')
 
 
 def _run(options: argparse.Namespace) -> None:
