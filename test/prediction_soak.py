@@ -28,8 +28,8 @@ from facade_manipulator.prediction import (  # noqa: E402
     PredictionSettings,
     Variances,
 )
-from facade_manipulator.simulation import Scenario  # noqa: E402
-from facade_manipulator.simulation.bench.__main__ import PLAIN  # noqa: E402
+from facade_manipulator.simulation import load_scenario, Scenario  # noqa: E402
+from facade_manipulator.simulation.bench.__main__ import PLAIN, with_seed  # noqa: E402
 from facade_manipulator.simulation.bench.comparison import (  # noqa: E402
     BEFORE,
     draw_comparison,
@@ -136,7 +136,14 @@ def creep(seed: int) -> Motion:
     return lambda time: Pose(*np.add(gondola(time), 0.1 * math.sin(time / 100.0)).tolist())
 
 
+def scenario(name: str) -> Callable[[int], Scenario]:
+    """Return a scenario, by seed."""
+    return lambda seed: with_seed(load_scenario(name), seed)
+
+
 CASES = {
+    **{name: Case(scenario(name), 0.8) for name in (
+        'breeze', 'resonance', 'three_tones', 'gusty', 'high_cable', 'calm')},
     'rest': Case(lambda seed: lambda time: Pose(0.0, 0.0, 0.0), 0.25),
     'two tones': Case(tones((0.11, 0.3)), 0.6),
     'three tones': Case(tones((0.12, 0.31, 0.83)), 0.8),

@@ -41,7 +41,6 @@ FARTHEST = 1.5  # s
 LEAST_POWER = 1e-14  # m² or rad²: of an axis without motion, whose covariance is singular
 STEP = 5e-4  # Hz, between the frequencies of gusts
 DIFFERENCE = 1e-3  # s, of which velocities are taken
-GROWTH = 1.5  # from one number of estimates to the next for which weights are kept
 FREQUENCY_DEVIATION = 0.2  # Hz, of sways between 0.05 and 0.8 Hz, before anything is known
 
 
@@ -125,7 +124,9 @@ class GustsPrediction:
         self._covariance = covariance(
             frequencies, power, interval * np.arange(self._size + self._steps))
         self._covariance[:, 0] += LEAST_POWER
-        self._solved = {size: self._solve(size) for size in _sizes(self._size)}
+        self._solved = {  # for half the window, a quarter and so on, as long as it is not full
+            size: self._solve(size) for size in (
+                self._size >> power for power in range(self._size.bit_length()))}
         self._values = np.zeros((0, 3))
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
@@ -159,14 +160,6 @@ class GustsPrediction:
             self._covariance[:, np.abs(np.subtract.outer(ages, ages))]
             + self._variances * np.eye(size))
         return inverse, self._covariance[:, np.add.outer(np.arange(self._steps), ages)] @ inverse
-
-
-def _sizes(most: int) -> list[int]:
-    """Return 1 and so on to most, ever farther apart."""
-    sizes = [1]
-    while sizes[-1] < most:
-        sizes.append(min(math.ceil(GROWTH * sizes[-1]), most))
-    return sizes
 
 
 class KnownDisturbance:

@@ -200,16 +200,14 @@ def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
     if not scenario.facade.present:
         return None
     desired = scenario.compensator.impedance.force
-    begin = steps[0].sample.time + CONTACT_BEGINS
-    pressing = [step for step in steps if step.sample.time >= begin]
-    forces = np.array([
-        Facade.force_on_wall(step.sample.head, step.wrench) for step in pressing])
-    every = [Facade.force_on_wall(step.sample.head, step.wrench) for step in steps]
-    rails = np.array([step.rail for step in pressing])
+    pressing = np.array([
+        step.sample.time >= steps[0].sample.time + CONTACT_BEGINS for step in steps])
+    every = np.array([Facade.force_on_wall(step.sample.head, step.wrench) for step in steps])
+    forces, rails = every[pressing], np.array([step.rail for step in steps])[pressing]
     error = math.sqrt(((forces - desired) ** 2).mean())
     return {'desired': desired, 'mean': float(forces.mean()), 'rms_error': error,
             'rms_error_ratio': error / desired, 'least': float(forces.min()),
-            'most': float(forces.max()), 'most_ever': max(every),
+            'most': float(forces.max()), 'most_ever': float(every.max()),
             'share_off_the_wall': float((forces <= 0.0).mean()),
             'push_back_mm': float(-1e3 * rails[:, 1].mean()),
             'most_yaw_deg': math.degrees(abs(rails[:, 2]).max())}
