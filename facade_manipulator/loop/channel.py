@@ -23,6 +23,7 @@ MAX_MESSAGE = 1 << 16  # bytes
 BUFFER = 1 << 17  # bytes, about a second of states
 MAX_BACKLOG = 64
 _END_OF_KIND = b'\0'
+_WITHOUT_WAITING = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 
 
 class ChannelError(ManipulatorError):
@@ -120,10 +121,10 @@ class Channel:
             return False
         try:
             while self._backlog:
-                self._transmit(self._backlog[0])
+                self._socket.send(self._backlog[0], _WITHOUT_WAITING)
                 self._backlog.popleft()
             if not must_arrive:
-                self._transmit(data)
+                self._socket.send(data, _WITHOUT_WAITING)
         except BlockingIOError:
             self.dropped += not must_arrive
             return False
@@ -132,9 +133,6 @@ class Channel:
         finally:
             self._sending.release()
         return True
-
-    def _transmit(self, data: bytes) -> None:
-        self._socket.send(data, socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
 
     def receive(self, timeout: float | None) -> Message | None:
         """

@@ -20,13 +20,15 @@ import logging
 import time
 from typing import Any, NamedTuple
 
-from facade_manipulator.drives.canopen import BusSettings, open_bus
+from facade_manipulator.drives.canopen import BusSettings, BusStatistics, open_bus
 from facade_manipulator.drives.cia402 import AxisSettings
 from facade_manipulator.drives.controller import (
+    AxisSnapshot,
     BusAccess,
     ControllerSettings,
     ControllerSnapshot,
     ControllerState,
+    CycleStatistics,
     DriveController,
     MechanismChecks,
     POWERED_STATES,
@@ -252,16 +254,26 @@ class ControlLoop:
             self.end()
 
     def _state(self, snapshot: ControllerSnapshot) -> tuple[tuple, tuple]:
-        """Return controller and stream as `unpack_state` takes them."""
         follower = self.follower
-        return snapshot.pack(), (
+        return pack_state(snapshot, (
             follower.activity.value, follower.limited_cycles, follower.brakes,
-            follower.last_rejection, self._margins, self._channel.dropped)
+            follower.last_rejection, self._margins, self._channel.dropped))
+
+
+def pack_state(snapshot: ControllerSnapshot, status: tuple) -> tuple[tuple, tuple]:
+    """Return controller and stream as plain tuples, which are pickled in half the time."""
+    return tuple(snapshot._replace(
+        state=snapshot.state.value, axes=tuple([tuple(axis) for axis in snapshot.axes]),
+        cycle=tuple(snapshot.cycle), bus=tuple(snapshot.bus))), tuple(status)
 
 
 def unpack_state(snapshot: tuple, status: tuple) -> tuple[ControllerSnapshot, StreamStatus]:
-    """Return controller and stream as the loop has sent them."""
-    return ControllerSnapshot.unpack(snapshot), StreamStatus(*status)
+    """Return controller and stream as they were before `pack_state`."""
+    plain = ControllerSnapshot(*snapshot)
+    return plain._replace(
+        state=ControllerState(plain.state),
+        axes=tuple([AxisSnapshot(*axis) for axis in plain.axes]),
+        cycle=CycleStatistics(*plain.cycle), bus=BusStatistics(*plain.bus)), StreamStatus(*status)
 
 
 def _measured_guard(setup: LoopSetup) -> MechanismGuard:

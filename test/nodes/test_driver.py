@@ -25,7 +25,7 @@ from facade_manipulator.drives.controller.snapshot import (
 )
 from facade_manipulator.drives.simulated.drive import SimulatedIdentity
 from facade_manipulator.loop.channel import Channel, VERSION
-from facade_manipulator.loop.control_loop import StreamStatus
+from facade_manipulator.loop.control_loop import pack_state, StreamStatus
 from facade_manipulator.loop.process import start_process
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.ros.client import ManipulatorClient
@@ -122,8 +122,8 @@ class ScriptedLoop:
     def state(self, time):
         axes = [AxisSnapshot(f'q{number + 1}', number + 1, position=position, homed=True)
                 for number, position in enumerate(HOME)]
-        return ControllerSnapshot(
-            ControllerState.INACTIVE, time, tuple(axes)).pack(), StreamStatus()
+        return pack_state(
+            ControllerSnapshot(ControllerState.INACTIVE, time, tuple(axes)), StreamStatus())
 
     def wait(self, timeout):
         return 0

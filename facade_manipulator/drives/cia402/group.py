@@ -104,6 +104,11 @@ class Group:
         """Return whether the drives are meant to have power."""
         return self.phase in POWERED_PHASES
 
+    @property
+    def is_stopped(self) -> bool:
+        """Return whether something has stopped the drives and was not cleared yet."""
+        return self.cause is not None and self.phase in STOPPED_PHASES
+
     def enable(self, now: float) -> None:
         """
         Power on, hold, then follow targets; after a halt just follow again.

@@ -146,16 +146,11 @@ class AxisScale:
         """Return the carriage force in N of a torque in thousandths of the rated torque."""
         return torque * self.force_per_torque_unit
 
-    def to_si(
-        self, counts: int | None, velocity: int | None, torque: int | None,
-        following_error: int | None,
-    ) -> Measured:
-        """Return what a drive sends, of which it may leave out anything, in SI units."""
-        return Measured(
-            None if counts is None else self.to_metres(counts),
-            None if velocity is None else self.speed_to_metres(velocity),
-            None if torque is None else self.to_force(torque),
-            None if following_error is None else self.to_metres(following_error))
+    @cached_property
+    def si_per_unit(self) -> Measured:
+        """One unit of each quantity that the drive sends, in SI units."""
+        metres = self.to_metres(1.0)
+        return Measured(metres, self.speed_to_metres(1.0), self.to_force(1.0), metres)
 
 
 def _rounded(quantity: str, value: float, unit: str) -> int:

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import suppress
+from dataclasses import replace
 import logging
 import threading
 import time
@@ -44,6 +45,17 @@ _STATES = {
     Phase.STOPPED: ControllerState.STOPPED,
     Phase.RESETTING: ControllerState.CLEARING,
 }
+FORBIDDEN_REMEDY = 'let software_stop be false'
+NEXT_STEPS = {
+    ControllerState.UNCONFIGURED: 'configure, home, activate',
+    ControllerState.INACTIVE: 'activate',
+    ControllerState.HALTED: 'clear_faults',
+    **dict.fromkeys(
+        (ControllerState.CONFIGURING, ControllerState.HOMING, ControllerState.ACTIVATING,
+         ControllerState.HALTING, ControllerState.DEACTIVATING, ControllerState.CLEARING,
+         ControllerState.TESTING, ControllerState.CLEANING_UP), 'wait until that is done'),
+}
+_NO_TARGETS = (None, None, None)
 REQUESTS: dict[str, type[Operation]] = {
     'configure': service_operations.Configure,
     'cleanup': service_operations.Cleanup,
@@ -152,13 +164,15 @@ class DriveController:
             now = self._idle()
         else:
             now = session.connection.exchange.turn()
-        session.enforce_stop()
-        session.watch_recovery(now)
+        if session.forbidden:
+            session.enforce_stop()
+        if session.lost is not None:
+            session.watch_recovery(now)
         if self._operation is not None:
             self._poll(now)
         self._publish(now)
-        if session.group is not None:
-            session.collector.use_slack()
+        if session.group is not None and now >= session.collector.due:
+            session.collector.collect(now)
 
     def _idle(self) -> float:
         lost = self._session.lost
@@ -218,7 +232,7 @@ class DriveController:
 
     def _explained(self, message: str) -> str:
         """Return the reply to a request, with the next step as it is now."""
-        step = self._session.next_step(self._present_state())
+        step = self._next_step(self._present_state())
         return f'{message.rstrip(".")}; next: {step}' if step else message
 
     def _with_next_step(self, error: Exception) -> Exception:
@@ -264,8 +278,21 @@ class DriveController:
 
     def _publish(self, now: float) -> None:
         """Replace the snapshot, once a cycle and when a request ends."""
-        self._snapshot = self._session.snapshot(self._present_state(), self._rejected, now)
-        self.observe(self._snapshot)
+        session, state = self._session, self._present_state()
+        group, connection, lost = session.group, session.connection, session.lost
+        snapshot = ControllerSnapshot(
+            state, None,
+            session.monitors.snapshots(session.targets.positions or _NO_TARGETS, now),
+            group.causes if group is not None else (), self._next_step(state),
+            self._rejected + session.notes,
+            bus_error=lost.message if lost is not None else '', bus_load=session.bus_load)
+        if connection is not None:
+            clock = connection.exchange.clock
+            snapshot = snapshot._replace(
+                stamp=clock.sync_stamp or None, cycle=clock.statistics,
+                bus=connection.bus.statistics)
+        self._snapshot = snapshot
+        self.observe(snapshot)
 
     def _present_state(self) -> ControllerState:
         session = self._session
@@ -278,3 +305,19 @@ class DriveController:
         if session.group is None:
             return ControllerState.UNCONFIGURED
         return _STATES[session.group.phase]
+
+    def _next_step(self, state: ControllerState) -> str:
+        """Return what the operator does so that the drives follow setpoints, '' if they do."""
+        session, group = self._session, self._session.group
+        if group is not None and group.is_stopped:
+            cause = group.severest_cause
+            remedy = f'{FORBIDDEN_REMEDY}, {cause.remedy}' if session.forbidden else cause.remedy
+            return replace(
+                cause, remedy=remedy.removesuffix(', '),
+                home_again=cause.home_again or bool(session.monitors.unhomed)).next_step
+        requests = NEXT_STEPS.get(state, '')
+        if state is ControllerState.INACTIVE and session.monitors.unhomed:
+            requests = 'home, activate'
+        if requests and session.forbidden:
+            return f'{FORBIDDEN_REMEDY}, then {requests}'
+        return requests

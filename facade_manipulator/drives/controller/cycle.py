@@ -10,6 +10,7 @@ waits until its commands are out.
 from __future__ import annotations
 
 from bisect import bisect_right
+import math
 from typing import NamedTuple
 
 from facade_manipulator.drives.cia402 import Cause, COMPUTER_REMEDY
@@ -66,28 +67,34 @@ class CycleClock:
 
     `sync_time` and `sync_stamp` are those of the newest SYNC on either clock, `smooth_stamp` is
     the stamp without jitter: targets for instants that jitter would ask the carriages for jumps of
-    speed. `is_open` says whether the step of the SYNC is still to come, `held` for how long the
-    drives had held their command beyond a period [s] when the last ones were sent.
+    speed. `is_open` says whether the step of the SYNC is still to come, `next_event` when it, or
+    the next SYNC, is due [s]; `held` for how long the drives had held their command beyond a
+    period [s] when the last ones were sent.
 
     Parameters
     ----------
     period : float
         Time between two SYNCs [s].
+    drives : int
+        How many answer each SYNC.
 
     """
 
-    _answer_share = ANSWERS_DUE
+    _sync_waits = False  # for the commands of the cycle before
 
-    def __init__(self, period: float) -> None:
+    def __init__(self, period: float, drives: int) -> None:
         self.period = period
+        self.next_event = math.inf
         self.sync_time = 0.0
         self.sync_stamp = self.smooth_stamp = 0.0
         self.late_in_a_row = 0
         self.overdue_in_a_row = 0
         self.is_open = False
         self.held = 0.0
+        self._drives = drives
+        self._answers = 0  # since the last step
         self._commanded: float | None = None  # the last SYNC after which commands were sent
-        self._next_sync = self._answers_due = 0.0
+        self._next_sync = 0.0
         self._cycles = self._incomplete = self._late = self._skipped = self._unexpected = 0
         self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
         self._worst = 0.0
@@ -99,10 +106,10 @@ class CycleClock:
             self._cycles, self._incomplete, self._late, self._skipped, self._unexpected,
             tuple(self._bins), self._worst)
 
-    @property
-    def next_event(self) -> float:
-        """When something is due by itself at the latest."""
-        return self._answers_due if self.is_open else self._next_sync
+    def stop(self) -> None:
+        """Let nothing be due until the next start."""
+        self.next_event = math.inf
+        self.is_open = False
 
     def causes(self, bound: int, is_powered: bool) -> list[Cause]:
         """Return why to stop: the loop was late with power on, or SYNC missing, `bound` times."""
@@ -117,11 +124,28 @@ class CycleClock:
                 'look at the interface', configure_again=True))
         return causes
 
+    def answer(self, now: float) -> None:
+        """Note that one more drive has answered; the step comes with the last of them."""
+        is_first = not self._answers
+        self._answers += 1
+        if self.is_open:
+            self._plan_step(now, is_first)
+
+    def _plan_step(self, now: float, is_first: bool) -> None:
+        if self._answers >= self._drives:
+            self.next_event = now
+        elif is_first and self._sync_waits:
+            self.next_event = max(
+                self.sync_time + ANSWERS_DUE * self.period, now + OTHERS_DUE * self.period)
+
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp
         self.smooth_stamp = self._smoothed(stamp)
-        self._answers_due = time + self._answer_share * self.period
+        share = FIRST_ANSWER_DUE if self._sync_waits else ANSWERS_DUE
+        self.next_event = time + share * self.period
         self.is_open = True
+        if self._answers:  # that came after the step
+            self._plan_step(time, is_first=True)
 
     def _smoothed(self, stamp: float) -> float:
         """Return a stamp moved to a whole number of periods after the last, jitter apart."""
@@ -131,13 +155,14 @@ class CycleClock:
             return stamp
         return self.smooth_stamp + periods * self.period + JITTER_SHARE * error
 
-    def _close(self, now: float, complete: bool) -> bool:
+    def _close(self, now: float) -> bool:
         """Count the cycle at its step; return whether the step is early enough."""
         age = now - self.sync_time
         late = age > COMMANDS_DUE * self.period
         self.is_open = False
         self._cycles += 1
-        self._incomplete += not complete
+        self._incomplete += self._answers < self._drives
+        self._answers = 0
         self._late += late
         self._bins[bisect_right(LATENESS_BOUNDS, age)] += 1
         self._worst = max(self._worst, age)
@@ -153,55 +178,33 @@ class CycleClock:
 class SyncProducer(CycleClock):
     """The clock of a loop that sends SYNC itself: late commands delay the next SYNC."""
 
-    _answer_share = FIRST_ANSWER_DUE
-    _answered = False
+    _sync_waits = True
 
     def start(self, now: float) -> None:
         """Send the first SYNC now."""
-        self._next_sync = now
+        self.next_event = self._next_sync = now
+        self._answers = 0
 
     def has_time(self, now: float) -> bool:
         """Return whether commands may be sent; SYNC waits for them."""
         return True
 
-    def sync_due(self, now: float, all_read: bool) -> bool:
-        """Return whether to send SYNC."""
-        return not self.is_open and now >= self._next_sync
+    def may_wait(self, now: float) -> bool:
+        """Return whether frames may be read before what is due; SYNC waits for the step."""
+        return False
 
     def begin(self, time: float, stamp: float) -> None:
         """Begin a cycle: SYNC is being sent."""
         self._skipped += max(0, int((time - self._next_sync) / self.period))
         self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
             self._next_sync + self.period, time + COMMANDS_DUE * self.period)
-        self._answered = False
         self._open(time, stamp)
 
-    def step_due(self, now: float, answers: int, expected: int, all_read: bool) -> bool:
-        """
-        Return whether to step.
-
-        Parameters
-        ----------
-        now : float
-        answers, expected : int
-            How many drives have answered this SYNC, and how many should.
-        all_read : bool
-            Whether no received frame waits to be read.
-
-        """
-        if not self.is_open:
-            return False
-        if answers and not self._answered:
-            self._answered = True
-            self._answers_due = max(
-                self.sync_time + ANSWERS_DUE * self.period, now + OTHERS_DUE * self.period)
-        return answers >= expected or now >= self._answers_due
-
-    def finish(self, now: float, complete: bool) -> bool:
+    def finish(self, now: float) -> bool:
         """Close the cycle at its step; commands are always in time for a SYNC that waits."""
-        self._close(now, complete)
+        self._close(now)
         self._command()
-        self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
+        self.next_event = self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
         return True
 
 
@@ -211,7 +214,8 @@ class SyncConsumer(CycleClock):
     def start(self, now: float) -> None:
         """Expect the first SYNC from now on."""
         self.sync_time = now
-        self._next_sync = now + SYNC_OVERDUE * self.period
+        self.next_event = self._next_sync = now + SYNC_OVERDUE * self.period
+        self._answers = 0
 
     def is_unexpected(self, time: float) -> bool:
         """Return whether a SYNC of a time is too early; the pace of the targets hangs on it."""
@@ -229,10 +233,12 @@ class SyncConsumer(CycleClock):
         self._next_sync = time + SYNC_OVERDUE * self.period
         self._open(time, stamp)
 
-    def sync_due(self, now: float, all_read: bool) -> bool:
-        """Return whether the kernel's SYNC is overdue; it may be among frames not yet read."""
-        patience = 0.0 if all_read else (SYNC_MISSING - SYNC_OVERDUE) * self.period
-        return now >= self._next_sync + patience
+    def may_wait(self, now: float) -> bool:
+        """Return whether frames may be read before what is due: it may be among them."""
+        if not self.is_open:
+            return now < self.next_event + (SYNC_MISSING - SYNC_OVERDUE) * self.period
+        return (self._answers < self._drives
+                and now < self.next_event + (COMMANDS_DUE - ANSWERS_DUE) * self.period)
 
     def begin(self, time: float, stamp: float) -> None:
         """Begin a cycle with a SYNC of our own instead of the kernel's."""
@@ -241,21 +247,11 @@ class SyncConsumer(CycleClock):
         self._next_sync = time + SYNC_OVERDUE * self.period
         self._open(time, stamp)
 
-    def step_due(self, now: float, answers: int, expected: int, all_read: bool) -> bool:
-        """Return whether to step; see `SyncProducer.step_due`."""
-        share = ANSWERS_DUE if all_read else COMMANDS_DUE
-        return self.is_open and (
-            answers >= expected or now >= self.sync_time + share * self.period)
-
-    def finish(self, now: float, complete: bool) -> bool:
+    def finish(self, now: float) -> bool:
         """Close the cycle at its step; return whether commands still come in time."""
-        in_time = self._close(now, complete)
+        in_time = self._close(now)
+        self.next_event = self._next_sync
         if in_time:
             self._command()
         self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
         return in_time
-
-
-def cycle_clock(period: float, receives_sync: bool) -> SyncProducer | SyncConsumer:
-    """Return the clock for a bus on which the kernel sends SYNC, or does not."""
-    return SyncConsumer(period) if receives_sync else SyncProducer(period)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from functools import partial
+import math
 import time
 
 from facade_manipulator.drives.canopen import (
@@ -29,15 +31,12 @@ from facade_manipulator.drives.cia402 import (
     Group,
     Phase,
     STOPPED_PHASES,
-    TARGET_REMEDY,
-    TRACKING_REMEDY,
 )
 from facade_manipulator.drives.controller.commissioning import Reception, send_nmt
-from facade_manipulator.drives.controller.cycle import cycle_clock
-from facade_manipulator.drives.controller.monitor import AxisMonitor, silences
+from facade_manipulator.drives.controller.cycle import SyncConsumer, SyncProducer
+from facade_manipulator.drives.controller.monitor import AxisMonitor, AxisMonitors
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import Targets
-from facade_manipulator.errors import ManipulatorError
 
 LONGEST_WAIT = 0.02
 OTHER_MASTER_REMEDY = (
@@ -55,7 +54,7 @@ class CyclicExchange:
     Parameters
     ----------
     bus : CanBus
-    monitors : tuple of AxisMonitor
+    monitors : AxisMonitors
     settings : ControllerSettings
     targets : Targets
 
@@ -71,30 +70,25 @@ class CyclicExchange:
         Time [s] up to which all that was received has been read.
     stops : deque of Cause
         Stops asked for; any thread may append.
-    transmits : bool
-        Whether heartbeats are sent; a bus that was just found again is only listened to.
 
     """
 
     def __init__(
-        self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
+        self, bus: CanBus, monitors: AxisMonitors, settings: ControllerSettings,
         targets: Targets,
     ) -> None:
         self.group: Group | None = None
         self.network = PumpedNetwork(bus)
         self.reception = Reception()
-        self.clock = cycle_clock(settings.period, bus.has_kernel_sync)
+        self.clock = (SyncConsumer if bus.has_kernel_sync else SyncProducer)(
+            settings.period, len(monitors))
         self.other_master: list[str] = []
         self.stops: deque[Cause] = deque(maxlen=16)
-        self.transmits = True
         self._has_stepped = False
         self._bus = bus
         self._monitors = monitors
         self._settings = settings
         self._targets = targets
-        # a target that is sent now is latched at the next SYNC and reached one period later
-        self._lead = 2.0 * settings.period + settings.drive_lag
-        self._window = min(monitor.axis.following_error_window for monitor in monitors)
         self._next_heartbeat = 0.0
         self._unsent = 0
         self._waits_for_sync = False
@@ -103,6 +97,15 @@ class CyclicExchange:
         self._routes = self._make_routes()
         self._only_masters = self._frames_of_masters()
         bus.listen_to((*self._routes, *self._only_masters))
+
+    @property
+    def transmits(self) -> bool:
+        """Whether heartbeats are sent; a bus that was just found again is only listened to."""
+        return self._next_heartbeat < math.inf
+
+    @transmits.setter
+    def transmits(self, value: bool) -> None:
+        self._next_heartbeat = 0.0 if value else math.inf
 
     # --- receiving
 
@@ -127,20 +130,13 @@ class CyclicExchange:
     def _routes_of(self, monitor: AxisMonitor) -> dict:
         node = monitor.axis.node_id
         return {
-            **{tpdo.cob_id(node): (tpdo.codec.size, self._tpdo_receiver(monitor, tpdo))
+            **{tpdo.cob_id(node): (tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
                for tpdo in monitor.tpdos},
             pdo.emergency_cob_id(node): (
                 _EMERGENCY_LENGTH, lambda frame: monitor.receive_emergency(frame.data)),
-            pdo.heartbeat_cob_id(node): (
-                1, lambda frame: self._on_heartbeat(monitor, frame)),
+            pdo.heartbeat_cob_id(node): (1, partial(self._on_heartbeat, monitor)),
             pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed),
         }
-
-    def _tpdo_receiver(
-        self, monitor: AxisMonitor, tpdo: pdo.Pdo
-    ) -> Callable[[Frame], Cause | None]:
-        return lambda frame: monitor.receive_tpdo(
-            tpdo, frame.data, frame.time, self.clock.sync_time)
 
     def _dispatch(self, frame: Frame) -> None:
         length, receive = self._routes.get(frame.cob_id, (None, None))
@@ -169,6 +165,13 @@ class CyclicExchange:
         if self.clock.is_open:
             self._step(time.monotonic())
         self.clock.receive(frame.time, frame.stamp)
+
+    def _on_tpdo(self, monitor: AxisMonitor, tpdo: pdo.Pdo, frame: Frame) -> Cause | None:
+        had_answered = monitor.is_fresh
+        cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
+        if monitor.is_fresh and not had_answered:
+            self.clock.answer(self._pumped)
+        return cause
 
     def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> Cause | None:
         cause = monitor.receive_heartbeat(frame.data, frame.time)
@@ -208,6 +211,7 @@ class CyclicExchange:
         """Stop SYNC and commands; heartbeats go on."""
         self._bus.stop_sync()
         self.group = None
+        self.clock.stop()
         for monitor in self._monitors:
             monitor.end_supervision()
 
@@ -237,9 +241,13 @@ class CyclicExchange:
 
         """
         self._has_stepped = False
-        frame = self._bus.receive(self._time_to_next_event(time.monotonic()))
+        frame = self._bus.receive(
+            min(self._pumped + LONGEST_WAIT, self._next_heartbeat, self.clock.next_event)
+            - time.monotonic())
         now = time.monotonic()
-        self._watch_pauses(now)
+        pause, self._pumped = now - self._pumped, now
+        if pause > self._settings.heartbeat_timeout:
+            self._blame_computer(pause)
         while self.stops:
             self.stop_for(self.stops.popleft())
         if frame is None:
@@ -247,113 +255,42 @@ class CyclicExchange:
         else:
             self.read_until = frame.time
             self._dispatch(frame)
-        if self.transmits and now >= self._next_heartbeat:
+        if now >= self._next_heartbeat:
             self._send_heartbeat(now)
-        if self.group is not None:
-            if self._waits_for_sync:
-                self._send_commands(self.group.commands)
-            self._turn(now, all_read=frame is None)
+        if self._waits_for_sync and self.group is not None:
+            self._send_commands(self.group.commands)
+        clock = self.clock
+        if now >= clock.next_event and (frame is None or not clock.may_wait(now)):
+            if clock.is_open:
+                self._step(now)
+            else:
+                self._send_sync()
         return now
 
-    def _watch_pauses(self, now: float) -> None:
-        """Blame this computer, not a drive, when this loop has not run: frames wait unread."""
-        pause, self._pumped = now - self._pumped, now
-        bound = self._settings.heartbeat_timeout
-        if pause > bound:
-            self.stop_for(Cause(
-                f'the control loop stood still for {1e3 * pause:.0f} ms, '
-                f'bound {1e3 * bound:.0f} ms', COMPUTER_REMEDY))
-
-    def _time_to_next_event(self, now: float) -> float:
-        event = now + LONGEST_WAIT
-        if self.transmits:
-            event = min(event, self._next_heartbeat)
-        if self.group is not None:
-            event = min(event, self.clock.next_event)
-        return event - now
-
-    def _turn(self, now: float, all_read: bool) -> None:
-        clock = self.clock
-        if not clock.is_open:
-            if clock.sync_due(now, all_read):
-                self._send_sync()
-        elif clock.step_due(now, self._answers(), len(self._monitors), all_read):
-            self._step(now)
-
-    def _answers(self) -> int:
-        return [monitor.is_fresh for monitor in self._monitors].count(True)
+    def _blame_computer(self, pause: float) -> None:
+        """Stop because this loop has not run for a while [s]: no drive is silent, frames wait."""
+        self.stop_for(Cause(
+            f'the control loop stood still for {1e3 * pause:.0f} ms, '
+            f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', COMPUTER_REMEDY))
 
     def _step(self, now: float) -> None:
-        in_time = self.clock.finish(now, self._answers() == len(self._monitors))
-        feedback = tuple([monitor.end_cycle() for monitor in self._monitors])
-        group = self.group
-        self._supervise(now)
-        if group.phase is Phase.RAMPING and not self._targets.mechanism.source.at_rest:
+        in_time = self.clock.finish(now)
+        group, monitors, targets = self.group, self._monitors, self._targets
+        feedback = monitors.end_cycle()
+        targets.supervise(group, monitors, now)
+        if group.phase not in STOPPED_PHASES:
+            for cause in (*monitors.silences(self.read_until), *self.clock.causes(
+                    self._settings.max_missed_cycles, group.is_powered)):
+                group.stop(cause, now)
+        if group.phase is Phase.RAMPING and not targets.mechanism.source.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
         commands = group.step(feedback, now)
         if in_time or group.phase not in FOLLOWING_PHASES:
-            commands = self._choose_targets(commands, now)
-            self._send_commands(commands)
-        self._take_out_of_operation()
+            actual = tuple([one.encoder.counts or 0 for one in monitors])
+            self._send_commands(targets.command(group, commands, actual, self.clock, now))
+        if group.not_responding != self._taken_out:
+            self._take_out_of_operation()
         self._has_stepped = True
-
-    def _supervise(self, now: float) -> None:
-        """Stop for what no frame brings: carriages that come too near, silence, a late loop."""
-        group = self.group
-        if group.phase is Phase.HOMING:
-            self._supervise_homing(now)
-        elif group.phase in FOLLOWING_PHASES:
-            self._supervise_mechanism(now)
-        if group.phase not in STOPPED_PHASES:
-            for cause in (*silences(self._monitors, self.read_until), *self.clock.causes(
-                    self._settings.max_missed_cycles, group.is_powered)):
-                group.stop(cause, now)
-
-    def _supervise_homing(self, now: float) -> None:
-        positions = tuple(monitor.measured.position for monitor in self._monitors)
-        try:
-            self._targets.mechanism.check_homing(positions, self.group.homing.homed)
-        except ManipulatorError as error:
-            self.group.stop(Cause(
-                f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
-                'faults, then home'), now)
-
-    def _supervise_mechanism(self, now: float) -> None:
-        """Stop where the carriages are not what was commanded: nobody else sees all three."""
-        try:
-            self._targets.mechanism.check_actual(
-                tuple([monitor.measured.position for monitor in self._monitors]))
-        except ManipulatorError as error:
-            self.group.stop(Cause(f'the measured mechanism: {error}', TRACKING_REMEDY), now)
-        errors = [monitor.tracking_error for monitor in self._monitors]
-        least, greatest = min(errors), max(errors)
-        if greatest - least > self._window:
-            names = ' and '.join(sorted(
-                self._monitors[errors.index(one)].name for one in (least, greatest)))
-            self.group.stop(Cause(
-                f'the following errors of {names} differ by {greatest - least:.4g} m, bound '
-                f'{self._window:g} m', TRACKING_REMEDY), now)
-
-    def _choose_targets(
-        self, commands: tuple[AxisCommand, ...], now: float
-    ) -> tuple[AxisCommand, ...]:
-        """Choose the targets; a source that fails stops the group instead."""
-        actual = tuple([monitor.encoder.counts or 0 for monitor in self._monitors])
-        latch_time = self.clock.smooth_stamp + self._lead
-        try:
-            if self.clock.held:
-                self._targets.mechanism.source.wait(self.clock.held)
-            self._targets.choose(self.group.phase, commands[0], actual, latch_time)
-        except ManipulatorError as error:
-            self.group.stop(Cause(f'a target was rejected: {error}', TARGET_REMEDY), now)
-        except Exception as error:  # a source of targets may be anybody's code
-            self.group.stop(Cause(
-                f'the source of the targets failed: {type(error).__name__}: {error}',
-                TARGET_REMEDY), now)
-        else:
-            return commands
-        self._targets.choose(self.group.phase, self.group.commands[0], actual, latch_time)
-        return self.group.commands
 
     # --- sending
 
@@ -375,10 +312,8 @@ class CyclicExchange:
         self._waits_for_sync = not self.clock.has_time(time.monotonic())
         if self._waits_for_sync:
             return
-        for monitor, command, target in zip(
-                self._monitors, commands, self._targets.counts, strict=True):
-            for cob_id, data in monitor.encode(command, target):
-                self._send(cob_id, data)
+        for cob_id, data in self._monitors.encode(commands, self._targets.counts):
+            self._send(cob_id, data)
 
     def _send(self, cob_id: int, data: bytes = b'') -> None:
         """Send a frame; a queue that is full now may be free in the next cycle."""

@@ -7,7 +7,7 @@ there. Times are on the monotonic clock [s]. What was never received is None.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 from facade_manipulator.drives.canopen import (
     decode_emergency,
@@ -30,11 +30,13 @@ from facade_manipulator.drives.cia402 import (
     Measured,
     Mode,
     Status,
+    Triple,
 )
 from facade_manipulator.drives.controller.bus_load import transmission_type
 from facade_manipulator.drives.controller.encoder import Encoder
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import AxisSnapshot
+from facade_manipulator.errors import DriveStateError
 
 SYNC_TOLERANCE = 0.001
 EVERY_SYNC = 1
@@ -42,6 +44,7 @@ REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
 VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
 ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
+MEASURED = Measured(POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)
 
 
 class AxisMonitor:
@@ -64,6 +67,8 @@ class AxisMonitor:
         What the position is worth.
     measured : Measured
         What the drive measured, as of the newest cycle.
+    tracking_error : float
+        Following error then beyond the lag that the drive is known to have [m]; 0 if unknown.
     silent_tpdos : set of str
         Which TPDOs have not come yet since supervision has begun.
 
@@ -78,7 +83,8 @@ class AxisMonitor:
         self.tpdos = tuple(one for one in pdos if one.is_transmitted)
         self.silent_tpdos: set[str] = set()
         self._rpdos = tuple(
-            (one.cob_id(axis.node_id), one) for one in pdos if not one.is_transmitted)
+            (one.cob_id(axis.node_id), one.codec.pack, one.indices)
+            for one in pdos if not one.is_transmitted)
         # all that come with each SYNC: following errors of different cycles compare badly
         self._answers = frozenset(
             one.name for one in self.tpdos if one.carries(pdo.STATUS | pdo.MOTION)
@@ -88,6 +94,7 @@ class AxisMonitor:
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
         self.encoder = Encoder(axis, settings.period)
         self.measured = Measured()
+        self.tracking_error = 0.0
         self.nmt_state: int | None = None
         self.heartbeat_time: float | None = None
         self.boot_ups = 0
@@ -105,25 +112,16 @@ class AxisMonitor:
         """Name and node, as an operator finds the drive."""
         return f'{self.name} (node {self.axis.node_id})'
 
-    @property
-    def tracking_error(self) -> float:
-        """Following error beyond the lag that the drive is known to have [m]; 0 if unknown."""
-        error, velocity = self.measured.following_error, self.measured.velocity
-        return 0.0 if error is None else error - self._settings.drive_lag * (velocity or 0.0)
-
     def snapshot(self, target: float | None, now: float) -> AxisSnapshot:
         """Return what was received, with the target [m] that is commanded meanwhile."""
+        age = self.heartbeat_time and now - self.heartbeat_time
+        is_silent = age is not None and (
+            age > self._settings.heartbeat_timeout
+            or self.missed_in_a_row >= self._settings.max_missed_cycles)
         return AxisSnapshot(
             self.name, self.axis.node_id, self._values.get(STATUSWORD), *self.measured,
-            self._values.get(INPUTS), self.encoder.homed, self.error_code,
-            self.heartbeat_time and now - self.heartbeat_time, self.missed, self.serial_number,
-            target, self._is_silent(now))
-
-    def _is_silent(self, now: float) -> bool:
-        """Return whether heartbeats or answers are missing from a drive that has sent some."""
-        return self.heartbeat_time is not None and (
-            now - self.heartbeat_time > self._settings.heartbeat_timeout
-            or self.missed_in_a_row >= self._settings.max_missed_cycles)
+            self._values.get(INPUTS), self.encoder.homed, self.error_code, age, self.missed,
+            self.serial_number, target, is_silent)
 
     def lose(self) -> None:
         """Note where the carriage is, because the bus is lost: the drive may restart meanwhile."""
@@ -150,6 +148,8 @@ class AxisMonitor:
         self._supervised_since = now
         self.has_restarted = False
         self.missed_in_a_row = 0
+        self.is_fresh = False
+        self._unanswered = set(self._answers)
         self.silent_tpdos = {one.name for one in self.tpdos}
 
     def end_supervision(self) -> None:
@@ -161,7 +161,8 @@ class AxisMonitor:
         if self.has_restarted:
             return []
         values = {0x6040: command.controlword, 0x6060: command.mode, 0x607A: target}
-        return [(cob_id, rpdo.encode(values)) for cob_id, rpdo in self._rpdos]
+        return [(cob_id, pack(*[values[index] for index in indices]))
+                for cob_id, pack, indices in self._rpdos]
 
     def receive_tpdo(
         self, tpdo: Pdo, data: bytes, time: float, sync_time: float
@@ -238,9 +239,12 @@ class AxisMonitor:
         self.is_fresh = False
         self._unanswered = set(self._answers)
         values = self._values
-        self.measured = measured = self.axis.to_si(
-            values.get(POSITION), values.get(VELOCITY), values.get(TORQUE),
-            values.get(FOLLOWING_ERROR))
+        self.measured = measured = Measured(*[
+            None if raw is None else raw * unit
+            for raw, unit in zip(map(values.get, MEASURED), self.axis.si_per_unit, strict=True)])
+        lag = self._settings.drive_lag * (measured.velocity or 0.0)
+        error = measured.following_error
+        self.tracking_error = 0.0 if error is None else error - lag
         mode = values.get(MODE, 0)
         return Feedback(
             values.get(STATUSWORD, 0), mode,
@@ -279,14 +283,60 @@ class AxisMonitor:
         return Cause(message, axis=self.name, **details)
 
 
-def silences(monitors: Sequence[AxisMonitor], read_until: float) -> list[Cause]:
-    """
-    Return why to stop because drives are silent: one cause for the bus when all are.
+class AxisMonitors(tuple[AxisMonitor, ...]):
+    """What was received from the drives of one machine."""
 
-    `read_until` is the time [s] up to which all received frames have been read: what still
-    waits to be read may be the very answer that seems to be missing.
-    """
-    causes = [cause for one in monitors if (cause := one.silence(read_until)) is not None]
-    if len(causes) == len(monitors):
-        return [Cause(f'no drive answers any more: {causes[0].message}', BUS_REMEDY)]
-    return causes
+    @property
+    def unhomed(self) -> list[str]:
+        """Names of the axes that must be homed."""
+        return [one.name for one in self if not one.encoder.homed]
+
+    @property
+    def silent_tpdos(self) -> list[str]:
+        """Process data that have not come yet since the cycle was started."""
+        return [f'{name} of {one.title}' for one in self for name in sorted(one.silent_tpdos)]
+
+    def positions(self) -> Triple:
+        """
+        Return where the carriages are [m].
+
+        Raises
+        ------
+        DriveStateError
+            A drive has not sent its position yet.
+
+        """
+        positions = tuple([one.measured.position for one in self])
+        if None in positions:
+            raise DriveStateError('not every drive has sent its position yet: try again')
+        return positions
+
+    def snapshots(
+        self, targets: Triple | tuple[None, ...], now: float
+    ) -> tuple[AxisSnapshot, ...]:
+        """Return what was received, with the targets [m] that are commanded meanwhile."""
+        return tuple([one.snapshot(target, now)
+                      for one, target in zip(self, targets, strict=True)])
+
+    def end_cycle(self) -> tuple[Feedback, ...]:
+        """Return what each drive last sent, as `AxisMonitor.end_cycle` does."""
+        return tuple([one.end_cycle() for one in self])
+
+    def encode(
+        self, commands: Iterable[AxisCommand], targets: Iterable[int]
+    ) -> list[tuple[int, bytes]]:
+        """Return COB-ID and data of all RPDOs that carry commands and targets [counts]."""
+        return [frame for one, command, target in zip(self, commands, targets, strict=True)
+                for frame in one.encode(command, target)]
+
+    def silences(self, read_until: float) -> list[Cause]:
+        """
+        Return why to stop because drives are silent: one cause for the bus when all are.
+
+        `read_until` is the time [s] up to which all received frames have been read: what still
+        waits to be read may be the very answer that seems to be missing.
+        """
+        causes = [cause for one in self if (cause := one.silence(read_until)) is not None]
+        if len(causes) == len(self):
+            return [Cause(f'no drive answers any more: {causes[0].message}', BUS_REMEDY)]
+        return causes

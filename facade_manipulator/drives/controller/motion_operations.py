@@ -36,13 +36,13 @@ class Activate(Operation):
         return 'The drives are powered and follow setpoints.' if done else None
 
     def _require_homed(self) -> None:
-        unhomed = self.session.unhomed
+        unhomed = self.session.monitors.unhomed
         if unhomed:
             raise DriveStateError(
                 f'activate is not possible, {" and ".join(unhomed)} must be homed')
 
     def _require_inside(self) -> None:
-        positions = self.session.positions()
+        positions = self.session.monitors.positions()
         try:
             require_inside(self.session.axes, positions)
             self.session.targets.mechanism.check_targets(positions)
@@ -101,7 +101,7 @@ class Home(Operation):
         session = self.session
         group = self.group
         self.require_allowed()
-        session.positions()
+        session.monitors.positions()
         sequence = HomingSequence(tuple(
             AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
             for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import math
 import os
 import sys
 
@@ -19,6 +20,8 @@ _SWITCH_INTERVAL = 0.0005
 PERMISSION = ('"ulimit -r" of it: LimitRTPRIO=99 in its systemd service, or "@realtime - '
               'rtprio 99" in /etc/security/limits.d')
 YOUNG_COLLECTION, FULL_COLLECTION = 1, 2
+COLLECTION_PERIOD = 1.0  # s
+FULL_EVERY = 10
 
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
@@ -78,16 +81,16 @@ class Collector:
     never looked at again. Also lets threads of the process change places more often than by
     default, since the control thread must get the interpreter within a fraction of its period.
 
-    Parameters
+    Attributes
     ----------
-    rate : int
-        Cycles per second.
+    due : float
+        When to call `collect` next, in the slack of a cycle whose commands are out [s].
 
     """
 
-    def __init__(self, rate: int) -> None:
-        self._rate = rate
-        self._cycles = 0
+    def __init__(self) -> None:
+        self.due = math.inf
+        self._collections = 0
         self._before: tuple[bool, float] | None = None
 
     def start(self) -> None:
@@ -98,6 +101,7 @@ class Collector:
             gc.collect()
             gc.freeze()
             sys.setswitchinterval(min(_SWITCH_INTERVAL, self._before[1]))
+            self.due = 0.0
 
     def keep(self) -> None:
         """Never look again at what lives now; takes no time, and changes nothing when off."""
@@ -109,17 +113,14 @@ class Collector:
         if self._before is not None:
             was_enabled, interval = self._before
             self._before = None
+            self.due = math.inf
             gc.unfreeze()
             sys.setswitchinterval(interval)
             if was_enabled:
                 gc.enable()
 
-    def use_slack(self) -> None:
-        """Collect a little now and then; called when the commands of a cycle are out."""
-        if self._before is None:
-            return
-        self._cycles += 1
-        if self._cycles % (10 * self._rate) == 0:
-            gc.collect(FULL_COLLECTION)
-        elif self._cycles % self._rate == 0:
-            gc.collect(YOUNG_COLLECTION)
+    def collect(self, now: float) -> None:
+        """Collect a little, every now and then all."""
+        self.due = now + COLLECTION_PERIOD
+        self._collections += 1
+        gc.collect(YOUNG_COLLECTION if self._collections % FULL_EVERY else FULL_COLLECTION)

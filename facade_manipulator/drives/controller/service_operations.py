@@ -67,11 +67,12 @@ class Configure(Operation):
             if session.group.needs_configuration:
                 raise DriveTimeoutError(session.group.cause.message)
             return f'The drives are configured, but stopped: {session.group.cause.message}.'
-        if session.silent_tpdos and now > self._deadline:
+        silent = session.monitors.silent_tpdos
+        if silent and now > self._deadline:
             raise DriveTimeoutError(
-                f'{", ".join(session.silent_tpdos)} did not come in answer to SYNC: '
+                f'{", ".join(silent)} did not come in answer to SYNC: '
                 'correct pdos in the profile of the drive')
-        if session.silent_tpdos or not session.is_off:
+        if silent or not session.is_off:
             return None
         return f'The drives on {session.bus_name} are configured; the power is off.'
 
@@ -212,7 +213,8 @@ class SelfTest(Operation):
             f'{cycle.skipped} skipped; commands at most {1e3 * cycle.worst:.1f} ms after SYNC')
 
     def _stop(self) -> Finding:
-        causes = self.session.causes
+        group = self.session.group
+        causes = group.causes if group is not None else ()
         return Finding(
             'faults', not causes, '; '.join(map(str, causes)) or 'nothing has stopped the drives')
 

@@ -31,33 +31,19 @@ from facade_manipulator.drives.cia402 import (
     Group,
     load_profile,
     Phase,
-    STOPPED_PHASES,
-    Triple,
 )
 from facade_manipulator.drives.controller.bus_load import check_bus_load
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive, send_nmt
 from facade_manipulator.drives.controller.configuration import object_writes
 from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.monitor import AxisMonitor, AxisMonitors
 from facade_manipulator.drives.controller.realtime import Collector
 from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
-from facade_manipulator.errors import BusError, DriveStateError
+from facade_manipulator.errors import BusError
 
 FORGET_MASTER_HEARTBEAT = bytes.fromhex('2316100100000000')  # 1016h:01 = 0, answer not awaited
-FORBIDDEN_REMEDY = 'let software_stop be false'
-NEXT_STEPS = {
-    ControllerState.UNCONFIGURED: 'configure, home, activate',
-    ControllerState.INACTIVE: 'activate',
-    ControllerState.HALTED: 'clear_faults',
-    **dict.fromkeys(
-        (ControllerState.CONFIGURING, ControllerState.HOMING, ControllerState.ACTIVATING,
-         ControllerState.HALTING, ControllerState.DEACTIVATING, ControllerState.CLEARING,
-         ControllerState.TESTING, ControllerState.CLEANING_UP), 'wait until that is done'),
-}
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
-_NO_TARGETS = (None, None, None)
 
 
 @dataclass(frozen=True)
@@ -142,7 +128,7 @@ class Session:
             object_writes(profile, axis, settings)
         self.targets = Targets(self.axes, settings, mechanism)
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
-        self.collector = Collector(settings.rate)
+        self.collector = Collector()
         self.forbidden = ''
         self._bus = bus
         self.bus_name = bus.name
@@ -153,7 +139,7 @@ class Session:
         self.group: Group | None = None
         self.lost: LostBus | None = None
         self.notes: tuple[str, ...] = ()
-        self.monitors = tuple(
+        self.monitors = AxisMonitors(
             AxisMonitor(name, axis, self.settings, profile.pdos)
             for name, axis, profile in zip(
                 AXIS_NAMES, self.axes, self._profiles, strict=True))
@@ -166,85 +152,21 @@ class Session:
     @property
     def is_stopped(self) -> bool:
         """Return whether something has stopped the drives and was not cleared yet."""
-        group = self.group
-        return group is not None and group.cause is not None and group.phase in STOPPED_PHASES
+        return self.group is not None and self.group.is_stopped
 
     @property
     def is_off(self) -> bool:
         """Return whether all drives have confirmed that they have no power."""
         return self.has_done(Phase.OFF)
 
-    @property
-    def causes(self) -> tuple[Cause, ...]:
-        """Why the drives are stopped, the first cause first; empty while they are not."""
-        return self.group.causes if self.group is not None else ()
-
-    @property
-    def unhomed(self) -> list[str]:
-        """Names of the axes that must be homed."""
-        return [monitor.name for monitor in self.monitors if not monitor.encoder.homed]
-
-    @property
-    def silent_tpdos(self) -> list[str]:
-        """Process data that have not come yet since the cycle was started."""
-        return [f'{name} of {monitor.title}'
-                for monitor in self.monitors for name in sorted(monitor.silent_tpdos)]
-
     def enforce_stop(self) -> None:
         """Stop what has power while nothing may; another thread has forbidden it."""
-        if self.forbidden and self.is_powered and self.connection is not None:
+        if self.is_powered and self.connection is not None:
             self.connection.exchange.stop_for(Cause(self.forbidden))
 
     def has_done(self, phase: Phase) -> bool:
         """Return whether all drives are where a phase wants them."""
         return self.group is not None and self.group.phase is phase and self.group.is_settled
-
-    def positions(self) -> Triple:
-        """
-        Return where the carriages are [m].
-
-        Raises
-        ------
-        DriveStateError
-            A drive has not sent its position yet.
-
-        """
-        positions = tuple(monitor.measured.position for monitor in self.monitors)
-        if None in positions:
-            raise DriveStateError('not every drive has sent its position yet: try again')
-        return positions
-
-    def snapshot(
-        self, state: ControllerState, notes: tuple[str, ...], now: float
-    ) -> ControllerSnapshot:
-        """Return the record of this cycle."""
-        causes, notes = self.causes, notes + self.notes
-        targets = self.targets.positions or _NO_TARGETS
-        record = ControllerSnapshot(
-            state, None, tuple([monitor.snapshot(target, now) for monitor, target in zip(
-                self.monitors, targets, strict=True)]),
-            causes, self.next_step(state), notes,
-            bus_error=self.lost.message if self.lost is not None else '', bus_load=self.bus_load)
-        if self.connection is None:
-            return record
-        clock = self.connection.exchange.clock
-        return record._replace(
-            stamp=clock.sync_stamp or None, cycle=clock.statistics,
-            bus=self.connection.bus.statistics)
-
-    def next_step(self, state: ControllerState) -> str:
-        """Return what the operator does so that the drives follow setpoints, '' if they do."""
-        unhomed = bool(self.unhomed)
-        if self.is_stopped:
-            cause = self.group.severest_cause
-            remedy = f'{FORBIDDEN_REMEDY}, {cause.remedy}' if self.forbidden else cause.remedy
-            return replace(
-                cause, remedy=remedy.removesuffix(', '),
-                home_again=cause.home_again or unhomed).next_step
-        requests = NEXT_STEPS.get(state, '')
-        if state is ControllerState.INACTIVE and unhomed:
-            requests = 'home, activate'
-        return f'{FORBIDDEN_REMEDY}, then {requests}' if requests and self.forbidden else requests
 
     # --- the bus: opened, lost, back, closed
 
@@ -350,7 +272,7 @@ class Session:
 
     def watch_recovery(self, now: float) -> None:
         """Transmit again on a bus that has been healthy for a while; the drives stay stopped."""
-        if self.lost is None or self.connection is None:
+        if self.connection is None:
             return
         self.require_sole_master()
         if self.connection.bus.statistics.condition >= Condition.PASSIVE:

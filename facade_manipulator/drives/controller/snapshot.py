@@ -157,21 +157,6 @@ class ControllerSnapshot(NamedTuple):
     bus_error: str = ''
     bus_load: float = 0.0
 
-    def pack(self) -> tuple:
-        """Return the same as plain tuples, which are pickled in half the time."""
-        return tuple(self._replace(
-            state=self.state.value, axes=tuple([tuple(axis) for axis in self.axes]),
-            cycle=tuple(self.cycle), bus=tuple(self.bus)))
-
-    @classmethod
-    def unpack(cls, packed: tuple) -> ControllerSnapshot:
-        """Return what was packed."""
-        plain = cls(*packed)
-        return plain._replace(
-            state=ControllerState(plain.state),
-            axes=tuple([AxisSnapshot(*axis) for axis in plain.axes]),
-            cycle=CycleStatistics(*plain.cycle), bus=BusStatistics(*plain.bus))
-
     @property
     def cause(self) -> str:
         """Why the drives are stopped, ``''`` if they are not."""

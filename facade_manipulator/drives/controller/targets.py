@@ -1,8 +1,9 @@
 """
-The targets that go to the drives: where the carriages are at power-on, then the stream.
+The mechanism that the drives move: whether it stands as commanded, and what to command next.
 
-The last check before the bus. It trusts nobody: a target that is not finite, leaves the stroke or
-jumps is rejected with a message, never clamped.
+Targets are where the carriages are at power-on, then the stream. The last check before the bus
+trusts nobody: a target that is not finite, leaves the stroke or jumps is rejected with a message,
+never clamped.
 """
 
 from __future__ import annotations
@@ -16,14 +17,26 @@ from facade_manipulator.drives.cia402 import (
     AXIS_NAMES,
     AxisCommand,
     AxisSettings,
+    Cause,
     Controlword,
     FOLLOWING_PHASES,
+    Group,
     Mode,
     Phase,
+    TARGET_REMEDY,
+    TRACKING_REMEDY,
     Triple,
 )
+from facade_manipulator.drives.controller.cycle import CycleClock
+from facade_manipulator.drives.controller.monitor import AxisMonitors
 from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.errors import InputError, LimitError, SetpointLimitError, StrokeLimitError
+from facade_manipulator.errors import (
+    InputError,
+    LimitError,
+    ManipulatorError,
+    SetpointLimitError,
+    StrokeLimitError,
+)
 
 _AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
 ROUNDING = 1e-9
@@ -87,7 +100,7 @@ class MechanismChecks:
 
 class Targets:
     """
-    Choose what to command in each cycle.
+    Supervise the mechanism and choose what to command, in each cycle.
 
     Parameters
     ----------
@@ -114,7 +127,66 @@ class Targets:
         self._axes = axes
         self._largest_steps = tuple(
             STEP_MARGIN * axis.max_speed * settings.period for axis in axes)
+        self._counts_per_metre = tuple(axis.counts_per_metre for axis in axes)
+        # a target that is sent now is latched at the next SYNC and reached one period later
+        self._lead = 2.0 * settings.period + settings.drive_lag
+        self._window = min(axis.following_error_window for axis in axes)
         self._phase = Phase.OFF
+
+    def supervise(self, group: Group, monitors: AxisMonitors, now: float) -> None:
+        """Stop where the carriages are not what was commanded: nobody else sees all three."""
+        if group.phase is Phase.HOMING:
+            self._supervise_homing(group, monitors, now)
+        elif group.phase in FOLLOWING_PHASES:
+            self._supervise_following(group, monitors, now)
+
+    def _supervise_homing(self, group: Group, monitors: AxisMonitors, now: float) -> None:
+        try:
+            self.mechanism.check_homing(
+                tuple([one.measured.position for one in monitors]), group.homing.homed)
+        except ManipulatorError as error:
+            group.stop(Cause(
+                f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
+                'faults, then home'), now)
+
+    def _supervise_following(self, group: Group, monitors: AxisMonitors, now: float) -> None:
+        try:
+            self.mechanism.check_actual(tuple([one.measured.position for one in monitors]))
+        except ManipulatorError as error:
+            group.stop(Cause(f'the measured mechanism: {error}', TRACKING_REMEDY), now)
+        errors = [one.tracking_error for one in monitors]
+        least, greatest = min(errors), max(errors)
+        if greatest - least > self._window:
+            names = ' and '.join(sorted(
+                monitors[errors.index(one)].name for one in (least, greatest)))
+            group.stop(Cause(
+                f'the following errors of {names} differ by {greatest - least:.4g} m, bound '
+                f'{self._window:g} m', TRACKING_REMEDY), now)
+
+    def command(
+        self, group: Group, commands: tuple[AxisCommand, ...], actual: tuple[int, ...],
+        clock: CycleClock, now: float,
+    ) -> tuple[AxisCommand, ...]:
+        """
+        Choose the targets of a cycle; return the commands to send along with them.
+
+        A source that fails stops the group: the commands are then others than those given.
+        """
+        latch_time = clock.smooth_stamp + self._lead
+        try:
+            if clock.held:
+                self.mechanism.source.wait(clock.held)
+            self.choose(group.phase, commands[0], actual, latch_time)
+        except ManipulatorError as error:
+            group.stop(Cause(f'a target was rejected: {error}', TARGET_REMEDY), now)
+        except Exception as error:  # a source of targets may be anybody's code
+            group.stop(Cause(
+                f'the source of the targets failed: {type(error).__name__}: {error}',
+                TARGET_REMEDY), now)
+        else:
+            return commands
+        self.choose(group.phase, group.commands[0], actual, latch_time)
+        return group.commands
 
     def track(self, command: AxisCommand, actual: tuple[int, ...]) -> None:
         """Keep the targets at the carriages until the drives are enabled in the cyclic mode."""
@@ -171,26 +243,27 @@ class Targets:
         self.mechanism.source.reset(self.positions)
 
     def _set(self, targets: Triple) -> None:
-        for number, target in enumerate(targets):
-            self._require_valid(number, target)
+        for number, (axis, target) in enumerate(zip(self._axes, targets, strict=True)):
+            step = abs(target - self.positions[number])
+            if not (axis.lower_limit - ROUNDING <= target <= axis.upper_limit + ROUNDING
+                    and step <= self._largest_steps[number] + ROUNDING):
+                raise self._violation(number, target, step)
         self.mechanism.check_targets(targets)
-        self.counts = tuple([
-            axis.to_counts(target) for axis, target in zip(self._axes, targets, strict=True)])
+        self.counts = tuple([  # inside the stroke, whose ends fit into the drives' 32 bits
+            round(target * counts)
+            for target, counts in zip(targets, self._counts_per_metre, strict=True)])
         self.positions = tuple(targets)
 
-    def _require_valid(self, number: int, target: float) -> None:
-        axis, step = self._axes[number], abs(target - self.positions[number])
-        if (axis.lower_limit - ROUNDING <= target <= axis.upper_limit + ROUNDING
-                and step <= self._largest_steps[number] + ROUNDING):
-            return
-        name = f'target of {AXIS_NAMES[number]}'
+    def _violation(self, number: int, target: float, step: float) -> ManipulatorError:
+        """Say what is wrong with a target, ready to be raised."""
+        axis, name = self._axes[number], f'target of {AXIS_NAMES[number]}'
         if not math.isfinite(target):
-            raise InputError.not_finite(name, target, 'm')
+            return InputError.not_finite(name, target, 'm')
         if target < axis.lower_limit - ROUNDING:
-            raise StrokeLimitError(name, target, axis.lower_limit, 'm', 'below')
+            return StrokeLimitError(name, target, axis.lower_limit, 'm', 'below')
         if target > axis.upper_limit + ROUNDING:
-            raise StrokeLimitError(name, target, axis.upper_limit, 'm', 'above')
-        raise SetpointLimitError(
+            return StrokeLimitError(name, target, axis.upper_limit, 'm', 'above')
+        return SetpointLimitError(
             f'step of the {name} in one cycle', step, self._largest_steps[number], 'm', 'above')
 
 

@@ -5,7 +5,6 @@ import pytest
 from facade_manipulator.drives.controller.cycle import (
     ANSWERS_DUE,
     COMMANDS_DUE,
-    cycle_clock,
     FIRST_ANSWER_DUE,
     LATENESS_BOUNDS,
     MIN_GAP,
@@ -21,20 +20,30 @@ ALL = 3
 
 
 def producer() -> SyncProducer:
-    clock = SyncProducer(T)
+    clock = SyncProducer(T, ALL)
     clock.start(0.0)
     return clock
 
 
 def consumer() -> SyncConsumer:
-    clock = SyncConsumer(T)
+    clock = SyncConsumer(T, ALL)
     clock.start(0.0)
     return clock
 
 
-def test_who_sends_sync_decides_on_the_clock():
-    assert isinstance(cycle_clock(T, receives_sync=True), SyncConsumer)
-    assert isinstance(cycle_clock(T, receives_sync=False), SyncProducer)
+def sync_due(clock, now, all_read=True) -> bool:
+    return not clock.is_open and is_due(clock, now, all_read)
+
+
+def step_due(clock, now, answers=0, all_read=True) -> bool:
+    """Let some more drives answer; return whether the loop steps then."""
+    for _ in range(answers):
+        clock.answer(now)
+    return clock.is_open and is_due(clock, now, all_read)
+
+
+def is_due(clock, now, all_read) -> bool:
+    return now >= clock.next_event and (all_read or not clock.may_wait(now))
 
 
 # --- SYNC sent by the loop
@@ -42,10 +51,10 @@ def test_who_sends_sync_decides_on_the_clock():
 def test_the_loop_sends_sync_once_a_period():
     clock = producer()
     for number in range(5):
-        assert clock.sync_due(T * number, all_read=True)
+        assert sync_due(clock, T * number)
         clock.begin(T * number, 0.0)
-        clock.finish(T * (number + 0.1), complete=True)
-        assert not clock.sync_due(T * (number + 0.99), all_read=True)
+        clock.finish(T * (number + 0.1))
+        assert not sync_due(clock, T * (number + 0.99))
     assert clock.statistics.cycles == 5
     assert clock.statistics.skipped == 0
 
@@ -53,49 +62,49 @@ def test_the_loop_sends_sync_once_a_period():
 def test_the_step_comes_with_the_last_answer_or_when_there_is_no_more_time():
     clock = producer()
     clock.begin(0.0, 0.0)
-    assert not clock.step_due(0.1 * T, 2, ALL, all_read=True)
+    assert not step_due(clock, 0.1 * T, answers=2)
     assert clock.next_event == ANSWERS_DUE * T
-    assert not clock.step_due(0.6 * T, 2, ALL, all_read=True)
-    assert clock.step_due(ANSWERS_DUE * T, 2, ALL, all_read=True)
-    assert clock.step_due(0.6 * T, ALL, ALL, all_read=False)
+    assert not step_due(clock, 0.6 * T)
+    assert step_due(clock, ANSWERS_DUE * T)
+    assert step_due(clock, 0.6 * T, answers=1, all_read=False)
 
 
 def test_when_nobody_answers_this_computer_is_taken_to_be_late():
     clock = producer()
     clock.begin(0.0, 0.0)
-    assert not clock.step_due(2.9 * T, 0, ALL, all_read=True)
-    assert not clock.sync_due(2.9 * T, all_read=True)
+    assert not step_due(clock, 2.9 * T)
+    assert not sync_due(clock, 2.9 * T)
     assert clock.next_event == FIRST_ANSWER_DUE * T
-    assert clock.step_due(FIRST_ANSWER_DUE * T, 0, ALL, all_read=True)
+    assert step_due(clock, FIRST_ANSWER_DUE * T)
 
 
 def test_after_a_late_first_answer_the_others_are_given_time_to_follow():
     clock = producer()
     clock.begin(0.0, 0.0)
-    assert not clock.step_due(2.0 * T, 1, ALL, all_read=True)
+    assert not step_due(clock, 2.0 * T, answers=1)
     assert clock.next_event == pytest.approx((2.0 + OTHERS_DUE) * T)
-    assert clock.step_due((2.01 + OTHERS_DUE) * T, 2, ALL, all_read=True)
+    assert step_due(clock, (2.01 + OTHERS_DUE) * T, answers=1)
 
 
 def test_no_step_is_due_before_the_first_sync():
     for clock in (producer(), consumer()):
-        assert not clock.step_due(5 * T, ALL, ALL, all_read=True)
+        assert not step_due(clock, 5 * T, answers=ALL)
 
 
 def test_no_step_is_due_twice():
     for clock in (producer(), consumer()):
         clock.begin(0.0, 0.0)
-        clock.finish(0.1 * T, complete=True)
-        assert not clock.step_due(5 * T, ALL, ALL, all_read=True)
+        clock.finish(0.1 * T)
+        assert not step_due(clock, 5 * T, answers=ALL)
 
 
 def test_late_commands_go_out_and_delay_the_next_sync():
     clock = producer()
     clock.begin(0.0, 0.0)
-    assert clock.finish(1.5 * T, complete=True)
+    assert clock.finish(1.5 * T)
     assert clock.statistics.late == 1
-    assert not clock.sync_due((1.49 + MIN_GAP) * T, all_read=True)
-    assert clock.sync_due((1.51 + MIN_GAP) * T, all_read=True)
+    assert not sync_due(clock, (1.49 + MIN_GAP) * T)
+    assert sync_due(clock, (1.51 + MIN_GAP) * T)
 
 
 @given(st.lists(st.floats(0.0, 0.1), min_size=1, max_size=50))
@@ -104,17 +113,17 @@ def test_late_syncs_are_never_squeezed_together_to_catch_up(delays):
     now, last = 0.0, -1.0
     for delay in delays:
         now = max(now, clock.next_event) + delay
-        assert clock.sync_due(now, all_read=True)
+        assert sync_due(clock, now)
         assert now - last >= COMMANDS_DUE * T - 1e-9
         clock.begin(now, 0.0)
-        clock.finish(now, complete=True)
+        clock.finish(now)
         last = now
 
 
 def test_periods_without_sync_are_counted():
     clock = producer()
     clock.begin(0.0, 0.0)
-    clock.finish(0.0, complete=True)
+    clock.finish(0.0)
     clock.begin(4.5 * T, 0.0)
     assert clock.statistics.skipped == 3
 
@@ -124,7 +133,7 @@ def test_a_late_sync_is_a_command_that_the_drives_have_held(pause, held):
     clock = producer()
     for time in (0.0, pause * T):
         clock.begin(time, 0.0)
-        clock.finish(time, complete=True)
+        clock.finish(time)
     assert clock.held == pytest.approx(held * T)
 
 
@@ -134,7 +143,7 @@ def test_syncs_of_the_kernel_without_commands_are_those_that_the_drives_have_hel
     clock, held = consumer(), []
     for number, share in enumerate((0.1, 0.9, 0.9, 0.1, 0.1), start=1):
         clock.receive(T * number, 0.0)
-        if clock.finish(T * (number + share), complete=True):
+        if clock.finish(T * (number + share)):
             held.append(round(clock.held / T))
     assert held == [0, 2, 0]
 
@@ -143,16 +152,36 @@ def test_syncs_of_the_kernel_without_commands_are_those_that_the_drives_have_hel
 def test_commands_later_than_four_fifths_of_the_period_are_late(share, in_time):
     clock = consumer()
     clock.receive(T, 0.0)
-    assert clock.finish((1 + share) * T, complete=True) is in_time
+    assert clock.finish((1 + share) * T) is in_time
     assert clock.statistics.late == (not in_time)
     assert clock.late_in_a_row == (not in_time)
+
+
+@pytest.mark.parametrize('late', [0, 1, ALL])
+def test_answers_that_come_after_the_step_count_for_the_next_one(late):
+    for clock in (producer(), consumer()):
+        clock.begin(0.0, 0.0)
+        clock.finish(ANSWERS_DUE * T)
+        assert not step_due(clock, 0.9 * T, answers=late)
+        clock.begin(2 * T, 0.0)
+        assert step_due(clock, 2.1 * T, answers=ALL - late)
+        clock.finish(2.1 * T)
+        assert clock.statistics.incomplete == 1
+
+
+def test_nothing_is_due_of_a_clock_that_was_stopped():
+    for clock in (producer(), consumer()):
+        clock.begin(0.0, 0.0)
+        clock.stop()
+        assert not step_due(clock, 9 * T, answers=ALL)
+        assert not sync_due(clock, 9 * T)
 
 
 def test_being_in_time_once_ends_the_row_of_late_cycles():
     clock = consumer()
     for number, share in enumerate((0.9, 0.9, 0.1), start=1):
         clock.receive(T * number, 0.0)
-        clock.finish(T * (number + share), complete=True)
+        clock.finish(T * (number + share))
     assert clock.late_in_a_row == 0
     assert clock.statistics.late == 2
 
@@ -160,15 +189,15 @@ def test_being_in_time_once_ends_the_row_of_late_cycles():
 def test_answers_are_waited_for_a_little_longer_while_frames_wait_to_be_read():
     clock = consumer()
     clock.receive(0.0, 0.0)
-    assert clock.step_due(ANSWERS_DUE * T, 2, ALL, all_read=True)
-    assert not clock.step_due(ANSWERS_DUE * T, 2, ALL, all_read=False)
-    assert clock.step_due(COMMANDS_DUE * T, 0, ALL, all_read=False)
+    assert step_due(clock, ANSWERS_DUE * T, answers=2)
+    assert not step_due(clock, ANSWERS_DUE * T, all_read=False)
+    assert step_due(clock, COMMANDS_DUE * T, all_read=False)
 
 
 def test_the_kernels_sync_is_replaced_when_it_is_overdue():
     clock = consumer()
-    assert not clock.sync_due(T, all_read=True)
-    assert clock.sync_due(SYNC_OVERDUE * T, all_read=True)
+    assert not sync_due(clock, T)
+    assert sync_due(clock, SYNC_OVERDUE * T)
     clock.begin(SYNC_OVERDUE * T, 0.0)
     assert clock.overdue_in_a_row == clock.statistics.skipped == 1
     clock.receive(2 * T, 0.0)
@@ -177,8 +206,8 @@ def test_the_kernels_sync_is_replaced_when_it_is_overdue():
 
 def test_the_kernels_sync_is_not_overdue_while_frames_wait_to_be_read():
     clock = consumer()
-    assert not clock.sync_due(2 * T, all_read=False)
-    assert clock.sync_due(SYNC_MISSING * T, all_read=False)
+    assert not sync_due(clock, 2 * T, all_read=False)
+    assert sync_due(clock, SYNC_MISSING * T, all_read=False)
 
 
 def test_a_sync_that_comes_too_early_is_somebody_elses():
@@ -194,7 +223,7 @@ def test_the_histogram_holds_every_step(ages):
     clock = consumer()
     for number, age in enumerate(ages):
         clock.receive(float(number), 0.0)
-        clock.finish(number + age, complete=False)
+        clock.finish(number + age)
     statistics = clock.statistics
     assert sum(statistics.lateness) == statistics.cycles == statistics.incomplete == len(ages)
     assert len(statistics.lateness) == len(LATENESS_BOUNDS) + 1
@@ -208,7 +237,7 @@ def test_jitter_of_sync_hardly_reaches_the_smooth_stamps(jitter, start):
     stamps = []
     for number, share in enumerate([0.0, *jitter]):
         clock.begin(T * number, start + T * (number + share))
-        clock.finish(T * (number + 0.1), complete=True)
+        clock.finish(T * (number + 0.1))
         stamps.append(clock.smooth_stamp)
     for before, after in zip(stamps, stamps[1:], strict=False):
         assert after - before == pytest.approx(T, abs=0.02 * T)
@@ -218,7 +247,7 @@ def test_jitter_of_sync_hardly_reaches_the_smooth_stamps(jitter, start):
 def test_a_sync_at_another_place_and_a_clock_that_was_set_are_believed_at_once(moved):
     clock = producer()
     clock.begin(0.0, 100.0)
-    clock.finish(0.1 * T, complete=True)
+    clock.finish(0.1 * T)
     clock.begin(T, 100.0 + moved * T)
     assert clock.smooth_stamp == pytest.approx(100.0 + moved * T, abs=1e-9)
 
@@ -227,5 +256,5 @@ def test_periods_without_sync_leave_the_smooth_stamps_in_step():
     clock = consumer()
     for number in (0, 1, 4, 5):
         clock.receive(T * number, 100.0 + T * number)
-        clock.finish(T * (number + 0.1), complete=True)
+        clock.finish(T * (number + 0.1))
         assert clock.smooth_stamp == pytest.approx(100.0 + T * number, abs=1e-9)

@@ -16,7 +16,7 @@ from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword
 from facade_manipulator.drives.controller import exchange as module
 from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.monitor import AxisMonitor, AxisMonitors
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
 
 PERIOD = SETTINGS.period
@@ -82,7 +82,7 @@ def wire(monkeypatch):
 @pytest.mark.parametrize('kind', ['emergency', 'request'])
 def test_a_stop_shortly_before_a_sync_waits_for_it(wire, share, kind):
     """Else one drive might latch it now and its neighbour a period later, at full speed."""
-    monitors = tuple(
+    monitors = AxisMonitors(
         AxisMonitor(name, axis, SETTINGS) for name, axis in zip(
             AXIS_NAMES, DEFAULT_AXES, strict=True))
     exchange = CyclicExchange(

@@ -1,5 +1,6 @@
 import ctypes
 import gc
+import math
 import os
 import re
 import sys
@@ -95,7 +96,7 @@ def test_locked_memory_is_asked_of_the_kernel(monkeypatch, answer, count):
 
 @pytest.fixture
 def collector():
-    made = Collector(rate=10)
+    made = Collector()
     yield made
     made.stop()
 
@@ -129,13 +130,16 @@ def test_garbage_is_collected_now_and_then_in_the_slack(collector, monkeypatch):
     asked = []
     collector.start()
     monkeypatch.setattr(gc, 'collect', asked.append)
-    for _ in range(200):
-        collector.use_slack()
+    for now in range(20):
+        assert collector.due <= now
+        collector.collect(now)
+        assert collector.due == now + realtime.COLLECTION_PERIOD
     assert asked.count(realtime.FULL_COLLECTION) == 2
     assert asked.count(realtime.YOUNG_COLLECTION) == 18
 
 
-def test_a_collector_that_is_not_in_force_collects_nothing(collector, monkeypatch):
-    monkeypatch.setattr(gc, 'collect', reject)
-    for _ in range(200):
-        collector.use_slack()
+def test_a_collector_that_is_not_in_force_collects_nothing(collector):
+    assert collector.due == math.inf
+    collector.start()
+    collector.stop()
+    assert collector.due == math.inf

@@ -1,13 +1,9 @@
 """The state of one cycle: carriages, and what the levels and messages depend on."""
 
-import pickle
-
 import pytest
 
-from facade_manipulator.drives.canopen.bus import BusStatistics, Condition
 from facade_manipulator.drives.cia402.cause import Cause
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES
-from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.drives.controller.snapshot import (
     AxisSnapshot,
     ControllerSnapshot,
@@ -38,16 +34,6 @@ def test_the_joints_are_those_of_the_axes():
     assert joints.velocities == tuple(axis.velocity for axis in one.axes)
     assert joints.forces == tuple(axis.force for axis in one.axes)
     assert joints.positions[0] != joints.positions[1]
-
-
-def test_what_was_packed_and_pickled_is_the_same_again():
-    one = snapshot({'position': None}, causes=CAUSES, notes=('a note',), bus=BusStatistics(
-        7, condition=Condition.PASSIVE), cycle=CycleStatistics(3, worst=0.01))
-    again = ControllerSnapshot.unpack(pickle.loads(pickle.dumps(one.pack())))
-    assert again == one
-    assert (again.state, again.bus.condition) == (ControllerState.ACTIVE, Condition.PASSIVE)
-    assert [type(part) for part in (*again.axes, again.cycle)] == [
-        AxisSnapshot] * 3 + [CycleStatistics]
 
 
 def test_a_velocity_or_force_never_received_is_0():
