@@ -284,11 +284,11 @@ class Driver:
 
     def complete_at(self, rate: float, duration: float) -> float:
         """Return how many complete cycles there are per second when some are asked for."""
-        connection = self.controller._session.connection  # nobody changes the rate from outside
-        connection.exchange.clock.period = 1.0 / rate
+        exchange = self.controller._session.exchange  # nobody changes the rate from outside
+        exchange.clock.period = 1.0 / rate
         if KERNEL_SYNC:
-            connection.bus.stop_sync()
-            connection.bus.start_sync(1.0 / rate)
+            exchange.bus.stop_sync()
+            exchange.bus.start_sync(1.0 / rate)
         before, begin = self.controller.snapshot().cycle, time.monotonic()
         time.sleep(duration)
         after, elapsed = self.controller.snapshot().cycle, time.monotonic() - begin

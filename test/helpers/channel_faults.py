@@ -60,7 +60,7 @@ class IsolatedNode:
 
     def freeze(self) -> None:
         """Let the loop send nothing more, as if it were killed."""
-        self.loop.controller._session.connection.exchange.turn = self._wait_frozen
+        self.loop.controller._session.exchange.turn = self._wait_frozen
 
     def _wait_frozen(self) -> float:
         self._frozen.wait()

@@ -105,7 +105,7 @@ def a_node_that_restarts_is_noticed_by_its_boot_up_message(rig: ForeignRig) -> N
 
 def a_dead_master_is_missed_by_its_heartbeat(rig: ForeignRig) -> None:
     rig.do('configure', 'home', 'activate')
-    rig.session.connection.exchange.transmits = False
+    rig.session.exchange.transmits = False
     wait_until(lambda: ENABLED not in [drive.state for drive in rig.drives], 'all to stop')
     wait_until(lambda: rig.state is ControllerState.STOPPED, 'the stop')
     assert f'{LOST_HEARTBEAT:04X}h' in str(rig.controller.snapshot().causes)
@@ -113,7 +113,7 @@ def a_dead_master_is_missed_by_its_heartbeat(rig: ForeignRig) -> None:
 
 def long_objects_go_in_segments_both_ways(rig: ForeignRig) -> None:
     rig.do('configure')
-    objects = rig.session.connection.commissioning._drives[1].objects
+    objects = rig.session.commissioning._drives[1].objects
     read = rig.session.worker.submit(objects.read, 0x1008, 0).result(PATIENCE)
     assert read == NAME
     text = bytes(range(200))

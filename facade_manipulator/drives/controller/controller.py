@@ -109,9 +109,9 @@ class DriveController:
 
     def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
         """Quick stop all axes at once and stay stopped until the faults are cleared."""
-        connection, group = self._session.connection, self._session.group
-        if group is not None and connection is not None:  # else no drive has power
-            connection.exchange.stops.append(Cause(cause, remedy))
+        exchange, group = self._session.exchange, self._session.group
+        if group is not None and exchange is not None:  # else no drive has power
+            exchange.stops.append(Cause(cause, remedy))
 
     def forbid_power(self, cause: str) -> None:
         """Stop what has power, and let none come on, until this is called with ``''``."""
@@ -160,10 +160,10 @@ class DriveController:
         if self._closed:
             return
         session = self._session
-        if session.connection is None:
+        if session.exchange is None:
             now = self._idle()
         else:
-            now = session.connection.exchange.turn()
+            now = session.exchange.turn()
         if session.forbidden:
             session.enforce_stop()
         if session.lost is not None:
@@ -266,9 +266,9 @@ class DriveController:
         message = f'the control loop failed: {type(error).__name__}: {error}'
         session = self._session
         cause = Cause(message, 'report this')
-        if session.connection is not None:
+        if session.exchange is not None:
             with suppress(BusError):
-                session.connection.exchange.stop_for(cause)
+                session.exchange.stop_for(cause)
         if session.group is not None:
             session.group.stop(cause, time.monotonic())
         self._wake.clear()
@@ -279,18 +279,18 @@ class DriveController:
     def _publish(self, now: float) -> None:
         """Replace the snapshot, once a cycle and when a request ends."""
         session, state = self._session, self._present_state()
-        group, connection, lost = session.group, session.connection, session.lost
+        group, exchange, lost = session.group, session.exchange, session.lost
         snapshot = ControllerSnapshot(
             state, None,
             session.monitors.snapshots(session.targets.positions or _NO_TARGETS, now),
             group.causes if group is not None else (), self._next_step(state),
             self._rejected + session.notes,
             bus_error=lost.message if lost is not None else '', bus_load=session.bus_load)
-        if connection is not None:
-            clock = connection.exchange.clock
+        if exchange is not None:
+            clock = exchange.clock
             snapshot = snapshot._replace(
                 stamp=clock.sync_stamp or None, cycle=clock.statistics,
-                bus=connection.bus.statistics)
+                bus=exchange.bus.statistics)
         self._snapshot = snapshot
         self.observe(snapshot)
 

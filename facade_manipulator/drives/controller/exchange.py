@@ -37,6 +37,7 @@ from facade_manipulator.drives.controller.cycle import SyncConsumer, SyncProduce
 from facade_manipulator.drives.controller.monitor import AxisMonitor, AxisMonitors
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import Targets
+from facade_manipulator.errors import BusError
 
 LONGEST_WAIT = 0.02
 OTHER_MASTER_REMEDY = (
@@ -54,6 +55,7 @@ class CyclicExchange:
     Parameters
     ----------
     bus : CanBus
+        Owned from now on: `close` closes it.
     monitors : AxisMonitors
     settings : ControllerSettings
     targets : Targets
@@ -64,8 +66,6 @@ class CyclicExchange:
         Where a worker thread sends SDO requests; the answers are handed to it here.
     reception : Reception
         Wakes a worker thread that waits for a heartbeat or boot-up message.
-    other_master : list of str
-        What was received that only another master sends.
     read_until : float
         Time [s] up to which all that was received has been read.
     stops : deque of Cause
@@ -82,14 +82,14 @@ class CyclicExchange:
         self.reception = Reception()
         self.clock = (SyncConsumer if bus.has_kernel_sync else SyncProducer)(
             settings.period, len(monitors))
-        self.other_master: list[str] = []
+        self._other_master: list[str] = []
         self.stops: deque[Cause] = deque(maxlen=16)
         self._has_stepped = False
-        self._bus = bus
+        self.bus = bus
         self._monitors = monitors
         self._settings = settings
         self._targets = targets
-        self._next_heartbeat = 0.0
+        self._next_heartbeat = math.inf
         self._unsent = 0
         self._waits_for_sync = False
         self._pumped = self.read_until = time.monotonic()
@@ -100,7 +100,7 @@ class CyclicExchange:
 
     @property
     def transmits(self) -> bool:
-        """Whether heartbeats are sent; a bus that was just found again is only listened to."""
+        """Whether heartbeats are sent; a bus that was just opened is only listened to."""
         return self._next_heartbeat < math.inf
 
     @transmits.setter
@@ -110,7 +110,7 @@ class CyclicExchange:
     # --- receiving
 
     def _make_routes(self) -> dict[int, tuple[int, Callable[[Frame], Cause | None]]]:
-        routes = {pdo.SYNC_COB_ID: (0, self._on_sync)} if self._bus.has_kernel_sync else {}
+        routes = {pdo.SYNC_COB_ID: (0, self._on_sync)} if self.bus.has_kernel_sync else {}
         for monitor in self._monitors:
             routes.update(self._routes_of(monitor))
         return routes
@@ -150,8 +150,8 @@ class CyclicExchange:
     def _note_other_master(self, frame: Frame) -> None:
         """Stop, if need be, for what this master has not sent: it does not receive its own."""
         what, competes = self._only_masters[frame.cob_id]
-        if what not in self.other_master:
-            self.other_master.append(what)
+        if what not in self._other_master:
+            self._other_master.append(what)
         if competes:
             self.stop_for(Cause(
                 f'another master is on the bus, {what} was received', OTHER_MASTER_REMEDY))
@@ -204,12 +204,33 @@ class CyclicExchange:
         self.clock.start(now)
         for monitor in self._monitors:
             monitor.begin_supervision(now)
-        if self._bus.has_kernel_sync:
-            self._bus.start_sync(self._settings.period)
+        if self.bus.has_kernel_sync:
+            self.bus.start_sync(self._settings.period)
+
+    def require_sole_master(self) -> None:
+        """
+        Check that nobody else commands the drives.
+
+        Raises
+        ------
+        BusError
+            What was received of another master.
+
+        """
+        if self._other_master:
+            raise BusError(
+                f'another master uses this bus: {", ".join(self._other_master)} was received; end '
+                'it (a second driver, a configuration tool), or open another bus')
+
+    def close(self) -> None:
+        """Let go of the bus; whoever waits for an answer gives up."""
+        self.reception.cancel()
+        self.stop()
+        self.bus.close()
 
     def stop(self) -> None:
         """Stop SYNC and commands; heartbeats go on."""
-        self._bus.stop_sync()
+        self.bus.stop_sync()
         self.group = None
         self.clock.stop()
         for monitor in self._monitors:
@@ -241,7 +262,7 @@ class CyclicExchange:
 
         """
         self._has_stepped = False
-        frame = self._bus.receive(
+        frame = self.bus.receive(
             min(self._pumped + LONGEST_WAIT, self._next_heartbeat, self.clock.next_event)
             - time.monotonic())
         now = time.monotonic()
@@ -318,7 +339,7 @@ class CyclicExchange:
     def _send(self, cob_id: int, data: bytes = b'') -> None:
         """Send a frame; a queue that is full now may be free in the next cycle."""
         try:
-            self._bus.send(cob_id, data)
+            self.bus.send(cob_id, data)
         except BusCongestedError:
             self._unsent += 1
             if self._unsent >= MAX_UNSENT:
@@ -331,5 +352,5 @@ class CyclicExchange:
         due = self.group.not_responding - self._taken_out
         for monitor in self._monitors:
             if monitor.name in due:
-                send_nmt(self._bus, NmtCommand.STOP, monitor.axis.node_id)
+                send_nmt(self.bus, NmtCommand.STOP, monitor.axis.node_id)
         self._taken_out = set(self.group.not_responding)

@@ -34,20 +34,19 @@ class Configure(Operation):
     def begin(self, now: float) -> str | None:
         """Open the bus and listen: another master's drives are not ours to reset."""
         session = self.session
-        if session.connection is not None or session.lost is not None:
+        if session.exchange is not None or session.lost is not None:
             raise DriveStateError('configure is not possible, the drives are configured already')
         session.open()
-        session.connection.exchange.transmits = False
         self._deadline = now + LISTEN_PERIODS * session.settings.heartbeat_period
         return None
 
     def _listen(self) -> None:
         """Let the worker begin if nobody else commands the drives."""
-        connection = self.session.connection
-        if connection.exchange.read_until >= self._deadline:
-            self.session.require_sole_master()
-            connection.exchange.transmits = True
-            self._job = self.session.worker.submit(connection.commissioning.configure)
+        session = self.session
+        if session.exchange.read_until >= self._deadline:
+            session.exchange.require_sole_master()
+            session.exchange.transmits = True
+            self._job = session.worker.submit(session.commissioning.configure)
 
     def poll(self, now: float) -> str | None:
         """Start the cycle when the worker is done, then wait for the drives' answers."""
@@ -59,7 +58,7 @@ class Configure(Operation):
             return None
         if session.group is None:
             session.notes = self._notes()
-            session.require_sole_master()
+            session.exchange.require_sole_master()
             session.start_cycle(now)
             settings = session.settings
             self._deadline = now + settings.step_timeout + SLOWEST * settings.period
@@ -134,7 +133,7 @@ class ClearFaults(Operation):
             raise BusError(
                 f'clear_faults is not possible, the bus is lost: {session.lost.message}')
         self.group.require_resettable(now)
-        self._job = session.worker.submit(session.connection.commissioning.check_again)
+        self._job = session.worker.submit(session.commissioning.check_again)
         return None
 
     def poll(self, now: float) -> str | None:
@@ -177,12 +176,11 @@ class SelfTest(Operation):
             raise DriveStateError('self_test is not possible while powered: deactivate first')
         if session.lost is not None:
             raise BusError(f'self_test is not possible, the bus is lost: {session.lost.message}')
-        self._is_first = session.connection is None
+        self._is_first = session.exchange is None
         if self._is_first:
             session.open()
-            session.connection.exchange.transmits = False
         self._job = session.worker.submit(
-            session.connection.commissioning.inspect, not self._is_first)
+            session.commissioning.inspect, not self._is_first)
 
     def poll(self, now: float) -> list[Finding] | None:
         """Add what this side knows to what the drives said."""
@@ -198,14 +196,14 @@ class SelfTest(Operation):
             self.session.let_go()
 
     def _bus(self) -> Finding:
-        bus = self.session.connection.bus.statistics
+        bus = self.session.exchange.bus.statistics
         return Finding(
             'bus', bus.condition is Condition.ACTIVE and not bus.overflows,
             f'the controller is {bus.condition.name.lower()}, {bus.error_frames} error frames, '
             f'{bus.overflows} overflows, worst-case load {100.0 * self.session.bus_load:.0f} %')
 
     def _cycle(self) -> Finding:
-        cycle = self.session.connection.exchange.clock.statistics
+        cycle = self.session.exchange.clock.statistics
         bad = cycle.incomplete + cycle.late + cycle.skipped
         return Finding(
             'cycle', bad <= MAX_BAD_CYCLES * cycle.cycles,

@@ -55,21 +55,6 @@ class BusAccess:
     name: str = 'the bus'
 
 
-@dataclass(frozen=True)
-class Connection:
-    """An opened bus and what works on it."""
-
-    bus: CanBus
-    exchange: CyclicExchange
-    commissioning: Commissioning
-
-    def close(self) -> None:
-        """Let go of the bus; whoever waits for an answer gives up."""
-        self.exchange.reception.cancel()
-        self.exchange.stop()
-        self.bus.close()
-
-
 @dataclass
 class LostBus:
     """A bus that is gone: why, when to try again, since when the new one is healthy."""
@@ -94,8 +79,10 @@ class Session:
 
     Attributes
     ----------
-    connection : Connection or None
-        The open bus.
+    exchange : CyclicExchange or None
+        With the open bus.
+    commissioning : Commissioning or None
+        The worker's access to the drives on it.
     group : Group or None
         The state machine, once the drives are configured.
     lost : LostBus or None
@@ -135,7 +122,8 @@ class Session:
         self._forget()
 
     def _forget(self) -> None:
-        self.connection: Connection | None = None
+        self.exchange: CyclicExchange | None = None
+        self.commissioning: Commissioning | None = None
         self.group: Group | None = None
         self.lost: LostBus | None = None
         self.notes: tuple[str, ...] = ()
@@ -161,8 +149,8 @@ class Session:
 
     def enforce_stop(self) -> None:
         """Stop what has power while nothing may; another thread has forbidden it."""
-        if self.is_powered and self.connection is not None:
-            self.connection.exchange.stop_for(Cause(self.forbidden))
+        if self.is_powered and self.exchange is not None:
+            self.exchange.stop_for(Cause(self.forbidden))
 
     def has_done(self, phase: Phase) -> bool:
         """Return whether all drives are where a phase wants them."""
@@ -172,7 +160,7 @@ class Session:
 
     def open(self) -> None:
         """
-        Open the bus.
+        Open the bus and listen; nothing is sent yet.
 
         Raises
         ------
@@ -188,8 +176,8 @@ class Session:
             Drive(monitor, SdoChannel(
                 exchange.network, monitor.axis.node_id, monitor.name, profile.eds), profile)
             for monitor, profile in zip(self.monitors, self._profiles, strict=True))
-        self.connection = Connection(
-            bus, exchange, Commissioning(bus, drives, self.settings, exchange.reception))
+        self.commissioning = Commissioning(bus, drives, self.settings, exchange.reception)
+        self.exchange = exchange
 
     def _open_bus(self) -> CanBus:
         try:
@@ -201,20 +189,20 @@ class Session:
         """Let the cycle run, with all drives switched off."""
         self.collector.keep()  # what configuring has made would cost the first collection a cycle
         self.group = Group(AXIS_NAMES, self.settings, now)
-        self.connection.exchange.start(self.group, time.monotonic())
+        self.exchange.start(self.group, time.monotonic())
 
     def close(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, forget everything."""
-        if self.connection is not None:
-            self.connection.exchange.stop()
-            if self.connection.exchange.transmits:  # else they are another master's, or lost
+        if self.exchange is not None:
+            self.exchange.stop()
+            if self.exchange.transmits:  # else they are another master's, or lost
                 self._leave_operational()
         self.let_go()
 
     def let_go(self) -> None:
         """Close the bus without a word to the drives, forget everything."""
-        if self.connection is not None:
-            self.connection.close()
+        if self.exchange is not None:
+            self.exchange.close()
         self.collector.stop()
         self._forget()
 
@@ -222,17 +210,17 @@ class Session:
         """Let the drives miss nobody from now on, so that none reports a lost master."""
         try:
             for axis in self.axes:
-                send_nmt(self.connection.bus, NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
-                self.connection.bus.send(
+                send_nmt(self.exchange.bus, NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
+                self.exchange.bus.send(
                     sdo_request_cob_id(axis.node_id), FORGET_MASTER_HEARTBEAT)
         except BusError:
             pass  # the drives notice the missing heartbeat by themselves
 
     def lose(self, error: BusError, now: float) -> None:
         """Send nothing more, so that the drives stop by themselves, and look for the bus again."""
-        if self.connection is not None:
-            self.connection.close()
-            self.connection = None
+        if self.exchange is not None:
+            self.exchange.close()
+            self.exchange = None
         for monitor in self.monitors:
             monitor.lose()
         if self.group is not None:
@@ -241,47 +229,21 @@ class Session:
             self.group.stop(Cause(str(error), BUS_REMEDY), now)
 
     def try_to_reopen(self, now: float) -> None:
-        """
-        Open a lost bus and listen; nothing is sent yet.
-
-        Raises
-        ------
-        BusError
-            It is still gone.
-
-        """
+        """Open a lost bus and listen, or raise why it is still gone as `open` does."""
         self.open()
-        self.connection.exchange.transmits = False
         self.lost.healthy_since = now
-
-    def require_sole_master(self) -> None:
-        """
-        Check that nobody else commands the drives.
-
-        Raises
-        ------
-        BusError
-            What was received of another master.
-
-        """
-        received = self.connection.exchange.other_master
-        if received:
-            raise BusError(
-                f'another master uses this bus: {", ".join(received)} was received; end it (a '
-                'second driver, a configuration tool), or open another bus')
 
     def watch_recovery(self, now: float) -> None:
         """Transmit again on a bus that has been healthy for a while; the drives stay stopped."""
-        if self.connection is None:
+        if self.exchange is None:
             return
-        self.require_sole_master()
-        if self.connection.bus.statistics.condition >= Condition.PASSIVE:
+        self.exchange.require_sole_master()
+        if self.exchange.bus.statistics.condition >= Condition.PASSIVE:
             self.lost.healthy_since = now
-        if self.connection.exchange.read_until - self.lost.healthy_since >= (
-                self.settings.reopen_after):
+        if self.exchange.read_until - self.lost.healthy_since >= self.settings.reopen_after:
             self.lost = None
             for monitor, profile in zip(self.monitors, self._profiles, strict=True):
                 monitor.recover(profile.quirks.boots_operational)
             self.group.restart_step(now)
-            self.connection.exchange.transmits = True
-            self.connection.exchange.start(self.group, now)
+            self.exchange.transmits = True
+            self.exchange.start(self.group, now)

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 import threading
 import time
 
 import can
 
+from facade_manipulator.drives.canopen import can_bus
+from facade_manipulator.drives.canopen import Frame as ReceivedFrame
 from facade_manipulator.drives.simulated.drive import SimulatedDrive
 from facade_manipulator.drives.simulated.network import Frame
 from facade_manipulator.errors import BusError
 
 _LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet
 _FIRST_PAUSE, _LONGEST_PAUSE = 0.02, 0.5  # s: after an error of the bus
-_BUS_ERRORS = (can.CanError, OSError, ValueError, BusError)
 
 
 class DriveSimulator:
@@ -45,7 +46,7 @@ class DriveSimulator:
         self, bus: can.BusABC, drives: Sequence[SimulatedDrive],
         reopen: Callable[[], can.BusABC] | None = None,
     ) -> None:
-        self.bus = bus
+        self.bus, self._frames = bus, can_bus(bus)
         self._drives = tuple(drives)
         self._reopen = reopen
         self._lock = threading.Lock()
@@ -109,19 +110,19 @@ class DriveSimulator:
             drive.reboot()
 
     def _next_frames(self) -> list[Frame]:
-        message = self._receive()
+        received = self._receive()
         with self._lock:
-            if message is None or not _is_plain(message):
+            if received is None:
                 return self._advance()
-            now, cob_id, data = time.monotonic(), message.arbitration_id, bytes(message.data)
+            now = time.monotonic()
             return [frame for drive in self._drives
-                    for frame in drive.receive(cob_id, data, now)]
+                    for frame in drive.receive(received.cob_id, received.data, now)]
 
     def _advance(self) -> list[Frame]:
         now = time.monotonic()
         return [frame for drive in self._drives for frame in drive.advance(now)]
 
-    def _receive(self) -> can.Message | None:
+    def _receive(self) -> ReceivedFrame | None:
         """Wait for a frame until a drive wants to be called; time passes on a dead bus, too."""
         with self._lock:
             deadline = min((drive.deadline for drive in self._drives), default=0.0)
@@ -132,17 +133,18 @@ class DriveSimulator:
             return None
         try:
             self._reopen_if_closed()
-            message = self.bus.recv(wait)
-        except _BUS_ERRORS:
+            received = self._frames.receive(wait)
+        except BusError:
             self._note_error()
             return None
-        if message is not None:
+        if received is not None:
             self._pause = 0.0
-        return message
+        return received
 
     def _reopen_if_closed(self) -> None:
         if self._is_closed and self._reopen is not None:
             self.bus = self._reopen()
+            self._frames = can_bus(self.bus)
             self._is_closed = False
 
     def _send(self, frames: list[Frame]) -> None:
@@ -150,9 +152,8 @@ class DriveSimulator:
             return  # nobody would receive it
         for cob_id, data in frames:
             try:
-                self.bus.send(
-                    can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
-            except _BUS_ERRORS:
+                self._frames.send(cob_id, data)
+            except BusError:
                 self._note_error()
                 return  # the rest of them would only fail as well
 
@@ -162,10 +163,4 @@ class DriveSimulator:
         self._retry = time.monotonic() + self._pause
         if self._reopen is not None and not self._is_closed:
             self._is_closed = True
-            with suppress(*_BUS_ERRORS):
-                self.bus.shutdown()
-
-
-def _is_plain(message: can.Message) -> bool:
-    return not (message.is_extended_id or message.is_remote_frame or message.is_error_frame
-                or message.is_fd)
+            self._frames.close()

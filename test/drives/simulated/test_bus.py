@@ -18,6 +18,7 @@ from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.simulated import __main__ as drive_simulator
 from facade_manipulator.drives.simulated.drive import SimulatedDrive
 from facade_manipulator.drives.simulated.simulator import DriveSimulator
+from facade_manipulator.errors import BusError
 
 SOURCE = Path(__file__).resolve().parents[3]
 CHANNELS = itertools.count()
@@ -127,6 +128,7 @@ class FlakyBus:
 
     def __init__(self, channel):
         self.bus = can.Bus(interface='virtual', channel=channel)
+        self.channel_info = channel
         self.is_cut = False
         self.calls = 0
 
@@ -135,9 +137,9 @@ class FlakyBus:
         if self.is_cut:
             raise can.CanOperationError('Network is down')
 
-    def recv(self, timeout):
+    def _recv_internal(self, timeout):
         self._check()
-        return self.bus.recv(timeout)
+        return self.bus._recv_internal(timeout)
 
     def send(self, frame):
         self._check()
@@ -154,7 +156,7 @@ def test_a_bus_that_goes_and_comes_back_is_used_again(channel, listener, can_reo
 
     def reopen():
         if bus.is_cut:
-            raise OSError('No such device')
+            raise BusError('No such device')
         made.append(FlakyBus(channel))
         return made[-1]
 
