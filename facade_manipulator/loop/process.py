@@ -20,7 +20,7 @@ import socket
 import subprocess
 import sys
 from threading import Lock
-from typing import Any, Protocol
+from typing import Any
 
 from facade_manipulator.drives.cia402 import Cause
 from facade_manipulator.drives.controller import (
@@ -48,17 +48,7 @@ MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 
 
-class Process(Protocol):
-    """What is needed of a started process, as `subprocess.Popen` has it."""
-
-    def wait(self, timeout: float) -> int:
-        """Wait for the end, return the exit status or raise `subprocess.TimeoutExpired`."""
-
-    def kill(self) -> None:
-        """End it at once."""
-
-
-def start_process(end: socket.socket) -> Process:
+def start_process(end: socket.socket) -> subprocess.Popen:
     """
     Start the loop in a process of its own that inherits one end of a channel.
 
@@ -84,7 +74,7 @@ class LoopProcess:
     on_rejection : callable
         Takes reason and message of a setpoint that the loop has rejected; called by `read`.
     launch : callable
-        Starts the process.
+        Starts the process, of which `wait` and `kill` are used.
 
     Raises
     ------
@@ -95,7 +85,7 @@ class LoopProcess:
 
     def __init__(
         self, setup: LoopSetup, on_rejection: Callable[[str, str], None],
-        launch: Callable[[socket.socket], Process] = start_process,
+        launch: Callable[[socket.socket], subprocess.Popen] = start_process,
     ) -> None:
         self._setup = setup
         self._on_rejection = on_rejection
@@ -308,7 +298,7 @@ def _receive_ready(channel: Channel) -> tuple[ControllerSnapshot, StreamStatus]:
     return unpack_state(*content[1:])
 
 
-def _exit_status(process: Process) -> int | str:
+def _exit_status(process: subprocess.Popen) -> int | str:
     try:
         return process.wait(1.0)
     except subprocess.TimeoutExpired:

@@ -125,7 +125,7 @@ class Bench:
         for item in pdo.PDO_MAP:
             for write in item.configure_writes(self.node):
                 assert self.write(*write) is None
-        for item in pdo.UNUSED_PDOS:
+        for item in pdo.unused_pdos(pdo.PDO_MAP):
             for write in item.disable_writes(self.node):
                 assert self.write(*write) is None
         values = dict(CONFIGURATION)

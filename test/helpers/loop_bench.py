@@ -66,7 +66,7 @@ class LoopThread:
         serve(self.loop)
 
     def wait(self, timeout: float) -> int:
-        """Wait for the end; see `facade_manipulator.loop.process.Process`."""
+        """Wait for the end; see `subprocess.Popen`."""
         self._thread.join(timeout)
         if self._thread.is_alive():
             raise subprocess.TimeoutExpired('control loop', timeout)

@@ -4,7 +4,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from frames import encode_tpdo1
 import pytest
 
-from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen import Frame, pdo
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -18,7 +18,7 @@ SETTINGS = ControllerSettings()
 def monitor():
     """Return what was received at 10 s from a drive in operation."""
     made = AxisMonitor('q2', AxisSettings(node_id=2), SETTINGS)
-    made.receive_heartbeat(OPERATIONAL, 10.0)
+    made.receive_heartbeat(Frame(pdo.heartbeat_cob_id(1), OPERATIONAL, 10.0, 10.0))
     made.receive_tpdo(pdo.TPDO1, encode_tpdo1(0x0637, 8, 0), 10.0, 10.0)
     return made
 

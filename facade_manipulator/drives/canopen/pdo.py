@@ -220,6 +220,3 @@ def unused_pdos(used: Iterable[Pdo]) -> tuple[Pdo, ...]:
     return tuple(
         Pdo(name, number, direction == 'T') for direction in 'RT' for number in _NUMBERS
         if (name := f'{direction}PDO{number}') not in names)
-
-
-UNUSED_PDOS = unused_pdos(PDO_MAP)

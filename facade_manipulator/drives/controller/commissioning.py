@@ -2,7 +2,7 @@
 Bring the drives from power-up to NMT Operational, and check them again after a fault.
 
 Runs in a worker thread: it waits for SDO answers, boot-up messages and heartbeats, which the
-control thread receives meanwhile (`Reception`). A drive's own heartbeat is the proof of its NMT
+control thread receives meanwhile. A drive's own heartbeat is the proof of its NMT
 state, never the command that was sent.
 
 References
@@ -19,13 +19,18 @@ import threading
 import time
 from typing import NamedTuple, TypeVar
 
-from facade_manipulator.drives.canopen import CanBus, NMT_COB_ID, NmtCommand, NmtState
+from facade_manipulator.drives.canopen import (
+    CanBus,
+    NMT_COB_ID,
+    NmtCommand,
+    NmtState,
+    SdoChannel,
+)
 from facade_manipulator.drives.cia402 import DriveProfile
 from facade_manipulator.drives.controller.configuration import (
     check_identity,
     compare_objects,
     object_writes,
-    Objects,
     pdo_writes,
     read_identity,
     verify_objects,
@@ -41,6 +46,7 @@ from facade_manipulator.errors import (
     DriveTimeoutError,
 )
 
+LOOK_PERIOD = 0.005  # s
 TURN_TIMEOUT = 10.0  # s, for all that is asked of one drive by SDO in one go
 Result = TypeVar('Result')
 
@@ -53,41 +59,6 @@ def _limit_time(drive: Drive) -> None:
 def send_nmt(bus: CanBus, command: NmtCommand, node_id: int) -> None:
     """Send a network management command to one node."""
     bus.send(NMT_COB_ID, bytes([command, node_id]))
-
-
-class Reception:
-    """Lets a worker thread wait for what the control thread receives."""
-
-    def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._cancelled = False
-
-    def notify(self) -> None:
-        """Say that something was received."""
-        with self._changed:
-            self._changed.notify_all()
-
-    def cancel(self) -> None:
-        """Make whoever waits, now or later, give up."""
-        with self._changed:
-            self._cancelled = True
-            self._changed.notify_all()
-
-    def wait_for(self, condition: Callable[[], bool], timeout: float) -> bool:
-        """
-        Wait until a condition holds; return whether it does.
-
-        Raises
-        ------
-        DriveStateError
-            The waiting was cancelled.
-
-        """
-        with self._changed:
-            held = self._changed.wait_for(lambda: self._cancelled or condition(), timeout)
-            if self._cancelled:
-                raise DriveStateError('given up: the bus is being closed')
-            return held
 
 
 class Finding(NamedTuple):
@@ -103,7 +74,7 @@ class Drive:
     """One drive: what was received from it, its objects, its type."""
 
     monitor: AxisMonitor
-    objects: Objects
+    objects: SdoChannel
     profile: DriveProfile
 
 
@@ -116,18 +87,19 @@ class Commissioning:
     bus : CanBus
     drives : tuple of Drive
     settings : ControllerSettings
-    reception : Reception
+    is_closing : threading.Event
+        Makes whoever waits, now or later, give up.
 
     """
 
     def __init__(
         self, bus: CanBus, drives: tuple[Drive, ...], settings: ControllerSettings,
-        reception: Reception,
+        is_closing: threading.Event,
     ) -> None:
         self._bus = bus
         self._drives = drives
         self._settings = settings
-        self._reception = reception
+        self._is_closing = is_closing
 
     def configure(self) -> list[str]:
         """
@@ -326,6 +298,10 @@ class Commissioning:
     ) -> None:
         """Wait until a condition holds for all drives; name those for which it does not."""
         monitors = [drive.monitor for drive in self._drives]
-        if not self._reception.wait_for(lambda: all(map(condition, monitors)), timeout):
-            missing = ' and '.join(m.title for m in monitors if not condition(m))
-            raise DriveTimeoutError(f'{missing} {failure} (waited {timeout:g} s)')
+        end = time.monotonic() + timeout
+        while missing := [one for one in monitors if not condition(one)]:
+            if time.monotonic() > end:
+                titles = ' and '.join(one.title for one in missing)
+                raise DriveTimeoutError(f'{titles} {failure} (waited {timeout:g} s)')
+            if self._is_closing.wait(LOOK_PERIOD):
+                raise DriveStateError('given up: the bus is being closed')

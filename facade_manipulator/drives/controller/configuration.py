@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from facade_manipulator.drives.canopen import (
     MASTER_NODE_ID,
@@ -24,6 +24,7 @@ from facade_manipulator.drives.canopen import (
     Pdo,
     PDO_MAP,
     SdoAbortError,
+    SdoChannel,
     unused_pdos,
 )
 from facade_manipulator.drives.cia402 import AxisSettings, DriveProfile
@@ -33,23 +34,6 @@ from facade_manipulator.errors import DriveIdentityError, DriveObjectError, Para
 
 DEVICE_TYPE = 402
 _LARGEST_UNSIGNED = 0xFFFFFFFF
-
-
-class Objects(Protocol):
-    """The objects of one drive, as `facade_manipulator.drives.canopen.sdo.SdoChannel` has them."""
-
-    name: str
-    node_id: int
-    deadline: float  # s on the monotonic clock: what takes longer is a time-out
-
-    def read(self, index: int, subindex: int) -> bytes:
-        """Read an object and wait for the answer."""
-
-    def write(self, index: int, subindex: int, data: bytes) -> None:
-        """Write an object and wait for the confirmation."""
-
-    def size(self, index: int, subindex: int) -> int | None:
-        """Return an object's bytes, None if the drive's EDS does not know it."""
 
 
 class Write(NamedTuple):
@@ -180,7 +164,7 @@ def _set_up(pdo: Pdo, node_id: int, rate: int) -> Iterator[Write]:
         yield Write(index, subindex, value, size, compared=bits if final else 0)
 
 
-def read_identity(drive: Objects) -> Identity:
+def read_identity(drive: SdoChannel) -> Identity:
     """Read what a drive says it is; of the identity only the vendor must be there (CiA 301)."""
     device_type, vendor_id = (
         int.from_bytes(drive.read(index, subindex), 'little')
@@ -188,7 +172,7 @@ def read_identity(drive: Objects) -> Identity:
     return Identity(device_type, vendor_id, *(_read_optional(drive, 0x1018, n) for n in (2, 4)))
 
 
-def _read_optional(drive: Objects, index: int, subindex: int) -> int | None:
+def _read_optional(drive: SdoChannel, index: int, subindex: int) -> int | None:
     try:
         return int.from_bytes(drive.read(index, subindex), 'little')
     except SdoAbortError as error:
@@ -243,7 +227,7 @@ def _whose(actual: int, owner: str | None) -> str:
     return 'it is another drive: correct its node id or the configuration'
 
 
-def write_objects(drive: Objects, writes: list[Write]) -> list[str]:
+def write_objects(drive: SdoChannel, writes: list[Write]) -> list[str]:
     """
     Write objects and read each back.
 
@@ -273,7 +257,7 @@ def write_objects(drive: Objects, writes: list[Write]) -> list[str]:
     return [f'{drive.name} has no object {write}, which is optional' for write in found.skipped]
 
 
-def verify_objects(drive: Objects, writes: list[Write]) -> None:
+def verify_objects(drive: SdoChannel, writes: list[Write]) -> None:
     """
     Read objects and compare them with what was written.
 
@@ -309,7 +293,7 @@ class Deviations(NamedTuple):
     skipped: list[Write]
 
 
-def compare_objects(drive: Objects, writes: list[Write]) -> Deviations:
+def compare_objects(drive: SdoChannel, writes: list[Write]) -> Deviations:
     """
     Read objects and compare them with what is to be written.
 
@@ -342,7 +326,7 @@ def _require_no(problems: list[str]) -> None:
         raise DriveObjectError('; '.join(problems))
 
 
-def _encoded(drive: Objects, write: Write) -> bytes:
+def _encoded(drive: SdoChannel, write: Write) -> bytes:
     size = _size(drive, write)
     value = write.value % (1 << 8 * size)
     if value != write.value and value - (1 << 8 * size) != write.value:
@@ -352,7 +336,7 @@ def _encoded(drive: Objects, write: Write) -> bytes:
     return value.to_bytes(size, 'little')
 
 
-def _difference(drive: Objects, write: Write) -> str:
+def _difference(drive: SdoChannel, write: Write) -> str:
     """Return how an object differs from what is to be written, ``''`` if it does not."""
     data = _encoded(drive, write)
     mask = write.compared & ((1 << 8 * len(data)) - 1)
@@ -364,7 +348,7 @@ def _difference(drive: Objects, write: Write) -> str:
             f'({found:X}h) instead of {expected} ({expected:X}h)')
 
 
-def _size(drive: Objects, write: Write) -> int:
+def _size(drive: SdoChannel, write: Write) -> int:
     """Bytes of an object: as the map or the EDS says, else as the drive answers."""
     known = write.size or drive.size(write.index, write.subindex)
     return known or len(drive.read(write.index, write.subindex))

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable
 from functools import partial
 import math
+import threading
 import time
 
 from facade_manipulator.drives.canopen import (
@@ -32,7 +33,7 @@ from facade_manipulator.drives.cia402 import (
     Phase,
     STOPPED_PHASES,
 )
-from facade_manipulator.drives.controller.commissioning import Reception, send_nmt
+from facade_manipulator.drives.controller.commissioning import send_nmt
 from facade_manipulator.drives.controller.cycle import SyncConsumer, SyncProducer
 from facade_manipulator.drives.controller.monitor import AxisMonitor, AxisMonitors
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -44,6 +45,7 @@ OTHER_MASTER_REMEDY = (
     'find out who else commands the drives (a second driver, a configuration tool) and end it')
 MAX_UNSENT = 8  # frames in a row: two cycles
 _EMERGENCY_LENGTH = 8
+_MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
 
 
 class CyclicExchange:
@@ -64,8 +66,8 @@ class CyclicExchange:
     ----------
     network : PumpedNetwork
         Where a worker thread sends SDO requests; the answers are handed to it here.
-    reception : Reception
-        Wakes a worker thread that waits for a heartbeat or boot-up message.
+    is_closing : threading.Event
+        Set when the bus is closed: a worker thread that waits for a drive gives up.
     read_until : float
         Time [s] up to which all that was received has been read.
     stops : deque of Cause
@@ -79,7 +81,7 @@ class CyclicExchange:
     ) -> None:
         self.group: Group | None = None
         self.network = PumpedNetwork(bus)
-        self.reception = Reception()
+        self.is_closing = threading.Event()
         self.clock = (SyncConsumer if bus.has_kernel_sync else SyncProducer)(
             settings.period, len(monitors))
         self._other_master: list[str] = []
@@ -118,7 +120,7 @@ class CyclicExchange:
     def _frames_of_masters(self) -> dict[int, tuple[str, bool]]:
         """Return what only a master sends, by COB-ID, and whether it competes with this one."""
         frames = {
-            pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID): ('its heartbeat (77Fh)', True),
+            _MASTER_HEARTBEAT: ('its heartbeat (77Fh)', True),
             pdo.SYNC_COB_ID: ('SYNC (080h)', False),
             pdo.NMT_COB_ID: ('an NMT command', False)}
         for monitor in self._monitors:
@@ -132,9 +134,8 @@ class CyclicExchange:
         return {
             **{tpdo.cob_id(node): (tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
                for tpdo in monitor.tpdos},
-            pdo.emergency_cob_id(node): (
-                _EMERGENCY_LENGTH, lambda frame: monitor.receive_emergency(frame.data)),
-            pdo.heartbeat_cob_id(node): (1, partial(self._on_heartbeat, monitor)),
+            pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
+            pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
             pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed),
         }
 
@@ -171,11 +172,6 @@ class CyclicExchange:
         cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
         if monitor.is_fresh and not had_answered:
             self.clock.answer(self._pumped)
-        return cause
-
-    def _on_heartbeat(self, monitor: AxisMonitor, frame: Frame) -> Cause | None:
-        cause = monitor.receive_heartbeat(frame.data, frame.time)
-        self.reception.notify()
         return cause
 
     def stop_for(self, cause: Cause) -> None:
@@ -224,7 +220,7 @@ class CyclicExchange:
 
     def close(self) -> None:
         """Let go of the bus; whoever waits for an answer gives up."""
-        self.reception.cancel()
+        self.is_closing.set()
         self.stop()
         self.bus.close()
 
@@ -321,7 +317,7 @@ class CyclicExchange:
 
     def _send_heartbeat(self, now: float) -> None:
         self._next_heartbeat = now + self._settings.heartbeat_period
-        self._send(pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
+        self._send(_MASTER_HEARTBEAT, bytes([NmtState.OPERATIONAL]))
 
     def _send_commands(self, commands: tuple[AxisCommand, ...]) -> None:
         """

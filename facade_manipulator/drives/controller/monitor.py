@@ -13,6 +13,7 @@ from facade_manipulator.drives.canopen import (
     decode_emergency,
     describe,
     fault,
+    Frame,
     is_error_reset,
     NmtState,
     Pdo,
@@ -194,9 +195,9 @@ class AxisMonitor:
             return None
         return self._receive_error(code)
 
-    def receive_emergency(self, data: bytes) -> Cause | None:
+    def receive_emergency(self, frame: Frame) -> Cause | None:
         """Receive an emergency message; return why all must stop, None if an error is gone."""
-        code = decode_emergency(data).code
+        code = decode_emergency(frame.data).code
         if is_error_reset(code):
             self.error_code = 0
             return None
@@ -211,11 +212,10 @@ class AxisMonitor:
             f'{self.title}: {describe(code)}', remedy=meaning.remedy,
             home_again=meaning.home_again, cut_power=meaning.reaction is Reaction.DISABLE_ALL)
 
-    def receive_heartbeat(self, data: bytes, time: float) -> Cause | None:
+    def receive_heartbeat(self, frame: Frame) -> Cause | None:
         """Receive a heartbeat or boot-up message; return why all must stop, if they must."""
-        state = data[0] & 0x7F
-        self.nmt_state = state
-        self.heartbeat_time = time
+        self.nmt_state = state = frame.data[0] & 0x7F
+        self.heartbeat_time = frame.time
         if state == NmtState.INITIALISING:
             return self._boot()
         if state != NmtState.OPERATIONAL:

@@ -176,7 +176,7 @@ class Session:
             Drive(monitor, SdoChannel(
                 exchange.network, monitor.axis.node_id, monitor.name, profile.eds), profile)
             for monitor, profile in zip(self.monitors, self._profiles, strict=True))
-        self.commissioning = Commissioning(bus, drives, self.settings, exchange.reception)
+        self.commissioning = Commissioning(bus, drives, self.settings, exchange.is_closing)
         self.exchange = exchange
 
     def _open_bus(self) -> CanBus:

@@ -32,7 +32,7 @@ from facade_manipulator.drives.cia402 import (
     TRANSITIONS,
 )
 from facade_manipulator.drives.simulated.demand import SpeedRamp
-from facade_manipulator.drives.simulated.modes import make_modes, Reference
+from facade_manipulator.drives.simulated.modes import MODES, Reference
 from facade_manipulator.drives.simulated.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.drives.simulated.objects import INVALID_VALUE, ObjectStore
 from facade_manipulator.drives.simulated.supervision import SimulatedSupervision
@@ -89,7 +89,8 @@ class SimulatedAxis:
         self._report = report
         self._supervision = SimulatedSupervision(store, motor, report)
         self.reference = Reference(motor)
-        self.modes = make_modes(store, motor, self.reference, profile, self._units)
+        self.modes = {mode: make(store, motor, self.reference, profile, self._units)
+                      for mode, make in MODES.items()}
         self.torque_off = False
         self._time = -math.inf
         self._attach(store)

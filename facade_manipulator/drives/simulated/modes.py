@@ -50,25 +50,47 @@ class Reference:
         return round(self._motor.position) + self.offset
 
 
-class CyclicPosition:
-    """Cyclic synchronous position: 607A is latched at each SYNC."""
+class SimulatedMode:
+    """What all modes do: make a position demand, until told otherwise from nothing but time."""
+
+    _demand: Interpolator | PositionRamp | SpeedRamp
 
     def __init__(
         self, store: ObjectStore, motor: SimulatedMotor, reference: Reference,
-        profile: DriveProfile,
+        profile: DriveProfile, units_per_count: float,
     ) -> None:
         self._values = store.values
         self._motor = motor
         self._reference = reference
-        self._follows = 0 if profile.quirks.never_follows else Status.DRIVE_FOLLOWS
+        self._profile = profile
+        self._units = units_per_count
         self.enter()
+
+    def enter(self) -> None:
+        """Begin where the carriage is, at rest and with no target."""
+        raise NotImplementedError
+
+    def control(self, before: int, controlword: int) -> None:
+        """Take the mode's own bits of the controlword."""
+
+    def latch(self) -> None:
+        """Take what was sent for this SYNC."""
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position and speed after `step` seconds."""
+        return self._demand.step(step)
+
+    def status(self) -> int:
+        """Return the mode's bits of the statusword."""
+        raise NotImplementedError
+
+
+class CyclicPosition(SimulatedMode):
+    """Cyclic synchronous position: 607A is latched at each SYNC."""
 
     def enter(self) -> None:
         """Begin where the carriage is."""
         self._demand = Interpolator(self._motor.position)
-
-    def control(self, before: int, controlword: int) -> None:
-        """Take the controlword: the mode has no bits of its own in it."""
 
     def latch(self) -> None:
         """Take the target position."""
@@ -77,27 +99,13 @@ class CyclicPosition:
         target = values[0x607A, 0] - self._reference.offset
         self._demand.latch(target, min(period, _MAX_PERIOD))
 
-    def step(self, step: float) -> tuple[float, float]:
-        """Return demand position and speed after `step` seconds."""
-        return self._demand.step(step)
-
     def status(self) -> int:
         """Return the mode's bits of the statusword."""
-        return self._follows
+        return 0 if self._profile.quirks.never_follows else Status.DRIVE_FOLLOWS
 
 
-class ProfilePosition:
+class ProfilePosition(SimulatedMode):
     """Profile position: a trapezoidal move to 607A at each rising edge of controlword bit 4."""
-
-    def __init__(
-        self, store: ObjectStore, motor: SimulatedMotor, reference: Reference,
-        units_per_count: float,
-    ) -> None:
-        self._values = store.values
-        self._motor = motor
-        self._reference = reference
-        self._units = units_per_count
-        self.enter()
 
     def enter(self) -> None:
         """Begin where the carriage is, with no target."""
@@ -124,20 +132,13 @@ class ProfilePosition:
         offset = self._reference.offset
         return min(max(target, low - offset), high - offset) if low < high else target
 
-    def latch(self) -> None:
-        """Do nothing at a SYNC: targets come with the controlword."""
-
-    def step(self, step: float) -> tuple[float, float]:
-        """Return demand position and speed after `step` seconds."""
-        return self._demand.step(step)
-
     def status(self) -> int:
         """Return the mode's bits of the statusword."""
         resting = self._demand.halted and self._demand.speed == 0.0
         return self._acknowledge | Status.TARGET_REACHED * (resting or self._demand.arrived)
 
 
-class Homing:
+class Homing(SimulatedMode):
     """
     Homing: started by a rising edge of controlword bit 4, interrupted by its falling edge.
 
@@ -148,23 +149,11 @@ class Homing:
 
     """
 
-    def __init__(
-        self, store: ObjectStore, motor: SimulatedMotor, reference: Reference,
-        profile: DriveProfile, units_per_count: float,
-    ) -> None:
-        self._values = store.values
-        self._motor = motor
-        self._reference = reference
-        self._methods = METHODS.keys() & set(profile.homing_methods)
-        self._home = profile.location('home_position') or (0x607C, 0)
-        self._threshold = profile.location('homing_current_threshold')
-        self._units = units_per_count
-        self.attained = self._failed = False
-        self.enter()
+    attained = _failed = False
 
     def supports(self, method: int) -> bool:
         """Return whether the drive has a homing method."""
-        return method in self._methods
+        return method in METHODS and method in self._profile.homing_methods
 
     def enter(self) -> None:
         """Begin where the carriage is, at rest."""
@@ -193,13 +182,10 @@ class Homing:
 
     def _settings(self) -> HomingSettings:
         values, units = self._values, self._units
-        current = values[self._threshold] if self._threshold else values[0x6075, 0]
+        current = values[self._profile.location('homing_current_threshold') or (0x6075, 0)]
         return HomingSettings(
             values[0x6099, 1] / units, values[0x6099, 2] / units, values[0x609A, 0] / units,
             1000.0 * current / max(values[0x6075, 0], 1))
-
-    def latch(self) -> None:
-        """Do nothing at a SYNC."""
 
     def step(self, step: float) -> tuple[float, float]:
         """Return demand position and speed after `step` seconds."""
@@ -207,7 +193,7 @@ class Homing:
             self._demand.goal = 0.0
         else:
             self._continue(self._search)
-        return self._demand.step(step)
+        return super().step(step)
 
     def _continue(self, search: Search) -> None:
         try:
@@ -223,7 +209,8 @@ class Homing:
     def _finish(self, home: float) -> None:
         self._search = None
         self.attained = True
-        self._reference.offset = self._values[self._home] - round(home)
+        at_home = self._profile.location('home_position') or (0x607C, 0)
+        self._reference.offset = self._values[at_home] - round(home)
 
     def _give_up_pushing(self) -> None:
         self._demand.position = self._motor.position
@@ -237,13 +224,8 @@ class Homing:
                 | Status.HOMING_ERROR * self._failed)
 
 
-def make_modes(
-    store: ObjectStore, motor: SimulatedMotor, reference: Reference, profile: DriveProfile,
-    units_per_count: float,
-) -> dict[int, CyclicPosition | ProfilePosition | Homing]:
-    """Return the modes of one drive by the value of 6060."""
-    return {
-        Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition(store, motor, reference, profile),
-        Mode.PROFILE_POSITION: ProfilePosition(store, motor, reference, units_per_count),
-        Mode.HOMING: Homing(store, motor, reference, profile, units_per_count),
-    }
+MODES: dict[int, type[SimulatedMode]] = {
+    Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition,
+    Mode.PROFILE_POSITION: ProfilePosition,
+    Mode.HOMING: Homing,
+}

@@ -55,14 +55,14 @@ def test_a_frame_of_wrong_length_is_rejected(decode, size, data):
 
 def test_cob_ids_are_those_of_the_predefined_connection_set():
     assert [p.cob_id(2) for p in pdo.PDO_MAP] == [0x202, 0x182, 0x282, 0x382]
-    assert [p.cob_id(2) for p in pdo.UNUSED_PDOS] == [0x302, 0x402, 0x502, 0x482]
+    assert [p.cob_id(2) for p in pdo.unused_pdos(pdo.PDO_MAP)] == [0x302, 0x402, 0x502, 0x482]
     assert pdo.emergency_cob_id(2) == 0x82 and pdo.heartbeat_cob_id(2) == 0x702
     assert pdo.sdo_request_cob_id(2) == 0x602 and pdo.sdo_response_cob_id(2) == 0x582
 
 
 @given(NODES, NODES)
 def test_no_two_nodes_share_a_cob_id(one, other):
-    functions = [p.cob_id for p in (*pdo.PDO_MAP, *pdo.UNUSED_PDOS)]
+    functions = [p.cob_id for p in (*pdo.PDO_MAP, *pdo.unused_pdos(pdo.PDO_MAP))]
     functions += [pdo.emergency_cob_id, pdo.heartbeat_cob_id, pdo.sdo_request_cob_id,
                   pdo.sdo_response_cob_id]
     ids = [f(one) for f in functions]

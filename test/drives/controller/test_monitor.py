@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from facade_manipulator.drives.canopen import Frame
 from facade_manipulator.drives.canopen.pdo import TPDO1, TPDO2
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Mode
@@ -60,7 +61,7 @@ def test_how_far_a_carriage_may_be_after_a_lost_bus_is_told_by_its_drives_speed(
         assert answer(monitor, time, position) is None
     monitor.end_cycle()
     monitor.lose()
-    monitor.receive_heartbeat(b'\x05', 1.0)
+    monitor.receive_heartbeat(Frame(0x701, b'\x05', 1.0, 1.0))
     monitor.recover(boots_operational=False)
     cause = answer(monitor, 2.0, 0.006 + moved, 0.0)
     assert monitor.encoder.homed is (cause is None) is (moved < 0.1)
