@@ -51,7 +51,7 @@ class Reference:
 
 
 class SimulatedMode:
-    """What all modes do: make a position demand, until told otherwise from nothing but time."""
+    """What all modes have: objects, motor and reference in, a position demand out."""
 
     _demand: Interpolator | PositionRamp | SpeedRamp
 
