@@ -21,7 +21,6 @@ from facade_manipulator.ros.conversions import (
     Transforms,
     wrench_stamped,
 )
-from facade_manipulator.ros.deferred import Deferred, DeferredReplies
 from facade_manipulator.ros.diagnostics import (
     diagnostic_status,
     DiagnosticsPublisher,
@@ -34,7 +33,7 @@ from facade_manipulator.ros.diagnostics import (
     stamp_text,
 )
 from facade_manipulator.ros.known_parameters import require_known_parameters
-from facade_manipulator.ros.lifecycle import ManagedNode
+from facade_manipulator.ros.lifecycle import Deferred, DeferredReplies, ManagedNode
 from facade_manipulator.ros.parameters import accept_old_names, declare
 from facade_manipulator.ros.recording import (
     message_definition,

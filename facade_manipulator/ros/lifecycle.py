@@ -1,25 +1,20 @@
-"""
-A managed (lifecycle) node whose transitions take their time while the node keeps answering.
-
-rclpy's lifecycle node runs a transition inside its service's callback. A drive takes seconds to
-boot and the operator's stop must be received meanwhile, so here a transition is a job: the node is
-in the standard's transition state (configuring, activating, …) until the job is done. For that
-`ManagedNode` replaces the callback of the private `_service_change_state` and steps the private
-`_state_machine`.
-"""
+"""Requests that take their time: services that answer later, lifecycle transitions as jobs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from typing import Any
 
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.node import Node
+from rclpy.service import Service
 
 from facade_manipulator.ros.clocks import steady_timer
-from facade_manipulator.ros.deferred import Deferred, DeferredReplies, require_of_rclpy
 from facade_manipulator.ros.diagnostics import RepeatedLog
+from facade_manipulator.ros.runtime import require_of_rclpy
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 FAILURE = TransitionCallbackReturn.FAILURE
@@ -31,8 +26,72 @@ NAMES = {
 }
 
 
+class Deferred:
+    """
+    An answer that follows when a job is done.
+
+    Parameters
+    ----------
+    job : concurrent.futures.Future
+        Completed in any thread.
+    respond : callable
+        Takes the completed job, returns the service's response; runs in the executor.
+
+    """
+
+    def __init__(self, job: Future, respond: Callable[[Future], Any]) -> None:
+        self.job = job
+        self.respond = respond
+
+
+class DeferredReplies:
+    """
+    Let services of one node answer later than a callback may: the executor never waits.
+
+    rclpy sends what a service's callback returns at once. Waiting there would stop every other
+    callback of the node, among them the one that receives the operator's stop; a coroutine is
+    polled without pause while it waits. Here the callback returns a `Deferred` and the answer is
+    sent when its job is done: the service's own `send_response` is wrapped.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+
+    def attach(self, service: Service) -> None:
+        """Let the service's callback return a `Deferred` in place of a response."""
+        require_of_rclpy(service, 'send_response')
+        send_response = service.send_response
+
+        def send(response, header):
+            if isinstance(response, Deferred):
+                self.when_done(response.job, lambda job: send_response(
+                    response.respond(job), header))
+            else:
+                send_response(response, header)
+
+        service.send_response = send
+
+    def when_done(self, job: Future, action: Callable[[Future], Any]) -> None:
+        """Do something with a completed job in the executor."""
+        job.add_done_callback(lambda job: self._in_executor(lambda: action(job)))
+
+    def _in_executor(self, answer: Callable[[], None]) -> None:
+        """Run in the node's executor, from any thread: a task wakes any kind of executor."""
+        executor = self._node.executor
+        if executor is not None:  # else the node has ended, and its clients know
+            executor.create_task(answer)
+
+
 class ManagedNode(LifecycleNode):
-    """Lifecycle node with one job per transition; see `transition_jobs`."""
+    """
+    A lifecycle node whose transitions take their time while the node keeps answering.
+
+    rclpy's lifecycle node runs a transition inside its service's callback. A drive takes seconds
+    to boot and the operator's stop must be received meanwhile, so here a transition is a job (see
+    `transition_jobs`): the node is in the standard's transition state (configuring, activating, …)
+    until the job is done. For that the callback of the private `_service_change_state` is replaced
+    and the private `_state_machine` stepped.
+    """
 
     def __init__(self, name: str, **kwargs) -> None:
         super().__init__(name, **kwargs)

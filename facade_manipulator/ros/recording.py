@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from rclpy.type_support import check_for_type_support
 
-from facade_manipulator.ros.deferred import require_of_rclpy
+from facade_manipulator.ros.runtime import require_of_rclpy
 
 _TYPE = re.compile(r'(\w+)/(\w+)')
 _RULE = '=' * 80

@@ -11,20 +11,21 @@ from pathlib import Path
 import signal
 import socket
 import sys
+import time
 
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
+from std_msgs.msg import Empty
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.ros.deferred import require_of_rclpy
-from facade_manipulator.ros.executors import choose_executor, spin
 from facade_manipulator.ros.known_parameters import require_known_parameters
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -37,6 +38,10 @@ RECENT = QoSProfile(  # who subscribes late, to look for one of them, still rece
 SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 FEED_SHARE = 0.5  # of systemd's watchdog time, as sd_watchdog_enabled(3) says
+PATIENCE = 1.0  # s, for a message that takes some 20 ms
+REPEAT = 0.02
+LAST_EVENTS = 8
+LONGEST_SPIN = 600.0  # s
 WATCH_PERIOD = 0.05  # s, in which a signal is seen on a node where nothing happens
 
 
@@ -128,7 +133,7 @@ def _spin(
         nodes[0].create_timer(manager.feed_period, manager.feed, clock=steady)
     manager.ready()
     try:
-        spin(executor, end)
+        spin_until(executor, end)
     finally:
         end.cancel()  # after an error it would still call the executor, which is gone by then
 
@@ -138,6 +143,81 @@ def _close(nodes: Sequence[Node]) -> None:
         if hasattr(node, 'close'):
             node.close()
         node.destroy_node()
+
+
+def choose_executor() -> Executor:
+    """
+    Return an EventsExecutor if messages arrive in it, else a SingleThreadedExecutor.
+
+    rclpy's EventsExecutor hands a message on in a third of the processor time of the
+    SingleThreadedExecutor, which builds a wait set for every event. It is experimental: in rclpy
+    7.1.6 `spin()` without a time-out delivers nothing, and guard conditions are not supported. So
+    it is spun with a time-out, and only after it has shown that messages arrive.
+    """
+    try:
+        from rclpy.experimental import EventsExecutor
+
+        executor = EventsExecutor()
+        _require_messages(executor)
+    except Exception as error:  # experimental code may fail in ways nobody has seen yet
+        get_logger('facade_manipulator').warning(
+            f'the EventsExecutor does not work here ({error}): using the slower '
+            'SingleThreadedExecutor')
+        return SingleThreadedExecutor()
+    return executor
+
+
+def spin_until(executor: Executor, end: Future) -> None:
+    """
+    Spin until a future is done; something has to happen in the executor for it to be seen.
+
+    To come back from the EventsExecutor at every event would cost 5 % of a fast node's time. The
+    SingleThreadedExecutor leaves a callback on the future for every event that it waits for.
+    """
+    while not end.done():
+        if isinstance(executor, SingleThreadedExecutor):
+            executor.spin_once(timeout_sec=LONGEST_SPIN)
+        else:
+            executor.spin_until_future_complete(end, timeout_sec=LONGEST_SPIN)
+
+
+def _require_messages(executor: Executor) -> None:
+    """Raise unless a node receives its own message, published by its own timer."""
+    node = rclpy.create_node(
+        'executor_check', use_global_arguments=False, enable_rosout=False,
+        start_parameter_services=False)
+    received = []
+    node.create_subscription(Empty, '~/message', received.append, 1)
+    publisher = node.create_publisher(Empty, '~/message', 1)
+    node.create_timer(REPEAT, lambda: publisher.publish(Empty()))
+    executor.add_node(node)
+    try:
+        deadline = time.monotonic() + PATIENCE
+        while not received:
+            if time.monotonic() > deadline:
+                raise TimeoutError(f'no message within {PATIENCE:g} s')
+            executor.spin_once(timeout_sec=REPEAT)
+    finally:
+        executor.remove_node(node)
+        for _ in range(LAST_EVENTS):  # it lets go of the node in an event of its own
+            executor.spin_once(timeout_sec=0.0)
+        node.destroy_node()
+
+
+def require_of_rclpy(owner: object, *names: str) -> None:
+    """
+    Check that an object of rclpy has what is used beyond its public interface.
+
+    Raises
+    ------
+    ManipulatorError
+        Naming what is missing: the node does not start.
+
+    """
+    if missing := [name for name in names if not hasattr(owner, name)]:
+        raise ManipulatorError(
+            f'the {type(owner).__name__} of this rclpy has no {", ".join(missing)}: install '
+            'rclpy 7.1.6, on which this version was tried')
 
 
 class ServiceManager:

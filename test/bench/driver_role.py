@@ -29,8 +29,7 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.ros.executors import choose_executor
-from facade_manipulator.ros.runtime import RELIABLE
+from facade_manipulator.ros.runtime import choose_executor, RELIABLE
 
 CYCLE_RATE = 500.0
 

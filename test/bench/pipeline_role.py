@@ -24,8 +24,7 @@ from ros_roles import HORIZON, Inputs
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.ros.executors import choose_executor
-from facade_manipulator.ros.runtime import LATEST
+from facade_manipulator.ros.runtime import choose_executor, LATEST
 
 LAST_COMMAND = pdo.RPDO1.cob_id(3)
 HOP = 0.0002  # s: an estimate younger than this is not in the next corrected pose yet

@@ -29,8 +29,7 @@ from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.messages import CARRIAGES, RAIL, seconds
 from facade_manipulator.ros.codec import setpoint_codec
 from facade_manipulator.ros.conversions import pose_stamped, stamp
-from facade_manipulator.ros.executors import choose_executor
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
+from facade_manipulator.ros.runtime import choose_executor, LATEST, RELIABLE
 
 HORIZON = 0.06
 JOINT_STATES_PERIOD = 0.01

@@ -8,8 +8,7 @@ from rclpy.service import Service
 from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import DriveTimeoutError, ManipulatorError
-from facade_manipulator.ros.deferred import Deferred, DeferredReplies
-from facade_manipulator.ros.lifecycle import ManagedNode
+from facade_manipulator.ros.lifecycle import Deferred, DeferredReplies, ManagedNode
 
 
 def answer(job):

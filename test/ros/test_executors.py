@@ -6,8 +6,8 @@ from rclpy import experimental
 from rclpy.executors import SingleThreadedExecutor
 from std_msgs.msg import Empty
 
-from facade_manipulator.ros import executors
-from facade_manipulator.ros.executors import choose_executor
+from facade_manipulator.ros import runtime
+from facade_manipulator.ros.runtime import choose_executor
 
 
 class Deaf:
@@ -43,7 +43,7 @@ def test_messages_arrive_in_the_executor_that_is_chosen(ros):
 @pytest.mark.parametrize('events_executor', [Deaf, broken])
 def test_an_events_executor_that_does_not_work_is_replaced(ros, monkeypatch, events_executor):
     monkeypatch.setattr(experimental, 'EventsExecutor', events_executor)
-    monkeypatch.setattr(executors, 'PATIENCE', 0.1)
+    monkeypatch.setattr(runtime, 'PATIENCE', 0.1)
     assert isinstance(choose_executor(), SingleThreadedExecutor)
 
 

@@ -13,7 +13,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from facade_manipulator.nodes import start
-from facade_manipulator.ros import executors, runtime
+from facade_manipulator.ros import runtime
 
 DEADLINE = 10.0
 
@@ -100,11 +100,11 @@ def test_no_event_leaves_anything_on_the_future_that_ends_it(ros, executor):
         if len(left) > 200:
             end.set_result(None)
 
-    chosen = executors.choose_executor() if executor == 'chosen' else SingleThreadedExecutor()
+    chosen = runtime.choose_executor() if executor == 'chosen' else SingleThreadedExecutor()
     node = rclpy.create_node('busy')
     node.create_timer(0.001, look)
     chosen.add_node(node)
-    executors.spin(chosen, end)
+    runtime.spin_until(chosen, end)
     assert max(left) <= 2
     node.destroy_node()
 
