@@ -81,9 +81,7 @@ class Gondola:
 
     def __init__(self, settings: GondolaSettings, wind: WindSettings) -> None:
         self._settings = settings
-        self._wind = Wind(wind)
-        self._mean = wind.mean_speed * np.array(
-            [math.cos(wind.direction), math.sin(wind.direction)])
+        self._wind, self._wind_settings = Wind(wind), wind
         self._modes = modes(settings)
         self.frequencies = self._modes.frequencies
         self._advance = self._modes.discrete(STEP)
@@ -108,23 +106,8 @@ class Gondola:
     def _run_block(self) -> list[np.ndarray]:
         times = self._time + STEP * np.arange(BLOCK)
         self._time += STEP * BLOCK
-        accelerations = self._accelerations(self._wind.gusts(times))
-        return [self._step(acceleration) for acceleration in accelerations]
-
-    def _accelerations(self, gusts: np.ndarray) -> np.ndarray:
-        """Return the modal accelerations that the gusts add to the mean wind, shape (n, 6)."""
-        settings = self._settings
-        direction = self._mean / max(np.hypot(*self._mean), 1e-12)
-        across = np.array([-direction[1], direction[0]])
-        velocity = self._mean + gusts[:, :1] * direction + gusts[:, 1:2] * across
-        speed = np.hypot(np.hypot(*velocity.T), gusts[:, 2])
-        factor = 0.5 * AIR_DENSITY * settings.drag_coefficient * settings.area
-        horizontal = factor * (
-            velocity * speed[:, None] - self._mean * np.hypot(*self._mean))
-        upwards = factor * speed * gusts[:, 2]
-        yaw = settings.pressure_offset * horizontal[:, 1]
-        forces = np.column_stack([horizontal, yaw, upwards])
-        return forces @ self._modes.participation
+        forces = wind_forces(self._settings, self._wind_settings, self._wind.gusts(times))
+        return [self._step(drive) for drive in forces @ self._modes.participation]
 
     def _step(self, acceleration: np.ndarray) -> np.ndarray:
         """Step all modes; the cables' pull changes the stiffness of all but the vertical one."""
@@ -136,6 +119,33 @@ class Gondola:
         self._vertical_acceleration = (velocity[VERTICAL] - self._velocity[VERTICAL]) / STEP
         self._positions, self._velocity = positions, velocity
         return self._modes.output @ positions
+
+
+def wind_forces(settings: GondolaSettings, wind: WindSettings, gusts: np.ndarray) -> np.ndarray:
+    """
+    Return what gusts add to the force of the mean wind on a gondola.
+
+    Parameters
+    ----------
+    settings : GondolaSettings
+    wind : WindSettings
+    gusts : numpy.ndarray, shape (n, 3)
+        Along the mean wind, across it, upwards [m/s].
+
+    Returns
+    -------
+    numpy.ndarray, shape (n, 4)
+        Forces x and y, yaw moment, force upwards [N, N m].
+
+    """
+    direction = np.array([math.cos(wind.direction), math.sin(wind.direction)])
+    across = np.array([-direction[1], direction[0]])
+    velocity = (wind.mean_speed + gusts[:, :1]) * direction + gusts[:, 1:2] * across
+    speed = np.hypot(np.hypot(*velocity.T), gusts[:, 2])
+    factor = 0.5 * AIR_DENSITY * settings.drag_coefficient * settings.area
+    horizontal = factor * (velocity * speed[:, None] - wind.mean_speed ** 2 * direction)
+    yaw = settings.pressure_offset * horizontal[:, 1]
+    return np.column_stack([horizontal, yaw, factor * speed * gusts[:, 2]])
 
 
 class Modes(NamedTuple):

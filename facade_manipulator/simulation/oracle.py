@@ -26,7 +26,7 @@ import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.simulation.closed_loop import START
-from facade_manipulator.simulation.gondola import AIR_DENSITY, GondolaSettings, modes
+from facade_manipulator.simulation.gondola import GondolaSettings, modes, wind_forces
 from facade_manipulator.simulation.scenario import Motion, Scenario
 from facade_manipulator.simulation.sway import Sway, SwaySettings
 from facade_manipulator.simulation.wind import (
@@ -40,6 +40,7 @@ WINDOW = 10.0  # s of estimates that count: in gusts 80 s make it better by less
 FARTHEST = 1.5  # s
 LEAST_POWER = 1e-14  # m² or rad²: of an axis without motion, whose covariance is singular
 STEP = 5e-4  # Hz, between the frequencies of gusts
+SMALL = 1e-6  # m/s, of gusts whose forces are linear
 DIFFERENCE = 1e-3  # s, of which velocities are taken
 FREQUENCY_DEVIATION = 0.2  # Hz, of sways between 0.05 and 0.8 Hz, before anything is known
 
@@ -79,87 +80,18 @@ def limits(scenario: Scenario, motion: Motion, origin: float = START) -> dict:
 def wind_law(gondola: GondolaSettings, wind: WindSettings) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies [Hz] and the power of each axis there, of sway under small gusts."""
     frequencies = np.arange(LOWEST_FREQUENCY, HIGHEST_FREQUENCY, STEP)
-    natural, _, participation, output = modes(gondola)
-    force = 0.5 * AIR_DENSITY * gondola.drag_coefficient * gondola.area * wind.mean_speed
-    along, across = math.cos(wind.direction), math.sin(wind.direction)
-    forces = force * np.array([[2.0 * along, -across], [2.0 * across, along], [0, 0], [0, 0]])
-    forces[2] = gondola.pressure_offset * forces[1]
-    s = 2j * math.pi * frequencies
-    damping = 2.0 * gondola.damping_ratio * natural[:, None]
-    resonances = 1.0 / (natural[:, None] ** 2 + damping * s + s * s)
-    response = np.einsum('am,mf,km,kg->agf', output, resonances, participation, forces)
-    gusts = np.stack([spectral_density(wind, axis, frequencies) for axis in range(2)])
+    natural, damping, participation, output = modes(gondola)
+    forces = wind_forces(gondola, wind, SMALL * np.eye(3)) / SMALL
+    s, natural = 2j * math.pi * frequencies, natural[:, None]
+    resonances = 1.0 / (natural ** 2 + 2.0 * damping * natural * s + s * s)
+    response = np.einsum('am,mf,km,gk->agf', output, resonances, participation, forces)
+    gusts = np.stack([spectral_density(wind, axis, frequencies) for axis in range(3)])
     return frequencies, (np.abs(response) ** 2 * gusts).sum(axis=1) * STEP
 
 
 def covariance(frequencies: np.ndarray, power: np.ndarray, lags: np.ndarray) -> np.ndarray:
     """Return the covariance of each axis over lags [s], shape (3, lags)."""
     return power @ np.cos(math.tau * np.outer(frequencies, lags))
-
-
-class GustsPrediction:
-    """
-    Predict by the law of the disturbance.
-
-    Parameters
-    ----------
-    frequencies : numpy.ndarray, shape (n,)
-        [Hz].
-    power : numpy.ndarray, shape (3, n)
-        Mean square of the disturbance at each [m², m², rad²].
-    interval : float
-        Between two estimates [s].
-    variances : Pose
-        Of their noise.
-
-    """
-
-    def __init__(
-        self, frequencies: np.ndarray, power: np.ndarray, interval: float, variances: Pose
-    ) -> None:
-        self.stamp: float | None = None
-        self.since: float | None = None
-        self._interval, self._variances = interval, np.array(variances)[:, None, None]
-        self._size, self._steps = round(WINDOW / interval), math.ceil(FARTHEST / interval) + 1
-        self._covariance = covariance(
-            frequencies, power, interval * np.arange(self._size + self._steps))
-        self._covariance[:, 0] += LEAST_POWER
-        self._solved = {  # for half the window, a quarter and so on, as long as it is not full
-            size: self._solve(size) for size in (
-                self._size >> power for power in range(self._size.bit_length()))}
-        self._values = np.zeros((0, 3))
-
-    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
-        """Take an estimate; those that are missing become what is most likely by all others."""
-        self.since = stamp if self.since is None else self.since
-        missing = round((stamp - (self.stamp or stamp)) / self._interval) - 1
-        self.stamp = stamp
-        gap = np.full((min(max(missing, 0), self._size), 3), math.nan)
-        self._values = np.concatenate(([values], gap, self._values))[:self._size]
-        size = max(size for size in self._solved if size <= len(self._values))
-        inverse, weights = self._solved[size]
-        seen = self._values[:size].T.copy()
-        lost = np.isnan(seen[0])
-        seen[:, lost] = 0.0
-        seen[:, lost] = -np.linalg.solve(
-            inverse[:, lost][..., lost], inverse[:, lost] @ seen[..., None])[..., 0]
-        self._ahead = (weights @ seen[..., None])[..., 0].T
-
-    def predict(self, time: float) -> MotionState:
-        """Return the mean of what is possible at a time [s]."""
-        steps = min(max((time - self.stamp) / self._interval, 0.0), len(self._ahead) - 1.001)
-        before, after = self._ahead[int(steps):int(steps) + 2]
-        position = before + (steps - int(steps)) * (after - before)
-        velocity = (after - before) / self._interval
-        return MotionState(Pose(*position.tolist()), Twist(*velocity.tolist()))
-
-    def _solve(self, size: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the inverse covariance of estimates, and their weights at every step ahead."""
-        ages = np.arange(size)
-        inverse = np.linalg.inv(
-            self._covariance[:, np.abs(np.subtract.outer(ages, ages))]
-            + self._variances * np.eye(size))
-        return inverse, self._covariance[:, np.add.outer(np.arange(self._steps), ages)] @ inverse
 
 
 class KnownDisturbance:
@@ -181,20 +113,77 @@ class KnownDisturbance:
         self._motion, self._origin = motion, origin
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
-        """Take an estimate's stamp."""
+        """Take an estimate."""
         self.since = stamp if self.since is None else self.since
         self.stamp = stamp
 
     def predict(self, time: float) -> MotionState:
-        """Return the disturbance at a time [s], as far as it is known."""
-        before, after = (
-            np.add(self._motion(at - self._origin), self._error(at))
-            for at in (time, time + DIFFERENCE))
+        """Return the mean of what is possible at a time [s]."""
+        before, after = self._position(time), self._position(time + DIFFERENCE)
         return MotionState(
             Pose(*before.tolist()), Twist(*((after - before) / DIFFERENCE).tolist()))
 
-    def _error(self, time: float) -> np.ndarray:
-        return np.zeros(3)
+    def _position(self, time: float) -> np.ndarray:
+        return np.array(self._motion(time - self._origin))
+
+
+class GustsPrediction(KnownDisturbance):
+    """
+    Predict by the law of the disturbance: who knows what power comes, but not what comes.
+
+    Parameters
+    ----------
+    frequencies : numpy.ndarray, shape (n,)
+        [Hz].
+    power : numpy.ndarray, shape (3, n)
+        Mean square of the disturbance at each [m², m², rad²].
+    interval : float
+        Between two estimates [s].
+    variances : Pose
+        Of their noise.
+
+    """
+
+    def __init__(
+        self, frequencies: np.ndarray, power: np.ndarray, interval: float, variances: Pose
+    ) -> None:
+        super().__init__(self._expected, 0.0)
+        self._interval, self._variances = interval, np.array(variances)[:, None, None]
+        self._size, self._steps = round(WINDOW / interval), math.ceil(FARTHEST / interval) + 1
+        self._covariance = covariance(
+            frequencies, power, interval * np.arange(self._size + self._steps))
+        self._covariance[:, 0] += LEAST_POWER
+        self._solved = {  # for half the window, a quarter and so on, as long as it is not full
+            size: self._solve(size) for size in (
+                self._size >> power for power in range(self._size.bit_length()))}
+        self._values = np.zeros((0, 3))
+
+    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+        """Take an estimate; those that are missing become what is most likely by all others."""
+        missing = round((stamp - (self.stamp or stamp)) / self._interval) - 1
+        super().update(stamp, values, variances)
+        gap = np.full((min(max(missing, 0), self._size), 3), math.nan)
+        self._values = np.concatenate(([values], gap, self._values))[:self._size]
+        size = max(size for size in self._solved if size <= len(self._values))
+        inverse, weights = self._solved[size]
+        seen = self._values[:size].T.copy()
+        lost = np.isnan(seen[0])
+        seen[:, lost] = 0.0
+        seen[:, lost] = -np.linalg.solve(
+            inverse[:, lost][..., lost], inverse[:, lost] @ seen[..., None])[..., 0]
+        self._ahead = (weights @ seen[..., None])[..., 0].T
+
+    def _expected(self, time: float) -> Pose:
+        times = self.stamp + self._interval * np.arange(self._steps)
+        return Pose(*(np.interp(time, times, axis) for axis in self._ahead.T))
+
+    def _solve(self, size: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return the inverse covariance of estimates, and their weights at every step ahead."""
+        ages = np.arange(size)
+        inverse = np.linalg.inv(
+            self._covariance[:, np.abs(np.subtract.outer(ages, ages))]
+            + self._variances * np.eye(size))
+        return inverse, self._covariance[:, np.add.outer(np.arange(self._steps), ages)] @ inverse
 
 
 class SinesPrediction(KnownDisturbance):
@@ -217,23 +206,17 @@ class SinesPrediction(KnownDisturbance):
     """
 
     def __init__(self, settings: SwaySettings, origin: float, deviation: float) -> None:
-        super().__init__(Sway(settings).at, origin)
-        self._deviation = deviation
-        sines = [settings.sines(axis) for axis in ('x', 'y', 'yaw')]
-        amplitudes, frequencies, self._phases = (
-            np.concatenate(part) for part in zip(*sines, strict=True))
-        axes = np.repeat(np.arange(3), [len(part[0]) for part in sines])
-        self._amplitudes = amplitudes * (axes == np.arange(3)[:, None])
-        self._rates = math.tau * frequencies
-        size = 3 * len(amplitudes)
-        self._information = np.stack([np.eye(size)] * 3)
-        self._weighted = np.tile(np.repeat((-math.sqrt(2.0), 0.0, 1.0), len(amplitudes)), (3, 1))
+        self._sway, self._deviation = Sway(settings), deviation
+        super().__init__(self._sway.at, origin)
+        count = len(self._sway.rates)
+        self._information = np.stack([np.eye(3 * count)] * 3)
+        self._weighted = np.tile(np.repeat((-math.sqrt(2.0), 0.0, 1.0), count), (3, 1))
 
     def update(self, stamp: float, values: Pose, variances: Pose) -> None:
         """Take an estimate."""
         super().update(stamp, values, variances)
         slopes, noise = self._slopes(stamp), np.array(variances)[:, None]
-        error = np.subtract(values, self._motion(stamp - self._origin))[:, None]
+        error = (values - super()._position(stamp))[:, None]
         self._information += slopes[:, :, None] * (slopes / noise)[:, None, :]
         self._weighted += slopes * error / noise
         self._off = np.linalg.solve(self._information, self._weighted[..., None])[..., 0]
@@ -244,14 +227,14 @@ class SinesPrediction(KnownDisturbance):
         return tuple(np.sqrt(
             (slopes * np.linalg.solve(self._information, slopes)).sum(axis=(1, 2))).tolist())
 
-    def _error(self, time: float) -> np.ndarray:
-        return (self._slopes(time) * self._off).sum(axis=1)
+    def _position(self, time: float) -> np.ndarray:
+        return super()._position(time) + (self._slopes(time) * self._off).sum(axis=1)
 
     def _slopes(self, time: float) -> np.ndarray:
         """Return the slopes by amplitudes in phase, in quadrature and frequencies, (3, n)."""
-        elapsed = time - self._origin
-        angles = self._rates * elapsed + self._phases
-        quadrature = self._amplitudes * np.cos(angles)
+        elapsed, sway = time - self._origin, self._sway
+        angles = sway.rates * elapsed + sway.phases
+        quadrature = sway.amplitudes * np.cos(angles)
         return np.concatenate((
-            self._amplitudes * np.sin(angles) / math.sqrt(2.0), quadrature / math.sqrt(2.0),
+            sway.amplitudes * np.sin(angles) / math.sqrt(2.0), quadrature / math.sqrt(2.0),
             math.tau * self._deviation * elapsed * quadrature), axis=1)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import parameter, settings
@@ -52,16 +54,22 @@ class Sway:
     ----------
     settings : SwaySettings
 
+    Attributes
+    ----------
+    amplitudes : numpy.ndarray, shape (3, n)
+        Of all sines [m, m, rad], 0 along the axes to which they do not belong.
+    rates, phases : numpy.ndarray, shape (n,)
+        [rad/s, rad].
+
     """
 
     def __init__(self, settings: SwaySettings) -> None:
-        self._axes = tuple(
-            tuple((amplitude, math.tau * frequency, phase)
-                  for amplitude, frequency, phase in zip(*settings.sines(axis), strict=True))
-            for axis in ('x', 'y', 'yaw'))
+        sines = [np.array(settings.sines(axis)) for axis in ('x', 'y', 'yaw')]
+        axes = np.repeat(np.arange(len(sines)), [part.shape[1] for part in sines])
+        amplitudes, frequencies, self.phases = np.concatenate(sines, axis=1)
+        self.amplitudes = amplitudes * (axes == np.arange(len(sines))[:, None])
+        self.rates = math.tau * frequencies
 
     def at(self, time: float) -> Pose:
         """Return the pose of the rail in the façade's frame at a time [s]."""
-        return Pose(*(
-            sum(amplitude * math.sin(rate * time + phase) for amplitude, rate, phase in sines)
-            for sines in self._axes))
+        return Pose(*(self.amplitudes @ np.sin(self.rates * time + self.phases)).tolist())
