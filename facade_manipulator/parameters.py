@@ -71,12 +71,7 @@ def settings(cls: type[Class]) -> type[Class]:
     Make a class a frozen dataclass that checks its parameters whenever one is made.
 
     Rules between fields stand in the class's own ``__post_init__``, which runs after the check.
-
-    Raises
-    ------
-    ParameterError
-        When an instance is made, as `check_parameters` does.
-
+    A ParameterError is raised when an instance is made, as by `check_parameters`.
     """
     rules = getattr(cls, '__post_init__', None)
 
@@ -149,26 +144,14 @@ def check_parameters(instance: Any) -> None:
     """
     Check every parameter of a dataclass instance against its declared range.
 
-    Raises
-    ------
-    ParameterError
-        Naming the parameter, its value, its bound and unit.
-
+    Raises a ParameterError that names the parameter, its value, its bound and unit.
     """
     for name, item in parameter_fields(type(instance)).items():
         check_value(name, getattr(instance, name), item.metadata[METADATA_KEY])
 
 
 def check_value(name: str, value: Any, info: ParameterInfo) -> None:
-    """
-    Check one parameter's value, of the right type, against its declared range.
-
-    Raises
-    ------
-    ParameterError
-        As `check_parameters` does.
-
-    """
+    """Check one value, of the right type, against its range, as `check_parameters` does."""
     if info.choices and value not in info.choices:
         raise ParameterError(f'{name} = {value!r} is none of {", ".join(info.choices)}')
     if info.elements and len(value) != len(info.elements):

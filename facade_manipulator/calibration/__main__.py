@@ -56,7 +56,8 @@ COMPENSATOR, RECORDED = '/**/compensator', '.mcap'
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit code."""
-    options = parser(calibrate_geometry, calibrate_estimator, calibrate_wall).parse_args(arguments)
+    options = parser(geometry=calibrate_geometry, estimator=calibrate_estimator,
+                     wall=calibrate_wall).parse_args(arguments)
     return exit_status('calibrate', lambda: options.run(options))
 
 

@@ -23,22 +23,24 @@ examples:
 """
 
 
-def parser(geometry: Run, estimator: Run, wall: Run) -> argparse.ArgumentParser:
-    """Return the command line's parser; what it parses has the function to run as `run`."""
+def parser(**runs: Run) -> argparse.ArgumentParser:
+    """Return the command line's parser; what it parses has the function of `runs` to run."""
     made = argparse.ArgumentParser(
         prog='calibrate', description=DESCRIPTION, epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = made.add_subparsers(required=True, metavar='WHAT')
-    _add_geometry(commands, geometry)
-    _add_estimator(commands, estimator)
-    _add_wall(commands, wall)
+    for name, add, text in (
+            ('geometry', _add_geometry, 'errors of the machine from measurements of its head'),
+            ('estimator', _add_estimator,
+             'mounting, delay and axes of the estimator from a recording'),
+            ('wall', _add_wall, 'the wall from places where the head touched it')):
+        command = commands.add_parser(name, help=text)
+        command.set_defaults(run=runs[name])
+        add(command)
     return made
 
 
-def _add_geometry(commands: argparse._SubParsersAction, run: Run) -> None:
-    command = commands.add_parser(
-        'geometry', help='errors of the machine from measurements of its head')
-    command.set_defaults(run=run)
+def _add_geometry(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         'measurements', nargs='?', type=Path,
         help='CSV with q1, q2, q3 as commanded and x, y, theta of the head in frame rail, in m '
@@ -66,10 +68,7 @@ def _add_geometry(commands: argparse._SubParsersAction, run: Run) -> None:
                          help='draw how far the head was off and how well it is known')
 
 
-def _add_estimator(commands: argparse._SubParsersAction, run: Run) -> None:
-    command = commands.add_parser(
-        'estimator', help='mounting, delay and axes of the estimator from a recording')
-    command.set_defaults(run=run)
+def _add_estimator(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         'recording', nargs='?', type=Path,
         help='file of the recorder, with the head as measured on the wall or with lateral_offset')
@@ -87,9 +86,7 @@ def _add_estimator(commands: argparse._SubParsersAction, run: Run) -> None:
     _add_files(command)
 
 
-def _add_wall(commands: argparse._SubParsersAction, run: Run) -> None:
-    command = commands.add_parser('wall', help='the wall from places where the head touched it')
-    command.set_defaults(run=run)
+def _add_wall(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         'touches', type=Path,
         help='file of the recorder (.mcap) while the head pressed; or CSV with q1, q2, q3 at each '

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from functools import partial
 import logging
 from pathlib import Path
 import sys
@@ -19,6 +20,7 @@ from facade_manipulator.commissioning import (
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.machine import Machine
 from facade_manipulator.commissioning.operator import Operator
+from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.errors import exit_status
 
 EPILOG = """
@@ -45,17 +47,20 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(required=True, dest='command', metavar='COMMAND')
     for room in ROOMS:
-        room.add_commands(lambda name, run, help: _command(commands, name, run, help))
+        room.add_commands(partial(_command, commands))
     return parser
 
 
 def _command(
-    commands: argparse._SubParsersAction, name: str, run: Callable, text: str
+    commands: argparse._SubParsersAction, name: str, run: Callable, text: str,
+    has_axis: bool = False,
 ) -> argparse.ArgumentParser:
     """Add a command with the options that all have; return its parser for more of them."""
     command = commands.add_parser(name, help=text, description=text)
     command.set_defaults(run=run)
     add = command.add_argument
+    if has_axis:
+        add('axis', choices=AXIS_NAMES)
     add('--parameters', type=Path, default=Path('machine.yaml'), metavar='YAML',
         help='parameter file of this machine; made of the installed one when something is written '
              '(default machine.yaml)')

@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from facade_manipulator.commissioning.bus import ToolBus
 from facade_manipulator.commissioning.machine import Machine
@@ -19,6 +20,12 @@ class Context:
     machine: Machine
     operator: Operator
     options: argparse.Namespace
+
+    def offer(self, section: str, **values: Any) -> None:
+        """Show the line to write into the parameter file, ask, and write it."""
+        lines = ', '.join(f'{section}.{name}: {value}' for name, value in values.items())
+        self.operator.agree(f'{self.machine.path} gets {lines}')
+        self.machine.write({section: values})
 
     @contextmanager
     def bus(self) -> Iterator[ToolBus]:

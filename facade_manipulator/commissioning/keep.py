@@ -20,7 +20,7 @@ from facade_manipulator.commissioning.drive_objects import (
     write_dcf,
 )
 from facade_manipulator.commissioning.drive_profile import check_draft, differences, draft
-from facade_manipulator.commissioning.scan import require_one
+from facade_manipulator.commissioning.scan import only_drive
 from facade_manipulator.drives.cia402 import AXIS_NAMES, load_profile
 from facade_manipulator.errors import CommissioningError, file_errors
 
@@ -33,14 +33,14 @@ def add_commands(add: Callable) -> None:
                          help='hold these drives (default all) against their profiles')
     command.add_argument('--output', type=Path, metavar='YAML',
                          help='the profile to write (default: the name of the EDS)')
-    backup = add('backup', run_backup, 'Read all writable objects of a drive into a DCF.')
-    backup.add_argument('axis', choices=AXIS_NAMES)
+    backup = add('backup', run_backup, 'Read all writable objects of a drive into a DCF.',
+                 has_axis=True)
     backup.add_argument('file', type=Path, nargs='?', help='default: beside the parameter file')
     comparing = add('compare', run_compare, 'Say where two drives, or a drive and a file, differ.')
     comparing.add_argument('here', help='q1, q2, q3 or a DCF')
     comparing.add_argument('there', help='q1, q2, q3 or a DCF')
-    restoring = add('restore', run_restore, 'Write a DCF into a drive, read it back, store it.')
-    restoring.add_argument('axis', choices=AXIS_NAMES)
+    restoring = add('restore', run_restore, 'Write a DCF into a drive, read it back, store it.',
+                    has_axis=True)
     restoring.add_argument('file', type=Path)
     for command in (backup, comparing, restoring):
         command.add_argument(
@@ -76,8 +76,7 @@ def _check(context: Context, names: tuple[str, ...]) -> int:
     with context.bus() as bus:
         for name in names:
             axis = context.machine.axis(name)
-            require_one(bus, axis.node_id, name)
-            found = differences(bus.objects(axis.node_id, name), load_profile(axis.profile))
+            found = differences(only_drive(bus, axis, name), load_profile(axis.profile))
             for line in found:
                 context.operator.say(f'! {name}: {line}')
             if not found:
@@ -100,9 +99,8 @@ def run_backup(context: Context) -> None:
 
 def _of_drive(context: Context, bus: ToolBus, name: str) -> Snapshot:
     axis = context.machine.axis(name)
-    require_one(bus, axis.node_id, name)
     eds = context.options.eds or load_profile(axis.profile).eds
-    return take_snapshot(bus.objects(axis.node_id, name), eds)
+    return take_snapshot(only_drive(bus, axis, name), eds)
 
 
 def run_compare(context: Context) -> int:

@@ -158,8 +158,7 @@ def run_lag(context: Context) -> None:
     for warning in warnings:
         operator.say(f'! {warning}')
     lag = round(float(np.mean([one.lag for one in found.values()])), 4)
-    operator.agree(f'{machine.path} gets controller.drive_lag: {lag}')
-    machine.write({'controller': {'drive_lag': lag}})
+    context.offer('controller', drive_lag=lag)
     if len(found) == len(AXIS_NAMES):
         friction = {'coulomb': [round(found[name].coulomb, 2) for name in AXIS_NAMES],
                     'viscous': [round(found[name].viscous, 1) for name in AXIS_NAMES]}

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from facade_manipulator.commissioning.bus import read_number, ToolBus
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.drive_objects import store
 from facade_manipulator.commissioning.motion import INPUTS, Motion, PERIOD, POSITION, Ramp
 from facade_manipulator.commissioning.moving import add_motion_options, motion_bounds, powered
-from facade_manipulator.commissioning.scan import require_one
+from facade_manipulator.commissioning.scan import only_drive
 from facade_manipulator.drives.canopen import SdoAbortError
-from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, load_profile
+from facade_manipulator.drives.cia402 import AxisSettings, load_profile
 from facade_manipulator.errors import CommissioningError
 
 HOME_SWITCH = 0x4  # of 60FDh
@@ -27,30 +27,22 @@ _METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
 
 def add_commands(add: Callable) -> None:
     """Add the commands to the tool."""
-    command = add('direction', run_direction,
-                  'Whether a drive counts along the rail: push the carriage, without power.')
-    command.add_argument('axis', choices=AXIS_NAMES)
-    command = add('lead', run_lead, 'Travel per turn of the screw, against a distance measured.')
-    command.add_argument('axis', choices=AXIS_NAMES)
+    add('direction', run_direction,
+        'Whether a drive counts along the rail: push the carriage, without power.', has_axis=True)
+    command = add('lead', run_lead, 'Travel per turn of the screw, against a distance measured.',
+                  has_axis=True)
     command.add_argument('--travel', type=float, default=40.0, metavar='MM',
                          help='how far it goes by the present lead (default 40)')
     command.add_argument('--measured', type=float, metavar='MM',
                          help='how far the carriage went; default: asked for')
     add_motion_options(command)
     command = add('home-switch', run_home_switch,
-                  'Polarity and repeatability of a home switch, from ten approaches.')
-    command.add_argument('axis', choices=AXIS_NAMES)
+                  'Polarity and repeatability of a home switch, from ten approaches.',
+                  has_axis=True)
     command.add_argument('--towards', choices=('+', '-'), default='+',
                          help='on which side of the carriage the switch is (default +)')
     command.add_argument('--approaches', type=int, default=10)
     add_motion_options(command, speed=5.0)
-
-
-def offer(context: Context, name: str, **values: Any) -> None:
-    """Show the line to write, ask, and write it."""
-    lines = ', '.join(f'{name}.{key}: {value}' for key, value in values.items())
-    context.operator.agree(f'{context.machine.path} gets {lines}')
-    context.machine.write({name: values})
 
 
 # --- direction
@@ -61,8 +53,7 @@ def run_direction(context: Context) -> None:
     name, machine = context.options.axis, context.machine
     axis = machine.axis(name)
     with context.bus() as bus:
-        require_one(bus, axis.node_id, name)
-        drive = bus.objects(axis.node_id, name)
+        drive = only_drive(bus, axis, name)
         if read_number(drive, 0x6041) & 0x6F == 0x27:
             raise CommissioningError(f'{name} has power, somebody has enabled it: nothing is done')
         start = read_number(drive, POSITION, signed=True)
@@ -80,7 +71,7 @@ def run_direction(context: Context) -> None:
     found = 1 if counts > 0 else -1
     context.operator.say(f'{name} counted {counts:+d}: direction {found}')
     if found != axis.direction:
-        offer(context, name, direction=found)
+        context.offer(name, direction=found)
     machine.note('direction', f'{found} ({counts:+d} counts towards +q)', axis=name)
 
 
@@ -114,7 +105,7 @@ def run_lead(context: Context) -> None:
             f'{name} went the other way: commission direction {name} first; nothing is written')
     context.machine.note('lead', f'{_MM * lead:.3f} mm over {measured:g} mm', axis=name)
     if abs(lead / axis.lead - 1.0) > 1e-3:
-        offer(context, name, lead=round(lead, 6))
+        context.offer(name, lead=round(lead, 6))
 
 
 def _number(text: str) -> float:
@@ -276,4 +267,4 @@ def _offer_method(context: Context, name: str, axis: AxisSettings, side: int) ->
     if method is None:
         context.operator.say(f'The profile {axis.profile} has no homing method for this switch.')
     elif method != axis.homing_method:
-        offer(context, name, homing_method=method)
+        context.offer(name, homing_method=method)

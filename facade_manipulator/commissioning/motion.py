@@ -18,7 +18,7 @@ import time
 from typing import NamedTuple
 
 from facade_manipulator.commissioning.bus import read_number, ToolBus
-from facade_manipulator.commissioning.scan import require_one
+from facade_manipulator.commissioning.scan import only_drive
 from facade_manipulator.drives.canopen import (
     decode_emergency,
     describe,
@@ -176,10 +176,9 @@ class Motion:
     def _configure(self, carriage: _Carriage) -> None:
         """Reset a drive, so that it is without fault, and give it limits around where it is."""
         node_id, profile = carriage.axis.node_id, carriage.profile
-        require_one(self._bus, node_id, carriage.name)
+        drive = only_drive(self._bus, carriage.axis, carriage.name, eds=profile.eds)
         self._bus.reset(node_id)
         self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
-        drive = self._bus.objects(node_id, carriage.name, eds=profile.eds)
         here = carriage.axis.to_metres(read_number(drive, POSITION, signed=True))
         settings = ControllerSettings(rate=RATE, heartbeat_timeout=HEARTBEAT_TIMEOUT)
         write_objects(drive, [

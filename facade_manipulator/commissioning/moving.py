@@ -15,7 +15,6 @@ from facade_manipulator.commissioning.motion import (
     Motion,
     Ramp,
 )
-from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.errors import CommissioningError
 
 LINKS = ('coupled', 'uncoupled')
@@ -24,9 +23,8 @@ _MM = 1e3
 
 def add_commands(add: Callable) -> None:
     """Add the commands to the tool."""
-    command = add('jog', run_jog, 'Move a carriage slowly while a key is held.')
-    command.add_argument('axis', choices=AXIS_NAMES)
-    add_motion_options(command)
+    add_motion_options(
+        add('jog', run_jog, 'Move a carriage slowly while a key is held.', has_axis=True))
 
 
 def add_motion_options(command: argparse.ArgumentParser, speed: float = 10.0) -> None:

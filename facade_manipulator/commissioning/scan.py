@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 import struct
 import time
 from typing import NamedTuple
@@ -12,6 +12,7 @@ from canopen import lss
 
 from facade_manipulator.commissioning.bus import read_number, ToolBus
 from facade_manipulator.drives.canopen import (
+    Frame,
     heartbeat_cob_id,
     MASTER_NODE_ID,
     NmtState,
@@ -19,7 +20,7 @@ from facade_manipulator.drives.canopen import (
     sdo_response_cob_id,
     SdoChannel,
 )
-from facade_manipulator.drives.cia402 import fitting_profile
+from facade_manipulator.drives.cia402 import AxisSettings, fitting_profile
 from facade_manipulator.errors import DriveError, DriveIdentityError
 
 NODE_IDS = range(1, MASTER_NODE_ID)
@@ -60,7 +61,7 @@ class Node(NamedTuple):
 def scan(bus: ToolBus) -> list[Node]:
     """Ask all node ids at once, then each that answered for what it is."""
     answers = defaultdict(list)
-    for frame in _ask_all(bus):
+    for frame in _ask(bus, NODE_IDS):
         if sdo_response_cob_id(0) < frame.cob_id <= sdo_response_cob_id(127):
             answers[frame.cob_id - sdo_response_cob_id(0)].append(_serial(frame.data))
     beating = {cob_id - heartbeat_cob_id(0): frame for cob_id, frame in bus.latest.items()
@@ -69,9 +70,10 @@ def scan(bus: ToolBus) -> list[Node]:
             for node_id in sorted(answers.keys() | beating.keys())]
 
 
-def _ask_all(bus: ToolBus) -> list:
+def _ask(bus: ToolBus, node_ids: Iterable[int]) -> list[Frame]:
+    """Ask for serial numbers; return what comes then."""
     bus.collect(0.0)
-    for node_id in NODE_IDS:
+    for node_id in node_ids:
         bus.send(sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
         time.sleep(_PACE)
     return bus.received_since(_ANSWER)
@@ -84,7 +86,9 @@ def _serial(data: bytes) -> int:
     return _RESPONSE.unpack(data)[3]
 
 
-def _describe(bus: ToolBus, node_id: int, serials: tuple[int, ...], beat) -> Node:
+def _describe(
+    bus: ToolBus, node_id: int, serials: tuple[int, ...], beat: Frame | None
+) -> Node:
     state = ''
     if beat is not None and beat.data and beat.data[0] & 0x7F in set(NmtState):
         state = NmtState(beat.data[0] & 0x7F).name.lower().replace('_', '-')
@@ -139,13 +143,13 @@ def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) ->
                    'its plug, its node id')
 
 
-def require_one(bus: ToolBus, node_id: int, name: str) -> None:
-    """Raise a DriveIdentityError if more than one drive answers at a node id."""
-    bus.collect(0.0)
-    bus.send(sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
-    answers = [frame for frame in bus.received_since(_ANSWER)
+def only_drive(bus: ToolBus, axis: AxisSettings, name: str, **details: object) -> SdoChannel:
+    """Return the objects of an axis's drive; a DriveIdentityError if more than one answers."""
+    node_id = axis.node_id
+    answers = [frame for frame in _ask(bus, [node_id])
                if frame.cob_id == sdo_response_cob_id(node_id)]
     if len(answers) > 1:
         raise DriveIdentityError(
             f'{len(answers)} drives answer as {name} (node {node_id}): nothing was done; '
             'commission assign gives each its own node id')
+    return bus.objects(node_id, name, **details)

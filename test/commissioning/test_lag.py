@@ -9,6 +9,7 @@ import yaml
 from facade_manipulator.commissioning import Machine
 from facade_manipulator.commissioning.lag import (
     AxisDynamics,
+    draw,
     find_backlash,
     fit_friction,
     fit_sine,
@@ -21,6 +22,7 @@ from facade_manipulator.commissioning.motion import PERIOD
 from facade_manipulator.drives.cia402 import AxisSettings
 from facade_manipulator.drives.simulated.demand import Interpolator
 from facade_manipulator.drives.simulated.motor import SimulatedMotor, SimulationSettings
+from facade_manipulator.errors import ParameterError
 
 TIME = np.arange(400) * PERIOD
 
@@ -78,6 +80,11 @@ def test_an_axis_unlike_the_others_is_named():
     warnings = unlike(found)
     assert len(warnings) == 2 and all(warning.startswith('q3') for warning in warnings)
     assert unlike(dict.fromkeys(('q1', 'q2', 'q3'), axis(0.005))) == []
+
+
+def test_a_picture_of_an_unknown_ending_is_rejected_in_a_message(tmp_path):
+    with pytest.raises(ParameterError, match='lag.nonsense cannot be written'):
+        draw(tmp_path / 'lag.nonsense', {'q1': axis(0.005)})
 
 
 @pytest.mark.long
