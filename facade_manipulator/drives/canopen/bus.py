@@ -177,7 +177,10 @@ class CanBus:
             self._set_aside(identifier, data)
             return None
         self._received += 1
-        return Frame(identifier, data, _monotonic(stamp), stamp)
+        age = time.time() - stamp
+        if not 0.0 <= age < LATEST_STAMP_AGE:
+            age = 0.0  # the system clock was set meanwhile
+        return Frame(identifier, data, time.monotonic() - age, stamp)
 
     def _receive(self, timeout: float) -> tuple[int, bytes, float] | None:
         """Return identifier and flags, data and stamp of the next frame."""
@@ -290,14 +293,6 @@ class SocketCanBus(CanBus):
 def can_bus(bus: can.BusABC) -> CanBus:
     """Return the best access to an interface that python-can has opened, owned from now on."""
     return (SocketCanBus if isinstance(bus, SocketcanBus) else CanBus)(bus)
-
-
-def _monotonic(stamp: float) -> float:
-    """Move a time stamp, which is the system clock's, to the monotonic clock."""
-    age = time.time() - stamp
-    if not 0.0 <= age < LATEST_STAMP_AGE:
-        age = 0.0  # the system clock was set meanwhile
-    return time.monotonic() - age
 
 
 def _code(error: Exception) -> int | None:

@@ -63,18 +63,7 @@ class Patience(NamedTuple):
     attempts: int = ATTEMPTS
 
 
-class _BoundedClient(canopen.sdo.SdoClient):
-    """A client that asks for nothing after its deadline: segments may never come to an end."""
-
-    deadline = math.inf
-
-    def send_request(self, request: bytes) -> None:
-        if time.monotonic() > self.deadline:
-            raise canopen.SdoCommunicationError('the deadline has passed')
-        super().send_request(request)
-
-
-class SdoChannel:
+class SdoChannel(canopen.sdo.SdoClient):
     """
     Objects of one drive.
 
@@ -91,7 +80,8 @@ class SdoChannel:
     Attributes
     ----------
     deadline : float
-        Time [s] on the monotonic clock after which nothing is asked any more.
+        Time [s] on the monotonic clock after which nothing is asked any more: segments may never
+        come to an end.
 
     """
 
@@ -102,21 +92,12 @@ class SdoChannel:
         self._patience = patience or Patience()
         self.name = name
         self.node_id = node_id
+        self.deadline = math.inf
         dictionary = canopen.import_od(str(eds), node_id) if eds else canopen.ObjectDictionary()
-        self._client = _BoundedClient(
-            sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
-        self._client.network = network
-        self._client.RESPONSE_TIMEOUT = self._patience.timeout
-        network.subscribers[self._client.tx_cobid] = [self._receive]
-
-    @property
-    def deadline(self) -> float:
-        """When to ask for nothing any more."""
-        return self._client.deadline
-
-    @deadline.setter
-    def deadline(self, value: float) -> None:
-        self._client.deadline = value
+        super().__init__(sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
+        self.network = network
+        self.RESPONSE_TIMEOUT = self._patience.timeout
+        network.subscribers[self.tx_cobid] = [self.on_response]
 
     def read(self, index: int, subindex: int) -> bytes:
         """
@@ -132,7 +113,7 @@ class SdoChannel:
             The bus is gone.
 
         """
-        return self._repeat(index, subindex, lambda: self._client.upload(index, subindex))
+        return self._repeat(index, subindex, lambda: self.upload(index, subindex))
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """
@@ -144,11 +125,11 @@ class SdoChannel:
             As `read` does.
 
         """
-        self._repeat(index, subindex, lambda: self._client.download(index, subindex, data))
+        self._repeat(index, subindex, lambda: self.download(index, subindex, data))
 
     def size(self, index: int, subindex: int) -> int | None:
         """Return the bytes of an object, None if the EDS does not know it."""
-        variable = self._client.od.get_variable(index, subindex)
+        variable = self.od.get_variable(index, subindex)
         return len(variable) // 8 if variable is not None and variable.fixed_size else None
 
     def _repeat(self, index: int, subindex: int, transfer):
@@ -172,10 +153,16 @@ class SdoChannel:
             f'{self._patience.timeout:g} s: '
             'check its power, its node id and the bit rate')
 
-    def _receive(self, cob_id: int, data: bytes, stamp: float) -> None:
+    def send_request(self, request: bytes) -> None:
+        """Send a request of a transfer, unless its time is over."""
+        if time.monotonic() > self.deadline:
+            raise canopen.SdoCommunicationError('the deadline has passed')
+        super().send_request(request)
+
+    def on_response(self, cob_id: int, data: bytes, stamp: float) -> None:
         """Keep an answer; nobody empties the queue between transfers, so it is bounded."""
-        if self._client.responses.qsize() < _LONGEST_QUEUE:
-            self._client.on_response(cob_id, data, stamp)
+        if self.responses.qsize() < _LONGEST_QUEUE:
+            super().on_response(cob_id, data, stamp)
 
 
 def _abort_text(error: canopen.SdoAbortedError) -> str:

@@ -46,7 +46,7 @@ def transmission_type(pdo: Pdo, rate: int) -> int:
     return ceil(rate / _REDUCED_RATES[pdo.carries(process_data.MOTION)])
 
 
-def bus_load(
+def check_bus_load(
     settings: ControllerSettings, bitrate: int,
     maps: tuple[Iterable[Pdo], ...] = (PDO_MAP,) * len(AXIS_NAMES),
 ) -> float:
@@ -55,6 +55,11 @@ def bus_load(
 
     SYNC, the PDOs of all axes, all heartbeats, and SDO exchanges as fast as they can be.
 
+    Raises
+    ------
+    ParameterError
+        It is above `MAX_BUS_LOAD`.
+
     """
     answers = sum(
         frame_bits(pdo.codec.size) / transmission_type(pdo, settings.rate)
@@ -62,23 +67,7 @@ def bus_load(
     cyclic = settings.rate * (frame_bits(0) + answers)
     heartbeats = (len(maps) + 1) / settings.heartbeat_period * frame_bits(_HEARTBEAT_BYTES)
     sdo = min(settings.rate, _FASTEST_SDO) * 2 * frame_bits(_SDO_BYTES)
-    return (cyclic + heartbeats + sdo) / bitrate
-
-
-def check_bus_load(
-    settings: ControllerSettings, bitrate: int,
-    maps: tuple[Iterable[Pdo], ...] = (PDO_MAP,) * len(AXIS_NAMES),
-) -> float:
-    """
-    Return the load.
-
-    Raises
-    ------
-    ParameterError
-        It is above `MAX_BUS_LOAD`.
-
-    """
-    load = bus_load(settings, bitrate, maps)
+    load = (cyclic + heartbeats + sdo) / bitrate
     if load > MAX_BUS_LOAD:
         raise ParameterError(
             f'bus load = {100 * load:.0f} % at {settings.rate} Hz and {bitrate} bit/s is '

@@ -17,7 +17,6 @@ from facade_manipulator.drives.canopen.bus import (
 from facade_manipulator.drives.canopen.link import BusSettings, check_link, open_bus
 from facade_manipulator.drives.canopen.pdo import PDO_MAP
 from facade_manipulator.drives.controller.bus_load import (
-    bus_load,
     check_bus_load,
     frame_bits,
     transmission_type,
@@ -241,7 +240,7 @@ def test_a_frame_of_eight_bytes_has_at_most_135_bits():
 
 @pytest.mark.parametrize(('rate', 'percent'), [(100, 16), (200, 31)])
 def test_the_load_is_what_the_bus_was_designed_for(rate, percent):
-    assert round(100 * bus_load(ControllerSettings(rate=rate), MEGABIT)) == percent
+    assert round(100 * check_bus_load(ControllerSettings(rate=rate), MEGABIT)) == percent
 
 
 @pytest.mark.parametrize('rate', [10, 50, 100, 125, 200, 250, 500])

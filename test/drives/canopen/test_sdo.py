@@ -124,7 +124,7 @@ def test_answers_that_nobody_waits_for_do_not_pile_up(pump):
     pump.expect()
     pump.answer(VALUE)
     job.result(5.0)
-    assert pump.channel._client.responses.qsize() <= network._LONGEST_QUEUE
+    assert pump.channel.responses.qsize() <= network._LONGEST_QUEUE
 
 
 @pytest.mark.parametrize('data', [b'', b'\x43', VALUE[:7]])
@@ -149,7 +149,7 @@ def test_the_eds_knows_the_size_of_an_object():
     assert channel.size(0x6040, 0) == 2
     assert channel.size(0x6098, 0) == 1
     assert channel.size(0x5FFF, 0) is None
-    assert isinstance(channel._client.od, canopen.ObjectDictionary)
+    assert isinstance(channel.od, canopen.ObjectDictionary)
 
 
 def test_segments_without_an_end_are_a_time_out(pump):
