@@ -35,19 +35,10 @@ class ChannelClosedError(ChannelError):
 
 
 class Message(NamedTuple):
-    """
-    A message as received: what it is about, and its content still packed.
-
-    Attributes
-    ----------
-    kind : str
-    packed : bytes
-        Of many states only some are looked at, and unpacked for it.
-
-    """
+    """A message as received: what it is about, and its content still packed."""
 
     kind: str
-    packed: bytes
+    packed: bytes  #: of many states only some are looked at, and unpacked for it
 
     @property
     def content(self) -> tuple:

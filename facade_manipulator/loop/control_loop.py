@@ -85,27 +85,15 @@ class LoopSetup:
 
 
 class StreamStatus(NamedTuple):
-    """
-    How the setpoints are followed; see `facade_manipulator.motion.SetpointFollower`.
-
-    Attributes
-    ----------
-    activity : str
-    limited_cycles, brakes : int
-    last_brake : str
-    margins : tuple of float
-        1st and 50th percentile of how early setpoints come [s]; empty before the first.
-    dropped : int
-        States that did not fit into the channel, because the node was busy.
-
-    """
+    """How the setpoints are followed; see `facade_manipulator.motion.SetpointFollower`."""
 
     activity: str = 'holding'
     limited_cycles: int = 0
     brakes: int = 0
     last_brake: str = ''
+    #: 1st and 50th percentile of how early setpoints come [s]; empty before the first
     margins: tuple[float, ...] = ()
-    dropped: int = 0
+    dropped: int = 0  #: states that did not fit into the channel, because the node was busy
 
 
 class ControlLoop:

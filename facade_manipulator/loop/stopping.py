@@ -34,42 +34,19 @@ ROUNDING = 1e-9  # m
 
 
 class Failure(NamedTuple):
-    """
-    What may happen to one of the three.
+    """What may happen to one of the three."""
 
-    Attributes
-    ----------
-    name : str
-        As an operator reads it.
-    delay : float
-        How long the others go on [s].
-
-    """
-
-    name: str
-    delay: float
+    name: str  #: as an operator reads it
+    delay: float  #: how long the others go on [s]
 
 
 class Outcome(NamedTuple):
-    """
-    How a failure ends at worst.
-
-    Attributes
-    ----------
-    name : str
-    distance : float
-        Least distance of two neighbours [m].
-    speed : float
-        Limit of speed up to which nothing touches [m/s].
-    gap : float
-        carriage_gap with which nothing would touch at the present limits [m].
-
-    """
+    """How a failure ends at worst."""
 
     name: str
-    distance: float
-    speed: float
-    gap: float
+    distance: float  #: least distance of two neighbours [m]
+    speed: float  #: limit of speed up to which nothing touches [m/s]
+    gap: float  #: carriage_gap with which nothing would touch at the present limits [m]
 
 
 class StoppingAnalysis:

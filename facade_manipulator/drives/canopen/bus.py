@@ -53,24 +53,12 @@ class Condition(IntEnum):
 
 
 class Frame(NamedTuple):
-    """
-    A standard data frame as received.
-
-    Attributes
-    ----------
-    cob_id : int
-    data : bytes
-    time : float
-        When it came, on the monotonic clock [s].
-    stamp : float
-        The same on the system clock [s].
-
-    """
+    """A standard data frame as received."""
 
     cob_id: int
     data: bytes
-    time: float
-    stamp: float
+    time: float  #: when it came, on the monotonic clock [s]
+    stamp: float  #: the same on the system clock [s]
 
 
 class BusStatistics(NamedTuple):

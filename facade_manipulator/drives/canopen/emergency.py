@@ -25,26 +25,12 @@ class Reaction(Enum):
 
 
 class Fault(NamedTuple):
-    """
-    What a fault means.
+    """What a fault means."""
 
-    Attributes
-    ----------
-    message : str
-        What happened, without the code.
-    reaction : Reaction
-        What the group of drives does.
-    home_again : bool
-        Whether the drive's position can no longer be trusted.
-    remedy : str
-        What the operator does about it before the drives are asked again.
-
-    """
-
-    message: str
-    reaction: Reaction
-    home_again: bool
-    remedy: str
+    message: str  #: what happened, without the code
+    reaction: Reaction  #: what the group of drives does
+    home_again: bool  #: whether the drive's position can no longer be trusted
+    remedy: str  #: what the operator does about it before the drives are asked again
 
 
 class Emergency(NamedTuple):

@@ -84,28 +84,13 @@ class MappedObject(NamedTuple):
 
 @dataclass(frozen=True)
 class Pdo:
-    """
-    A process data object of the map.
+    """A process data object of the map."""
 
-    Parameters
-    ----------
-    name : str
-        'RPDO1', 'TPDO1', … as an operator reads it.
-    number : int
-        1 to 4.
-    is_transmitted : bool
-        Whether the drive sends it (a TPDO).
-    transmission : int
-        Transmission type: every n-th SYNC.
-    content : tuple of MappedObject
-        The objects in it, in order; empty for one that is only ever disabled.
-
-    """
-
-    name: str
-    number: int
-    is_transmitted: bool
-    transmission: int = 1
+    name: str  #: 'RPDO1', 'TPDO1', … as an operator reads it
+    number: int  #: 1 to 4
+    is_transmitted: bool  #: whether the drive sends it (a TPDO)
+    transmission: int = 1  #: transmission type: every n-th SYNC
+    #: the objects in it, in order; empty for one that is only ever disabled
     content: tuple[MappedObject, ...] = ()
 
     @cached_property

@@ -19,64 +19,31 @@ _ANY_STATE = frozenset(State)
 
 
 class Feedback(NamedTuple):
-    """
-    What one drive last sent.
-
-    Attributes
-    ----------
-    statusword : int
-    mode : int
-        Mode of operation display 6061.
-    at_rest : bool
-        Whether the carriage stands still.
-    error_code : int
-        Last error code of an emergency message or of 603F; 0 for none.
-    home_error : float
-        While homing: how far the actual position is from the home position [m], 0 where that is
-        as exact as the homing method.
-    missed_cycles : int
-        For how many cycles in a row the drive has sent nothing: all else is as old as that.
-
-    """
+    """What one drive last sent."""
 
     statusword: int
-    mode: int = Mode.CYCLIC_SYNCHRONOUS_POSITION
-    at_rest: bool = True
-    error_code: int = 0
+    mode: int = Mode.CYCLIC_SYNCHRONOUS_POSITION  #: mode of operation display 6061
+    at_rest: bool = True  #: whether the carriage stands still
+    error_code: int = 0  #: last error code of an emergency message or of 603F; 0 for none
+    #: while homing: how far the actual position is from the home position [m], 0 where that is as
+    #: exact as the homing method
     home_error: float = 0.0
+    #: for how many cycles in a row the drive has sent nothing: all else is as old as that
     missed_cycles: int = 0
 
 
 class Step(NamedTuple):
-    """
-    A step of the state machine.
+    """A step of the state machine."""
 
-    Attributes
-    ----------
-    purpose : str
-        What it is for, as in "q2 did not *switch on*".
-    controlword : int
-    goal : frozenset of State
-        Where the drive shall be.
-    via : frozenset of State
-        Where it may be until it is there.
-    mode : int or None
-        Mode of operation to command, and to see displayed before the step is done; None for a
-        step that does not care.
-    to_rest : bool
-        Whether the step is done only when the carriage stands still.
-    min_cycles : int
-        Fewest cycles that the step lasts.
-
-    """
-
-    purpose: str
+    purpose: str  #: what it is for, as in "q2 did not *switch on*"
     controlword: int
-    goal: frozenset[State]
-    via: frozenset[State] = frozenset()
+    goal: frozenset[State]  #: where the drive shall be
+    via: frozenset[State] = frozenset()  #: where it may be until it is there
+    #: mode of operation to command, and to see displayed before the step is done; None for a step
+    #: that does not care
     mode: int | None = Mode.CYCLIC_SYNCHRONOUS_POSITION
-    to_rest: bool = False
-    min_cycles: int = 1
+    to_rest: bool = False  #: whether the step is done only when the carriage stands still
+    min_cycles: int = 1  #: fewest cycles that the step lasts
 
 
 def _states(*states: State) -> frozenset[State]:

@@ -16,41 +16,20 @@ NOT_RESPONDING_REMEDY = 'switch the power of the drives off, find out why'
 
 @dataclass(frozen=True)
 class Cause:
-    """
-    Why the group stopped.
+    """Why the group stopped."""
 
-    Attributes
-    ----------
-    message : str
-        What happened.
-    remedy : str
-        What somebody does about it before the requests of `next_step`; ``''`` for nothing.
-    axis : str
-        Which axis it comes from; ``''`` for none of them.
-    cut_power : bool
-        Whether the drives lose power once they stand still.
-    configure_again : bool
-        Whether clearing is not enough: the drives must be configured again.
-    home_again : bool
-        Whether a position is lost.
-    is_vague : bool
-        Whether a further cause of the same axis says more.
-    is_silence : bool
-        Whether nothing was received from the drive, which a restart would explain.
-    is_restart : bool
-        Whether the drive has restarted.
-
-    """
-
-    message: str
+    message: str  #: what happened
+    #: what somebody does about it before the requests of `next_step`; ``''`` for nothing
     remedy: str = CLEAR_REMEDY
-    axis: str = ''
-    cut_power: bool = False
+    axis: str = ''  #: which axis it comes from; ``''`` for none of them
+    cut_power: bool = False  #: whether the drives lose power once they stand still
+    #: whether clearing is not enough: the drives must be configured again
     configure_again: bool = False
-    home_again: bool = False
-    is_vague: bool = False
+    home_again: bool = False  #: whether a position is lost
+    is_vague: bool = False  #: whether a further cause of the same axis says more
+    #: whether nothing was received from the drive, which a restart would explain
     is_silence: bool = False
-    is_restart: bool = False
+    is_restart: bool = False  #: whether the drive has restarted
 
     def __str__(self) -> str:
         return f'{self.message}; next: {self.next_step}'

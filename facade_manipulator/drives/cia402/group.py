@@ -40,26 +40,12 @@ class AxisCommand(NamedTuple):
 
 @dataclass(frozen=True)
 class GroupSettings:
-    """
-    Time-outs and counts of the group.
+    """Time-outs and counts of the group."""
 
-    Attributes
-    ----------
-    step_timeout : float
-        Longest time for one step [s].
-    ramp_timeout : float
-        Longest time to come to rest on the path [s].
-    hold_cycles : int
-        Cycles to hold after power-on before targets are followed.
-    max_resets : int
-        Fault resets allowed within a minute.
-
-    """
-
-    step_timeout: float = 1.0
-    ramp_timeout: float = 5.0
-    hold_cycles: int = 20
-    max_resets: int = 3
+    step_timeout: float = 1.0  #: longest time for one step [s]
+    ramp_timeout: float = 5.0  #: longest time to come to rest on the path [s]
+    hold_cycles: int = 20  #: cycles to hold after power-on before targets are followed
+    max_resets: int = 3  #: fault resets allowed within a minute
 
 
 class Group:

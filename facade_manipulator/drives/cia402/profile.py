@@ -72,43 +72,21 @@ class Quirks:
 
 @dataclass(frozen=True)
 class DriveProfile:
-    """
-    A drive type.
+    """A drive type."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the profile's file without its ending.
-    description : str
-        What an operator reads.
-    eds : pathlib.Path
-        Its electronic data sheet.
-    velocity_unit, motor_speed_unit : str
-        Keys of `facade_manipulator.drives.cia402.units.VELOCITY_UNITS`; that of 6080h differs
-        between makers.
-    homing_methods : tuple of int
-        Homing methods that it supports.
-    quirks : Quirks
-        Departures from the standard.
-    objects : tuple of ProfileObject
-        What is written at configure, in this order.
-    vendor_id : int or None
-        Whose drives these are (1018h:1); None for no particular maker's.
-    pdos : tuple of Pdo
-        The process data in use.
-
-    """
-
-    name: str
-    description: str
-    eds: Path
+    name: str  #: name of the profile's file without its ending
+    description: str  #: what an operator reads
+    eds: Path  #: its electronic data sheet
+    #: this and the next: keys of `facade_manipulator.drives.cia402.units.VELOCITY_UNITS`; that of
+    #: 6080h differs between makers
     velocity_unit: str
     motor_speed_unit: str
-    homing_methods: tuple[int, ...]
-    quirks: Quirks
-    objects: tuple[ProfileObject, ...]
+    homing_methods: tuple[int, ...]  #: homing methods that it supports
+    quirks: Quirks  #: departures from the standard
+    objects: tuple[ProfileObject, ...]  #: what is written at configure, in this order
+    #: whose drives these are (1018h:1); None for no particular maker's
     vendor_id: int | None = None
-    pdos: tuple[Pdo, ...] = PDO_MAP
+    pdos: tuple[Pdo, ...] = PDO_MAP  #: the process data in use
 
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object that takes a quantity, None if none does."""

@@ -23,24 +23,12 @@ VELOCITY_UNITS = {
 
 
 class Measured(NamedTuple):
-    """
-    What a drive measures, of the carriage along the rail; None for what it does not send.
+    """What a drive measures, of the carriage along the rail; None for what it does not send."""
 
-    Attributes
-    ----------
-    position, velocity : float or None
-        [m, m/s]
-    force : float or None
-        That of the motor's torque [N].
-    following_error : float or None
-        Demand minus actual position [m].
-
-    """
-
-    position: float | None = None
-    velocity: float | None = None
-    force: float | None = None
-    following_error: float | None = None
+    position: float | None = None  #: [m]
+    velocity: float | None = None  #: [m/s]
+    force: float | None = None  #: that of the motor's torque [N]
+    following_error: float | None = None  #: demand minus actual position [m]
 
 
 @settings

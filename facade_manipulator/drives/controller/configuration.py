@@ -37,26 +37,14 @@ _LARGEST_UNSIGNED = 0xFFFFFFFF
 
 
 class Write(NamedTuple):
-    """
-    One object to write.
-
-    Attributes
-    ----------
-    index, subindex, value : int
-    size : int or None
-        Bytes; None for what the drive's object dictionary says.
-    required : bool
-        Whether a drive without the object is rejected.
-    compared : int
-        Mask of the bits that must be read back as written; 0 for an intermediate value.
-
-    """
+    """One object to write."""
 
     index: int
     subindex: int
     value: int
-    size: int | None = None
-    required: bool = True
+    size: int | None = None  #: bytes; None for what the drive's object dictionary says
+    required: bool = True  #: whether a drive without the object is rejected
+    #: mask of the bits that must be read back as written; 0 for an intermediate value
     compared: int = _LARGEST_UNSIGNED
 
     def __str__(self) -> str:
@@ -274,23 +262,12 @@ def verify_objects(drive: SdoChannel, writes: list[Write]) -> None:
 
 
 class Deviations(NamedTuple):
-    """
-    What is not as it is to be written.
+    """What is not as it is to be written."""
 
-    Attributes
-    ----------
-    lacking : list of str
-        What writing does not help: no such object, or one too small for the value.
-    different : list of (Write, str)
-        Objects of another value, with a message.
-    skipped : list of Write
-        Optional objects that the drive does not have.
-
-    """
-
+    #: what writing does not help: no such object, or one too small for the value
     lacking: list[str]
-    different: list[tuple[Write, str]]
-    skipped: list[Write]
+    different: list[tuple[Write, str]]  #: objects of another value, with a message
+    skipped: list[Write]  #: optional objects that the drive does not have
 
 
 def compare_objects(drive: SdoChannel, writes: list[Write]) -> Deviations:

@@ -28,37 +28,19 @@ LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 
 
 class CycleStatistics(NamedTuple):
-    """
-    Counters of the cycle.
+    """Counters of the cycle."""
 
-    Attributes
-    ----------
-    cycles : int
-        SYNCs answered by a step of the control loop.
-    incomplete : int
-        Cycles in which a drive's answer was missing.
-    late : int
-        Cycles whose commands came later than COMMANDS_DUE; when the kernel sends SYNC they were
-        not sent, and the drives held one point.
-    skipped : int
-        Periods that passed without a SYNC.
-    unexpected : int
-        SYNCs that came too early to be the kernel's: somebody else sends them.
-    lateness : tuple of int
-        Histogram of the time from SYNC to the step: one bin below each of LATENESS_BOUNDS [s],
-        one beyond the last.
-    worst : float
-        Longest time from SYNC to the step [s].
-
-    """
-
-    cycles: int = 0
-    incomplete: int = 0
+    cycles: int = 0  #: SYNCs answered by a step of the control loop
+    incomplete: int = 0  #: cycles in which a drive's answer was missing
+    #: cycles whose commands came later than COMMANDS_DUE; when the kernel sends SYNC they were not
+    #: sent, and the drives held one point
     late: int = 0
-    skipped: int = 0
-    unexpected: int = 0
+    skipped: int = 0  #: periods that passed without a SYNC
+    unexpected: int = 0  #: SYNCs that came too early to be the kernel's: somebody else sends them
+    #: histogram of the time from SYNC to the step: one bin below each of LATENESS_BOUNDS [s], one
+    #: beyond the last
     lateness: tuple[int, ...] = (0,) * (len(LATENESS_BOUNDS) + 1)
-    worst: float = 0.0
+    worst: float = 0.0  #: longest time from SYNC to the step [s]
 
 
 class CycleClock:

@@ -40,71 +40,34 @@ POWERED_STATES = ACTIVE_STATES | {ControllerState.HOMING}
 
 
 class JointStates(NamedTuple):
-    """
-    The three carriages at one SYNC.
+    """The three carriages at one SYNC."""
 
-    Parameters
-    ----------
-    stamp : float
-        Time of the SYNC on the system clock [s].
-    positions, velocities, forces : tuple of float, shape (3,)
-        [m, m/s, N]; a velocity or force that was never received is 0.
-
-    """
-
-    stamp: float
+    stamp: float  #: time of the SYNC on the system clock [s]
+    #: [m, m/s, N]; a velocity or force that was never received is 0
     positions: Triple
     velocities: Triple
     forces: Triple
 
 
 class AxisSnapshot(NamedTuple):
-    """
-    One axis, in SI units; what was never received is None.
-
-    Attributes
-    ----------
-    name : str
-    node_id : int
-    statusword : int or None
-        6041h.
-    position, velocity, force : float or None
-        Of the carriage along the rail; the force is that of the motor's torque [m, m/s, N].
-    following_error : float or None
-        Demand minus actual position [m].
-    digital_inputs : int or None
-        60FDh.
-    homed : bool
-    error_code : int
-        Last error code, 0 for none.
-    heartbeat_age : float or None
-        [s]
-    is_silent : bool
-        Whether the drive no longer answers: what is known of it is old.
-    missed : int
-        SYNCs that the drive did not answer.
-    serial_number : int or None
-        As read at configure.
-    target : float or None
-        Commanded position [m] while the drives follow.
-
-    """
+    """One axis, in SI units; what was never received is None."""
 
     name: str
     node_id: int
-    statusword: int | None = None
+    statusword: int | None = None  #: 6041h
+    #: of the carriage along the rail; the force is that of the motor's torque [m, m/s, N]
     position: float | None = None
     velocity: float | None = None
     force: float | None = None
-    following_error: float | None = None
-    digital_inputs: int | None = None
+    following_error: float | None = None  #: demand minus actual position [m]
+    digital_inputs: int | None = None  #: 60FDh
     homed: bool = False
-    error_code: int = 0
-    heartbeat_age: float | None = None
-    missed: int = 0
-    serial_number: int | None = None
-    target: float | None = None
-    is_silent: bool = False
+    error_code: int = 0  #: last error code, 0 for none
+    heartbeat_age: float | None = None  #: [s]
+    missed: int = 0  #: SYNCs that the drive did not answer
+    serial_number: int | None = None  #: as read at configure
+    target: float | None = None  #: commanded position [m] while the drives follow
+    is_silent: bool = False  #: whether the drive no longer answers: what is known of it is old
 
     @property
     def state(self) -> State | None:
@@ -121,41 +84,18 @@ class AxisSnapshot(NamedTuple):
 
 
 class ControllerSnapshot(NamedTuple):
-    """
-    The controller and its axes at one cycle.
-
-    Attributes
-    ----------
-    state : ControllerState
-    stamp : float or None
-        When the drives sampled the positions (SYNC), on the system clock [s].
-    axes : tuple of AxisSnapshot
-        In the order q1, q2, q3.
-    causes : tuple of Cause
-        Why the drives are stopped, the first cause first.
-    next_step : str
-        What the operator does about it.
-    notes : tuple of str
-        What was skipped or rejected without stopping anything.
-    cycle : CycleStatistics
-    bus : BusStatistics
-    bus_error : str
-        Why the bus is not open, ``''`` if it is.
-    bus_load : float
-        Worst-case share of the bus.
-
-    """
+    """The controller and its axes at one cycle."""
 
     state: ControllerState
-    stamp: float | None
-    axes: tuple[AxisSnapshot, ...]
-    causes: tuple[Cause, ...] = ()
-    next_step: str = ''
-    notes: tuple[str, ...] = ()
+    stamp: float | None  #: when the drives sampled the positions (SYNC), on the system clock [s]
+    axes: tuple[AxisSnapshot, ...]  #: in the order q1, q2, q3
+    causes: tuple[Cause, ...] = ()  #: why the drives are stopped, the first cause first
+    next_step: str = ''  #: what the operator does about it
+    notes: tuple[str, ...] = ()  #: what was skipped or rejected without stopping anything
     cycle: CycleStatistics = CycleStatistics()
     bus: BusStatistics = BusStatistics()
-    bus_error: str = ''
-    bus_load: float = 0.0
+    bus_error: str = ''  #: why the bus is not open, ``''`` if it is
+    bus_load: float = 0.0  #: worst-case share of the bus
 
     @property
     def cause(self) -> str:

@@ -74,27 +74,16 @@ def allow_anything(*_: object) -> None:
 
 @dataclass(frozen=True)
 class MechanismChecks:
-    """
-    What the three drives move.
+    """What the three drives move."""
 
-    Attributes
-    ----------
-    source : TargetSource
-        Asked for targets once a cycle while active, in the control thread.
-    check_targets : callable
-        Takes three positions [m], raises a ManipulatorError where the mechanism must not be.
-    check_homing : callable
-        Takes three positions [m] and which axes are homed, called in each cycle of homing;
-        raises a ManipulatorError when carriages or links come too close.
-    check_actual : callable
-        Takes the three measured positions [m], called in each cycle while targets are followed;
-        raises a ManipulatorError where the carriages are not what the mechanism allows.
-
-    """
-
-    source: TargetSource
+    source: TargetSource  #: asked for targets once a cycle while active, in the control thread
+    #: takes three positions [m], raises a ManipulatorError where the mechanism must not be
     check_targets: TargetCheck = allow_anything
+    #: takes three positions [m] and which axes are homed, called in each cycle of homing; raises a
+    #: ManipulatorError when carriages or links come too close
     check_homing: HomingCheck = allow_anything
+    #: takes the three measured positions [m], called in each cycle while targets are followed;
+    #: raises a ManipulatorError where the carriages are not what the mechanism allows
     check_actual: TargetCheck = allow_anything
 
 

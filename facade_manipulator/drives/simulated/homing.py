@@ -37,24 +37,13 @@ class HomingFailed(Exception):
 
 @dataclass(frozen=True)
 class HomingSettings:
-    """
-    What a search takes from the objects of the drive.
+    """What a search takes from the objects of the drive."""
 
-    Parameters
-    ----------
-    fast, slow : float
-        Speeds towards the switch and for finding the edge, in counts/s.
-    acceleration : float
-        In counts/s².
-    threshold : float
-        Torque that means a hard stop, in thousandths of the rated torque.
-
-    """
-
+    #: speeds towards the switch and for finding the edge, in counts/s
     fast: float
     slow: float
-    acceleration: float
-    threshold: float
+    acceleration: float  #: in counts/s²
+    threshold: float  #: torque that means a hard stop, in thousandths of the rated torque
 
 
 def _here(motor: SimulatedMotor, settings: HomingSettings) -> Search:
