@@ -31,12 +31,11 @@ from facade_manipulator.prediction import (  # noqa: E402
 from facade_manipulator.simulation import load_scenario, Scenario  # noqa: E402
 from facade_manipulator.simulation.bench.__main__ import PLAIN, with_seed  # noqa: E402
 from facade_manipulator.simulation.bench.comparison import (  # noqa: E402
-    BEFORE,
+    comparison,
     draw_comparison,
     figures,
     LEARNT,
-    PREDICTIONS,
-    rows,
+    put_beside,
     WITHOUT_ANY,
 )
 from facade_manipulator.simulation.estimator import EstimatorSettings  # noqa: E402
@@ -54,6 +53,7 @@ STEP = 0.01  # s
 PERIOD = 0.09  # s, in which errors change little
 UNBOUNDED = PredictionSettings(  # of motions over metres, most of which is drawn towards the mean
     acceleration=(100.0, 100.0, 100.0), speed=(100.0, 100.0, 100.0))
+ONES = (1.0, 1.0, 1.0)
 TITLES = tuple(f'{axis} [σ of the estimates]' for axis in ('x', 'y', 'θ'))
 
 
@@ -252,33 +252,31 @@ def is_good(case: Case, found: Found) -> bool:
                 and INSIDE[0] < found.inside.mean() < INSIDE[1])
 
 
-def judge(name: str, options: argparse.Namespace) -> tuple[bool, dict[str, list[float]]]:
-    """Soak one case by all seeds; return whether all are good, and the RMS by prediction."""
+def judge(name: str, options: argparse.Namespace) -> dict:
+    """Soak one case by all seeds; return what the report says of it."""
     case, seeds = CASES[name], range(options.seed, options.seed + options.seeds)
     trials = [soak(case, options.duration, seed, options.beside) for seed in seeds]
-    good = all(is_good(case, found) for found in trials)
-    rms = {key: np.sqrt(np.mean([found.squares[key] for found in trials], axis=0)).tolist()
-           for key in trials[0].squares}
-    inside = 100.0 * np.mean([found.inside for found in trials], axis=0)
-    print(f'{name:28} {figures(rms[LEARNT]):22} of {figures(rms[WITHOUT_ANY]):22} worst '
-          f'{max(found.worst for found in trials):5.1f}  {figures(inside)} % inside'
-          f'{"" if good else "  NOT GOOD"}', flush=True)
-    return good, rms
+    found = {
+        'good': all(is_good(case, found) for found in trials),
+        'worst': max(found.worst for found in trials),
+        'rms': {key: np.sqrt(np.mean([found.squares[key] for found in trials], axis=0)).tolist()
+                for key in trials[0].squares},
+        'within_two_deviations': np.mean([found.inside for found in trials], axis=0).tolist()}
+    print(f'{name:28} {figures(found["rms"][LEARNT], ONES):22} worst {found["worst"]:.1f}'
+          f'{"" if found["good"] else "  NOT GOOD"}', flush=True)
+    return found
 
 
 def write(folder: Path, cases: dict[str, dict], before: Path | None) -> None:
     """Write the report, and print it as a table."""
     if before:
-        for name, rms in json.loads(before.read_text()).items():
-            cases.get(name, {})[BEFORE] = rms[LEARNT]
+        put_beside(cases, json.loads(before.read_text()))
     folder.mkdir(parents=True, exist_ok=True)
     (folder / 'prediction.json').write_text(json.dumps(cases, indent=2) + '\n')
-    shown = [key for key in PREDICTIONS if any(key in rms for rms in cases.values())]
-    print(*rows(('case', *(PREDICTIONS[key][0] for key in shown)), (
-        (name, *(figures(rms.get(key)) for key in shown)) for name, rms in cases.items())),
-        sep='\n')
-    draw_comparison(folder / 'prediction.png', cases, TITLES,
+    draw_comparison(folder / 'prediction.png', cases, ONES, TITLES,
                     'Error of the prediction, one horizon ahead (RMS)')
+    print('\nRMS by standard deviation of the estimates, x / y / theta',
+          *comparison(cases, ONES, in_percent=False), sep='\n')
 
 
 def main() -> int:
@@ -293,8 +291,8 @@ def main() -> int:
     parser.add_argument('--output', type=Path, default=Path('soak_report'))
     options = parser.parse_args()
     found = {name: judge(name, options) for name in options.case or CASES}
-    write(options.output, {name: rms for name, (_, rms) in found.items()}, options.before)
-    good = all(good for good, _ in found.values())
+    write(options.output, found, options.before)
+    good = all(case['good'] for case in found.values())
     print('good' if good else 'NOT GOOD')
     return 0 if good else 1
 

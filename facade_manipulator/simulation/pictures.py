@@ -115,7 +115,7 @@ def draw_spectra(
             (without, WITHOUT, 'without compensation'), (error, WITH, 'error on the wall')):
         panel.loglog(frequencies, spectrum, color=colour, lw=1.0, label=text)
     panel.set_xlim(LOWEST, HIGHEST)
-    panel.set_ylim(1e-4, 300.0)
+    panel.set_ylim(1e-4, 1e3)
     panel.legend(fontsize=8)
     label(panel, 'frequency [Hz]', what)
 

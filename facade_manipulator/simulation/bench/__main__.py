@@ -23,12 +23,10 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.prediction import DisturbancePredictor
 from facade_manipulator.simulation.bench.comparison import (
-    BEFORE,
+    comparison,
     draw_comparison,
-    figures,
     LEARNT,
-    PREDICTIONS,
-    rows,
+    put_beside,
     WITHOUT_ANY,
 )
 from facade_manipulator.simulation.bench.pictures import draw_forces, draw_scenario, draw_sweep
@@ -48,7 +46,7 @@ from facade_manipulator.simulation.scenario import (
     scenario_names,
 )
 from facade_manipulator.simulation.sway import Sway, SwaySettings
-from facade_manipulator.simulation.wall import AXES, SCALES, UNITS
+from facade_manipulator.simulation.wall import AXES, SCALES
 
 HEAD_START = 1.0
 CONTACT_BEGINS = 20.0  # s: approach and ramp are over
@@ -215,16 +213,8 @@ def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
 
 def table(results: dict) -> Iterator[str]:
     """Yield the lines that a person reads."""
-    yield f'Left of the disturbance, {" / ".join(AXES)}, RMS; errors within two deviations'
-    shown = [name for name in PREDICTIONS if name != WITHOUT_ANY and any(
-        name in result['rms'] for result in results['scenarios'].values())]
-    yield from rows(
-        ('scenario', f'disturbance [{", ".join(UNITS)}]',
-         *(f'{PREDICTIONS[name][0]} [%]' for name in shown), 'within 2 σ [%]'),
-        ((name, figures(result['rms'][WITHOUT_ANY], SCALES),
-          *(figures(shares(result['rms'], model)) for model in shown),
-          figures(result['within_two_deviations'], 3 * (100.0,)))
-         for name, result in results['scenarios'].items()))
+    yield f'Left of the disturbance in %, {" / ".join(AXES)}, RMS; errors within two deviations'
+    yield from comparison(results['scenarios'], SCALES, in_percent=True)
     for name, result in results['scenarios'].items():
         step, force = result['max_step'], result['contact_force']
         yield (f'{name:26}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
@@ -240,13 +230,6 @@ def table(results: dict) -> Iterator[str]:
         f'{item["frequency_hz"]:g} Hz {100 * item["ratio"]:.0f}%' for item in results['sweep'])
 
 
-def shares(rms: dict[str, list], name: str) -> list[float | None] | None:
-    """Return what a prediction leaves in percent of the disturbance, None if it was not run."""
-    return None if name not in rms else [
-        None if whole is None else 100.0 * part / whole
-        for part, whole in zip(rms[name], rms[WITHOUT_ANY], strict=True)]
-
-
 def _report(output: Path, name: str, scenario: Scenario, seeds: int) -> dict:
     """Evaluate a scenario and draw it."""
     result, run = evaluate(scenario, seeds)
@@ -254,12 +237,6 @@ def _report(output: Path, name: str, scenario: Scenario, seeds: int) -> dict:
     title = f'{name}: {scenario.mission.description}'
     draw_scenario(output / f'{name}.png', title, run.steps, force and force['desired'])
     return result
-
-
-def put_beside(results: dict, before: dict) -> None:
-    """Put what an earlier report says of the same scenarios beside."""
-    for name in results['scenarios'].keys() & before['scenarios'].keys():
-        results['scenarios'][name]['rms'][BEFORE] = before['scenarios'][name]['rms'][LEARNT]
 
 
 def main(args: list[str] | None = None) -> int:
@@ -279,17 +256,15 @@ def main(args: list[str] | None = None) -> int:
             name: _report(output, Path(name).stem, scenario, options.seeds)
             for name, scenario in scenarios.items()}, 'sweep': sweep()}
         if options.before:
-            put_beside(results, json.loads(options.before.read_text()))
+            put_beside(results['scenarios'], json.loads(
+                options.before.read_text())['scenarios'])
     except (ManipulatorError, OSError, ValueError) as error:
         print(error, file=sys.stderr)
         return 2
     draw_sweep(output / 'sweep.png', results['sweep'])
     draw_forces(output / 'forces.png')
-    draw_comparison(output / 'predictions.png', {
-        name: {key: [part and scale * part for part, scale in zip(rms, SCALES, strict=True)]
-               for key, rms in result['rms'].items()}
-        for name, result in results['scenarios'].items()}, TITLES,
-        'Error of the head on the wall by prediction (RMS)')
+    draw_comparison(output / 'predictions.png', results['scenarios'], SCALES, TITLES,
+                    'Error of the head on the wall by prediction (RMS)')
     (output / 'compensation.json').write_text(json.dumps(results, indent=2) + '\n')
     print(*table(results), sep='\n')
     return 0

@@ -1,12 +1,13 @@
 """
 Predictions side by side: how they are named, as a table and as a picture.
 
-What is left is given by case, prediction and axis (x, y, θ), None where it does not count.
+A case is a dict: ``rms`` is what is left by prediction and axis (x, y, θ), None where it does not
+count; ``within_two_deviations`` the share of the learnt prediction's errors, by axis.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from matplotlib.figure import Figure
@@ -31,30 +32,52 @@ PREDICTIONS = {  # as people read them, colour and mark in the picture, from wor
     'known': ('disturbance known', '#56b4e9', '+'),
 }
 Cells = Sequence[float | None]  # of the axes
+Cases = dict[str, dict]
 
 
-def rows(header: Sequence[str], lines: Iterable[Sequence[str]]) -> Iterator[str]:
-    """Yield the lines of a Markdown table whose columns stand below one another."""
-    lines = [header, *lines]
+def put_beside(cases: Cases, earlier: Cases) -> None:
+    """Put what an earlier report says of the same cases beside."""
+    for name in cases.keys() & earlier.keys():
+        cases[name]['rms'][BEFORE] = earlier[name]['rms'][LEARNT]
+
+
+def comparison(cases: Cases, scales: Cells, in_percent: bool) -> Iterator[str]:
+    """
+    Yield the lines of a Markdown table whose columns stand below one another.
+
+    Parameters
+    ----------
+    cases : dict
+    scales : sequence of float
+        From the unit of the axes to the one in which people read them.
+    in_percent : bool
+        Whether what is left is a share of what is without compensation.
+
+    """
+    shown = [name for name in PREDICTIONS if any(name in case['rms'] for case in cases.values())]
+    lines = [('', *(PREDICTIONS[name][0] for name in shown), 'within 2 σ [%]')]
+    for name, case in cases.items():
+        rms = dict(case['rms'])
+        whole = rms.pop(WITHOUT_ANY)
+        part = [value and 100.0 / value for value in whole] if in_percent else scales
+        lines.append((
+            name, figures(whole, scales), *(figures(rms.get(key), part) for key in shown[1:]),
+            figures(case['within_two_deviations'], (100.0, 100.0, 100.0))))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     lines.insert(1, [width * '-' for width in widths])
     for line in lines:
         yield f'| {" | ".join(map(str.ljust, line, widths))} |'
 
 
-def figures(values: Cells | None, scales: Cells = (1.0, 1.0, 1.0)) -> str:
+def figures(values: Cells | None, scales: Cells) -> str:
     """Return the values of the axes as people read them."""
     return '' if values is None else ' / '.join(
-        '–' if value is None else _figure(scale * value)
-        for value, scale in zip(values, scales, strict=True))
-
-
-def _figure(value: float) -> str:
-    return f'{value:#.3g}' if value < 100.0 else f'{value:.0f}'
+        '–' if value is None else f'{scale * value:#.3g}' if scale * value < 100.0
+        else f'{scale * value:.0f}' for value, scale in zip(values, scales, strict=True))
 
 
 def draw_comparison(
-    path: Path, cases: dict[str, dict[str, Cells]], titles: Sequence[str], title: str
+    path: Path, cases: Cases, scales: Cells, titles: Sequence[str], title: str
 ) -> None:
     """
     Draw what every prediction leaves in every case.
@@ -64,7 +87,8 @@ def draw_comparison(
     path : pathlib.Path
         PNG file to write.
     cases : dict
-        By name and prediction, in the units of the titles.
+    scales : sequence of float
+        From the unit of the axes to those of the titles.
     titles : sequence of str
         Of the three axes, units included.
     title : str
@@ -74,8 +98,9 @@ def draw_comparison(
     panels = figure.subplots(1, len(titles), sharey=True)
     for axis, (panel, text) in enumerate(zip(panels, titles, strict=True)):
         for name, (legend, colour, mark) in PREDICTIONS.items():
-            found = {row: cells[name][axis] for row, cells in enumerate(cases.values())
-                     if cells.get(name, (None,) * 3)[axis]}
+            found = {row: scales[axis] * case['rms'][name][axis]
+                     for row, case in enumerate(cases.values())
+                     if name in case['rms'] and case['rms'][name][axis]}
             if found:
                 panel.plot(found.values(), found.keys(), mark, color=colour, label=legend, ms=7,
                            mew=2.0, mfc='none' if mark in 'sv^D' else None)
