@@ -143,13 +143,6 @@ class Contact:
     """
     Shift the goal on the wall by what is measured there.
 
-    Attributes
-    ----------
-    is_idle : bool
-        Whether `shift` would change nothing: switched off, and nothing is left of before.
-    yaw : float
-        Of the head on the wall [rad], by which forces are turned.
-
     Parameters
     ----------
     lateral : LateralSettings
@@ -158,6 +151,13 @@ class Contact:
         Of y.
     yaw_impedance : YawImpedanceSettings
         Of θ.
+
+    Attributes
+    ----------
+    is_idle : bool
+        Whether `shift` would change nothing: switched off, and nothing is left of before.
+    yaw : float
+        Of the head on the wall [rad], by which forces are turned.
 
     """
 
