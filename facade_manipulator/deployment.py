@@ -18,7 +18,7 @@ import subprocess
 import sys
 from typing import NamedTuple
 
-from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.resources import config_path
 
@@ -131,15 +131,15 @@ def verify_units(folder: Path, user: bool) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     options = _options(arguments)
-    try:
-        if not NAMESPACE.fullmatch(options.namespace):
-            raise ParameterError(
-                f'namespace {options.namespace!r} is none: letters, digits and _, as gondola_1')
-        files = list(planned_files(options))
-        return _check(files, options) if options.check else _install(files, options)
-    except (ManipulatorError, OSError) as error:
-        print(f'install: {error}', file=sys.stderr)
-        return 1
+    return exit_status('install', lambda: _run(options))
+
+
+def _run(options: argparse.Namespace) -> int:
+    if not NAMESPACE.fullmatch(options.namespace):
+        raise ParameterError(
+            f'namespace {options.namespace!r} is none: letters, digits and _, as gondola_1')
+    files = list(planned_files(options))
+    return _check(files, options) if options.check else _install(files, options)
 
 
 def _check(files: list[InstalledFile], options: argparse.Namespace) -> int:

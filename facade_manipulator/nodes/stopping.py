@@ -9,14 +9,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-import sys
 from typing import Any
 
 import yaml
 
 from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
 from facade_manipulator.drives.controller import ControllerSettings
-from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import Outcome, StoppingAnalysis
 from facade_manipulator.motion import MotionLimits
@@ -35,15 +34,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         'parameters', type=Path, nargs='*',
         help='parameter files, of which later ones beat earlier ones; default: manipulator.yaml')
     files = parser.parse_args(arguments).parameters or [config_path('manipulator.yaml')]
-    try:
-        geometry, analysis = read_analysis(files)
-        for line in report(geometry, analysis):
-            print(line)
-        analysis.check()
-    except (ManipulatorError, OSError) as error:
-        print(f'stopping: {error}', file=sys.stderr)
-        return 1
-    return 0
+    return exit_status('stopping', lambda: _say(files))
+
+
+def _say(files: Sequence[Path]) -> None:
+    geometry, analysis = read_analysis(files)
+    for line in report(geometry, analysis):
+        print(line)
+    analysis.check()
 
 
 def read_analysis(files: Sequence[Path]) -> tuple[Geometry, StoppingAnalysis]:

@@ -14,11 +14,10 @@ from collections.abc import Iterable, Sequence
 import csv
 import math
 from pathlib import Path
-import sys
 
 import numpy as np
 
-from facade_manipulator.errors import CalibrationError, ManipulatorError
+from facade_manipulator.errors import CalibrationError, exit_status
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose
 from facade_manipulator.simulation.estimator import EstimatorSettings
 from facade_manipulator.simulation.estimator_recording import record_estimator, wandering
@@ -41,12 +40,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument('--folder', type=Path, default=Path('.'), help='of the other files')
     parser.add_argument('--seed', type=int, default=1, help='another seed is another machine')
     options = parser.parse_args(arguments)
-    try:
-        practise(options.poses, options.folder, options.seed)
-    except (ManipulatorError, OSError) as error:
-        print(f'practice: {error}', file=sys.stderr)
-        return 1
-    return 0
+    return exit_status(
+        'practice', lambda: practise(options.poses, options.folder, options.seed))
 
 
 def practise(poses: Path, folder: Path, seed: int) -> None:
