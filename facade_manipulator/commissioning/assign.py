@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from canopen.lss import LssError, LssMaster
 
-from facade_manipulator.commissioning.bus import read_number, ToolBus
+from facade_manipulator.commissioning.bus import BOOT_TIMEOUT, read_number, ToolBus
 from facade_manipulator.drives.canopen import NmtCommand, SdoChannel
 from facade_manipulator.errors import CommissioningError, DriveError
 
@@ -88,10 +88,10 @@ class Assignment:
                 f'a drive rejects node id {node_id} ({error}): nothing is stored; it has its old '
                 'one again after its power was off and on') from error
 
-    def verify(self, node_id: int, serial_number: int, boot_timeout: float = 5.0) -> None:
+    def verify(self, node_id: int, serial_number: int) -> None:
         """Wait for a drive's new node id; a CommissioningError if another has it, or none."""
         drive = self._bus.objects(node_id)
-        end = time.monotonic() + boot_timeout
+        end = time.monotonic() + BOOT_TIMEOUT
         while (serial := _serial(drive)) is None and time.monotonic() < end:
             time.sleep(0.05)
         if serial != serial_number:

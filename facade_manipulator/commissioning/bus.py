@@ -27,6 +27,7 @@ from facade_manipulator.drives.canopen import (
 from facade_manipulator.errors import BusError, DriveStateError, DriveTimeoutError
 
 LISTENING_TIME = 0.6  # s: the longest period of a driver's heartbeat, and something
+BOOT_TIMEOUT = 5.0  # s
 _RECEIVING = 0.05
 _NODES = range(1, MASTER_NODE_ID)
 # what only a master sends, and what it is
@@ -125,14 +126,14 @@ class ToolBus:
         self.network.subscribers[LssMaster.LSS_RX_COBID] = [master.on_message_received]
         return master
 
-    def reset(self, node_id: int, timeout: float = 5.0) -> None:
+    def reset(self, node_id: int) -> None:
         """Reset a drive and wait until it is back; raises a DriveTimeoutError if it is not."""
         cob_id = heartbeat_cob_id(node_id)
         self.latest.pop(cob_id, None)
         self.command(NmtCommand.RESET_NODE, node_id)
-        if not self.wait_for(lambda: cob_id in self.latest, timeout):
+        if not self.wait_for(lambda: cob_id in self.latest, BOOT_TIMEOUT):
             raise DriveTimeoutError(
-                f'node {node_id} sent no boot-up message within {timeout:g} s of its reset: '
+                f'node {node_id} sent no boot-up message within {BOOT_TIMEOUT:g} s of its reset: '
                 'check its power')
 
     def require_alone(self) -> None:

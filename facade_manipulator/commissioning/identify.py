@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from facade_manipulator.commissioning.assign import assign_all, Assignment, Found
 from facade_manipulator.commissioning.bitrate import guess_bitrate
-from facade_manipulator.commissioning.bus import read_number, ToolBus
+from facade_manipulator.commissioning.bus import BOOT_TIMEOUT, read_number, ToolBus
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.scan import findings, has_unconfigured, Node, scan
 from facade_manipulator.drives.cia402 import AXIS_NAMES, fitting_profile
@@ -103,7 +103,7 @@ def _assign_one(
         f'The one drive on this bus becomes node {node_ids[name]} ({name}) and stores it.')
     assignment.give_alone(node_ids[name])
     drive = bus.objects(node_ids[name])
-    bus.wait_for(lambda: 0x700 + node_ids[name] in bus.latest, 5.0)
+    bus.wait_for(lambda: 0x700 + node_ids[name] in bus.latest, BOOT_TIMEOUT)
     return {name: Found(*(read_number(drive, 0x1018, n) for n in range(1, 5)))}
 
 

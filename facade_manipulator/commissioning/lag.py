@@ -62,9 +62,9 @@ class AxisDynamics(NamedTuple):
         return None
 
 
-def fit_sine(values: np.ndarray, frequency: float, period: float = PERIOD) -> complex:
+def fit_sine(values: np.ndarray, frequency: float) -> complex:
     """Return amplitude and phase of a sine in values with an offset, as one complex number."""
-    angle = 2.0 * np.pi * frequency * period * np.arange(len(values))
+    angle = 2.0 * np.pi * frequency * PERIOD * np.arange(len(values))
     basis = np.column_stack([np.sin(angle), np.cos(angle), np.ones_like(angle)])
     sine, cosine, _ = np.linalg.lstsq(basis, values, rcond=None)[0]
     return complex(sine, cosine)

@@ -14,9 +14,9 @@ from facade_manipulator.errors import CommissioningError
 class Operator:
     """Somebody who stands at the machine; with `agrees` every answer is yes, unattended."""
 
-    def __init__(self, agrees: bool = False, console: Console | None = None) -> None:
+    def __init__(self, agrees: bool = False) -> None:
         self.agrees = agrees
-        self._console = console or Console(highlight=False, markup=False, soft_wrap=True)
+        self._console = Console(highlight=False, markup=False, soft_wrap=True)
         if not self._console.is_terminal:
             self._console.width = 110
 

@@ -10,6 +10,7 @@ J. Mechanical Design 128(1), 2006.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -125,14 +126,10 @@ def _ellipse(demand: np.ndarray, limit: float) -> tuple[float, float, float]:
     return float(most), float(least), float(np.arctan2(greater[1], greater[0]) % np.pi)
 
 
-def worth_rows(
-    geometry: Geometry, distances: list[float], train: DriveTrain, theta: float = 0.0
-) -> list[Worth]:
-    """Return what the poses at distances from the rail are worth; none where there are none."""
+def worth_rows(geometry: Geometry, distances: list[float], train: DriveTrain) -> list[Worth]:
+    """Return what the poses at distances, at θ = 0, are worth; none where there are none."""
     rows = []
     for y in distances:
-        try:
-            rows.append(worth(geometry, y, theta, train))
-        except LimitError:
-            continue
+        with suppress(LimitError):
+            rows.append(worth(geometry, y, 0.0, train))
     return rows

@@ -23,13 +23,17 @@ _BLOCK = 512  # designs at once
 
 
 class Requirement(NamedTuple):
-    """One requirement: what is asked for and what a design reaches, in the same unit."""
+    """One requirement: what is asked for, in words too, and what a design reaches."""
 
     name: str
     unit: str
-    asked: Callable[[Requirements], float]
+    words: Callable[[Requirements], str]  # empty where nothing is asked for
     reached: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray]
     tolerance: float  # a margin below it is active
+
+    def asked(self, need: Requirements) -> float:
+        """Return the least that a design must reach."""
+        return getattr(need, self.name)
 
 
 def y_travel(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.ndarray:
@@ -50,9 +54,20 @@ def theta_peak(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.n
     return np.concatenate(peaks).reshape(np.shape(length))
 
 
+def _words_of_travel(need: Requirements) -> str:
+    """Conditioning alone asks for a y at which it holds."""
+    return ' with '.join(
+        f'{name} = {asked:.4g}{unit}' for name, asked, unit in (
+            ('min_y_travel', need.min_y_travel, ' m'),
+            ('min_conditioning', need.min_conditioning, '')) if asked)
+
+
 REQUIREMENTS = (
-    Requirement('min_y_travel', 'm', lambda need: need.min_y_travel, y_travel, 1e-4),
-    Requirement('min_theta', 'rad', lambda need: need.min_theta, theta_peak, 1e-3),
+    Requirement('min_y_travel', 'm', _words_of_travel, y_travel, 1e-4),
+    Requirement(
+        'min_theta', 'rad',
+        lambda need: f'min_theta = {need.min_theta:.4g} rad' if need.min_theta else '',
+        theta_peak, 1e-3),
 )
 
 
@@ -62,13 +77,7 @@ def margins(
     """Return the margin of every requirement that asks for anything, by name."""
     return {
         requirement.name: requirement.reached(length, half, need) - requirement.asked(need)
-        for requirement in REQUIREMENTS if asks(requirement, need)}
-
-
-def asks(requirement: Requirement, need: Requirements) -> bool:
-    """Whether a requirement is stated; conditioning alone asks for a y at which it holds."""
-    return requirement.asked(need) > 0.0 or (
-        requirement.reached is y_travel and need.min_conditioning > 0.0)
+        for requirement in REQUIREMENTS if requirement.words(need)}
 
 
 def feasible(of: dict[str, np.ndarray], length: np.ndarray) -> np.ndarray:
@@ -93,7 +102,7 @@ def conflict(
     for one, other in itertools.combinations(stated, 2):
         if not feasible({one.name: of[one.name], other.name: of[other.name]}, length).any():
             return ParameterError(
-                f'{_asked(one, need)} and {_asked(other, need)} exclude each other: no design '
+                f'{one.words(need)} and {other.words(need)} exclude each other: no design '
                 'of the box satisfies both')
     return ParameterError('the requirements exclude each other')
 
@@ -102,21 +111,10 @@ def _alone(
     requirement: Requirement, margin: float, length: float, half: float, need: Requirements
 ) -> str:
     asked = requirement.asked(need)
-    if asked == 0.0:
-        return (f'{_asked(requirement, need)} conflicts with the box and the sum of the lengths: '
-                f'no design reaches it at theta = 0 in units of {need.characteristic_length:g} m')
-    return (f'{_asked(requirement, need)} conflicts with the box and the sum of the lengths: the '
-            f'most is {asked + margin:.4g} {requirement.unit}, at l = {length:.3f} m, '
-            f'b = {half:.3f} m')
-
-
-def _asked(requirement: Requirement, need: Requirements) -> str:
-    if requirement.asked(need) == 0.0:
-        return f'min_conditioning = {need.min_conditioning:.4g}'
-    text = f'{requirement.name} = {requirement.asked(need):.4g} {requirement.unit}'
-    if requirement.reached is y_travel and need.min_conditioning > 0.0:
-        text += f' with min_conditioning = {need.min_conditioning:.4g}'
-    return text
+    most = (f'the most is {asked + margin:.4g} {requirement.unit}, at l = {length:.3f} m, '
+            f'b = {half:.3f} m') if asked else (
+        f'no design reaches it at theta = 0 in units of {need.characteristic_length:g} m')
+    return f'{requirement.words(need)} conflicts with the box and the sum of the lengths: {most}'
 
 
 def _theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:

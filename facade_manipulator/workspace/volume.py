@@ -78,15 +78,15 @@ def measure(
     return Workspace(*sums.tolist())
 
 
-def union_area(geometry: Geometry, y_nodes: int = 400, theta_nodes: int = 257) -> float:
+def union_area(geometry: Geometry) -> float:
     """
     Area of the (x, y) that the head reaches at one θ or another [m²].
 
     At fixed y the intervals of neighbouring θ overlap, so that those of either sign of θ make up
-    one interval; only its ends are sought among `theta_nodes` angles.
+    one interval; only its ends are sought among some angles.
     """
-    y, weight = _quadrature(0.0, geometry.link_length, y_nodes)
-    theta = theta_bounds(geometry, y)[:, None] * np.linspace(0.0, 1.0, theta_nodes)
+    y, weight = _quadrature(0.0, geometry.link_length, 400)
+    theta = theta_bounds(geometry, y)[:, None] * np.linspace(0.0, 1.0, 257)
     lower, upper = _union(geometry, y[:, None], theta)
     mirrored_lower, mirrored_upper = _union(geometry, y[:, None], -theta)
     overlap = np.minimum(upper, mirrored_upper) - np.maximum(lower, mirrored_lower)
