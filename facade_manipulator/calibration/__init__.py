@@ -18,6 +18,7 @@ from facade_manipulator.calibration.recorded import (
     read_touches,
     TouchRecording,
 )
+from facade_manipulator.calibration.tables import read_table
 from facade_manipulator.calibration.unknowns import (
     BACKLASH,
     head_at,
@@ -54,6 +55,7 @@ __all__ = [
     'Noise',
     'plan',
     'read_estimator_recording',
+    'read_table',
     'read_touches',
     'screw_unknowns',
     'sensitivity',

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-import csv
 import math
 from pathlib import Path
 
 import numpy as np
 
+from facade_manipulator.calibration import read_table
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.simulation.interpolation import catmull_rom
 
-COLUMNS = ('time', 'x', 'y', 'theta')
 STEP = 0.01
 
 
@@ -31,7 +30,7 @@ class Recording:
     Raises
     ------
     ParameterError
-        If there are fewer than two samples, or they are not finite or not ascending.
+        If there are fewer than two samples, or their times do not ascend.
 
     """
 
@@ -39,8 +38,6 @@ class Recording:
         times, poses = np.array(times, dtype=float), np.array(poses, dtype=float)
         if len(times) < 2:
             raise ParameterError(f'a recording needs 2 samples at least, this has {len(times)}')
-        if not (np.isfinite(times).all() and np.isfinite(poses).all()):
-            raise ParameterError('the recording has numbers that are not finite')
         if (np.diff(times) <= 0.0).any():
             where = int(np.argmax(np.diff(times) <= 0.0)) + 1
             raise ParameterError(
@@ -60,24 +57,15 @@ class Recording:
 
 def load_recording(path: Path) -> Recording:
     """
-    Read a CSV file with the columns time, x, y and theta [s, m, m, rad].
+    Read a CSV file with the columns time, x, y and theta, as `calibration.read_table`.
 
     Raises
     ------
-    ParameterError
+    CalibrationError
         If it cannot be read, lacks a column or has a cell that is no number.
+    ParameterError
+        If it is no recording.
 
     """
-    try:
-        with path.open(newline='', encoding='utf-8') as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ParameterError(f'recording {path} cannot be read: {error}') from error
-    missing = [name for name in COLUMNS if not rows or rows[0].get(name) is None]
-    if missing:
-        raise ParameterError(f'recording {path} has no column {", ".join(missing)}')
-    try:
-        table = np.array([[float(row[name]) for name in COLUMNS] for row in rows])
-    except (TypeError, ValueError) as error:
-        raise ParameterError(f'recording {path}: {error}') from error
+    table = read_table(path, ('time', 'x', 'y', 'theta'))
     return Recording(table[:, 0], table[:, 1:])

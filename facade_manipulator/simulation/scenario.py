@@ -90,7 +90,7 @@ class Scenario(NamedTuple):
 
         Raises
         ------
-        ParameterError
+        ManipulatorError
             If a recording moves the gondola and cannot be read.
 
         """

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.simulation.recording import load_recording, Recording
 
 TIMES = np.arange(0.0, 10.0, 0.02)
@@ -38,19 +38,24 @@ def test_a_file_is_read(tmp_path):
     assert load_recording(path).at(1.0).x == pytest.approx(0.1 * math.sin(1.0), abs=1e-4)
 
 
+def test_columns_may_name_their_units(tmp_path):
+    path = write(tmp_path / 'wind.csv', 'time;x_mm;y_mm;theta_deg\n0;10;0;0\n1;10,5;0;180\n')
+    assert load_recording(path).at(0.0) == pytest.approx((0.01, 0.0, 0.0))
+
+
 @pytest.mark.parametrize(('text', 'message'), [
     ('time,x,y\n0,0,0\n', 'no column theta'),
-    ('', 'no column time, x, y, theta'),
+    ('', 'no column time'),
     ('time,x,y,theta\n0,0,0,0\n', '2 samples'),
-    ('time,x,y,theta\n0,0,0,0\n1,a,0,0\n', 'could not convert'),
-    ('time,x,y,theta\n0,0,0,0\n1,nan,0,0\n', 'not finite'),
+    ('time,x,y,theta\n0,0,0,0\n1,a,0,0\n', r'line 3: x = .a. is not a number'),
+    ('time,x,y,theta\n0,0,0,0\n1,nan,0,0\n', r'line 3: x = .nan. is not a number'),
     ('time,x,y,theta\n0,0,0,0\n1,0,0,0\n1,0,0,0\n', 'must ascend'),
 ])
 def test_a_file_that_is_no_recording_is_rejected(tmp_path, text, message):
-    with pytest.raises(ParameterError, match=message):
+    with pytest.raises(ManipulatorError, match=message):
         load_recording(write(tmp_path / 'bad.csv', text))
 
 
 def test_a_file_that_is_not_there_is_rejected(tmp_path):
-    with pytest.raises(ParameterError, match='cannot be read'):
+    with pytest.raises(ManipulatorError, match='cannot be read'):
         load_recording(tmp_path / 'nothing.csv')
