@@ -6,7 +6,7 @@ import pytest
 
 from facade_manipulator.compensation.compensator import Compensator
 from facade_manipulator.compensation.suspension import SuspensionSettings
-from facade_manipulator.errors import ParameterError
+from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.kinematics import certify, Geometry, Pose
 from facade_manipulator.simulation.scenario import (
     compensator_parameters,
@@ -132,5 +132,5 @@ def test_a_recording_is_found_beside_its_scenario_or_by_its_whole_path(tmp_path)
 
 
 def test_a_recording_that_is_not_there_is_rejected_by_its_path(tmp_path):
-    with pytest.raises(ParameterError, match=f'recording {tmp_path}/calm.csv cannot be read'):
+    with pytest.raises(ManipulatorError, match=f'{tmp_path}/calm.csv cannot be read'):
         recorded_scenario(tmp_path, 'calm.csv').motion()
