@@ -9,11 +9,11 @@ where G = ∫ φ φᵀ dt and M = ∫ φ mᵀ dt are what was seen, forgotten ex
 prior in place of a ridge: λ seconds of sway of acceleration s and of noise of density r. This is
 the mean of a Bayesian regression whose prior was learnt from made-up data.
 
-How soon the prior should fade depends on the motion: tones are soon known exactly, gusts never
-are. So there are two solutions, one of a prior that fades quickly and one of a prior that lasts;
-W is between them, where the forecasts of the last seconds were best. Relatives in the prediction
-of heave and tremor are autoregressive models and BMFLC; this one has neither a recursion nor
-frequencies to adapt, so that nothing in it can become unstable.
+Gusts are learnt so as well as anybody can; tones may be known better, from much longer. So the
+forecast is a step away from the continuation towards that of tones, none to all of it, as would
+have been best in the last seconds. Relatives in the prediction of heave and tremor are
+autoregressive models and BMFLC; this one has neither a recursion nor frequencies that it needs,
+so that nothing in it can become unstable.
 
 References
 ----------
@@ -38,19 +38,20 @@ import numpy as np
 from facade_manipulator.prediction.filters import FEATURES, REGRESSORS
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
-PRIOR_TIMES = np.array((2.3, 4.0))[:, None]  # s after which as much was learnt as the prior says
-PRIOR_POWERS = np.array((12.0, 1.5))[:, None]  # with which its share falls: quickly, slowly
+PRIOR_TIME = 4.0  # s after which as much was learnt as the prior says
+PRIOR_POWER = 1.5  # with which its share falls
 MOST_PRIOR = 100.0  # s
 DECAY_PRIOR = 0.1  # of the prior's time, that holds the decays at 0
 LEAST_PRIOR = 0.01  # s, of noise: estimates may be better than they say
 LEAST_DECAY_PRIOR = 1e-9  # s: decays that are over are forgotten, too
 START_SHARE = 0.7  # of the time learnt, the memory at first
-SCORE_TIME = 5.0  # s, time constant with which errors are forgotten
+SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
+TONES_GAIN = 10.0  # of the density of noise, by the time fitted: that of two tones
 UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
-LEAST_STEP = 1e-18  # m² or rad², between two solutions that are one
+LEAST_STEP = 0.1  # 1/s, squares of steps by the density of noise, below which none counts
 LONGEST_STEP = 0.15  # s between estimates, beyond which the motion between is not known
 _DECAYS = np.arange(FEATURES, REGRESSORS)
-FULL, MEAN, FINAL, RIGHT, STEP = range(5)  # what is scored: errors, and steps between solutions
+FULL, MEAN, FINAL, RIGHT, STEP = range(5)  # what is scored: errors, and steps towards tones
 
 
 class Sample(NamedTuple):
@@ -62,6 +63,7 @@ class Sample(NamedTuple):
     level: np.ndarray
     mean: np.ndarray
     regressors: np.ndarray  # (axes, REGRESSORS)
+    step: np.ndarray  # (axes, HORIZONS), from the continuation towards tones
     forecast: np.ndarray  # (axes, HORIZONS), as predicted then
 
 
@@ -82,6 +84,8 @@ class Continuation:
     weights : numpy.ndarray, shape (axes, REGRESSORS, horizons)
     variances : numpy.ndarray, shape (axes, horizons)
         Of the predictions' errors.
+    trust : numpy.ndarray, shape (axes, horizons)
+        Of the steps towards tones, that is right.
     share : numpy.ndarray, shape (axes, horizons)
         Of the forecast that is worth more than the mean.
 
@@ -93,6 +97,7 @@ class Continuation:
         self._squares = np.zeros((axes, REGRESSORS, REGRESSORS))
         self._moves = np.zeros((axes, REGRESSORS, len(self._horizons)))
         self._learnt, self._elapsed = np.zeros(axes), 0.0
+        self.trust = np.zeros((axes, len(self._horizons)))
         self._scores = np.zeros((5, axes, len(self._horizons)))
         self._scores[[FULL, MEAN, FINAL]] = UNKNOWN
 
@@ -117,7 +122,7 @@ class Continuation:
         share = (later - stamps[after - 1]) / steps
         came = (1.0 - share) * values[:, after - 1] + share * values[:, after]
         spread = ((1.0 - share) ** 2 + share ** 2) * noise[:, None, None]
-        _, intervals, _, level, mean, regressors, forecast = (
+        _, intervals, _, level, mean, regressors, towards, forecast = (
             np.array(part) for part in zip(
                 *(self._samples.popleft() for _ in range(count)), strict=True))
         intervals = np.minimum(intervals, LONGEST_STEP)
@@ -125,9 +130,11 @@ class Continuation:
         self._elapsed += duration
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
         level, mean = level.T[..., None], mean.T[..., None]
-        regressors, forecast = regressors.swapaxes(0, 1), forecast.swapaxes(0, 1)
-        self._score(came, spread, weights, level + regressors @ self._solutions, (
-            level + regressors @ self.weights, mean, forecast[..., self.chosen]))
+        regressors, towards, forecast = (
+            part.swapaxes(0, 1) for part in (regressors, towards, forecast))
+        towards = towards[..., self.chosen]
+        self._score(came, spread, weights, level + regressors @ self.weights, towards, (
+            mean, forecast[..., self.chosen]))
         kept = math.exp(-duration / min(START_SHARE * self._elapsed, self._memory))
         weighted = (regressors * weights[:, None]).swapaxes(1, 2)
         self._squares = kept * self._squares + weighted @ regressors
@@ -135,14 +142,14 @@ class Continuation:
         self._learnt = kept * self._learnt + weights.sum()
 
     def _score(
-        self, came: np.ndarray, spread: np.ndarray, weights: np.ndarray, solutions: np.ndarray,
-        forecasts: tuple[np.ndarray, ...],
+        self, came: np.ndarray, spread: np.ndarray, weights: np.ndarray, learnt: np.ndarray,
+        towards: np.ndarray, others: tuple[np.ndarray, ...],
     ) -> None:
         """Score by what came what has not learnt of it yet."""
-        quick, slow = solutions
+        full = learnt + self.trust[:, None] * towards
         scores = np.stack((
-            *((forecast - came) ** 2 - spread for forecast in forecasts),
-            (quick - slow) * (came - slow), (quick - slow) ** 2))
+            *((forecast - came) ** 2 - spread for forecast in (full, *others)),
+            towards * (came - learnt), towards ** 2))
         known = max(weights.sum(), 1e-9)
         self._scores += known / min(SCORE_TIME, self._elapsed) * (
             np.einsum('c,kach->kah', weights / known, scores) - self._scores)
@@ -160,22 +167,22 @@ class Continuation:
 
         """
         sway, white = sway_moments(), noise_moments()
-        share = PRIOR_TIMES / np.maximum(self._learnt, 1e-3)
-        prior = np.minimum(share ** PRIOR_POWERS, MOST_PRIOR)
-        s = (prior * strength)[..., None, None]
-        r = (np.maximum(prior, LEAST_PRIOR) * noise)[..., None, None]
-        squares, moves = np.stack([self._squares] * 2), np.stack([self._moves] * 2)
-        squares[..., :FEATURES, :FEATURES] += s * sway.features + r * white.features
-        moves[..., :FEATURES, :] += (
+        share = PRIOR_TIME / np.maximum(self._learnt, 1e-3)
+        prior = np.minimum(share ** PRIOR_POWER, MOST_PRIOR)
+        s = (prior * strength)[:, None, None]
+        r = (np.maximum(prior, LEAST_PRIOR) * noise)[:, None, None]
+        squares, moves = self._squares.copy(), self._moves.copy()
+        squares[:, :FEATURES, :FEATURES] += s * sway.features + r * white.features
+        moves[:, :FEATURES, :] += (
             s * sway.moves[:, self.chosen] + r * white.moves[:, self.chosen])
-        squares[..., _DECAYS, _DECAYS] += np.maximum(DECAY_PRIOR * prior, LEAST_DECAY_PRIOR)[
-            ..., None]
-        self._solutions = np.linalg.solve(squares, moves)
-        quick, slow = self._solutions
-        trust = np.clip(self._scores[RIGHT] / (self._scores[STEP] + LEAST_STEP), 0.0, 1.0)
-        self.weights = slow + trust[:, None] * (quick - slow)
-        full, mean, self.variances = np.maximum(
-            self._scores[:RIGHT], self.noise_gain() * noise[:, None])
+        squares[:, _DECAYS, _DECAYS] += np.maximum(DECAY_PRIOR * prior, LEAST_DECAY_PRIOR)[
+            :, None]
+        self.weights = np.linalg.solve(squares, moves)
+        self.trust = np.clip(
+            self._scores[RIGHT] / (self._scores[STEP] + LEAST_STEP * noise[:, None]), 0.0, 1.0)
+        gain = (1.0 - self.trust) ** 2 * self.noise_gain() + self.trust ** 2 * (
+            TONES_GAIN / max(self._elapsed, 1.0))
+        full, mean, self.variances = np.maximum(self._scores[:RIGHT], gain * noise[:, None])
         self.share = np.minimum(mean / full, 1.0)
 
     def noise_gain(self) -> np.ndarray:

@@ -1,10 +1,11 @@
 """
-Predict the disturbance: fixed filters, and a continuation of the motion that is learnt.
+Predict the disturbance: a continuation of the motion that is learnt, and tones beside it.
 
 Everything that grows is bounded by what came: filters are stable, whatever they learnt; moves are
-bounded by speed, what bends too sharply is drawn towards the mean, and so is what was not
-predicted better than by it. So bounded estimates give a bounded prediction. The variances of the
-predictions' errors are measured, too; they decide which estimates are outliers.
+bounded by speed, steps towards tones by the noise; what bends too sharply is drawn towards the
+mean, and so is what was not predicted better than by it. So bounded estimates give a bounded
+prediction. The variances of the predictions' errors are measured, too; they decide which estimates
+are outliers.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from facade_manipulator.prediction.filters import (
     REGRESSORS,
 )
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
+from facade_manipulator.prediction.tones import Tones
 
 LONGEST_GAP = 1.1  # s without estimates, after which everything is learnt again
 LEARNING_PERIOD = 0.14  # s
@@ -145,10 +147,11 @@ class DisturbancePredictor:
         near, far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
         self._turns = cycle((near, near, near, far))
+        self._tones, self._tuned = Tones(axes), cycle(range(axes))
         self._values, self._mean, self._peak, self._bend, self._suspicions = np.zeros((5, axes))
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._weights = np.zeros((axes, REGRESSORS, len(HORIZONS)))
-        self._variances, self._share = np.zeros((2, axes, len(HORIZONS)))
+        self._variances, self._share, self._trust = np.zeros((3, axes, len(HORIZONS)))
         for continuation in self._continuations:
             self._solve(continuation, noise)
 
@@ -178,6 +181,7 @@ class DisturbancePredictor:
             self._bank.update(interval / steps, between + share ** 2 * error)
         self._values = expected + error
         self._bank.update(interval / steps, self._values)
+        self._tones.add(stamp, self._values)
 
     def _go_on(self, interval: float, noise: np.ndarray) -> None:
         """Predict from the filters as they are, and keep what to learn from."""
@@ -193,9 +197,12 @@ class DisturbancePredictor:
             self._values - self._mean)
         full = (seen[:, None] @ self._weights)[:, 0]
         full = level[:, None] + np.minimum(np.maximum(full, -self._reach), self._reach)
+        step = self._towards(full, noise)
+        full = full + self._trust * step
         final = self._drawn(interval, full)
         self._full, self._final = full @ _SPLINE, final @ _SPLINE
-        sample = Sample(self.stamp, interval, self._values, level, self._mean, seen, final)
+        sample = Sample(
+            self.stamp, interval, self._values, level, self._mean, seen, step, final)
         for continuation in self._continuations:
             continuation.add(sample)
 
@@ -206,6 +213,8 @@ class DisturbancePredictor:
         self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
         for continuation in self._continuations:
             continuation.weaken(share)
+        axis = next(self._tuned)
+        self._tones.fit(axis, noise[axis])
         learner = next(self._turns)
         learner.learn(noise)
         self._solve(learner, noise)
@@ -216,6 +225,12 @@ class DisturbancePredictor:
         self._weights[..., learner.chosen] = learner.weights
         self._variances[:, learner.chosen] = learner.variances
         self._share[:, learner.chosen] = learner.share
+        self._trust[:, learner.chosen] = learner.trust
+
+    def _towards(self, full: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """Return steps towards the tones, which may be far off where there are none."""
+        most = np.sqrt(noise)[:, None]
+        return np.clip(self._tones.at(self.stamp, HORIZONS) - full, -most, most)
 
     def _drawn(self, interval: float, full: np.ndarray) -> np.ndarray:
         """Return positions drawn towards the mean that bend sharply or are no better than it."""

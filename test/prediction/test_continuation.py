@@ -133,7 +133,7 @@ def learnt(seconds, weights, random, gap=None, noise=0.0):
         if len(past) > 4:
             came = past[-5][0, :FEATURES] @ weights + noise * random.standard_normal(1)
         forecast = np.zeros((1, len(HORIZONS)))
-        continuation.add(Sample(stamp, 0.05, came, level, level, state, forecast))
+        continuation.add(Sample(stamp, 0.05, came, level, level, state, forecast, forecast))
         continuation.learn(np.full(1, noise ** 2))
     continuation.solve(np.full(1, 1e-9), np.full(1, 1e-9))
     return continuation

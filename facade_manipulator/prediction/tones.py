@@ -1,0 +1,138 @@
+"""
+Fit sines to the last minute: tones are averaged over far longer than any filter remembers.
+
+y(t) = c + Σ Re A exp(iω t), t before now, is fitted for each axis by Gauss-Newton steps from the
+last fit: least squares for c, A and changes of ω, then for c and A alone. A tone begins at the
+peak of the residual's periodogram where that stands out of the estimates' noise, and ends where
+it does not any more or is too close to a stronger one. By the bound of Cramér and Rao the error
+of K tones at the end of T seconds is about σ sqrt(5 K Δt/T).
+
+References
+----------
+D. C. Rife, R. R. Boorstyn, "Multiple-tone parameter estimation from discrete-time observations",
+Bell System Technical Journal 55 (1976) 1389-1410,
+https://doi.org/10.1002/j.1538-7305.1976.tb02941.x.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+BLOCK = 0.095  # s at least, of which estimates are averaged
+BLOCKS = 600
+SHORTEST = 3.0  # s, below which nothing is fitted
+MOST = 5  # tones of an axis
+FASTEST = 12.0  # rad/s
+SIGNIFICANT = 20.0  # power of a tone in the periodogram, by that of noise
+CHANGE = 1.0  # rad, of a tone's phase over all blocks in one step
+APART = 1.0  # rad, between the phases of two tones over all blocks
+POINTS = 2048  # of the periodogram
+
+
+class Tones:
+    """
+    Sines that several axes are sums of, as far as they are.
+
+    Parameters
+    ----------
+    axes : int
+
+    """
+
+    def __init__(self, axes: int) -> None:
+        self._block: list[tuple[float, ...]] = []
+        self._blocks = np.zeros((0, axes + 2))  # stamp, values, estimates
+        self._frequencies = np.zeros((axes, MOST))
+        self._amplitudes = np.zeros((axes, MOST), complex)
+        self._constants, self._stamps = np.zeros((2, axes))
+
+    def add(self, stamp: float, values: np.ndarray) -> None:
+        """Keep an estimate at a stamp [s]: one position for each axis [m or rad]."""
+        if self._block and stamp - self._block[0][0] > BLOCK:
+            mean = np.append(np.mean(self._block, axis=0), len(self._block))
+            self._blocks = np.vstack((self._blocks[1 - BLOCKS:], mean))
+            self._block.clear()
+        self._block.append((stamp, *values))
+
+    def at(self, stamp: float, ahead: np.ndarray) -> np.ndarray:
+        """Return the positions at times after a stamp [s], shape (axes, times)."""
+        times = (stamp - self._stamps)[:, None] + ahead
+        waves = np.exp(1j * times[..., None] * self._frequencies[:, None])
+        return self._constants[:, None] + (waves @ self._amplitudes[..., None])[..., 0].real
+
+    def fit(self, axis: int, variance: float) -> None:
+        """Improve the fit of an axis by one step, given the variance of an estimate's noise."""
+        stamps, values, sizes = self._blocks[:, (0, 1 + axis, -1)].T
+        if not len(stamps) or stamps[-1] - stamps[0] < SHORTEST:
+            return
+        window = _Window(stamps - stamps[-1], values, variance / sizes.mean())
+        known = self._amplitudes[axis] != 0.0
+        frequencies = self._frequencies[axis, known]
+        turns = np.exp(1j * frequencies * (stamps[-1] - self._stamps[axis]))
+        frequencies, amplitudes, self._constants[axis] = window.fit(
+            frequencies, turns * self._amplitudes[axis, known])
+        self._amplitudes[axis], self._stamps[axis] = 0.0, stamps[-1]
+        self._amplitudes[axis, :len(amplitudes)] = amplitudes
+        self._frequencies[axis, :len(amplitudes)] = frequencies
+
+
+class _Window(NamedTuple):
+    """Positions [m or rad] at times up to 0 [s], and the variance of their noise."""
+
+    times: np.ndarray
+    values: np.ndarray
+    noise: float
+
+    def fit(
+        self, frequencies: np.ndarray, amplitudes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Return frequencies, amplitudes and constant, one step better than they were."""
+        most = -CHANGE / self.times[0]
+        _, amplitudes, changes, _ = self._solve(frequencies, amplitudes)
+        frequencies = frequencies + np.clip(changes, -most, most)
+        frequencies = frequencies[self._distinct(frequencies, np.abs(amplitudes) ** 2)]
+        constant, amplitudes, _, left = self._solve(frequencies)
+        if len(frequencies) < MOST:
+            begun = self._begun(left)
+            beginning = 2.0 / len(left) * (left @ self._waves(-begun))
+            frequencies = np.append(frequencies, begun)
+            amplitudes = np.append(amplitudes, beginning)
+        return frequencies, amplitudes, constant
+
+    def _waves(self, frequencies: np.ndarray) -> np.ndarray:
+        return np.exp(1j * np.outer(self.times, frequencies))
+
+    def _solve(
+        self, frequencies: np.ndarray, amplitudes: np.ndarray | None = None
+    ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+        """Return constant, amplitudes, changes if there were amplitudes, and the residual."""
+        waves, count = self._waves(frequencies), len(frequencies)
+        columns = [np.ones((len(waves), 1)), waves.real, -waves.imag]
+        if amplitudes is not None:
+            columns.append((1j * self.times[:, None] * waves * amplitudes).real)
+        matrix = np.hstack(columns)
+        ridge = np.full(matrix.shape[1], self.noise / (self.values.var() + self.noise))
+        ridge[0], ridge[2 * count + 1:] = 0.0, self.noise * (self.times[0] / CHANGE) ** 2
+        found = np.linalg.solve(matrix.T @ matrix + np.diag(ridge), matrix.T @ self.values)
+        (constant,), real, imaginary, changes = np.split(found, (1, 1 + count, 1 + 2 * count))
+        return constant, real + 1j * imaginary, changes, self.values - matrix @ found
+
+    def _distinct(self, frequencies: np.ndarray, power: np.ndarray) -> np.ndarray:
+        """Return which tones stand out of the noise and apart from stronger ones."""
+        least = -APART / self.times[0]
+        near = np.abs(frequencies[:, None] - frequencies) < least
+        return ((power * len(self.times) > 2.0 * SIGNIFICANT * self.noise)
+                & (frequencies > least) & (frequencies < FASTEST)
+                & ~(near & (power[:, None] < power)).any(axis=1))
+
+    def _begun(self, left: np.ndarray) -> np.ndarray:
+        """Return the frequency of the residual's strongest tone, if it stands out of the noise."""
+        span, count = -self.times[0], len(left)
+        even = np.interp(np.linspace(-span, 0.0, count), self.times, left)
+        power = np.abs(np.fft.rfft(even, POINTS)) ** 2
+        frequencies = np.pi * np.arange(len(power)) / (len(power) - 1) * (count - 1) / span
+        power[(frequencies < np.pi / span) | (frequencies > FASTEST)] = 0.0
+        strongest = power.argmax()
+        return frequencies[[strongest]][power[strongest] > SIGNIFICANT * count * self.noise]
