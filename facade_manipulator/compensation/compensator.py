@@ -73,35 +73,15 @@ class CompensationSettings:
 
 
 class CorrectedPose(NamedTuple):
-    """
-    What the head should do.
+    """What the head should do."""
 
-    Parameters
-    ----------
-    time : float
-        The instant it is meant for [s].
-    pose : Pose
-        In frame rail.
-    reference : Pose
-        Where on the wall the head should be then, in frame facade: on its path to the goal.
-    shifted : Pose
-        The same with what the contact with the wall shifts it by.
-    disturbance : Pose
-        Disturbance that is corrected.
-    saturation_error : Pose
-        By how much each axis is held back at the workspace limit.
-    tracking_error : Pose
-        By how much each axis is held back by the limits of motion.
-
-    """
-
-    time: float
-    pose: Pose
-    reference: Pose
-    shifted: Pose
-    disturbance: Pose
-    saturation_error: Pose
-    tracking_error: Pose
+    time: float  #: the instant it is meant for [s]
+    pose: Pose  #: in frame rail
+    reference: Pose  #: where on the wall the head should be then: on its path to the goal
+    shifted: Pose  #: the same with what the contact with the wall shifts it by
+    disturbance: Pose  #: that is corrected
+    saturation_error: Pose  #: by how much each axis is held back at the workspace limit
+    tracking_error: Pose  #: by how much each axis is held back by the limits of motion
 
 
 class CompensatorSettings(NamedTuple):

@@ -131,23 +131,12 @@ class GoalState(Enum):
 
 
 class GoalProgress(NamedTuple):
-    """
-    Where the head is on the way to its goal.
-
-    Attributes
-    ----------
-    state : GoalState
-    distance, angle : float
-        Of the head as measured from the goal [m, rad]; NaN where the head is not known.
-    time_to_go : float
-        Until the path ends and the dwell is over [s].
-
-    """
+    """Where the head, as measured, is on the way to its goal; NaN where that is not known."""
 
     state: GoalState
-    distance: float = math.nan
-    angle: float = math.nan
-    time_to_go: float = math.nan
+    distance: float = math.nan  #: from the goal [m]
+    angle: float = math.nan  #: from the goal [rad]
+    time_to_go: float = math.nan  #: until the path ends and the dwell is over [s]
 
 
 class ArrivalWatch:

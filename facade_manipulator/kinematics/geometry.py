@@ -59,36 +59,12 @@ class Geometry:
     """
     Lengths of the mechanism and of its rail.
 
-    Parameters
-    ----------
-    link_length : float
-        l, from a carriage's joint A to the platform's joint B [m].
-    platform_half_length : float
-        b, from the platform's joint B to the end-effector point P [m].
-    stroke : tuple of two floats
-        Least and greatest carriage position (q_min, q_max) [m].
-    carriage_gap : float
-        Least distance m of neighbouring carriages, q3 − q1 ≥ m and q2 − q3 ≥ m [m].
-    carriage_length : float
-        Distance at which neighbouring carriages touch [m].
-    link_errors, platform_errors : tuple of two floats
-        By how much l and b are longer on the side of A1 and on that of A2 [m].
-    carriage_offsets, backlash : tuple of three floats
-        Where each carriage stands when its drive says 0, and the play of its screw [m].
-    rail_angle : float
-        Angle of the real rail in frame `rail` [rad].
-    tool : tuple of three floats
-        Pose of the head on the platform, seen from the middle joint P [m, m, rad].
-    screw_span : tuple of two floats
-        Least and greatest position of the three tables [m].
-    screw_errors_q1, screw_errors_q2, screw_errors_q3 : tuple of floats
-        By how much a carriage stands further along the rail than its drive says, at positions
-        evenly spaced over `screw_span`; linear between them [m].
-
     Notes
     -----
-    The functions of this room that take a Geometry know l and b alone, as on the drawing. Those of
-    `mechanism_of` answer for the machine as it was made.
+    In formulas l is `link_length`, b `platform_half_length`, the stroke from q_min to q_max. The
+    functions of this room that take a Geometry know l and b alone, as on the drawing. Those of
+    `mechanism_of` answer for the machine as it was made: a carriage stands further along the rail
+    than its drive says by its offset and by its screw's errors, linear between the entries.
 
     Raises
     ------

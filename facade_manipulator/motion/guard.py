@@ -83,29 +83,15 @@ class Separation(NamedTuple):
 
     A dead drive that is silent is missed after `silence`. One that still answers is found by its
     following error, or where the measured distance is below the least that is tolerated.
-
-    Attributes
-    ----------
-    touching : float
-        Distance at which neighbours touch [m].
-    deceleration : float
-        Of the weakest brake [m/s²].
-    silence : float
-        How long the others go on until a silent drive is missed and they brake [s].
-    window, tracking : float
-        Following error that is tolerated [m], and how long it may be beyond it [s].
-    tolerated, report : float
-        Least distance as measured that is tolerated [m], and how long until they brake [s].
-
     """
 
-    touching: float
-    deceleration: float
-    silence: float
-    window: float
-    tracking: float
-    tolerated: float
-    report: float
+    touching: float  #: distance at which neighbours touch [m]
+    deceleration: float  #: of the weakest brake [m/s²]
+    silence: float  #: how long the others go on until a silent drive is missed and they brake [s]
+    window: float  #: following error that is tolerated [m]
+    tracking: float  #: how long it may be beyond it [s]
+    tolerated: float  #: least distance as measured that is tolerated [m]
+    report: float  #: how long it may be below it until they brake [s]
 
     def speed(self, distance: float) -> float:
         """Return how fast neighbours may be at a distance [m], in m/s."""

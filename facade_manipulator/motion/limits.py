@@ -56,24 +56,13 @@ class MotionLimits:
 
 
 class CarriageMotion(NamedTuple):
-    """
-    How the three carriages move at one instant.
+    """How the three carriages move at one instant; each shape (3,)."""
 
-    Attributes
-    ----------
-    position, velocity, acceleration : tuple of float, shape (3,)
-        At the instant [m, m/s, m/s²].
-    mean_velocity, mean_acceleration : tuple of float, shape (3,)
-        First and second difference of the positions up to the instant, a period apart
-        [m/s, m/s²].
-
-    """
-
-    position: Triple
-    velocity: Triple = ZERO
-    acceleration: Triple = ZERO
-    mean_velocity: Triple = ZERO
-    mean_acceleration: Triple = ZERO
+    position: Triple  #: [m]
+    velocity: Triple = ZERO  #: [m/s]
+    acceleration: Triple = ZERO  #: [m/s²]
+    mean_velocity: Triple = ZERO  #: first difference of the positions, a period apart [m/s]
+    mean_acceleration: Triple = ZERO  #: their second difference [m/s²]
 
     @property
     def at_rest(self) -> bool:

@@ -16,7 +16,7 @@ from facade_manipulator.kinematics import (
     relative,
 )
 
-Colour = tuple[float, float, float, float]
+Colour = tuple[float, float, float, float]  # red, green, blue and opacity, 0 to 1
 
 RAIL_DEPTH, RAIL_HEIGHT = 0.03, 0.02
 CARRIAGE_DEPTH, CARRIAGE_HEIGHT = 0.05, 0.03
@@ -43,65 +43,28 @@ TEXT_COLOUR = (0.9, 0.9, 0.9, 1.0)
 
 
 class MechanismView(NamedTuple):
-    """
-    What is to be seen.
+    """What is to be seen."""
 
-    Parameters
-    ----------
-    head : Pose or None
-        Where the head is, in frame `rail`; None when no pose has come lately.
-    corrected : Pose or None
-        The goal as the rail has to see it, in frame `rail`.
-    goal : Pose or None
-        The goal on the wall, in frame `facade`.
-    disturbance : Pose
-        Pose of `rail` in `facade`.
-    wall : float
-        Distance of the wall from the rail in still air [m].
-    level : str
-        Colour of the linkage: a key of `STATE_COLOURS`.
-    message : str
-        What the drives are doing.
-
-    """
-
-    head: Pose | None = None
-    corrected: Pose | None = None
-    goal: Pose | None = None
-    disturbance: Pose = Pose(0.0, 0.0, 0.0)
-    wall: float = 0.3
-    level: str = 'stale'
-    message: str = ''
+    head: Pose | None = None  #: in frame `rail`; None when no pose has come lately
+    corrected: Pose | None = None  #: the goal as the rail has to see it, in frame `rail`
+    goal: Pose | None = None  #: on the wall, in frame `facade`
+    disturbance: Pose = Pose(0.0, 0.0, 0.0)  #: pose of `rail` in `facade`
+    wall: float = 0.3  #: its distance from the rail in still air [m]
+    level: str = 'stale'  #: colour of the linkage: a key of `STATE_COLOURS`
+    message: str = ''  #: what the drives are doing
 
 
 class Shape(NamedTuple):
-    """
-    One thing to draw.
+    """One thing to draw."""
 
-    Parameters
-    ----------
-    name : str
-        The same in every picture.
-    kind : str
-        ``'box'``, ``'lines'``, ``'arrow'`` or ``'text'``.
-    colour : tuple of float
-        Red, green, blue and opacity, 0 to 1.
-    size : tuple of float, shape (3,)
-        Lengths of a box or an arrow; the width of lines and the height of a text first [m].
-    pose : Pose
-        Middle of a box or a text, start of an arrow, which points along its own x.
-    points : tuple of (x, y)
-        Ends of lines, two each [m].
-    text : str
-
-    """
-
-    name: str
-    kind: str
+    name: str  #: the same in every picture
+    kind: str  #: ``'box'``, ``'lines'``, ``'arrow'`` or ``'text'``
     colour: Colour
+    #: lengths of a box or an arrow; the width of lines and the height of a text first [m]
     size: tuple[float, float, float]
+    #: middle of a box or a text, start of an arrow, which points along its own x
     pose: Pose = Pose(0.0, 0.0, 0.0)
-    points: tuple[Point, ...] = ()
+    points: tuple[Point, ...] = ()  #: ends of lines, two each [m]
     text: str = ''
 
 

@@ -49,20 +49,10 @@ LATEST_STAMP = 2.0 ** 31  # s, where the seconds of a stamp end
 
 
 class Field(NamedTuple):
-    """
-    Values of a message.
+    """Values of a message."""
 
-    Parameters
-    ----------
-    format : str
-        As of `struct`.
-    values : tuple
-        What they are in every message of the topic; `NUMBER` where that changes.
-
-    """
-
-    format: str
-    values: tuple
+    format: str  #: as of `struct`
+    values: tuple  #: what they are in every message of the topic; `NUMBER` where that changes
 
 
 STAMP = Field('iI', (NUMBER, NUMBER))

@@ -152,25 +152,12 @@ class Rejections:
 
 
 class DriverStatus(NamedTuple):
-    """
-    What the driver is doing.
+    """What the driver is doing."""
 
-    Attributes
-    ----------
-    state : str
-        Such as ``'active'`` or ``'stopped'``.
-    activity : str
-        What the carriages are doing while it is active, such as ``'holding'``.
-    next_step : str
-        What the operator does so that goals are followed, ``''`` if they are.
-    active_since : float
-        Since when the drives follow setpoints [s]; infinite while they do not.
-
-    """
-
-    state: str
-    activity: str
-    next_step: str
+    state: str  #: such as ``'active'`` or ``'stopped'``
+    activity: str  #: what the carriages are doing while it is active, such as ``'holding'``
+    next_step: str  #: what the operator does so that goals are followed, ``''`` if they are
+    #: since when the drives follow setpoints [s]; infinite while they do not
     active_since: float = math.inf
 
     def to_message(self, level: str, message: str) -> DiagnosticStatus:
