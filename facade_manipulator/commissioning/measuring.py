@@ -147,6 +147,8 @@ def run_home_switch(context: Context) -> None:
     name, options, operator = context.options.axis, context.options, context.operator
     axis, side = context.machine.axis(name), 1 if options.towards == '+' else -1
     speed, _ = motion_bounds(context)
+    if options.approaches < 1:
+        raise CommissioningError(f'--approaches {options.approaches} is not 1 or more')
     with powered(
             context, name, f'{options.approaches} times to its home switch and back') as motion:
         motion.require(INPUTS, 'the digital inputs')

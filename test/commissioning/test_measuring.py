@@ -8,6 +8,7 @@ import pytest
 from support import wait_until
 
 from facade_manipulator.commissioning import Machine
+from facade_manipulator.commissioning.__main__ import main
 
 UNCOUPLED = ('--links', 'uncoupled')
 
@@ -46,6 +47,13 @@ def test_the_direction_of_counting_is_found_without_power(make_rig, listening, d
     hand.join()
     assert Machine(rig.parameters).axis('q1').direction == direction
     assert not rig.is_enabled()
+
+
+@pytest.mark.parametrize('count', ['0', '-1'])
+def test_no_approach_is_rejected_before_anything_moves(tmp_path, capsys, count):
+    assert main(['home-switch', 'q1', '--yes', '--links', 'uncoupled', '--approaches', count,
+                 '--interface', 'virtual', '--parameters', str(tmp_path / 'machine.yaml')]) == 1
+    assert f'--approaches {count} is not 1 or more' in capsys.readouterr().err
 
 
 def test_a_carriage_that_nobody_pushes_ends_in_a_message(make_rig, capsys, monkeypatch):
