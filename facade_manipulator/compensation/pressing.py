@@ -54,11 +54,6 @@ class Pressing:
     """
     The offsets of y and θ that press on the wall.
 
-    Parameters
-    ----------
-    press : ImpedanceSettings
-    turn : YawImpedanceSettings
-
     Attributes
     ----------
     y, theta : ForceLaw

@@ -39,14 +39,7 @@ TAKE_UP_SPEED = 0.002  # m/s, below which a carriage does not rest on either fla
 
 
 class CalibratedMechanism:
-    """
-    The mechanism that was measured.
-
-    Parameters
-    ----------
-    geometry : Geometry
-
-    """
+    """The mechanism that was measured."""
 
     def __init__(self, geometry: Geometry) -> None:
         self.geometry = geometry

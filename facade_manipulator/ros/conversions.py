@@ -95,12 +95,6 @@ class Transforms:
     Broadcast where one frame is in another, with the node's namespace before their names.
 
     For RViz and others, where tf2_ros is installed; no wheel has it.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    parent, child : str
-
     """
 
     def __init__(self, node: Node, parent: str, child: str) -> None:
