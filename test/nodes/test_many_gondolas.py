@@ -43,7 +43,8 @@ def spin(clients):
         client.spin(0.02)
 
 
-def test_each_gondola_moves_stops_and_rejects_for_itself(gondolas):
+def test_each_gondola_moves_stops_and_rejects_for_itself_under_names_of_its_own(gondolas):
+    assert_their_names_do_not_meet(gondolas[GONDOLAS[0]].node)
     first, second = (gondolas[name] for name in GONDOLAS)
     at_rest = second.head_in_rail
     first.send_goal(GOAL)
@@ -66,8 +67,7 @@ def test_each_gondola_moves_stops_and_rejects_for_itself(gondolas):
     first.deactivate()
 
 
-def test_their_names_do_not_meet(gondolas):
-    node = gondolas[GONDOLAS[0]].node
+def assert_their_names_do_not_meet(node):
     topics = dict(node.get_topic_names_and_types())
     shared = {name for name in topics if not name.startswith(tuple(f'/{g}/' for g in GONDOLAS))}
     assert shared <= {'/diagnostics', '/parameter_events', '/rosout'}
