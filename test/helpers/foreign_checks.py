@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import can
 from drive_rig import SETTINGS as FAST
@@ -30,7 +31,7 @@ SETTINGS = replace(FAST, rate=20)  # Hz: all are in one process, and so is the g
 class ForeignRig:
     """A drive controller on three drives of independent make."""
 
-    def __init__(self, directory, interface: str, channel: str) -> None:
+    def __init__(self, directory: Path, interface: str, channel: str) -> None:
         data = yaml.safe_load(config_path('drives/generic_cia402.yaml').read_text())
         data.update(eds=str(config_path('drives/cia402.eds')), pdos=PDOS)
         profile = directory / 'foreign.yaml'
@@ -126,3 +127,12 @@ CHECKS = {check.__name__: check for check in (
     a_node_that_somebody_stops_is_brought_back,
     a_node_that_restarts_is_noticed_by_its_boot_up_message,
     a_dead_master_is_missed_by_its_heartbeat, long_objects_go_in_segments_both_ways)}
+
+
+def prove(check: str, directory: Path, interface: str, channel: str) -> None:
+    """Make a rig for one of the checks."""
+    rig = ForeignRig(directory, interface, channel)
+    try:
+        CHECKS[check](rig)
+    finally:
+        rig.close()

@@ -8,6 +8,7 @@ torque and digital inputs; their carriages are at the target at once.
 
 from __future__ import annotations
 
+import sched
 import threading
 import time
 
@@ -140,6 +141,8 @@ class ForeignDrives:
 
     def __init__(self, make_bus, positions: tuple[int, ...]) -> None:
         self._scheduler = SyncScheduler()
+        # its own looks at the machine's clock where the time is simulated
+        self._scheduler._sched = sched.scheduler(time.monotonic, time.sleep)
         set_scheduler(self._scheduler)
         self.drives = [
             ForeignDrive(make_bus(), number, position)

@@ -31,7 +31,7 @@ import pytest
 START = 100.0  # s, of the monotonic clock
 WALL_CLOCK = 1.7e9  # s, of the system clock then
 GLANCE = 1e-7  # s that it takes to look at a clock, so that who only looks comes to an end
-PACKAGES = ('facade_manipulator.', 'can.', 'canopen.', 'concurrent.futures.')
+PACKAGES = ('facade_manipulator.', 'can.', 'canopen.', 'durand.', 'concurrent.futures.')
 TESTS = str(Path(__file__).resolve().parents[1])
 
 
@@ -163,8 +163,11 @@ class SimulatedTime:
 
     def _replacements(self) -> dict[object, object]:
         mine = {name: functools.partial(kind, self) for name, kind in {
-            'Thread': Thread, 'Event': Event, 'Condition': Condition, 'Semaphore': Semaphore,
+            'Event': Event, 'Condition': Condition, 'Semaphore': Semaphore,
             'Lock': Semaphore}.items()}
+        # of which one may ask whether something is an instance
+        mine['Thread'] = type(
+            'Thread', (Thread,), {'__init__': functools.partialmethod(Thread.__init__, self)})
         queues = {name: functools.partial(Queue, self) for name in ('Queue', 'SimpleQueue')}
         return {
             time: _Changed(
