@@ -103,13 +103,14 @@ class RepeatedLog:
         self._logged = ''
         self._logged_at = -math.inf
 
-    def add(self, log: Callable[[str], object], message: str) -> None:
-        """Log a message unless it is too soon."""
+    def is_due(self, message: str) -> bool:
+        """Tell whether to log a message now, in a line that rclpy sees with one severity alone."""
         now = time.monotonic()
         pause = REPEAT_AFTER if message == self._logged else WARN_EVERY
-        if now - self._logged_at >= pause:
-            self._logged, self._logged_at = message, now
-            log(message)
+        if now - self._logged_at < pause:
+            return False
+        self._logged, self._logged_at = message, now
+        return True
 
 
 class Rejections:
@@ -143,7 +144,8 @@ class Rejections:
         """Count a rejection; `what` names the message where the error's message does not."""
         self._counts[getattr(error, 'reason', 'other')] += 1
         self.last_message = f'{what}: {error}' if what else str(error)
-        self._log.add(self._logger.warning, self.last_message)
+        if self._log.is_due(self.last_message):
+            self._logger.warning(self.last_message)
 
     def values(self) -> dict[str, int | str]:
         """Return the counters as key-value pairs of a diagnostic status."""

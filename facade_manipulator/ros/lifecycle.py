@@ -122,8 +122,8 @@ class ManagedNode(LifecycleNode):
         """Log how a request ended, before its response: that of a transition has no text."""
         if success:
             self.get_logger().info(message)
-        else:
-            self._failures.add(self.get_logger().error, message)
+        elif self._failures.is_due(message):
+            self.get_logger().error(message)
 
     def fall_back(self, to_unconfigured: bool = False) -> None:
         """Go from active to inactive, or further: what the state stands for has already ended."""

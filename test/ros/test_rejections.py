@@ -4,6 +4,7 @@ import pytest
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.ros.diagnostics import Rejections
+from facade_manipulator.ros.lifecycle import ManagedNode
 
 
 def test_what_is_rejected_in_a_block_is_counted_and_goes_no_further(ros):
@@ -25,3 +26,12 @@ def test_an_error_of_another_kind_is_not_hidden(ros):
     with pytest.raises(ZeroDivisionError), rejections:
         raise ZeroDivisionError
     assert rejections.total == 0
+
+
+def test_a_rejected_message_and_a_rejected_request_are_both_logged(ros, capfd):
+    """Of a logger rclpy takes one severity alone from one line of code."""
+    node = ros.add(ManagedNode('node'))
+    Rejections(node).add(InputError.stale('setpoint', 0.3, 0.2))
+    node.report(False, 'home is not possible')
+    said = capfd.readouterr().err
+    assert '[WARN]' in said and '[ERROR]' in said
