@@ -2,27 +2,20 @@
 
 from __future__ import annotations
 
-import fcntl
-import itertools
 import os
-from pathlib import Path
 import signal
-import subprocess
-import sys
 import tempfile
 import threading
 
 from hypothesis import HealthCheck, settings
+from own_processes import free_domain, Processes
 import pytest
 from simulated_time import SimulatedTime
 from support import DEADLINE, second_tries, wait_until
 
-SOURCE = Path(__file__).resolve().parents[1]
-DOMAINS = range(1, 100)
 WAITING_FIXTURES = {'ros_domain', 'vcan0', 'guest'}
 SIMULATED = {'simulated_time', 'shared_time'}
 WAITING_NAMES = {'wait_until', 'threading', 'time'}
-STOP_DEADLINE = 10.0
 
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's would be inherited by every process tested
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -43,25 +36,12 @@ def _count_second_tries(request):
         request.node.user_properties.append(('second try', second_tries.pop(0)))
 
 
-_next_domain = itertools.count(os.getpid())
-
-
 @pytest.fixture
 def ros_domain(monkeypatch):
     """Give the test a ROS domain that no other test on this machine uses meanwhile."""
-    for number in itertools.islice(_next_domain, len(DOMAINS)):
-        domain = DOMAINS[number % len(DOMAINS)]
-        lock = open(Path(tempfile.gettempdir()) / f'ros_domain_{domain}_{os.getuid()}.lock', 'w')
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            lock.close()
-            continue
+    with free_domain() as domain:
         monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
         yield domain
-        lock.close()
-        return
-    pytest.fail('no free ROS domain')
 
 
 class RosSession:
@@ -170,37 +150,9 @@ def rig(make_rig):
 @pytest.fixture
 def start_process(ros_domain, tmp_path):
     """Start ``python -m MODULE ARGS…`` in a process group of its own, ended after the test."""
-    started = []
-
-    def start(module: str, *args: str, **popen) -> subprocess.Popen:
-        environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **popen.pop('env', {})}
-        environment['PYTHONPATH'] = os.pathsep.join(
-            filter(None, [str(SOURCE), environment.get('PYTHONPATH')]))
-        output = open(tmp_path / f'{module}_{len(started)}.log', 'w')
-        process = subprocess.Popen(
-            [sys.executable, '-m', module, *args], env=environment, cwd=tmp_path,
-            stdout=output, stderr=subprocess.STDOUT, start_new_session=True, **popen)
-        process.log = Path(output.name)
-        output.close()
-        started.append(process)
-        return process
-
-    yield start
-    for process in reversed(started):  # who commands before who obeys
-        end_process(process)
-    print(*(f'--- {process.args}\n{process.log.read_text()}' for process in started), sep='\n')
-
-
-def end_process(process: subprocess.Popen) -> int:
-    """End a process group as an operator does, and by force after a deadline."""
-    for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-        if process.poll() is None:
-            os.killpg(process.pid, sign)
-        try:
-            return process.wait(STOP_DEADLINE)
-        except subprocess.TimeoutExpired:
-            continue
-    return process.wait()
+    processes = Processes(tmp_path)
+    yield processes.start
+    processes.end()
 
 
 def pytest_collection_modifyitems(items):

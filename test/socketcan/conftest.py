@@ -7,10 +7,10 @@ from pathlib import Path
 
 from link import IFF_UP
 from listener import Listener
+from own_processes import free_domain
 import pytest
 import rclpy
-from stack import as_driver, as_drives, bring_up, DRIVER, PATIENCE
-from support import wait_until
+from stack import bring_up, CHANNEL, come_down, PATIENCE, Stack, start_drives
 from vcan import MISSING
 
 from facade_manipulator.ros.client import ManipulatorClient
@@ -18,13 +18,31 @@ from facade_manipulator.ros.client import ManipulatorClient
 FLAGS = Path('/sys/class/net/vcan0/flags')
 
 
+@pytest.fixture(scope='session')
+def stack(tmp_path_factory):
+    """Give drives and a driver that one test leaves to the next."""
+    with free_domain() as domain:
+        made = Stack(domain, tmp_path_factory)
+        yield made
+        made.end()
+
+
 @pytest.fixture
-def vcan0() -> str:
+def ros_domain(stack, monkeypatch):
+    """Give the ROS domain of the driver that the tests share."""
+    monkeypatch.setenv('ROS_DOMAIN_ID', str(stack.domain))
+    return stack.domain
+
+
+@pytest.fixture
+def vcan0(request, stack) -> str:
     """Return the name of the virtual CAN interface, or skip with the reason why there is none."""
     if not FLAGS.exists():
         pytest.skip(os.environ.get(MISSING, 'no vcan0 here: run make test'))
     assert int(FLAGS.read_text(), 16) & IFF_UP, 'vcan0 is down: sudo ip link set vcan0 up'
-    return 'vcan0'
+    if 'driver' not in request.fixturenames:
+        stack.end()  # the test has drives of its own
+    return CHANNEL
 
 
 @pytest.fixture
@@ -38,24 +56,16 @@ def listener(vcan0):
 @pytest.fixture
 def drives(vcan0, start_process):
     """Start three simulated drives."""
-    process = start_process(
-        'facade_manipulator.drives.simulated', '--channel', vcan0, preexec_fn=as_drives)
-    wait_until(lambda: 'nodes 1, 2, 3' in process.log.read_text(), 'the drive simulator', 60.0)
-    return process
+    return start_drives(start_process)
 
 
 @pytest.fixture
-def driver(drives, start_process, request):
-    """Start the driver, patient with a busy computer unless the test says otherwise."""
+def driver(vcan0, stack, ros_domain, request):
+    """Give a driver, patient with a busy computer unless the test says otherwise."""
     marker = request.node.get_closest_marker('driver')
-    parameters = marker.args if marker else PATIENCE
-    process = start_process(
-        'facade_manipulator.nodes.driver', '--ros-args', *DRIVER,
-        *(word for parameter in parameters for word in ('-p', parameter)), preexec_fn=as_driver)
-    wait_until(lambda: 'ready' in process.log.read_text() or process.poll() is not None,
-               'the driver', 60.0)
-    assert process.poll() is None, process.log.read_text()
-    return process
+    process = stack.get(marker.args if marker else PATIENCE)
+    yield process
+    print(process.log.read_text())
 
 
 @pytest.fixture
@@ -70,5 +80,6 @@ def client(ros_domain):
 @pytest.fixture
 def active(driver, client):
     """Bring the drives up as an operator does: configure, home, activate."""
+    come_down(client)
     bring_up(client)
     return client

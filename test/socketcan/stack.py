@@ -6,18 +6,20 @@ from collections.abc import Callable
 from contextlib import suppress
 import os
 import re
+import subprocess
 
-import pytest
-from support import patiently
+from own_processes import Processes
+from support import patiently, wait_until
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.client import ManipulatorClient, RequestRejectedError
 
+CHANNEL = 'vcan0'
 # all processes share the guest's one CPU
 RATE = 50  # Hz
 PERIOD = 1.0 / RATE
 DRIVER = (
-    '-p', 'bus.interface:=socketcan', '-p', 'bus.channel:=vcan0',
+    '-p', 'bus.interface:=socketcan', '-p', f'bus.channel:={CHANNEL}',
     '-p', 'controller.realtime_priority:=60', '-p', 'joint_states_rate:=10.0',
     '-p', f'controller.rate:={RATE}', '-p', 'limits.speed:=0.4',
     '-p', 'q1.home_position:=-0.1', '-p', 'q2.home_position:=0.1', '-p', 'q3.home_position:=0.0',
@@ -40,6 +42,64 @@ def promptly(priority: int) -> Callable[[], None]:
 
 
 as_drives, as_driver = promptly(50), promptly(40)  # the control loop itself: 60
+Start = Callable[..., subprocess.Popen]
+
+
+def start_drives(start: Start) -> subprocess.Popen:
+    """Start three simulated drives."""
+    process = start('facade_manipulator.drives.simulated', '--channel', CHANNEL,
+                    preexec_fn=as_drives)
+    wait_until(lambda: 'nodes 1, 2, 3' in process.log.read_text(), 'the drive simulator', 60.0)
+    return process
+
+
+def start_driver(start: Start, parameters: tuple[str, ...]) -> subprocess.Popen:
+    """Start the driver."""
+    process = start(
+        'facade_manipulator.nodes.driver', '--ros-args', *DRIVER,
+        *(word for parameter in parameters for word in ('-p', parameter)), preexec_fn=as_driver)
+    wait_until(lambda: 'ready' in process.log.read_text() or process.poll() is not None,
+               'the driver', 60.0)
+    assert process.poll() is None, process.log.read_text()
+    return process
+
+
+class Stack:
+    """
+    Drives and a driver, which one test leaves to the next.
+
+    Parameters
+    ----------
+    domain : int
+        Their ROS domain.
+    folders : pytest.TempPathFactory
+        Where their logs go.
+
+    """
+
+    def __init__(self, domain: int, folders) -> None:
+        self.domain = domain
+        self._folders = folders
+        self._parameters: tuple[str, ...] = ()
+        self._processes: Processes | None = None
+        self._driver: subprocess.Popen | None = None
+
+    def get(self, parameters: tuple[str, ...]) -> subprocess.Popen:
+        """Return a driver with these parameters; another one where none lives."""
+        if self._driver and self._driver.poll() is None and self._parameters == parameters:
+            return self._driver
+        self.end()
+        self._parameters = parameters
+        self._processes = Processes(self._folders.mktemp('stack'))
+        start_drives(self._processes.start)
+        self._driver = start_driver(self._processes.start, parameters)
+        return self._driver
+
+    def end(self) -> None:
+        """Leave the bus to others."""
+        if self._processes:
+            self._processes.end()
+        self._processes = self._driver = None
 
 
 def bring_up(client: ManipulatorClient) -> None:
@@ -76,11 +136,3 @@ def assert_says(client: ManipulatorClient, component: str, pattern: str) -> None
         return found is not None and re.search(pattern, found.status.message) is not None
     client.wait_until(says, f'{pattern} in /diagnostics', 20.0)
 
-
-def assert_rejected(
-    client: ManipulatorClient, request: Callable[[], object], pattern: str
-) -> None:
-    """Check that the driver rejects a request and says why."""
-    with pytest.raises(RequestRejectedError):
-        request()
-    assert_says(client, 'operation', pattern)

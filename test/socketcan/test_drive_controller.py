@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import re
 import time
 
 from drive_rig import at_rest, moving, Rig, SETTINGS
@@ -66,7 +67,15 @@ def test_sync_falls_silent_with_the_controller(rig):
         assert heard is None or not is_sync(heard)
 
 
-def test_an_interface_that_is_down_at_the_start_is_said(vcan0):
+def test_drives_that_do_not_answer_are_named(rig):
+    rig.simulator.stop()
+    assert re.search('q[123]', rig.rejection('configure'))
+    assert rig.state is ControllerState.UNCONFIGURED
+
+
+def test_an_interface_that_is_not_there_or_down_is_said(vcan0):
+    with pytest.raises(BusError, match='vcan77'):
+        open_bus(BusSettings(interface='socketcan', channel='vcan77'))
     switch(vcan0, up=False)
     try:
         with pytest.raises(BusError, match='sudo ip link set vcan0 up'):

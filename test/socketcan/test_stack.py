@@ -7,7 +7,7 @@ import struct
 import time
 
 import pytest
-from stack import assert_rejected, DRIVER, PERIOD
+from stack import PERIOD
 from support import period_of, wait_until
 
 from facade_manipulator.drives.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
@@ -60,19 +60,3 @@ def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
     active.wait_until(  # the drives follow their targets a few cycles later
         lambda: max(abs(a - b) for a, b in zip(active.head_in_rail, goal, strict=True)) < 1e-3,
         'the head at the goal', 20.0)
-
-
-def test_drives_that_do_not_answer_are_named_and_the_driver_lives(
-        vcan0, start_process, client):
-    driver = start_process(
-        'facade_manipulator.nodes.driver', '--ros-args', *DRIVER,
-        '-p', 'controller.boot_timeout:=0.5')
-    assert_rejected(client, client.configure, 'q[123]')
-    assert client.driver_state() == 'unconfigured'
-    assert driver.poll() is None
-
-
-def test_a_missing_interface_is_said_with_what_to_do(vcan0, start_process, client):
-    start_process(
-        'facade_manipulator.nodes.driver', '--ros-args', *DRIVER, '-p', 'bus.channel:=vcan77')
-    assert_rejected(client, client.configure, 'vcan77')

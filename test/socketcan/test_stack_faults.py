@@ -1,4 +1,8 @@
-"""What processes, the interface and strangers on a real SocketCAN bus may do to the drives."""
+"""
+What processes, the interface and strangers on a real SocketCAN bus may do to the drives.
+
+The tests share a driver as long as it lives: those that end it come last.
+"""
 
 from __future__ import annotations
 
@@ -142,83 +146,6 @@ def wait_until_enabled(watcher: Watcher, deadline: float = DEADLINE) -> None:
                'three enabled drives and a heartbeat of their master', deadline)
 
 
-@pytest.mark.driver()
-def test_a_driver_that_is_killed_with_its_loop_is_missed_by_every_drive_in_time(
-        active, driver, watcher, listener):
-    make_sure_of_power(active, watcher)
-    begin = time.time()
-    for pid in (*children(driver.pid), driver.pid):
-        os.kill(pid, signal.SIGKILL)
-    assert_drives_stopped_by_themselves(watcher, begin)
-    wait_until(lambda: states_by_sdo(listener) == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
-
-
-def states_by_sdo(listener: Listener) -> list[State]:
-    """Ask the drives for their statuswords: nobody sends SYNC any more."""
-    for node in NODES:
-        listener.send(0x600 + node, struct.pack('<BHB4x', 0x40, 0x6041, 0))
-    answers = [listener.of(0x580 + node)[-1:] for node in NODES]
-    return [decode_state(struct.unpack_from('<H', found[0].data, 4)[0])
-            for found in answers if found]
-
-
-@pytest.mark.driver()
-def test_a_frozen_loop_is_missed_in_time_and_enables_nothing_when_it_thaws(
-        active, driver, watcher):
-    make_sure_of_power(active, watcher)
-    loop, = children(driver.pid)
-    begin = time.time()
-    os.kill(loop, signal.SIGSTOP)
-    try:
-        assert_drives_stopped_by_themselves(watcher, begin)
-        wait_until(lambda: watcher.states() == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
-        wait_until(lambda: time.time() > begin + 2.0 * HEARTBEAT_TIMEOUT, 'a long pause')
-    finally:
-        thawed = time.time()
-        os.kill(loop, signal.SIGCONT)
-    active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
-    assert all_of(watcher.first(0x200 + node, thawed, stops) for node in NODES)
-    assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
-    assert watcher.states() == [State.QUICK_STOP_ACTIVE] * 3
-    assert 'the control loop stood still' in active.clear_faults()
-    go_on(active)
-
-
-def assert_ramped_down_and_off(watcher: Watcher, since: float, within: float) -> None:
-    """Check that the drives lost power on the loop's commands, without a quick stop."""
-    off = wait_until(lambda: all_of(
-        watcher.first(0x180 + node, since, is_off) for node in NODES), 'power off')
-    print(f'power off {1e3 * (max(off) - since):.0f} ms after the node was gone')
-    assert max(off) - since <= within + watcher.pause(since, max(off))
-    assert [watcher.first(0x200 + node, since, stops) for node in NODES] == [None] * 3
-    assert [watcher.first(0x080 + node, since) for node in NODES] == [None] * 3
-    assert watcher.commands.complaints == []
-
-
-def test_a_killed_node_leaves_a_loop_that_ramps_down_and_powers_off(active, driver, watcher):
-    make_sure_of_power(active, watcher)
-    loop, = children(driver.pid)
-    begin = time.time()
-    os.kill(driver.pid, signal.SIGKILL)
-    assert_ramped_down_and_off(watcher, begin, RAMP_WITHIN)
-    wait_until(lambda: not Path(f'/proc/{loop}').exists(), 'the end of the loop')
-
-
-def test_a_node_that_hangs_leaves_a_loop_that_ramps_down_and_powers_off(
-        drives, start_process, client, watcher):
-    process = start_process(
-        'hanging_driver', '--ros-args', *DRIVER, env={'PYTHONPATH': str(HERE)},
-        preexec_fn=as_driver)
-    bring_up(client)
-    make_sure_of_power(client, watcher)
-    os.kill(process.pid, signal.SIGUSR1)
-    hung = float(wait_until(
-        lambda: re.search(r'hung at ([\d.]+)\n', process.log.read_text()), 'the hanging')[1])
-    assert_ramped_down_and_off(
-        watcher, hung, ControllerSettings().watchdog_timeout + RAMP_WITHIN)
-    process.kill()  # it would receive nothing else
-
-
 def busy_share(pid: int) -> float:
     """
     Return which share of a processor a process uses.
@@ -319,3 +246,80 @@ def test_whatever_a_stranger_says_the_driver_lives_and_recovers(
     assert 'Traceback' not in driver.log.read_text()
     come_down(active)
     bring_up(active)
+
+
+def assert_ramped_down_and_off(watcher: Watcher, since: float, within: float) -> None:
+    """Check that the drives lost power on the loop's commands, without a quick stop."""
+    off = wait_until(lambda: all_of(
+        watcher.first(0x180 + node, since, is_off) for node in NODES), 'power off')
+    print(f'power off {1e3 * (max(off) - since):.0f} ms after the node was gone')
+    assert max(off) - since <= within + watcher.pause(since, max(off))
+    assert [watcher.first(0x200 + node, since, stops) for node in NODES] == [None] * 3
+    assert [watcher.first(0x080 + node, since) for node in NODES] == [None] * 3
+    assert watcher.commands.complaints == []
+
+
+def test_a_killed_node_leaves_a_loop_that_ramps_down_and_powers_off(active, driver, watcher):
+    make_sure_of_power(active, watcher)
+    loop, = children(driver.pid)
+    begin = time.time()
+    os.kill(driver.pid, signal.SIGKILL)
+    assert_ramped_down_and_off(watcher, begin, RAMP_WITHIN)
+    wait_until(lambda: not Path(f'/proc/{loop}').exists(), 'the end of the loop')
+
+
+@pytest.mark.driver()
+def test_a_frozen_loop_is_missed_in_time_and_enables_nothing_when_it_thaws(
+        active, driver, watcher):
+    make_sure_of_power(active, watcher)
+    loop, = children(driver.pid)
+    begin = time.time()
+    os.kill(loop, signal.SIGSTOP)
+    try:
+        assert_drives_stopped_by_themselves(watcher, begin)
+        wait_until(lambda: watcher.states() == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
+        wait_until(lambda: time.time() > begin + 2.0 * HEARTBEAT_TIMEOUT, 'a long pause')
+    finally:
+        thawed = time.time()
+        os.kill(loop, signal.SIGCONT)
+    active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
+    assert all_of(watcher.first(0x200 + node, thawed, stops) for node in NODES)
+    assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
+    assert watcher.states() == [State.QUICK_STOP_ACTIVE] * 3
+    assert 'the control loop stood still' in active.clear_faults()
+    go_on(active)
+
+
+@pytest.mark.driver()
+def test_a_driver_that_is_killed_with_its_loop_is_missed_by_every_drive_in_time(
+        active, driver, watcher, listener):
+    make_sure_of_power(active, watcher)
+    begin = time.time()
+    for pid in (*children(driver.pid), driver.pid):
+        os.kill(pid, signal.SIGKILL)
+    assert_drives_stopped_by_themselves(watcher, begin)
+    wait_until(lambda: states_by_sdo(listener) == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
+
+
+def states_by_sdo(listener: Listener) -> list[State]:
+    """Ask the drives for their statuswords: nobody sends SYNC any more."""
+    for node in NODES:
+        listener.send(0x600 + node, struct.pack('<BHB4x', 0x40, 0x6041, 0))
+    answers = [listener.of(0x580 + node)[-1:] for node in NODES]
+    return [decode_state(struct.unpack_from('<H', found[0].data, 4)[0])
+            for found in answers if found]
+
+
+def test_a_node_that_hangs_leaves_a_loop_that_ramps_down_and_powers_off(
+        drives, start_process, client, watcher):
+    process = start_process(
+        'hanging_driver', '--ros-args', *DRIVER, env={'PYTHONPATH': str(HERE)},
+        preexec_fn=as_driver)
+    bring_up(client)
+    make_sure_of_power(client, watcher)
+    os.kill(process.pid, signal.SIGUSR1)
+    hung = float(wait_until(
+        lambda: re.search(r'hung at ([\d.]+)\n', process.log.read_text()), 'the hanging')[1])
+    assert_ramped_down_and_off(
+        watcher, hung, ControllerSettings().watchdog_timeout + RAMP_WITHIN)
+    process.kill()  # it would receive nothing else

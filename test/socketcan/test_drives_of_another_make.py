@@ -1,7 +1,7 @@
 """
 Drives of independent make on a CAN bus of the kernel's: all frames, and one that is missing.
 
-`test/drives/controller/test_foreign_drives.py` has all that they are asked for.
+`test/drives/controller/test_drives_of_another_make.py` has all that they are asked for.
 """
 
 import pytest

@@ -1,0 +1,78 @@
+"""Processes that tests start, and that always end; ROS domains of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import fcntl
+import itertools
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import tempfile
+
+import pytest
+
+SOURCE = Path(__file__).resolve().parents[2]
+DOMAINS = range(1, 100)
+STOP_DEADLINE = 10.0
+_next_domain = itertools.count(os.getpid())
+
+
+@contextmanager
+def free_domain() -> Iterator[int]:
+    """Give a ROS domain that no other test on this machine uses meanwhile."""
+    for number in itertools.islice(_next_domain, len(DOMAINS)):
+        domain = DOMAINS[number % len(DOMAINS)]
+        name = f'ros_domain_{domain}_{os.getuid()}.lock'
+        with open(Path(tempfile.gettempdir()) / name, 'w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            yield domain
+            return
+    pytest.fail('no free ROS domain')
+
+
+class Processes:
+    """Processes in groups of their own, with a log each in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._started: list[subprocess.Popen] = []
+
+    def start(self, module: str, *args: str, **popen) -> subprocess.Popen:
+        """Start ``python -m MODULE ARGS…``; its `log` is the path of what it says."""
+        environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **popen.pop('env', {})}
+        environment['PYTHONPATH'] = os.pathsep.join(
+            filter(None, [str(SOURCE), environment.get('PYTHONPATH')]))
+        output = open(self._folder / f'{module}_{len(self._started)}.log', 'w')
+        process = subprocess.Popen(
+            [sys.executable, '-m', module, *args], env=environment, cwd=self._folder,
+            stdout=output, stderr=subprocess.STDOUT, start_new_session=True, **popen)
+        process.log = Path(output.name)
+        output.close()
+        self._started.append(process)
+        return process
+
+    def end(self) -> None:
+        """End them all, who commands before who obeys, and print what they said."""
+        for process in reversed(self._started):
+            end_process(process)
+        print(*(f'--- {process.args}\n{process.log.read_text()}' for process in self._started),
+              sep='\n')
+
+
+def end_process(process: subprocess.Popen) -> int:
+    """End a process group as an operator does, and by force after a deadline."""
+    for sign in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
+        if process.poll() is None:
+            os.killpg(process.pid, sign)
+        try:
+            return process.wait(STOP_DEADLINE)
+        except subprocess.TimeoutExpired:
+            continue
+    return process.wait()
