@@ -104,7 +104,7 @@ class RepeatedLog:
         self._logged_at = -math.inf
 
     def is_due(self, message: str) -> bool:
-        """Tell whether to log a message now, in a line that rclpy sees with one severity alone."""
+        """Return whether to log a message now, in a line of code for one severity alone."""
         now = time.monotonic()
         pause = REPEAT_AFTER if message == self._logged else WARN_EVERY
         if now - self._logged_at < pause:

@@ -7,9 +7,10 @@ from pathlib import Path
 from bad_setpoints import HOME, NEAR_BY, REACH
 import can
 from command_watch import CommandWatch
-from listener import Frame, NODES
-from stack import PERIOD
-from support import wait_until
+from diagnostic_msgs.msg import DiagnosticStatus
+from listener import Frame, Listener, NODES
+from stack import bring_up, come_down, PERIOD
+from support import patiently, wait_until
 
 from facade_manipulator.drives.canopen.pdo import rpdo_cob_id
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
@@ -42,9 +43,23 @@ def test_of_bad_setpoints_at_a_kilohertz_none_reaches_a_drive(
         active, driver, listener, start_process):
     stranger = start_process('bad_setpoints', env={'PYTHONPATH': str(HERE)})
 
+    def prove():
+        listener.read().clear()
+        assert_none_reaches_a_drive(active, listener)
+
+    patiently(prove, lambda: (come_down(active), bring_up(active)), tries=2)
+    print(stranger.log.read_text())
+    assert active.driver_state() == 'active'
+    assert driver.poll() is None
+    assert 'Traceback' not in driver.log.read_text()
+
+
+def assert_none_reaches_a_drive(active: ManipulatorClient, listener: Listener) -> None:
     def tell():
         active.spin(0.05)
         listener.read()
+        status = active.component('driver: operation')
+        assert status is None or status.status.level != DiagnosticStatus.ERROR, status
 
     def all_rejected():
         told = values_of(active, 'operation')
@@ -54,7 +69,7 @@ def test_of_bad_setpoints_at_a_kilohertz_none_reaches_a_drive(
     wait_until(lambda: max(judge(listener.frames).greatest[0] - HOME[0], 0.0) > 0.5 * REACH,
                'the carriages to follow the good ones', 60.0, step=tell)
     watch = judge(listener.read())
-    print(stranger.log.read_text(), watch.least, watch.greatest, *(
+    print(watch.least, watch.greatest, *(
         f'{key}: {value}' for name in ('operation', 'bus')
         for key, value in values_of(active, name).items() if key.startswith(TOLD)), sep='\n')
     assert watch.complaints == []
@@ -62,6 +77,3 @@ def test_of_bad_setpoints_at_a_kilohertz_none_reaches_a_drive(
         assert home - EXTRAPOLATED <= least
         assert greatest <= home + REACH + EXTRAPOLATED
     assert EXTRAPOLATED < -NEAR_BY
-    assert active.driver_state() == 'active'
-    assert driver.poll() is None
-    assert 'Traceback' not in driver.log.read_text()
