@@ -10,6 +10,7 @@ from facade_manipulator.simulation.bench.__main__ import Run
 from facade_manipulator.simulation.bench.comparison import (
     comparison,
     draw_comparison,
+    explained,
     put_beside,
 )
 
@@ -39,6 +40,12 @@ def test_a_table_tells_units_or_shares_and_leaves_pressed_axes_out():
     assert '| 100 / – / 20.0  | 1.00 / – / 0.500 ' in values[2]
     assert '| 100 / – / 20.0  | 1.00 / – / 2.50 ' in shares[2]
     assert len({len(line) for line in values}) == 1
+
+
+def test_the_bound_explains_what_lies_between_it_and_the_oracle():
+    rms = {'learnt': [3.0, 2.0, None], 'bound': [2.0, 2.0, None], 'oracle': [1.0, 1.0, None]}
+    assert explained(rms) == [0.5, 1.0, None]
+    assert explained(CASES['gusts']['rms']) is None
 
 
 def test_an_earlier_report_is_put_beside_where_it_has_the_case():

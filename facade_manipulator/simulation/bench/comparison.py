@@ -33,6 +33,7 @@ PREDICTIONS = {  # as people read them, colour and mark in the picture, from wor
 }
 Cells = Sequence[float | None]  # of the axes
 Cases = dict[str, dict]
+PERCENT = (100.0, 100.0, 100.0)
 
 
 def put_beside(cases: Cases, earlier: Cases) -> None:
@@ -45,6 +46,9 @@ def comparison(cases: Cases, scales: Cells, in_percent: bool) -> Iterator[str]:
     """
     Yield the lines of a Markdown table whose columns stand below one another.
 
+    Last come the share of the gap between learnt and oracle that the bound explains, and that of
+    the errors within two of the deviations which the prediction gives itself.
+
     Parameters
     ----------
     cases : dict
@@ -55,18 +59,30 @@ def comparison(cases: Cases, scales: Cells, in_percent: bool) -> Iterator[str]:
 
     """
     shown = [name for name in PREDICTIONS if any(name in case['rms'] for case in cases.values())]
-    lines = [('', *(PREDICTIONS[name][0] for name in shown), 'within 2 σ [%]')]
+    lines = [('', *(PREDICTIONS[name][0] for name in shown), 'gap explained [%]',
+              'within 2 σ [%]')]
     for name, case in cases.items():
         rms = dict(case['rms'])
         whole = rms.pop(WITHOUT_ANY)
         part = [value and 100.0 / value for value in whole] if in_percent else scales
         lines.append((
             name, figures(whole, scales), *(figures(rms.get(key), part) for key in shown[1:]),
-            figures(case['within_two_deviations'], (100.0, 100.0, 100.0))))
+            figures(explained(case['rms']), PERCENT),
+            figures(case['within_two_deviations'], PERCENT)))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     lines.insert(1, [width * '-' for width in widths])
     for line in lines:
         yield f'| {" | ".join(map(str.ljust, line, widths))} |'
+
+
+def explained(rms: dict[str, Cells]) -> Cells | None:
+    """Return which share of the gap between learnt and oracle the bound explains."""
+    if not rms.keys() >= {LEARNT, 'bound', 'oracle'}:
+        return None
+    return [
+        None if learnt is None else (bound - oracle) / (learnt - oracle)
+        for learnt, bound, oracle in zip(
+            *(rms[name] for name in (LEARNT, 'bound', 'oracle')), strict=True)]
 
 
 def figures(values: Cells | None, scales: Cells) -> str:
