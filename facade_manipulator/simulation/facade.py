@@ -59,14 +59,7 @@ NO_CONTACT = Wrench(0.0, 0.0, 0.0)
 
 
 class Facade:
-    """
-    Contact of the head with the wall.
-
-    Parameters
-    ----------
-    settings : FacadeSettings
-
-    """
+    """Contact of the head with the wall."""
 
     def __init__(self, settings: FacadeSettings) -> None:
         self.settings = settings

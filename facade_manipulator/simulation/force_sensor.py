@@ -31,14 +31,7 @@ class ForceSensorSettings:
 
 
 class ForceSensor:
-    """
-    Measure the wrench of the wall on the head.
-
-    Parameters
-    ----------
-    settings : ForceSensorSettings
-
-    """
+    """Measure the wrench of the wall on the head."""
 
     def __init__(self, settings: ForceSensorSettings) -> None:
         self._settings = settings

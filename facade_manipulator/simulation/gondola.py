@@ -71,12 +71,6 @@ class Gondola:
 
     The origin is where the gondola hangs in the mean wind. It is computed block by block as far
     as it is asked for, and kept.
-
-    Parameters
-    ----------
-    settings : GondolaSettings
-    wind : WindSettings
-
     """
 
     def __init__(self, settings: GondolaSettings, wind: WindSettings) -> None:
@@ -123,20 +117,9 @@ class Gondola:
 
 def wind_forces(settings: GondolaSettings, wind: WindSettings, gusts: np.ndarray) -> np.ndarray:
     """
-    Return what gusts add to the force of the mean wind on a gondola.
+    Return what gusts add to the force of the mean wind: x, y, yaw moment, up [N, N m], (n, 4).
 
-    Parameters
-    ----------
-    settings : GondolaSettings
-    wind : WindSettings
-    gusts : numpy.ndarray, shape (n, 3)
-        Along the mean wind, across it, upwards [m/s].
-
-    Returns
-    -------
-    numpy.ndarray, shape (n, 4)
-        Forces x and y, yaw moment, force upwards [N, N m].
-
+    Gusts are along the mean wind, across it, upwards [m/s], shape (n, 3).
     """
     direction = np.array([math.cos(wind.direction), math.sin(wind.direction)])
     across = np.array([-direction[1], direction[0]])
@@ -152,24 +135,15 @@ class Modes(NamedTuple):
     """
     Six modes: two along the wall, two towards it, yaw, vertical.
 
-    Parameters
-    ----------
-    frequencies : numpy.ndarray, shape (6,)
-        Angular [rad/s].
-    damping : float
-        Of each, as a share of the critical.
-    participation : numpy.ndarray, shape (4, 6)
-        Takes the wind (forces x and y, yaw moment, force upwards) to modal accelerations.
-    output : numpy.ndarray, shape (3, 6)
-        Takes modal positions to the rail's (x, y, yaw); transposed, a wrench on the rail to modal
-        accelerations, since what the modes move is what works on them.
-
+    `participation` takes the wind (forces x and y, yaw moment, force upwards) to modal
+    accelerations. `output` takes modal positions to the rail's (x, y, yaw); transposed, a wrench
+    on the rail to modal accelerations, since what the modes move is what works on them.
     """
 
-    frequencies: np.ndarray
-    damping: float
-    participation: np.ndarray
-    output: np.ndarray
+    frequencies: np.ndarray  #: angular [rad/s], shape (6,)
+    damping: float  #: of each, as a share of the critical
+    participation: np.ndarray  #: shape (4, 6)
+    output: np.ndarray  #: shape (3, 6)
 
     def discrete(self, step: float) -> Callable:
         """Return the exact step [s] of (positions, velocities) under a held acceleration."""

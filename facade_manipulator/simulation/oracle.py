@@ -47,22 +47,10 @@ FREQUENCY_DEVIATION = 0.2  # Hz, of sways between 0.05 and 0.8 Hz, before anythi
 
 def limits(scenario: Scenario, motion: Motion, origin: float = START) -> dict:
     """
-    Return the best predictions of a scenario's disturbance, none if the head has part in it.
+    Return the best predictions of a scenario's motion that begins at the origin [s], by name.
 
-    Parameters
-    ----------
-    scenario : Scenario
-    motion : callable
-        Of the scenario.
-    origin : float
-        Time at which it begins [s].
-
-    Returns
-    -------
-    dict
-        By name: what ``known`` predicts comes true, ``oracle`` knows the law, ``bound`` has to
-        find the frequencies of sines, too.
-
+    What ``known`` predicts comes true, ``oracle`` knows the law, ``bound`` has to find the
+    frequencies of sines, too. There are none where the head has part in the motion.
     """
     if scenario.facade.present and scenario.gondola.reaction:
         return {}
@@ -98,13 +86,7 @@ class KnownDisturbance:
     """
     Predict what will come true: what is left then is not the prediction's.
 
-    Parameters
-    ----------
-    motion : callable
-        Takes a time [s] since the origin, returns the disturbance as a Pose.
-    origin : float
-        [s].
-
+    The motion counts time from the origin [s].
     """
 
     def __init__(self, motion: Motion, origin: float) -> None:

@@ -34,14 +34,7 @@ LONGEST_GAP = 0.5  # s, after which nobody knows where the head has been
 
 
 class ModalReaction:
-    """
-    What a wrench on the rail adds to the gondola's motion.
-
-    Parameters
-    ----------
-    settings : GondolaSettings
-
-    """
+    """What a wrench on the rail adds to the gondola's motion."""
 
     def __init__(self, settings: GondolaSettings) -> None:
         self._modes = modes(settings)

@@ -33,29 +33,13 @@ class WallSettings:
 
 
 class WallSample(NamedTuple):
-    """
-    The head at the stamp of one set of carriage positions.
+    """The head at the stamp of one set of carriage positions."""
 
-    Parameters
-    ----------
-    time : float
-        [s].
-    head : Pose
-        True pose of the head in the façade's frame.
-    error : Pose or None
-        Head less goal; None before the first goal.
-    uncompensated : Pose or None
-        What a mechanism standing still at the goal would have.
-    settled : bool
-        Whether the goal has stood for long enough to count.
-
-    """
-
-    time: float
-    head: Pose
-    error: Pose | None
-    uncompensated: Pose | None
-    settled: bool
+    time: float  #: [s]
+    head: Pose  #: true pose in the façade's frame
+    error: Pose | None  #: head less goal; None before the first goal
+    uncompensated: Pose | None  #: what a mechanism standing still at the goal would have
+    settled: bool  #: whether the goal has stood for long enough to count
 
     @property
     def lateral_offset(self) -> float | None:

@@ -56,14 +56,7 @@ class WindSettings:
 
 
 class Wind:
-    """
-    Gusts as sums of tones with random phases: a function of time, the same for the same seed.
-
-    Parameters
-    ----------
-    settings : WindSettings
-
-    """
+    """Gusts as sums of tones with random phases: a function of time, one for each seed."""
 
     def __init__(self, settings: WindSettings) -> None:
         random = np.random.default_rng(settings.seed)
@@ -77,20 +70,7 @@ class Wind:
         self._phases = random.uniform(0.0, math.tau, (3, TONES))
 
     def gusts(self, times: np.ndarray) -> np.ndarray:
-        """
-        Return the gusts at times.
-
-        Parameters
-        ----------
-        times : numpy.ndarray, shape (n,)
-            [s].
-
-        Returns
-        -------
-        numpy.ndarray, shape (n, 3)
-            Along the mean wind, across it, upwards [m/s].
-
-        """
+        """Return the gusts at times [s]: along the mean wind, across, upwards [m/s], (n, 3)."""
         angles = math.tau * times[:, None, None] * self._frequencies + self._phases
         return (self._amplitudes * np.cos(angles)).sum(axis=-1)
 
@@ -105,21 +85,9 @@ def spectral_density(
     settings: WindSettings, component: int, frequencies: np.ndarray
 ) -> np.ndarray:
     """
-    Return the one-sided spectral density of a component of the gusts.
+    Return the one-sided spectral density of a component of the gusts [m²/s] at frequencies [Hz].
 
-    Parameters
-    ----------
-    settings : WindSettings
-    component : int
-        0 along the mean wind, 1 across, 2 upwards.
-    frequencies : numpy.ndarray
-        [Hz].
-
-    Returns
-    -------
-    numpy.ndarray
-        [m²/s].
-
+    Components are 0 along the mean wind, 1 across, 2 upwards.
     """
     if settings.spectrum == 'kaimal':
         a, b, c, d = KAIMAL[component]

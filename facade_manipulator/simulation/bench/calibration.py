@@ -48,25 +48,13 @@ MOUNTED = {'mounting': (0.5, 0.3, math.radians(0.5)), 'stamp_error': 0.02}
 
 
 class Trial(NamedTuple):
-    """
-    What calibrating many machines came to.
+    """What calibrating many machines came to; heads at poses held out."""
 
-    Parameters
-    ----------
-    deviations : ndarray, shape (machines, unknowns)
-        Found less true, in standard deviations.
-    before, after, share : ndarray, shape (machines, 3)
-        RMS of the head's error at held-out poses, and what the noise alone is expected to leave.
-    blamed : int
-        Good measurements taken for outliers.
-
-    """
-
-    deviations: np.ndarray
-    before: np.ndarray
+    deviations: np.ndarray  #: found less true, in standard deviations, (machines, unknowns)
+    before: np.ndarray  #: RMS of the head's error, (machines, 3)
     after: np.ndarray
-    share: np.ndarray
-    blamed: int
+    share: np.ndarray  #: what the noise alone is expected to leave of it
+    blamed: int  #: good measurements taken for outliers
 
     @property
     def within(self) -> float:

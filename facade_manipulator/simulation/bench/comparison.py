@@ -49,14 +49,8 @@ def comparison(cases: Cases, scales: Cells, in_percent: bool) -> Iterator[str]:
     Last come the share of the gap between learnt and oracle that the bound explains, and that of
     the errors within two of the deviations which the prediction gives itself.
 
-    Parameters
-    ----------
-    cases : dict
-    scales : sequence of float
-        From the unit of the axes to the one in which people read them.
-    in_percent : bool
-        Whether what is left is a share of what is without compensation.
-
+    Scales lead to the units in which people read the axes; in percent, what is left is a share of
+    what is without compensation.
     """
     shown = [name for name in PREDICTIONS if any(name in case['rms'] for case in cases.values())]
     lines = [('', *(PREDICTIONS[name][0] for name in shown), 'gap explained [%]',
@@ -96,19 +90,9 @@ def draw_comparison(
     path: Path, cases: Cases, scales: Cells, titles: Sequence[str], title: str
 ) -> None:
     """
-    Draw what every prediction leaves in every case.
+    Draw what every prediction leaves in every case into a PNG file.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        PNG file to write.
-    cases : dict
-    scales : sequence of float
-        From the unit of the axes to those of the titles.
-    titles : sequence of str
-        Of the three axes, units included.
-    title : str
-
+    Scales lead to the units of the titles of the axes.
     """
     figure = Figure(figsize=(13, 2.0 + 0.35 * len(cases)), layout='constrained')
     panels = figure.subplots(1, len(titles), sharey=True)

@@ -39,18 +39,9 @@ GUIDES = ((0.0, 0.0), (60.0, 0.6), (200.0, 0.6), (600.0, 0.6))  # N/m, m
 
 def draw_scenario(path: Path, name: str, steps: Sequence[LoopStep], pressed: float | None) -> None:
     """
-    Draw the courses, the path on the wall, the spectra and, if pressed, the force of a run.
+    Draw the courses, the path on the wall and the spectra of a run into a PNG file.
 
-    Parameters
-    ----------
-    path : pathlib.Path
-        PNG file to write.
-    name : str
-        Of the scenario.
-    steps : sequence of LoopStep
-    pressed : float or None
-        Desired force on the wall [N], None without a wall.
-
+    Where there is a wall, `pressed` is the desired force [N], and the force is drawn, too.
     """
     steps = [step for step in steps if step.sample.error is not None]
     times = np.array([step.sample.time for step in steps])
