@@ -75,6 +75,7 @@ class CycleClock:
         self.held = 0.0
         self._drives = drives
         self._answers = 0  # since the last step
+        self._awaits_first = False
         self._commanded: float | None = None  # the last SYNC after which commands were sent
         self._next_sync = 0.0
         self._cycles = self._incomplete = self._late = self._skipped = self._unexpected = 0
@@ -107,27 +108,25 @@ class CycleClock:
         return causes
 
     def answer(self, now: float) -> None:
-        """Note that one more drive has answered; the step comes with the last of them."""
-        is_first = not self._answers
+        """Note that one more drive has answered: the step comes with the last of them."""
         self._answers += 1
-        if self.is_open:
-            self._plan_step(now, is_first)
-
-    def _plan_step(self, now: float, is_first: bool) -> None:
+        if not self.is_open:
+            return
         if self._answers >= self._drives:
             self.next_event = now
-        elif is_first and self._sync_waits:
+        elif self._awaits_first:
+            self._awaits_first = False
             self.next_event = max(
                 self.sync_time + ANSWERS_DUE * self.period, now + OTHERS_DUE * self.period)
 
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp
         self.smooth_stamp = self._smoothed(stamp)
-        share = FIRST_ANSWER_DUE if self._sync_waits else ANSWERS_DUE
-        self.next_event = time + share * self.period
+        self._awaits_first = self._sync_waits
+        share = FIRST_ANSWER_DUE if self._awaits_first else ANSWERS_DUE
+        is_answered = self._answers >= self._drives  # too late for the step before
+        self.next_event = time if is_answered else time + share * self.period
         self.is_open = True
-        if self._answers:  # that came after the step
-            self._plan_step(time, is_first=True)
 
     def _smoothed(self, stamp: float) -> float:
         """Return a stamp moved to a whole number of periods after the last, jitter apart."""

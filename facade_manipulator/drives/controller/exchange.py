@@ -157,6 +157,21 @@ class CyclicExchange:
             self.stop_for(Cause(
                 f'another master is on the bus, {what} was received', OTHER_MASTER_REMEDY))
 
+    def require_sole_master(self) -> None:
+        """
+        Check that nobody else commands the drives.
+
+        Raises
+        ------
+        BusError
+            What was received of another master.
+
+        """
+        if self._other_master:
+            raise BusError(
+                f'another master uses this bus: {", ".join(self._other_master)} was received; end '
+                'it (a second driver, a configuration tool), or open another bus')
+
     def _on_sync(self, frame: Frame) -> None:
         if self.group is None:
             self._note_other_master(frame)
@@ -202,21 +217,6 @@ class CyclicExchange:
             monitor.begin_supervision(now)
         if self.bus.has_kernel_sync:
             self.bus.start_sync(self._settings.period)
-
-    def require_sole_master(self) -> None:
-        """
-        Check that nobody else commands the drives.
-
-        Raises
-        ------
-        BusError
-            What was received of another master.
-
-        """
-        if self._other_master:
-            raise BusError(
-                f'another master uses this bus: {", ".join(self._other_master)} was received; end '
-                'it (a second driver, a configuration tool), or open another bus')
 
     def close(self) -> None:
         """Let go of the bus; whoever waits for an answer gives up."""
