@@ -201,7 +201,7 @@ class DriverWatch:
     @property
     def is_idle(self) -> bool:
         """Return whether there is a driver and it does not follow setpoints."""
-        return self.status is not None and self.status.active_since == math.inf
+        return self.status is not None and not math.isfinite(self.status.active_since)
 
     def may_move(self, time: float) -> bool:
         """Return whether a goal that came at a time [s] came after the drives were activated."""
