@@ -92,41 +92,6 @@ def certify_carriages(geometry: Geometry, carriages: Carriages) -> None:
     check_branch(branch_number((sine, cosine, y - rise, y + rise, left + span, span - right)))
 
 
-def _cubic(
-    geometry: Geometry, left: float, right: float
-) -> tuple[float, float, float, float, float]:
-    """
-    Return the cubic f = f0 − f1 u + f2 u² − f3 u³ in u = 1 − cos θ, and y² at u = 0.
-
-    Near θ = 0, u keeps the digits that cos θ loses; y² falls by f3 u.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    left, right : float
-        q1 − q3 and q2 − q3 [m].
-
-    Returns
-    -------
-    f0, f1, f2, f3, y² : float
-        [m²].
-
-    """
-    length, half = geometry.link_length, geometry.platform_half_length
-    distance = right - left
-    e = 0.25 * (left + right) * (left + right)
-    slack = 1.0 - 0.5 * distance / half
-    product = half * distance
-    constant = (length - half) * (length + half) - 0.25 * distance * distance  # K0
-    return (
-        e * slack * slack,
-        2.0 * (product + constant) - e * distance / half,
-        3.0 * product + constant,
-        product,
-        constant + product - e,
-    )
-
-
 def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:
     """Return (y, θ) for left = q1 − q3 below right = q2 − q3."""
     y, sine, cosine = _close(geometry, left, right)
@@ -138,11 +103,21 @@ def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]
 
 
 def _close(geometry: Geometry, left: float, right: float) -> tuple[float, float, float]:
-    """Return y, sin θ and cos θ as the cubic gives them."""
-    half = geometry.platform_half_length
-    f0, f1, f2, f3, square = _cubic(geometry, left, right)
-    u = _greatest_root(f0, f1, f2, f3)
-    square -= f3 * u
+    """
+    Return y, sin θ and cos θ by the root u = 1 − cos θ of the cubic f0 − f1 u + f2 u² − f3 u³.
+
+    Near θ = 0, u keeps the digits that cos θ loses; y² falls by f3 u.
+    """
+    length, half = geometry.link_length, geometry.platform_half_length
+    distance = right - left
+    e = 0.25 * (left + right) * (left + right)
+    slack = 1.0 - 0.5 * distance / half
+    product = half * distance  # f3
+    constant = (length - half) * (length + half) - 0.25 * distance * distance  # K0
+    u = _greatest_root(
+        e * slack * slack, 2.0 * (product + constant) - e * distance / half,
+        3.0 * product + constant, product)
+    square = constant + product - e - product * u
     if square <= 0.0:
         raise UnreachableError('y squared', square, 0.0, 'm2', 'not above')
     y = sqrt(square)
