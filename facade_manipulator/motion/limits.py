@@ -155,7 +155,8 @@ class PathLimiter:
             self._calculate(self._chase, relative, self._path)
             self._elapsed, self._frame, self._planned_speed = 0.0, frame, speed
         self._elapsed += self.period
-        self._relative = error, rate, acceleration = _at(self._path, self._elapsed)
+        self._relative = error, rate, acceleration = tuple(map(tuple, self._path.at_time(
+            min(self._elapsed, self._path.duration))))
         return self.advance(motion, (
             tuple(e + t for e, t in zip(error, target, strict=True)),
             tuple(e + w for e, w in zip(rate, frame, strict=True)), acceleration))
@@ -281,11 +282,6 @@ def _plan(limits: MotionLimits, interface: ControlInterface) -> InputParameter:
     plan.max_acceleration = [limits.acceleration] * 3
     plan.max_jerk = [limits.jerk] * 3
     return plan
-
-
-def _at(trajectory: Trajectory, time: float) -> tuple[Triple, ...]:
-    """Return position, velocity and acceleration at a time, after its end those of the end."""
-    return tuple(map(tuple, trajectory.at_time(min(time, trajectory.duration))))
 
 
 def _greatest(values: Triple) -> float:
