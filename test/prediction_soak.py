@@ -40,8 +40,9 @@ from facade_manipulator.simulation.bench.comparison import (  # noqa: E402
 )
 from facade_manipulator.simulation.estimator import EstimatorSettings  # noqa: E402
 from facade_manipulator.simulation.gondola import GondolaSettings  # noqa: E402
+from facade_manipulator.simulation.motion import Motion  # noqa: E402
 from facade_manipulator.simulation.oracle import limits  # noqa: E402
-from facade_manipulator.simulation.scenario import MissionSettings, Motion  # noqa: E402
+from facade_manipulator.simulation.scenario import MissionSettings  # noqa: E402
 from facade_manipulator.simulation.sway import SwaySettings  # noqa: E402
 from facade_manipulator.simulation.wind import Wind, WindSettings  # noqa: E402
 

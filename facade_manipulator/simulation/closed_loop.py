@@ -38,6 +38,7 @@ from facade_manipulator.simulation.estimator import EstimatorSettings, Simulated
 from facade_manipulator.simulation.facade import Facade, FacadeSettings
 from facade_manipulator.simulation.force_sensor import ForceSensor, ForceSensorSettings
 from facade_manipulator.simulation.gondola import GondolaSettings
+from facade_manipulator.simulation.motion import Motion
 from facade_manipulator.simulation.reaction import PressedGondola
 from facade_manipulator.simulation.wall import WallMeasurement, WallSample, WallSettings
 
@@ -62,18 +63,14 @@ class LoopSettings(NamedTuple):
 
 
 class LoopStep(NamedTuple):
-    """
-    One cycle: what was asked for, and the head on the wall when the drives got there.
-
-    The wrench is that of the wall on the head, `measured` what the sensor says of it.
-    """
+    """One cycle: what was asked for, and the head on the wall when the drives got there."""
 
     corrected: CorrectedPose | None
     command: Carriages
     actual: Carriages
     sample: WallSample
-    wrench: Wrench
-    measured: Wrench | None
+    wrench: Wrench  #: of the wall on the head
+    measured: Wrench | None  #: what the sensor says of it
     rail: Pose
 
 
@@ -81,36 +78,19 @@ class ClosedLoop:
     """
     Run the loop cycle by cycle.
 
-    Parameters
-    ----------
-    geometry : Geometry
-    settings : LoopSettings
-    motion : callable
-        Takes a time [s] counted from the start, returns what the disturbance would be without
-        the head on the wall as a Pose.
-    head : Pose
-        Where the head stands at the start, in the rail's frame.
-    made : Geometry, optional
-        The machine that is there, if it is not the one that the nodes' parameters say.
-
-    Attributes
-    ----------
-    now : float
-        Time of the next cycle [s].
-    rejections : list of str
-        Messages of everything that was rejected.
-
+    The motion counts from the start, without the head on the wall; the head is in the rail's frame
+    at the start. The machine that was made may be another than the parameters say.
     """
 
     def __init__(
-        self, geometry: Geometry, settings: LoopSettings, motion: Callable[[float], Pose],
-        head: Pose, made: Geometry | None = None,
+        self, geometry: Geometry, settings: LoopSettings, motion: Motion, head: Pose,
+        made: Geometry | None = None,
     ) -> None:
         def disturbance(time: float) -> Pose:
             return motion(time - START)
 
         self.settings = settings
-        self.now = START
+        self.now = START  #: time of the next cycle [s]
         self.compensator = Compensator(geometry, settings.compensator)
         self.gondola = PressedGondola(disturbance, Facade(settings.facade), settings.gondola)
         self.estimator = SimulatedEstimator(settings.estimator, self.gondola.at, START)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import heapq
 import math
 from typing import NamedTuple
@@ -13,6 +12,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction import estimator_motion
+from facade_manipulator.simulation.motion import Motion
 
 
 @settings
@@ -67,22 +67,9 @@ class Delivery(NamedTuple):
 
 
 class SimulatedEstimator:
-    """
-    Estimate a motion.
+    """Estimate a motion from a start on [s]."""
 
-    Parameters
-    ----------
-    settings : EstimatorSettings
-    motion : callable
-        Takes a time [s], returns the disturbance as a Pose.
-    start : float
-        Time of the first estimate [s].
-
-    """
-
-    def __init__(
-        self, settings: EstimatorSettings, motion: Callable[[float], Pose], start: float
-    ) -> None:
+    def __init__(self, settings: EstimatorSettings, motion: Motion, start: float) -> None:
         self._settings = settings
         self._motion = motion
         self._start = start

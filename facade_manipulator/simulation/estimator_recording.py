@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import math
 
 import numpy as np
@@ -10,6 +9,7 @@ import numpy as np
 from facade_manipulator.calibration import EstimatorRecording
 from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
 from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
+from facade_manipulator.simulation.motion import Motion
 
 DRAIN = 1.0  # s, after which what was measured last has come
 
@@ -20,31 +20,15 @@ def wandering(time: float) -> Pose:
 
 
 def record_estimator(
-    motion: Callable[[float], Pose], head: Callable[[float], Pose], settings: EstimatorSettings,
-    geometry: Geometry, duration: float, wall_noise: tuple[float, float, float],
-    rate: float = 50.0,
+    motion: Motion, head: Motion, settings: EstimatorSettings, geometry: Geometry,
+    duration: float, wall_noise: tuple[float, float, float], rate: float = 50.0,
 ) -> EstimatorRecording:
     """
     Record a gondola that moves and a head that is measured on the wall.
 
-    Parameters
-    ----------
-    motion, head : callable
-        Take a time [s]; return the rail in the façade's frame, and the head in the rail's.
-    settings : EstimatorSettings
-    geometry : Geometry
-    duration : float
-        [s].
-    wall_noise : tuple of three floats
-        Standard deviations of the second measurement [m, m, rad].
-    rate : float
-        Of joints and wall [Hz].
-
-    Raises
-    ------
-    LimitError
-        If the machine cannot take a pose of the head.
-
+    The head moves in the rail's frame for a duration [s]. Wall noise is the standard deviations of
+    the second measurement [m, m, rad], the rate that of joints and wall [Hz]. Raises a LimitError
+    if the machine cannot take a pose of the head.
     """
     estimator, mechanism = SimulatedEstimator(settings, motion, 0.0), mechanism_of(geometry)
     random = np.random.default_rng(settings.seed + 1)

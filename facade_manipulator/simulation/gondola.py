@@ -24,7 +24,7 @@ import numpy as np
 from facade_manipulator.compensation import GRAVITY, SuspensionSettings
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import inherited, parameter, settings
-from facade_manipulator.simulation.interpolation import catmull_rom
+from facade_manipulator.simulation.motion import catmull_rom
 from facade_manipulator.simulation.wind import Wind, WindSettings
 
 AIR_DENSITY = 1.2

@@ -28,6 +28,7 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.motion import TimedBuffer
 from facade_manipulator.simulation.facade import Facade, NO_CONTACT
 from facade_manipulator.simulation.gondola import GondolaSettings, modes
+from facade_manipulator.simulation.motion import Motion
 
 LONGEST_STEP = 0.002  # s, ten steps and more in a period of 500 kg on 100 N/mm
 LONGEST_GAP = 0.5  # s, after which nobody knows where the head has been
@@ -72,24 +73,11 @@ class PressedGondola:
     """
     The rail's motion with the head on the wall.
 
-    Parameters
-    ----------
-    motion : callable
-        Takes a time [s], returns the disturbance without the head as a Pose.
-    facade : Facade
-    settings : GondolaSettings
-
-    Attributes
-    ----------
-    wrench : Wrench
-        Of the wall on the head, in its frame, at the time of the last step.
-
+    The given motion is that without the head.
     """
 
-    def __init__(
-        self, motion: Callable[[float], Pose], facade: Facade, settings: GondolaSettings
-    ) -> None:
-        self.wrench = NO_CONTACT
+    def __init__(self, motion: Motion, facade: Facade, settings: GondolaSettings) -> None:
+        self.wrench = NO_CONTACT  #: of the wall on the head, in its frame, at the last step
         self.reaction = ModalReaction(settings)
         self._motion = motion
         self._facade = facade
@@ -177,19 +165,8 @@ def carriage_loads(mechanism: Mechanism, head: Pose, wrench: Wrench) -> Carriage
     """
     Return the forces along the rail with which the wall pulls at the carriages, J⁻ᵀ F [N].
 
-    Parameters
-    ----------
-    mechanism : Mechanism
-    head : Pose
-        In frame rail.
-    wrench : Wrench
-        Of the wall on the head, in its frame.
-
-    Raises
-    ------
-    LimitError
-        As `carriage_forces`.
-
+    The head is in frame rail, the wrench of the wall in that of the head. Raises a LimitError as
+    `carriage_forces`.
     """
     return carriage_forces(mechanism, head, Wrench(*_turned(head.theta, wrench), wrench.mz))
 

@@ -11,7 +11,7 @@ import numpy as np
 from facade_manipulator.calibration import read_table
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.simulation.interpolation import catmull_rom
+from facade_manipulator.simulation.motion import catmull_rom
 
 STEP = 0.01
 

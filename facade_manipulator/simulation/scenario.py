@@ -23,6 +23,7 @@ from facade_manipulator.simulation.estimator import EstimatorSettings
 from facade_manipulator.simulation.facade import FacadeSettings
 from facade_manipulator.simulation.force_sensor import ForceSensorSettings
 from facade_manipulator.simulation.gondola import Gondola, GondolaSettings
+from facade_manipulator.simulation.motion import Motion
 from facade_manipulator.simulation.recording import load_recording
 from facade_manipulator.simulation.sway import Sway, SwaySettings
 from facade_manipulator.simulation.wall import WallSettings
@@ -31,7 +32,6 @@ from facade_manipulator.simulation.wind import WindSettings
 FOLDER = 'scenarios'
 WITHOUT_REACTION = 'without_reaction'
 Sections = Mapping[str, Any]
-Motion = Callable[[float], Pose]
 
 
 @settings

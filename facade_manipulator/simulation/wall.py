@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import math
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.simulation.motion import Motion
 
 AXES = Pose._fields
 UNITS = Pose('mm', 'mm', '°')  # in which people read an axis
@@ -48,21 +48,9 @@ class WallSample(NamedTuple):
 
 
 class WallMeasurement:
-    """
-    Measure the head's error from the actual carriage positions and the true disturbance.
+    """Measure the head's error from the actual carriage positions and the true disturbance."""
 
-    Parameters
-    ----------
-    geometry : Geometry
-    settings : WallSettings
-    motion : callable
-        Takes a time [s], returns the true disturbance as a Pose.
-
-    """
-
-    def __init__(
-        self, geometry: Geometry, settings: WallSettings, motion: Callable[[float], Pose]
-    ) -> None:
+    def __init__(self, geometry: Geometry, settings: WallSettings, motion: Motion) -> None:
         self._mechanism = mechanism_of(geometry)
         self._settings = settings
         self._motion = motion

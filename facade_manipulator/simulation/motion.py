@@ -1,8 +1,14 @@
-"""Smooth curves through equidistant samples."""
+"""Motions as functions of time, and smooth curves through equidistant samples."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+
+from facade_manipulator.kinematics import Pose
+
+Motion = Callable[[float], Pose]  #: the rail in the façade's frame at a time [s]
 
 
 def catmull_rom(
