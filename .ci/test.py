@@ -67,7 +67,8 @@ class Result(NamedTuple):
 PURE = Part('pure tests', on_the_host, (
     'test', '-m', 'not realtime', *ON_EVERY_PROCESSOR))
 CHECK = Part('quick tests', on_the_host, (
-    'test', '-m', 'not realtime and not long and not simulated', *ON_EVERY_PROCESSOR))
+    'test', '-m', 'not realtime and not long and not simulated', '--hypothesis-profile=quick',
+    *ON_EVERY_PROCESSOR))
 BESIDE = (PURE, Part('tests in a colcon workspace', on_the_host, (), ('.ci/colcon',)))
 IN_TURN = (
     Part('real-time tests', on_the_host, (

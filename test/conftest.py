@@ -25,6 +25,7 @@ os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='facade_manipulator
 settings.register_profile(
     'project', deadline=None, derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
+settings.register_profile('quick', settings.get_profile('project'), max_examples=25)
 settings.load_profile('project')
 
 
