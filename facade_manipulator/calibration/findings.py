@@ -47,15 +47,6 @@ def _rms(values: np.ndarray) -> np.ndarray:
     return np.ma.sqrt((np.ma.masked_invalid(values) ** 2).mean(axis=0)).filled(np.nan)
 
 
-def accuracy(
-    found: Identification, unknowns: Sequence[Unknown], permitted: np.ndarray | None = None
-) -> np.ndarray:
-    """Return the standard deviation of x, y and θ all over the workspace, shape (n, 3)."""
-    if permitted is None:
-        permitted = candidates(found.geometry)
-    return spread(found.geometry, unknowns, found.covariance, permitted)
-
-
 def check_accuracy(
     found: Identification, unknowns: Sequence[Unknown], measurements: Measurements, noise: Noise,
 ) -> None:
@@ -66,7 +57,8 @@ def check_accuracy(
     the poses cannot show.
     """
     measured = np.isfinite(measurements.heads).any(axis=0)
-    worst = measured * (accuracy(found, unknowns) / noise.deviations).max(axis=0)
+    known = spread(found.geometry, unknowns, found.covariance, candidates(found.geometry))
+    worst = measured * (known / noise.deviations).max(axis=0)
     if worst.max() > BLIND:
         axis = int(np.argmax(worst))
         unit, factor = UNITS[axis]
@@ -117,7 +109,7 @@ def draw_accuracy(
     permitted = candidates(found.geometry)
     now = heads(found.geometry, permitted)
     off = now - heads(drawing, permitted)
-    left = accuracy(found, unknowns, permitted)
+    left = spread(found.geometry, unknowns, found.covariance, permitted)
     figure = Figure(figsize=(8.0, 5.5), layout='constrained')
     for axes, values, title in zip(
             figure.subplots(2, 1, sharex=True), (off, left),

@@ -8,7 +8,6 @@ x alone. The bounds belong to a limit themselves: stay inside by a margin.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import cos, isfinite, sin, sqrt
 from typing import Any, NamedTuple
 
@@ -17,9 +16,8 @@ from numpy.typing import ArrayLike
 
 from facade_manipulator.errors import CarriageGapError, StrokeLimitError, UnreachableError
 from facade_manipulator.kinematics import branch_number, Geometry, links, not_finite, Pose
-from facade_manipulator.workspace.volume import theta_bounds_of
+from facade_manipulator.workspace.volume import bisect, theta_bounds_of
 
-_BISECTIONS = 60
 _SAMPLES = 100
 
 
@@ -151,13 +149,3 @@ def _number(length: Any, half: Any, y: Any, theta: Any) -> Any:
     roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
              for height in (y - rise, y + rise)]
     return branch_number((np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))
-
-
-def bisect(function: Callable[[Any], Any], negative: Any, positive: Any) -> Any:
-    """Return the roots between two arguments, on their positive side; on floats as on arrays."""
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (negative + positive)
-        above = function(middle) > 0.0
-        positive = np.where(above, middle, positive)
-        negative = np.where(above, negative, middle)
-    return positive

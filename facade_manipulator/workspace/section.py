@@ -64,7 +64,7 @@ def good_bounds(
 def area_between(length: Any, half: Any, stroke_length: Any, lower: Any, upper: Any) -> Any:
     """Area of the section between two y [m²]: ∫ (Q − 2 b + 2 √(l² − y²)) dy."""
     return ((stroke_length - 2.0 * half) * (upper - lower)
-            + _segment(length, upper) - _segment(length, lower))
+            + segment(length, upper) - segment(length, lower))
 
 
 def section_area(length: Any, half: Any, stroke_length: Any, gap: Any) -> Any:
@@ -97,7 +97,7 @@ def good_section_bounds(
     return lower, np.maximum(lower, upper)
 
 
-def _segment(length: Any, y: Any) -> Any:
+def segment(length: Any, y: Any) -> Any:
     """∫ 2 √(l² − y²) dy [m²]."""
-    ratio = np.minimum(1.0, y / length)
+    ratio = np.clip(y / length, -1.0, 1.0)
     return length * length * (ratio * np.sqrt(1.0 - ratio * ratio) + np.arcsin(ratio))

@@ -8,6 +8,7 @@ passes its bound inside a cell divides it in proportion. Only the integral over 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -15,7 +16,9 @@ import numpy as np
 
 from facade_manipulator.kinematics import branch_number, check_characteristic_length, Geometry
 from facade_manipulator.workspace.maps import index_of, link_arrays, x_intervals
+from facade_manipulator.workspace.section import segment
 
+_BISECTIONS = 60
 THETA_NODES = 128
 Y_CELLS = 128
 
@@ -151,15 +154,25 @@ def theta_quadrature(geometry: Geometry, nodes: int) -> tuple[np.ndarray, np.nda
 def _theta_end(geometry: Geometry) -> float:
     """Return the least angle beyond which no y is reachable; for l < b one not below it."""
     length, half = geometry.link_length, geometry.platform_half_length
-    lower = 0.0
     upper = min(np.arcsin(min(1.0, length / half)), np.arccos(geometry.carriage_gap / half))
     if length < half:
         return float(upper)
-    for _ in range(60):
-        middle = 0.5 * (lower + upper)
-        (first, last), _ = y_pieces(geometry, np.array([middle]))
-        lower, upper = (middle, upper) if last[0] > first[0] else (lower, middle)
-    return float(upper)
+
+    def is_empty(theta: float) -> np.ndarray:
+        (first, last), _ = y_pieces(geometry, np.array([theta]))
+        return last[0] <= first[0]
+
+    return float(bisect(is_empty, 0.0, upper))
+
+
+def bisect(function: Callable[[Any], Any], negative: Any, positive: Any) -> Any:
+    """Return the roots between two arguments, on their positive side; on floats as on arrays."""
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (negative + positive)
+        above = function(middle) > 0.0
+        positive = np.where(above, middle, positive)
+        negative = np.where(above, negative, middle)
+    return positive
 
 
 def _stroke_cap(geometry: Geometry, theta: np.ndarray) -> np.ndarray:
@@ -189,10 +202,7 @@ def _width_integral(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> np.
     length, half = geometry.link_length, geometry.platform_half_length
     rise = half * np.sin(theta)
     total = (geometry.stroke_length - 2.0 * half * np.cos(theta)) * y
-    for height in (y - rise, y + rise):
-        ratio = np.clip(height / length, -1.0, 1.0)
-        total += 0.5 * length ** 2 * (ratio * np.sqrt(1.0 - ratio * ratio) + np.arcsin(ratio))
-    return total
+    return total + 0.5 * segment(length, y - rise) + 0.5 * segment(length, y + rise)
 
 
 def _share_above(values: np.ndarray) -> np.ndarray:
