@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 import re
 
+from loop_bench import LoopThread
 import pytest
 from rclpy.parameter import Parameter
 
@@ -59,8 +60,8 @@ def named(pattern: str) -> set[str]:
 def graph(ros):
     """Return names and types of all topics and services of the nodes in the gondola."""
     virtual = [Parameter('bus.interface', value='virtual')]
-    nodes = [ros.add(DriverNode(parameter_overrides=virtual)), ros.add(CompensatorNode()),
-             ros.add(RecorderNode()), ros.add(IkServiceNode())]
+    nodes = [ros.add(DriverNode(LoopThread, parameter_overrides=virtual)),
+             ros.add(CompensatorNode()), ros.add(RecorderNode()), ros.add(IkServiceNode())]
     nodes[-1]._linkage._open()
 
     def seen(kind):

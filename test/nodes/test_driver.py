@@ -337,14 +337,6 @@ def exit_status(process):
     return process.returncode
 
 
-def test_parameters_that_contradict_are_one_sentence_and_exit_status_2(start_process):
-    process = start_process(
-        'facade_manipulator.nodes.driver', '--ros-args', '-p', 'controller.rate:=300')
-    assert exit_status(process) == 2
-    assert 'rate = 300 Hz' in process.log.read_text()
-    assert 'Traceback' not in process.log.read_text()
-
-
 @pytest.fixture
 def active_driver(ros_domain, start_process):
     """Start a driver in a process of its own and power its drives on; give it and its loop."""

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 import sys
 from types import SimpleNamespace
 import xml.etree.ElementTree as ElementTree
 
 from geometry_msgs.msg import TransformStamped
+from loop_bench import LoopThread
 import pytest
 from rclpy.parameter import Parameter
 
@@ -19,8 +21,8 @@ from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.client import ManipulatorClient
 
 NAMESPACE = '/gondola_1'
-NODES = {'driver': DriverNode, 'compensator': CompensatorNode, 'ik_service': IkServiceNode,
-         'recorder': RecorderNode}
+NODES = {'driver': partial(DriverNode, LoopThread), 'compensator': CompensatorNode,
+         'ik_service': IkServiceNode, 'recorder': RecorderNode}
 OVERRIDES = {'driver': [Parameter('bus.interface', value='virtual')]}
 KINDS = {
     ('topics', 'publish'): 'get_publisher_names_and_types_by_node',

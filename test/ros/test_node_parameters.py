@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 import math
 import re
 
@@ -21,7 +22,7 @@ from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.recorder import RecorderNode
 
 NODES = {
-    'driver': DriverNode,
+    'driver': partial(DriverNode, LoopThread),
     'ik_service': IkServiceNode,
     'compensator': CompensatorNode,
     'recorder': RecorderNode,
@@ -105,7 +106,7 @@ def flat(tree: dict, prefix: str = ''):
     ('limits.speed', 'much', 'expected'),
 ])
 def test_a_wrong_live_change_of_the_driver_is_rejected_with_its_reason(ros, name, value, reason):
-    driver = ros.add(DriverNode())
+    driver = ros.add(NODES['driver']())
     before = driver.get_parameter(name).value
     result = driver.set_parameters([Parameter(name, value=value)])[0]
     assert not result.successful and reason in result.reason
@@ -118,7 +119,7 @@ def test_limits_beyond_those_of_the_drives_are_rejected_at_start(ros):
 
 
 def test_the_drivers_limits_and_stream_may_be_changed_while_it_runs(ros):
-    driver = ros.add(DriverNode(launch=LoopThread))
+    driver = ros.add(NODES['driver']())
     results = driver.set_parameters([
         Parameter('limits.speed', value=0.1), Parameter('stream.first_step', value=0.02)])
     assert all(result.successful for result in results)
