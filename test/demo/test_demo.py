@@ -65,7 +65,7 @@ def test_ctrl_c_at_any_moment_leaves_nothing_running(start_process, tmp_path, mo
 
 
 def test_ctrl_c_while_drawing_leaves_only_complete_files(start_process, tmp_path):
-    process = start_process(DEMO, '--duration', '2', '--output', str(tmp_path / 'report'))
+    process = start_process(DEMO, '--duration', '1', '--output', str(tmp_path / 'report'))
     wait_until(
         lambda: 'drawing the pictures' in process.log.read_text(), 'the drawing', RUN_DEADLINE)
     os.kill(process.pid, signal.SIGINT)

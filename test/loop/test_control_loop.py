@@ -104,11 +104,6 @@ def assert_orderly_end(bench, loop):
     assert states == [State.SWITCH_ON_DISABLED] * 3
 
 
-def test_the_loop_says_once_at_start_how_it_is_scheduled(make_bench, capfd):
-    make_bench().do('configure')
-    assert capfd.readouterr().err.count('[control loop]: the control loop runs with') == 1
-
-
 # --- the node ends, hangs, or is slow
 
 @pytest.mark.parametrize('watchdog_timeout, leave', [
@@ -132,7 +127,7 @@ def test_a_node_that_ends_or_hangs_at_full_speed_leaves_carriages_that_ramp_down
 
 def test_a_node_that_hangs_while_the_drives_are_stopped_leaves_no_power(make_bench):
     """As where a starved loop has stopped them: they hold with power, and nobody cuts it."""
-    bench = in_thread(make_bench, watchdog_timeout=0.3)
+    bench = in_thread(make_bench, watchdog_timeout=1.0)
     bench.do('configure', 'home', 'activate')
     loop = bench.loop
     bench.process.stop('the control loop stood still')
@@ -227,7 +222,7 @@ def test_a_message_that_makes_no_sense_ends_nothing(make_bench):
 # --- what goes through
 
 def test_rejected_setpoints_come_back_with_reason_and_message(make_bench):
-    bench = make_bench()
+    bench = in_thread(make_bench)
     bench.do('configure', 'home', 'activate')
     wait_until(lambda: bench.rejections, 'the rejection', step=lambda: bench.process.send_setpoint(
         Setpoint(time.time(), (0.3, 0.4, 0.35), (0.0,) * 3)))
@@ -333,11 +328,13 @@ def test_sigterm_to_the_loop_alone_ends_it_in_order(make_bench):
     assert bench.process._process.wait(PATIENCE) == 0
 
 
-@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGHUP])
-def test_the_signals_of_a_terminal_are_the_nodes_matter(make_bench, number):
+def test_the_signals_of_a_terminal_are_the_nodes_matter_and_it_says_how_it_is_scheduled(
+        make_bench, capfd):
     bench = make_bench()
     bench.do('configure')
-    os.kill(bench.process._process.pid, number)
+    assert capfd.readouterr().err.count('[control loop]: the control loop runs with') == 1
+    for number in (signal.SIGINT, signal.SIGHUP):
+        os.kill(bench.process._process.pid, number)
     assert 'homed' in bench.do('home')
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 import time
 
-from loop_bench import LoopThread
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
@@ -31,7 +30,7 @@ class Bench:
 
     def __init__(self, ros, folder):
         self.ros, self.folder = ros, folder
-        self.driver = ros.add(DriverNode(launch=LoopThread, parameter_overrides=[
+        self.driver = ros.add(DriverNode(parameter_overrides=[
             Parameter('simulate_drives', value=True),
             Parameter('controller.heartbeat_timeout', value=1.0),
             Parameter('controller.max_missed_cycles', value=10)]))
