@@ -79,15 +79,15 @@ class CyclicExchange:
         self, bus: CanBus, monitors: AxisMonitors, settings: ControllerSettings,
         targets: Targets,
     ) -> None:
+        self.bus = bus
         self.group: Group | None = None
         self.network = PumpedNetwork(bus)
         self.is_closing = threading.Event()
         self.clock = (SyncConsumer if bus.has_kernel_sync else SyncProducer)(
             settings.period, len(monitors))
-        self._other_master: list[str] = []
         self.stops: deque[Cause] = deque(maxlen=16)
+        self._other_master: list[str] = []
         self._has_stepped = False
-        self.bus = bus
         self._monitors = monitors
         self._settings = settings
         self._targets = targets

@@ -45,7 +45,7 @@ REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
 VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
 ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
-MEASURED = Measured(POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)
+MEASURED_OBJECTS = (POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)  # in the order of Measured
 
 
 class AxisMonitor:
@@ -241,7 +241,8 @@ class AxisMonitor:
         values = self._values
         self.measured = measured = Measured(*[
             None if raw is None else raw * unit
-            for raw, unit in zip(map(values.get, MEASURED), self.axis.si_per_unit, strict=True)])
+            for raw, unit in zip(
+                map(values.get, MEASURED_OBJECTS), self.axis.si_per_unit, strict=True)])
         lag = self._settings.drive_lag * (measured.velocity or 0.0)
         error = measured.following_error
         self.tracking_error = 0.0 if error is None else error - lag
