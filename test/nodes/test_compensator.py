@@ -354,11 +354,3 @@ def test_the_process_ends_cleanly_on_a_signal(start_process, ros):
         process.send_signal(number)
         wait_until(lambda p=process: p.poll() is not None, 'the process to end')
         assert process.returncode == 0, process.log.read_text()
-
-
-def test_a_parameter_out_of_range_ends_the_process_with_a_message(start_process):
-    process = start_process(
-        'facade_manipulator.nodes.compensator', '--ros-args', '-p', 'horizon:=-1.0')
-    wait_until(lambda: process.poll() is not None, 'the process to end')
-    assert process.returncode == 2
-    assert 'horizon' in process.log.read_text()
