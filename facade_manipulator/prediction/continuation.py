@@ -35,22 +35,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.prediction.filters import FEATURES, REGRESSORS
+from facade_manipulator.prediction.filters import FEATURES
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
 PRIOR_TIME = 4.0  # s after which as much was learnt as the prior says
 PRIOR_POWER = 1.5  # with which its share falls
 MOST_PRIOR = 100.0  # s
-DECAY_PRIOR = 0.1  # of the prior's time, that holds the decays at 0
 LEAST_PRIOR = 0.01  # s, of noise: estimates may be better than they say
-LEAST_DECAY_PRIOR = 1e-9  # s: decays that are over are forgotten, too
 START_SHARE = 0.7  # of the time learnt, the memory at first
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
 TONES_GAIN = 10.0  # of the density of noise, by the time fitted: that of two tones
 UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
 LEAST_STEP = 0.1  # 1/s, squares of steps by the density of noise, below which none counts
 LONGEST_STEP = 0.15  # s between estimates, beyond which the motion between is not known
-_DECAYS = np.arange(FEATURES, REGRESSORS)
 FULL, MEAN, FINAL, RIGHT, STEP = range(5)  # what is scored: errors, and steps towards tones
 
 
@@ -61,15 +58,13 @@ class Sample(NamedTuple):
     interval: float  # since the estimate before
     values: np.ndarray
     level: np.ndarray
-    mean: np.ndarray
-    regressors: np.ndarray  # (axes, REGRESSORS)
-    step: np.ndarray  # (axes, HORIZONS), from the continuation towards tones
-    forecast: np.ndarray  # (axes, HORIZONS), as predicted then
+    features: np.ndarray  # (axes, FEATURES)
+    forecasts: tuple[np.ndarray, ...]  # full, mean, final, continuation, step: (axes, HORIZONS)
 
 
 class Continuation:
     """
-    Learnt weights of the regressors for every axis and some horizons.
+    Learnt weights of the features for every axis and some horizons.
 
     Parameters
     ----------
@@ -81,7 +76,7 @@ class Continuation:
 
     Attributes
     ----------
-    weights : numpy.ndarray, shape (axes, REGRESSORS, horizons)
+    weights : numpy.ndarray, shape (axes, FEATURES, horizons)
     variances : numpy.ndarray, shape (axes, horizons)
         Of the predictions' errors.
     trust : numpy.ndarray, shape (axes, horizons)
@@ -94,10 +89,9 @@ class Continuation:
     def __init__(self, axes: int, chosen: slice, memory: float) -> None:
         self.chosen, self._horizons, self._memory = chosen, HORIZONS[chosen], memory
         self._samples: deque[Sample] = deque()
-        self._squares = np.zeros((axes, REGRESSORS, REGRESSORS))
-        self._moves = np.zeros((axes, REGRESSORS, len(self._horizons)))
+        self._squares = np.zeros((axes, FEATURES, FEATURES))
+        self._moves = np.zeros((axes, FEATURES, len(self._horizons)))
         self._learnt, self._elapsed = np.zeros(axes), 0.0
-        self.trust = np.zeros((axes, len(self._horizons)))
         self._scores = np.zeros((5, axes, len(self._horizons)))
         self._scores[[FULL, MEAN, FINAL]] = UNKNOWN
 
@@ -122,34 +116,29 @@ class Continuation:
         share = (later - stamps[after - 1]) / steps
         came = (1.0 - share) * values[:, after - 1] + share * values[:, after]
         spread = ((1.0 - share) ** 2 + share ** 2) * noise[:, None, None]
-        _, intervals, _, level, mean, regressors, towards, forecast = (
+        _, intervals, _, level, features, forecasts = (
             np.array(part) for part in zip(
                 *(self._samples.popleft() for _ in range(count)), strict=True))
         intervals = np.minimum(intervals, LONGEST_STEP)
         duration = float(intervals.sum())
         self._elapsed += duration
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
-        level, mean = level.T[..., None], mean.T[..., None]
-        regressors, towards, forecast = (
-            part.swapaxes(0, 1) for part in (regressors, towards, forecast))
-        towards = towards[..., self.chosen]
-        self._score(came, spread, weights, level + regressors @ self.weights, towards, (
-            mean, forecast[..., self.chosen]))
+        self._score(weights, came, spread, forecasts.transpose(1, 2, 0, 3)[..., self.chosen])
         kept = math.exp(-duration / min(START_SHARE * self._elapsed, self._memory))
-        weighted = (regressors * weights[:, None]).swapaxes(1, 2)
-        self._squares = kept * self._squares + weighted @ regressors
-        self._moves = kept * self._moves + weighted @ (came - level)
+        features = features.swapaxes(0, 1)
+        weighted = (features * weights[:, None]).swapaxes(1, 2)
+        self._squares = kept * self._squares + weighted @ features
+        self._moves = kept * self._moves + weighted @ (came - level.T[..., None])
         self._learnt = kept * self._learnt + weights.sum()
 
     def _score(
-        self, came: np.ndarray, spread: np.ndarray, weights: np.ndarray, learnt: np.ndarray,
-        towards: np.ndarray, others: tuple[np.ndarray, ...],
+        self, weights: np.ndarray, came: np.ndarray, spread: np.ndarray, forecasts: np.ndarray
     ) -> None:
-        """Score by what came what has not learnt of it yet."""
-        full = learnt + self.trust[:, None] * towards
+        """Score by what came what was forecast."""
+        *whole, continued, step = forecasts
         scores = np.stack((
-            *((forecast - came) ** 2 - spread for forecast in (full, *others)),
-            towards * (came - learnt), towards ** 2))
+            *((forecast - came) ** 2 - spread for forecast in whole),
+            step * (came - continued), step ** 2))
         known = max(weights.sum(), 1e-9)
         self._scores += known / min(SCORE_TIME, self._elapsed) * (
             np.einsum('c,kach->kah', weights / known, scores) - self._scores)
@@ -171,13 +160,9 @@ class Continuation:
         prior = np.minimum(share ** PRIOR_POWER, MOST_PRIOR)
         s = (prior * strength)[:, None, None]
         r = (np.maximum(prior, LEAST_PRIOR) * noise)[:, None, None]
-        squares, moves = self._squares.copy(), self._moves.copy()
-        squares[:, :FEATURES, :FEATURES] += s * sway.features + r * white.features
-        moves[:, :FEATURES, :] += (
-            s * sway.moves[:, self.chosen] + r * white.moves[:, self.chosen])
-        squares[:, _DECAYS, _DECAYS] += np.maximum(DECAY_PRIOR * prior, LEAST_DECAY_PRIOR)[
-            :, None]
-        self.weights = np.linalg.solve(squares, moves)
+        self.weights = np.linalg.solve(
+            self._squares + s * sway.features + r * white.features,
+            self._moves + (s * sway.moves + r * white.moves)[..., self.chosen])
         self.trust = np.clip(
             self._scores[RIGHT] / (self._scores[STEP] + LEAST_STEP * noise[:, None]), 0.0, 1.0)
         gain = (1.0 - self.trust) ** 2 * self.noise_gain() + self.trust ** 2 * (
@@ -187,6 +172,6 @@ class Continuation:
 
     def noise_gain(self) -> np.ndarray:
         """Return the variance of predictions by the density of noise [1/s], (axes, horizons)."""
-        white, weights = noise_moments(), self.weights[:, :FEATURES]
-        crossed = white.features @ weights - 2.0 * white.moves[:, self.chosen]
-        return white.level + (weights * crossed).sum(axis=1)
+        white = noise_moments()
+        crossed = white.features @ self.weights - 2.0 * white.moves[:, self.chosen]
+        return white.level + (self.weights * crossed).sum(axis=1)

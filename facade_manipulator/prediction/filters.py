@@ -12,10 +12,6 @@ where D = s³ + 2 s² + 2 s + 1.
 The filter is kept as its modes ż = λ (z − y); each estimate stands for the interval before it,
 whatever that is, so stamps may jitter. |z| is at most twice the largest |y|, whatever comes.
 
-Filters that begin at rest differ from those that have always run by a decay exp(λ t) of each mode.
-The slow ones take 20 s, so regressors of that form are beside the features: what is learnt is not
-spoilt by the beginning.
-
 References
 ----------
 R. E. Kalman, R. S. Bucy, "New results in linear filtering and prediction theory", Journal of
@@ -29,8 +25,6 @@ import numpy as np
 BANDWIDTHS = np.array((0.8, 2.0, 4.0, 8.0))  # rad/s
 LEVEL = 2  # the filter whose position the features are relative to
 FEATURES = 3 * len(BANDWIDTHS) - 1
-_DECAYS = [0, 2, 3, 4, 6, 7]  # parts of modes: of the two slowest filters, less what is always 0
-REGRESSORS = FEATURES + len(_DECAYS)
 ACCELERATION = 3 * LEVEL + 1  # index of the level filter's a/ω² in the features
 
 _POLES = np.array((-1.0, np.exp(2j * np.pi / 3.0)))  # the third is the conjugate of the second
@@ -90,26 +84,19 @@ class FilterBank:
 
     Attributes
     ----------
-    modes : numpy.ndarray, shape (axes + 1, bandwidths, 2)
-        The last are no axis: they were 1 in the beginning and decay.
+    modes : numpy.ndarray, shape (axes, bandwidths, 2)
 
     """
 
     def __init__(self, axes: int) -> None:
-        self.modes = np.zeros((axes + 1, *_RATES.shape), complex)
-        self.modes[-1] = 1.0
+        self.modes = np.zeros((axes, *_RATES.shape), complex)
 
     def update(self, interval: float, values: np.ndarray) -> None:
         """Go on over an interval [s] to new estimates."""
         decay = np.exp(interval * _RATES)
-        self.modes *= decay
-        self.modes[:-1] += (1.0 - decay) * values[:, None, None]
+        self.modes = values[:, None, None] + decay * (self.modes - values[:, None, None])
 
-    def regressors(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return features and decays, shape (axes, REGRESSORS), and the level, shape (axes,)."""
-        parts = self.modes.view(float).reshape(len(self.modes), -1)
-        seen = parts[:-1] @ _SEEN
-        found = np.empty((len(seen), REGRESSORS))
-        found[:, :FEATURES] = seen[:, :FEATURES]
-        found[:, FEATURES:] = parts[-1, _DECAYS]
-        return found, seen[:, FEATURES]
+    def features(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return features, shape (axes, FEATURES), and the level, shape (axes,)."""
+        seen = self.modes.view(float).reshape(len(self.modes), -1) @ _SEEN
+        return seen[:, :-1], seen[:, -1]

@@ -21,9 +21,9 @@ from facade_manipulator.prediction.continuation import Continuation, Sample
 from facade_manipulator.prediction.filters import (
     ACCELERATION,
     BANDWIDTHS,
+    FEATURES,
     FilterBank,
     LEVEL,
-    REGRESSORS,
 )
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
@@ -53,6 +53,7 @@ _KNOTS = HORIZONS[2:-2]
 _POWERS = np.arange(4.0)
 _SPLINE = np.linalg.inv(np.hstack([
     HORIZONS[:, None] ** _POWERS, np.maximum(HORIZONS[:, None] - _KNOTS, 0.0) ** 3])).T
+_BEND = np.array((1.0, -2.0, 1.0)) / HORIZONS[0] ** 2  # acceleration, by the first positions
 
 
 @settings
@@ -146,11 +147,11 @@ class DisturbancePredictor:
         self._bank = FilterBank(axes)
         near, far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
-        self._turns = cycle((near, near, near, far))
-        self._tones, self._tuned = Tones(axes), cycle(range(axes))
+        self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
+        self._tones = Tones(axes)
         self._values, self._mean, self._peak, self._bend, self._suspicions = np.zeros((5, axes))
         self._known = noise * (self._interval * ACCELERATION_NOISE)
-        self._weights = np.zeros((axes, REGRESSORS, len(HORIZONS)))
+        self._weights = np.zeros((axes, FEATURES, len(HORIZONS)))
         self._variances, self._share, self._trust = np.zeros((3, axes, len(HORIZONS)))
         for continuation in self._continuations:
             self._solve(continuation, noise)
@@ -185,7 +186,7 @@ class DisturbancePredictor:
 
     def _go_on(self, interval: float, noise: np.ndarray) -> None:
         """Predict from the filters as they are, and keep what to learn from."""
-        seen, level = self._bank.regressors()
+        seen, level = self._bank.features()
         floor = noise * (self._interval * ACCELERATION_NOISE)
         self._peak = np.maximum(
             math.exp(-interval / PEAK_TIME) * self._peak,
@@ -195,14 +196,17 @@ class DisturbancePredictor:
             self._learn(noise, floor)
         self._mean = self._mean + (1.0 - math.exp(-interval / MEAN_TIME)) * (
             self._values - self._mean)
-        full = (seen[:, None] @ self._weights)[:, 0]
-        full = level[:, None] + np.minimum(np.maximum(full, -self._reach), self._reach)
-        step = self._towards(full, noise)
-        full = full + self._trust * step
-        final = self._drawn(interval, full)
-        self._full, self._final = full @ _SPLINE, final @ _SPLINE
+        moves = (seen[:, None] @ self._weights)[:, 0]
+        continued = level[:, None] + np.minimum(np.maximum(moves, -self._reach), self._reach)
+        most = np.sqrt(noise)[:, None]
+        step = np.clip(self._tones.at(self.stamp, HORIZONS) - continued, -most, most)
+        full = continued + self._trust * step
+        mean = np.repeat(self._mean[:, None], len(HORIZONS), axis=1)
+        self._full = full @ _SPLINE
+        final = mean + self._room(interval, full) * self._share * (full - mean)
+        self._final = final @ _SPLINE
         sample = Sample(
-            self.stamp, interval, self._values, level, self._mean, seen, step, final)
+            self.stamp, interval, self._values, level, seen, (full, mean, final, continued, step))
         for continuation in self._continuations:
             continuation.add(sample)
 
@@ -210,12 +214,11 @@ class DisturbancePredictor:
         """Let near and far horizons learn in turn; what much weaker motion has shown fades."""
         strongest = floor + self._peak
         share = np.minimum(GROWTH * self._known / strongest, 1.0)
-        self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
         for continuation in self._continuations:
             continuation.weaken(share)
-        axis = next(self._tuned)
+        self._known = np.minimum(np.maximum(self._known, strongest / GROWTH), strongest)
+        learner, axis = next(self._turns)
         self._tones.fit(axis, noise[axis])
-        learner = next(self._turns)
         learner.learn(noise)
         self._solve(learner, noise)
 
@@ -227,19 +230,12 @@ class DisturbancePredictor:
         self._share[:, learner.chosen] = learner.share
         self._trust[:, learner.chosen] = learner.trust
 
-    def _towards(self, full: np.ndarray, noise: np.ndarray) -> np.ndarray:
-        """Return steps towards the tones, which may be far off where there are none."""
-        most = np.sqrt(noise)[:, None]
-        return np.clip(self._tones.at(self.stamp, HORIZONS) - full, -most, most)
-
-    def _drawn(self, interval: float, full: np.ndarray) -> np.ndarray:
-        """Return positions drawn towards the mean that bend sharply or are no better than it."""
-        bend = np.abs(full[:, 0] - 2.0 * full[:, 1] + full[:, 2]) / HORIZONS[0] ** 2
+    def _room(self, interval: float, full: np.ndarray) -> np.ndarray:
+        """Return the share of a motion that bends sharply which is compensated, (axes, 1)."""
+        bend = np.abs(full[:, :3] @ _BEND)
         self._bend = np.maximum(math.exp(-interval / BEND_TIME) * self._bend, bend)
         room = np.minimum(self._acceleration / np.maximum(self._bend, 1e-9), 1.0)
-        room *= np.minimum(room / LEAST_ROOM, 1.0)
-        mean = self._mean[:, None]
-        return mean + room[:, None] * self._share * (full - mean)
+        return (room * np.minimum(room / LEAST_ROOM, 1.0))[:, None]
 
 
 def _basis(ahead: float) -> np.ndarray:

@@ -13,14 +13,12 @@ from facade_manipulator.prediction.filters import (
     features,
     FilterBank,
     mode_states,
-    REGRESSORS,
     response,
 )
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
 
 MOTION = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
 SEEN = np.array([[1.0, 0.0, 0.0]])
-SLOW = [1, 2, 4, 5]  # features of the two slowest filters alone: v/ω and a/ω²
 
 
 def textbook_response(bandwidth, frequency):
@@ -74,22 +72,6 @@ def test_an_interval_may_be_of_any_length():
     assert once.modes == pytest.approx(often.modes, abs=1e-12)
 
 
-def test_decays_and_features_together_are_those_of_filters_that_always_ran():
-    """What differs between filters of one motion, begun at different times, is in the decays."""
-    times = np.arange(0.0, 20.0, 0.02)
-    values = 0.1 * np.sin(0.9 * times) + 0.02 * np.sin(3.1 * times + 1.0)
-    early, late, found = FilterBank(1), FilterBank(1), []
-    for k, value in enumerate(values):
-        early.update(0.02, np.array([value]))
-        if times[k] >= 8.0:
-            late.update(0.02, np.array([value]))
-            (seen, _), (fresh, _) = early.regressors(), late.regressors()
-            found.append([*(seen - fresh)[0, SLOW], *fresh[0, FEATURES:]])
-    differences, decays = np.hsplit(np.array(found), [len(SLOW)])
-    left = np.linalg.lstsq(decays, differences, rcond=None)[1]
-    assert (left < 1e-6 * (differences ** 2).sum(axis=0)).all()
-
-
 def test_a_constant_added_to_the_motion_is_in_the_level_alone():
     random = np.random.default_rng(0)
     states = random.standard_normal((5, len(BANDWIDTHS), 3))
@@ -105,7 +87,7 @@ def test_the_moments_of_noise_are_those_of_noise():
     for k in range(1500):
         bank.update(interval, random.standard_normal(400))
         if k > 900 and k % 20 == 0:
-            seen.append(bank.regressors()[0][:, :FEATURES])
+            seen.append(bank.features()[0])
     seen = np.concatenate(seen)
     found = np.diag(seen.T @ seen / len(seen))
     assert found == pytest.approx(interval * np.diag(noise_moments().features), rel=0.15)
@@ -126,14 +108,15 @@ def learnt(seconds, weights, random, gap=None, noise=0.0):
     level, stamp, past = np.zeros(1), 0.0, []
     while stamp < seconds:
         stamp += 0.05
-        state = np.zeros((1, REGRESSORS))
-        state[0, :FEATURES] = random.standard_normal(FEATURES)
+        state = random.standard_normal((1, FEATURES))
         past.append(state)
         came = np.zeros(1)
         if len(past) > 4:
-            came = past[-5][0, :FEATURES] @ weights + noise * random.standard_normal(1)
-        forecast = np.zeros((1, len(HORIZONS)))
-        continuation.add(Sample(stamp, 0.05, came, level, level, state, forecast, forecast))
+            came = past[-5][0] @ weights + noise * random.standard_normal(1)
+        continued, still = np.zeros((2, 1, len(HORIZONS)))
+        continued[:, near] = (state[:, None] @ continuation.weights)[:, 0]
+        continuation.add(Sample(
+            stamp, 0.05, came, level, state, (continued, still, still, continued, still)))
         continuation.learn(np.full(1, noise ** 2))
     continuation.solve(np.full(1, 1e-9), np.full(1, 1e-9))
     return continuation
@@ -143,7 +126,7 @@ def test_moves_that_follow_from_the_features_are_learnt():
     random = np.random.default_rng(0)
     weights = random.standard_normal((FEATURES, 1))
     found = learnt(60.0, weights, random)
-    assert found.weights[0, :FEATURES, 3] == pytest.approx(weights[:, 0], abs=1e-3)
+    assert found.weights[0, :, 3] == pytest.approx(weights[:, 0], abs=1e-3)
     assert np.abs(found.weights[0, :, 0]).max() < 0.5
     assert found.variances[0, 3] == pytest.approx((weights ** 2).sum(), rel=0.5)
 
@@ -158,7 +141,7 @@ def test_what_nothing_was_learnt_of_is_as_the_prior_says():
     continuation.solve(np.ones(1), np.full(1, 1e-12))
     sway = sway_moments()
     expected = np.linalg.lstsq(sway.features, sway.moves[:, :4], rcond=None)[0]
-    assert sway.features @ continuation.weights[0, :FEATURES] == pytest.approx(
+    assert sway.features @ continuation.weights[0] == pytest.approx(
         sway.features @ expected, rel=1e-2, abs=1e-4)
 
 
@@ -169,7 +152,7 @@ def test_the_gain_of_noise_is_that_of_the_weights():
     for k in range(800):
         bank.update(0.02, random.standard_normal(500))
         if k > 500 and k % 20 == 0:
-            seen, level = bank.regressors()
-            errors.append(level[:, None] + seen[:, :FEATURES] @ continuation.weights[0, :FEATURES])
+            seen, level = bank.features()
+            errors.append(level[:, None] + seen @ continuation.weights[0])
     found = np.square(errors).mean(axis=(0, 1))
     assert found == pytest.approx(0.02 * continuation.noise_gain()[0], rel=0.15)
