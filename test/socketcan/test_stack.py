@@ -39,7 +39,7 @@ def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
         active, listener, start_process):
     start_process(
         'facade_manipulator.nodes.manipulator', '--ros-args', '-p', 'horizon:=0.2')
-    active.wait_until(lambda: active.head_in_rail, 'end_effector_pose', 20.0)
+    active.wait_until(lambda: active.head_in_rail, 'end_effector_pose', 60.0)
     goal = Pose(0.06, 0.26, 0.05)
     targets = [AxisScale().to_counts(q) for q in inverse_kinematics(Geometry(), goal)]
 
