@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import tempfile
@@ -164,3 +165,9 @@ def pytest_collection_modifyitems(items):
             item.add_marker('simulated')
         elif WAITING_FIXTURES & needed or WAITING_NAMES & {*vars(item.module)}:
             item.add_marker('realtime')
+
+
+def pytest_collection_finish():
+    """Let no collection look again at what importing and collecting the tests has made."""
+    gc.collect()
+    gc.freeze()
