@@ -153,9 +153,10 @@ def label(panel: Axes, x: str, y: str) -> None:
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Show 0.1, 0.3, 1 and so on along a logarithmic axis, and no powers of ten."""
-    axis.set(major_locator=LogLocator(subs=(1.0, 3.0)), major_formatter='{x:g}',
-             minor_locator=NullLocator())
+    """Show 0.1, 0.3, 1 and so on along a logarithmic axis, less over many decades, not 10⁻¹."""
+    lowest, highest = axis.get_view_interval()
+    axis.set(major_locator=LogLocator(subs=(1.0, 3.0) if highest < 1e4 * lowest else (1.0,)),
+             major_formatter='{x:g}', minor_locator=NullLocator())
 
 
 def save(figure: Figure, path: Path) -> None:

@@ -82,7 +82,7 @@ def explained(rms: dict[str, Cells]) -> Cells | None:
 def figures(values: Cells | None, scales: Cells) -> str:
     """Return the values of the axes as people read them."""
     return '' if values is None else ' / '.join(
-        '–' if value is None else f'{scale * value:#.3g}' if scale * value < 100.0
+        '–' if value is None else f'{scale * value:#.3g}' if scale * value < 99.95
         else f'{scale * value:.0f}' for value, scale in zip(values, scales, strict=True))
 
 
