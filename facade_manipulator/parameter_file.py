@@ -47,7 +47,7 @@ def read_settings(
     values = read_section(path, node, section)
     unknown = values.keys() - parameter_fields(cls).keys()
     if unknown:
-        raise ParameterError(f'{path}: {section} has no parameter {min(unknown)}')
+        raise ParameterError(f'{path}: {section} has no parameter {min(map(str, unknown))}')
     try:
         return cls(**defaults | as_fields(values))
     except (TypeError, ParameterError) as error:

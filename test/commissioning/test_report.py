@@ -77,6 +77,7 @@ def test_a_journal_that_is_none_is_named_and_left_alone(make_rig, capsys):
     ('/**: {ros__parameters: {geometry: {stroke: }}}', 'geometry.stroke = None is not a pair'),
     ('/**: {ros__parameters: {geometry: 1.0}}', 'geometry = 1.0 is not a table'),
     ('/**/driver: {ros__parameters: {q1: [1]}}', 'q1 = .1. is not a table'),
+    ('/**/driver: {ros__parameters: {q1: {2: 3, nodeid: 1}}}', 'q1 has no parameter 2'),
 ])
 def test_a_parameter_file_with_a_malformed_section_is_one_message(tmp_path, content, reason):
     path = tmp_path / 'machine.yaml'
