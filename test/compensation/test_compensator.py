@@ -14,8 +14,7 @@ from facade_manipulator.compensation.compensator import (
 )
 from facade_manipulator.compensation.correction import CorrectionSettings
 from facade_manipulator.errors import InputError, LimitError, ParameterError
-from facade_manipulator.kinematics import certify, Geometry, Pose
-from facade_manipulator.kinematics.planar import compose
+from facade_manipulator.kinematics import add, certify, compose, Geometry, Pose, relative
 
 GEOMETRY = Geometry()
 GOAL = Pose(0.05, 0.25, 0.05)
@@ -61,6 +60,18 @@ def test_disturbance_and_corrected_pose_compose_to_the_reference(dx, dy, dtheta,
         if tracked and not any(output.saturation_error):
             on_the_wall = compose(output.disturbance, output.pose)
             assert on_the_wall == pytest.approx(tuple(output.reference), abs=1e-12)
+
+
+def test_what_limits_hold_back_is_what_the_head_lacks():
+    run = Run(lambda t: Pose(0.1 * math.sin(2.0 * t), 0.0, 0.0),
+              compensation=CompensationSettings(speed=(0.05, 0.4, 1.2)))
+    run.compensator.set_goal(GOAL)
+    run.go(10.0)
+    assert max(abs(output.tracking_error.x) for output in run.outputs) > 0.02
+    for output in run.outputs:
+        wanted = relative(output.disturbance, output.shifted)
+        held_back = add(output.saturation_error, output.tracking_error)
+        assert add(output.pose, held_back) == pytest.approx(tuple(wanted), abs=1e-12)
 
 
 def test_a_standing_disturbance_is_corrected_to_the_goal():
