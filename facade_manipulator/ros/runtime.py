@@ -38,9 +38,9 @@ RECENT = QoSProfile(  # who subscribes late, to look for one of them, still rece
 SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 FEED_SHARE = 0.5  # of systemd's watchdog time, as sd_watchdog_enabled(3) says
-PATIENCE = 1.0  # s, for a message that takes some 20 ms
-REPEAT = 0.02
-LAST_EVENTS = 8
+CHECK_TIMEOUT = 1.0  # s, for an executor's first message, which takes some 20 ms
+CHECK_PERIOD = 0.02  # s, between the messages sent meanwhile
+LAST_EVENTS = 8  # in which an executor lets go of a node
 LONGEST_SPIN = 600.0  # s
 WATCH_PERIOD = 0.05  # s, in which a signal is seen on a node where nothing happens
 
@@ -189,14 +189,14 @@ def _require_messages(executor: Executor) -> None:
     received = []
     node.create_subscription(Empty, '~/message', received.append, 1)
     publisher = node.create_publisher(Empty, '~/message', 1)
-    node.create_timer(REPEAT, lambda: publisher.publish(Empty()))
+    node.create_timer(CHECK_PERIOD, lambda: publisher.publish(Empty()))
     executor.add_node(node)
     try:
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + CHECK_TIMEOUT
         while not received:
             if time.monotonic() > deadline:
-                raise TimeoutError(f'no message within {PATIENCE:g} s')
-            executor.spin_once(timeout_sec=REPEAT)
+                raise TimeoutError(f'no message within {CHECK_TIMEOUT:g} s')
+            executor.spin_once(timeout_sec=CHECK_PERIOD)
     finally:
         executor.remove_node(node)
         for _ in range(LAST_EVENTS):  # it lets go of the node in an event of its own

@@ -43,7 +43,7 @@ def test_messages_arrive_in_the_executor_that_is_chosen(ros):
 @pytest.mark.parametrize('events_executor', [Deaf, broken])
 def test_an_events_executor_that_does_not_work_is_replaced(ros, monkeypatch, events_executor):
     monkeypatch.setattr(experimental, 'EventsExecutor', events_executor)
-    monkeypatch.setattr(runtime, 'PATIENCE', 0.1)
+    monkeypatch.setattr(runtime, 'CHECK_TIMEOUT', 0.1)
     assert isinstance(choose_executor(), SingleThreadedExecutor)
 
 
