@@ -50,7 +50,7 @@ def missing_package(error: ModuleNotFoundError) -> str:
 def exit_status(
     name: str, action: Callable[[], int | None], failed: int = 1, interrupted: str = 'interrupted'
 ) -> int:
-    """Return with what a command ends; an error is a line on standard error, no traceback."""
+    """Run a command and return its exit status; an error is one line on standard error."""
     try:
         return action() or 0
     except (ManipulatorError, OSError) as error:

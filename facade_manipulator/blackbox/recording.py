@@ -76,7 +76,7 @@ def _read(file: BinaryIO) -> RecordedRun:
                     run.begin = float(values['begin'])
                 case Metadata(name=name, metadata=values) if name.startswith(PARAMETERS):
                     run.parameters[name.removeprefix(PARAMETERS)] = {
-                        name: json.loads(value) for name, value in values.items()}
+                        parameter: json.loads(value) for parameter, value in values.items()}
                 case Schema():
                     schemas[record.id] = record
                 case Channel(topic=topic):

@@ -24,7 +24,7 @@ examples:
 
 
 def parser(**runs: Run) -> argparse.ArgumentParser:
-    """Return the command line's parser; what it parses has the function of `runs` to run."""
+    """Return the command line's parser; what it parses has its command's function as `run`."""
     made = argparse.ArgumentParser(
         prog='calibrate', description=DESCRIPTION, epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter)

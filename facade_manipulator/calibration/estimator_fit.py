@@ -28,7 +28,7 @@ class Sought(NamedTuple):
     words: str
     unit: str
     factor: float  #: from SI to that unit
-    accepted: float  #: deviation: known no better, it has not been found [m, rad or s]
+    accepted: float  #: greatest deviation with which it counts as found [m, rad or s]
     tolerance: float  #: what is known without a recording [m, rad or s]
 
 
@@ -66,7 +66,7 @@ class EstimatorFit(NamedTuple):
     """What was found."""
 
     settings: EstimateSettings  #: with what was found; the rest is as it was
-    deviations: dict[str, float]  #: of each number that was looked for [m, rad or s], by name
+    deviations: dict[str, float]  #: standard ones of what was looked for [m, rad or s], by name
     turn: float  #: from the axes of `facade` to those of the second measurement [rad]
     residual: np.ndarray  #: RMS of what remains on the wall, shape (3,); NaN where not measured
 

@@ -50,10 +50,11 @@ class Identification(NamedTuple):
 
     geometry: Geometry  #: with the errors found
     values: np.ndarray  #: of the unknowns, shape (m,)
-    covariance: np.ndarray  #: shape (m, m)
+    covariance: np.ndarray  #: of these values, shape (m, m)
     scatter: float  #: residuals over the noise that was stated, 1 where both agree
-    outliers: list[tuple[int, int]]  #: row and axis of what contradicts the rest, left out
-    unidentified: list[list[str]]  #: groups, in words, not shown by the data or not apart
+    outliers: list[tuple[int, int]]  #: row and axis of what contradicts the rest and is left out
+    #: groups of unknowns, in words, that the data cannot show, or not apart from each other
+    unidentified: list[list[str]]
     observability: float  #: Borm and Menq's index, in units of noise and tolerance
 
 

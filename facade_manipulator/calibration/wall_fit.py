@@ -24,8 +24,8 @@ class WallFit(NamedTuple):
 
     distance: float  #: y of the wall at x = 0 [m]
     angle: float  #: from x to the wall [rad]
-    yields: float  #: of brush and wall to a force [m/N]; 0 where none was measured
-    deviations: np.ndarray  #: of distance and angle, shape (2,)
+    yields: float  #: how far brush and wall give way to a force [m/N]; 0 where none was measured
+    deviations: np.ndarray  #: standard deviations of distance and angle, shape (2,) [m, rad]
     residuals: np.ndarray  #: of the touches, away from the wall, shape (n,) [m]
     outliers: list[int]  #: rows that contradict the others
 

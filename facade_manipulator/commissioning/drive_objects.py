@@ -61,7 +61,8 @@ def take_snapshot(drive: SdoChannel, eds: Path) -> Snapshot:
     """
     Read the identity and all writable objects that an EDS names; those that are absent are left.
 
-    Raises a DriveTimeoutError if the drive stops answering, a ParameterError for the EDS.
+    Raises a DriveTimeoutError if the drive stops answering, a ParameterError if the EDS cannot be
+    read.
     """
     dictionary = read_dictionary(eds, drive.node_id)
     values = {}

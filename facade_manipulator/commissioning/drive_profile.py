@@ -110,7 +110,8 @@ def differences(drive: SdoChannel, profile: DriveProfile) -> list[str]:
     """
     Return everything in which a drive departs from its profile; nothing is written.
 
-    Raises a DriveTimeoutError if the drive stops answering, a ParameterError for its EDS.
+    Raises a DriveTimeoutError if the drive stops answering, a ParameterError if the profile's EDS
+    cannot be read.
     """
     dictionary = read_dictionary(profile.eds, drive.node_id)
     found = []

@@ -77,9 +77,9 @@ class CorrectedPose(NamedTuple):
 
     time: float  #: the instant it is meant for [s]
     pose: Pose  #: in frame rail
-    reference: Pose  #: where on the wall the head should be then: on its path to the goal
+    reference: Pose  #: where the head should be then on its path to the goal, in frame facade
     shifted: Pose  #: the same with what the contact with the wall shifts it by
-    disturbance: Pose  #: that is corrected
+    disturbance: Pose  #: of the gondola, that is corrected: frame rail in frame facade
     saturation_error: Pose  #: by how much each axis is held back at the workspace limit
     tracking_error: Pose  #: by how much each axis is held back by the limits of motion
 

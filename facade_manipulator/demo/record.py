@@ -42,12 +42,12 @@ class RunSample(NamedTuple):
 class TimeCourse(NamedTuple):
     """Samples as arrays, poses of shape (n, 3)."""
 
-    times: np.ndarray  # since the first goal [s]
+    times: np.ndarray  #: since the first goal [s]
     heads: np.ndarray
     errors: np.ndarray
     uncompensated: np.ndarray
     references: np.ndarray
-    settled: np.ndarray  # whether the goal had stood for long enough to count
+    settled: np.ndarray  #: whether the goal had stood for long enough to count
 
     @property
     def goals(self) -> np.ndarray:

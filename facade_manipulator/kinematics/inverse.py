@@ -294,7 +294,8 @@ def check_rail(
     """
     Require the order A1, A3, A2 with the gap between neighbours (eq. 18), and the stroke.
 
-    Of the outer carriages alone: A3 stands between them.
+    The distances are q3 − q1 and q2 − q3 on the rail [m]; the stroke is that of A1 and A2, and A3
+    stands between them. Raises a CarriageGapError or a StrokeLimitError.
     """
     gap, (least, greatest) = geometry.carriage_gap, geometry.stroke
     if distance1 < gap or distance1 <= 0.0:
@@ -308,7 +309,11 @@ def check_rail(
 
 
 def check_branch(number: float, square: float = 1.0, least: float = 0.0) -> None:
-    """Require N > 0 [m²], the machine's branch, and of the index, given its square, so much."""
+    """
+    Require N > 0 [m²], the machine's branch, and at least so much of the conditioning index.
+
+    Of that the square is given. Raises a SingularityError.
+    """
     if number <= 0.0:
         raise SingularityError(
             'N', number, 0.0, 'm2', 'at or beyond the parallel singularity, not above')

@@ -49,10 +49,10 @@ class ServiceSettings:
 class AxisCounters:
     """Counters of one axis."""
 
-    travel: float = 0.0  # m
-    cubed_load: float = 0.0  # integral of the cube of the force over the travel [N³ m]
+    travel: float = 0.0  #: [m]
+    cubed_load: float = 0.0  #: integral of the cube of the force over the travel [N³ m]
     reversals: int = 0
-    greatest_following_error: float = 0.0  # m
+    greatest_following_error: float = 0.0  #: [m]
 
     @property
     def mean_load(self) -> float:
@@ -66,7 +66,8 @@ class MachineCounters:
 
     hours: float = 0.0  #: under power [h]
     starts: int = 0  #: activations
-    stops: dict[str, int] = field(default_factory=dict)  #: by cause without its numbers
+    #: how often the drives were stopped, by cause without its numbers
+    stops: dict[str, int] = field(default_factory=dict)
     axes: dict[str, AxisCounters] = field(default_factory=dict)
     service_hours: float = 0.0  #: `hours` at the last service [h]
     service_travel: float = 0.0  #: greatest travel at the last service [m]

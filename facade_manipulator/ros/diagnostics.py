@@ -104,7 +104,11 @@ class RepeatedLog:
         self._logged_at = -math.inf
 
     def is_due(self, message: str) -> bool:
-        """Return whether to log a message now, in a line of code for one severity alone."""
+        """
+        Return whether to log a message now.
+
+        The caller logs it itself: rclpy takes but one severity from each line of code.
+        """
         now = time.monotonic()
         pause = REPEAT_AFTER if message == self._logged else WARN_EVERY
         if now - self._logged_at < pause:

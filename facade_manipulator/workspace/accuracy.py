@@ -85,7 +85,7 @@ class Worth(NamedTuple):
 
 
 def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Worth:
-    """Return what a pose is worth; raises a LimitError if none may stand there at any x."""
+    """Return what a pose is worth; raises a LimitError if no x has one with this y and θ."""
     pose, mechanism = Pose(0.0, y, theta), mechanism_of(geometry)
     rates = mechanism.jacobian(pose)
     deviations = _amplification(mechanism, pose, np.linalg.inv(rates)) * (

@@ -14,7 +14,7 @@ PATIENCE = 1.0  # s before the bar appears
 
 @contextmanager
 def progress_bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Lend what counts steps that are done of a known number, on standard error."""
+    """Lend a function that counts steps done, of a known number; the bar is on standard error."""
     console = Console(stderr=True)
     bar = Progress(
         TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:3.0f} %'),

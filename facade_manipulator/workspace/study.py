@@ -76,7 +76,8 @@ def _run(options: argparse.Namespace) -> None:
         # Wide enough for every column where the output is no terminal.
         console = Console(width=None if sys.stdout.isatty() else 120)
         for name in parts:
-            key, content[key], table = PARTS[name](of)
+            key, data, table = PARTS[name](of)
+            content[key] = data
             console.print(table)
         if draft:
             _draw(draft, of)
