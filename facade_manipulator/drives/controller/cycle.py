@@ -107,9 +107,14 @@ class CycleClock:
                 'look at the interface', configure_again=True))
         return causes
 
-    def answer(self, now: float) -> None:
-        """Note that one more drive has answered: the step comes with the last of them."""
-        self._answers += 1
+    def answer(self, now: float, is_new: bool) -> None:
+        """
+        Note an answer: the step comes with that of the last drive.
+
+        One that is not new comes from a drive whose answer to the SYNC before came after the step
+        and counts for this one; like any other it shows that the drives do answer.
+        """
+        self._answers += is_new
         if not self.is_open:
             return
         if self._answers >= self._drives:
@@ -123,9 +128,12 @@ class CycleClock:
         self.sync_time, self.sync_stamp = time, stamp
         self.smooth_stamp = self._smoothed(stamp)
         self._awaits_first = self._sync_waits
-        share = FIRST_ANSWER_DUE if self._awaits_first else ANSWERS_DUE
-        is_answered = self._answers >= self._drives  # too late for the step before
-        self.next_event = time if is_answered else time + share * self.period
+        share = ANSWERS_DUE
+        if self._sync_waits:
+            share = FIRST_ANSWER_DUE
+        elif self._answers >= self._drives:  # too late for the step before
+            share = 0.0
+        self.next_event = time + share * self.period
         self.is_open = True
 
     def _smoothed(self, stamp: float) -> float:

@@ -185,8 +185,8 @@ class CyclicExchange:
     def _on_tpdo(self, monitor: AxisMonitor, tpdo: pdo.Pdo, frame: Frame) -> Cause | None:
         had_answered = monitor.is_fresh
         cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
-        if monitor.is_fresh and not had_answered:
-            self.clock.answer(self._pumped)
+        if monitor.is_fresh:
+            self.clock.answer(self._pumped, is_new=not had_answered)
         return cause
 
     def stop_for(self, cause: Cause) -> None:

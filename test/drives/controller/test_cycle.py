@@ -35,10 +35,10 @@ def sync_due(clock, now, all_read=True) -> bool:
     return not clock.is_open and is_due(clock, now, all_read)
 
 
-def step_due(clock, now, answers=0, all_read=True) -> bool:
-    """Let some more drives answer; return whether the loop steps then."""
-    for _ in range(answers):
-        clock.answer(now)
+def step_due(clock, now, answers=0, all_read=True, again=0) -> bool:
+    """Let some more drives answer, and some once more; return whether the loop steps then."""
+    for number in range(again + answers):
+        clock.answer(now, is_new=number >= again)
     return clock.is_open and is_due(clock, now, all_read)
 
 
@@ -164,7 +164,7 @@ def test_answers_that_come_after_the_step_count_for_the_next_one(late):
         clock.finish(ANSWERS_DUE * T)
         assert not step_due(clock, 0.9 * T, answers=late)
         clock.begin(2 * T, 0.0)
-        assert step_due(clock, 2.1 * T, answers=ALL - late)
+        assert step_due(clock, 2.1 * T, answers=ALL - late, again=late)
         clock.finish(2.1 * T)
         assert clock.statistics.incomplete == 1
 

@@ -1,4 +1,4 @@
-"""One thread owns the wire, and no SYNC falls between the commands of two drives."""
+"""One thread owns the wire, no SYNC falls between the commands of two drives, none comes late."""
 
 from __future__ import annotations
 
@@ -78,22 +78,27 @@ def wire(monkeypatch):
     return made
 
 
-@pytest.mark.parametrize('share', [0.05, 0.3, 0.79, 0.85, 0.95, 0.99])
-@pytest.mark.parametrize('kind', ['emergency', 'request'])
-def test_a_stop_shortly_before_a_sync_waits_for_it(wire, share, kind):
-    """Else one drive might latch it now and its neighbour a period later, at full speed."""
+def started_on(wire):
+    """Start an exchange; return it and what hands it frames."""
     monitors = AxisMonitors(
         AxisMonitor(name, axis, SETTINGS) for name, axis in zip(
             AXIS_NAMES, DEFAULT_AXES, strict=True))
     exchange = CyclicExchange(
         wire, monitors, SETTINGS, Targets(DEFAULT_AXES, SETTINGS, MechanismChecks(Source())))
-    group = Group(AXIS_NAMES, SETTINGS, wire.now)
-    exchange.start(group, wire.now)
+    exchange.start(Group(AXIS_NAMES, SETTINGS, wire.now), wire.now)
 
     def turn(*frames):
         wire.frames += [Frame(cob_id, data, wire.now, wire.now) for cob_id, data in frames]
-        exchange.pump()
+        for _ in range(max(1, len(frames))):
+            exchange.pump()
+    return exchange, turn
 
+
+@pytest.mark.parametrize('share', [0.05, 0.3, 0.79, 0.85, 0.95, 0.99])
+@pytest.mark.parametrize('kind', ['emergency', 'request'])
+def test_a_stop_shortly_before_a_sync_waits_for_it(wire, share, kind):
+    """Else one drive might latch it now and its neighbour a period later, at full speed."""
+    exchange, turn = started_on(wire)
     turn((pdo.SYNC_COB_ID, b''))
     sync = wire.now
     wire.now += 0.02 * PERIOD
@@ -114,3 +119,27 @@ def test_a_stop_shortly_before_a_sync_waits_for_it(wire, share, kind):
     assert len(stops) >= 3
     assert len({*stops[:3]}) == 1
     assert stops[0] <= 0.8 * PERIOD or stops[0] >= PERIOD
+
+
+@pytest.mark.parametrize('late', [1, 3])
+def test_drives_that_answer_after_the_step_and_again_in_time_delay_no_sync(wire, late):
+    """Where the others are silent, waiting for them would let silence be found later."""
+    wire.has_kernel_sync = False
+    exchange, turn = started_on(wire)
+    clock, answers = exchange.clock, [
+        (one.cob_id(node), bytes(one.codec.size))
+        for node in range(1, 1 + late) for one in (pdo.TPDO1, pdo.TPDO2)]
+    turn()
+    wire.now = clock.next_event
+    turn()
+    assert clock.statistics.incomplete == 1
+    turn(*answers)
+    wire.now = clock.next_event
+    turn()
+    assert clock.is_open
+    wire.now += 0.1 * PERIOD
+    turn()
+    assert clock.statistics.cycles == 1
+    turn(answers[0])
+    assert clock.next_event <= clock.sync_time + 1.01 * PERIOD
+    assert clock.statistics.cycles == 1 + (late == 3)
