@@ -1,4 +1,8 @@
-"""The driver's own check of carriage positions, and how fast they may be: it trusts no solver."""
+"""
+The driver's own check of carriage positions, which trusts no solver that came before it.
+
+And how fast carriages may be at a distance so that none runs into a neighbour that stands dead.
+"""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@ How near two neighbouring carriages come when each stops on its own: three drive
 
 The driver sends no target from which the three could not brake together and keep their gap. Drives
 that stop by themselves know nothing of each other: here is what is left of the gap then, and how
-fast carriages may be at a distance so that none runs into one that stands dead.
+far beyond the stroke they stop.
 """
 
 from __future__ import annotations

@@ -135,4 +135,3 @@ def assert_says(client: ManipulatorClient, component: str, pattern: str) -> None
         found = client.component(f'driver: {component}')
         return found is not None and re.search(pattern, found.status.message) is not None
     client.wait_until(says, f'{pattern} in /diagnostics', 20.0)
-

@@ -77,10 +77,9 @@ class DriveProfile:
     name: str  #: name of the profile's file without its ending
     description: str  #: what an operator reads
     eds: Path  #: its electronic data sheet
-    #: this and the next: keys of `facade_manipulator.drives.cia402.units.VELOCITY_UNITS`; that of
-    #: 6080h differs between makers
+    #: key of `facade_manipulator.drives.cia402.units.VELOCITY_UNITS`
     velocity_unit: str
-    motor_speed_unit: str
+    motor_speed_unit: str  #: likewise, of 6080h, which differs between makers
     homing_methods: tuple[int, ...]  #: homing methods that it supports
     quirks: Quirks  #: departures from the standard
     objects: tuple[ProfileObject, ...]  #: what is written at configure, in this order

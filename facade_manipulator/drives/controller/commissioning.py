@@ -2,8 +2,8 @@
 Bring the drives from power-up to NMT Operational, and check them again after a fault.
 
 Runs in a worker thread: it waits for SDO answers, boot-up messages and heartbeats, which the
-control thread receives meanwhile. A drive's own heartbeat is the proof of its NMT
-state, never the command that was sent.
+control thread receives meanwhile. A drive's own heartbeat is the proof of its NMT state, never the
+command that was sent.
 
 References
 ----------
@@ -88,7 +88,7 @@ class Commissioning:
     drives : tuple of Drive
     settings : ControllerSettings
     is_closing : threading.Event
-        Makes whoever waits, now or later, give up.
+        Makes whoever waits for a drive, now or later, give up.
 
     """
 

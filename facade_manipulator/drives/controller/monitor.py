@@ -102,7 +102,7 @@ class AxisMonitor:
         self.has_restarted = False  # since it was configured: it would not know what RPDOs mean
         self.error_code = 0
         self.serial_number: int | None = None
-        self.is_fresh = False  # whether the drive has answered the newest SYNC
+        self.is_fresh = False  # whether the drive has answered since the last step
         self.missed = 0
         self.missed_in_a_row = 0
         self._settings = settings

@@ -220,7 +220,7 @@ class Session:
         """Send nothing more, so that the drives stop by themselves, and look for the bus again."""
         if self.exchange is not None:
             self.exchange.close()
-            self.exchange = None
+            self.exchange = self.commissioning = None
         for monitor in self.monitors:
             monitor.lose()
         if self.group is not None:

@@ -43,10 +43,9 @@ class JointStates(NamedTuple):
     """The three carriages at one SYNC."""
 
     stamp: float  #: time of the SYNC on the system clock [s]
-    #: [m, m/s, N]; a velocity or force that was never received is 0
-    positions: Triple
-    velocities: Triple
-    forces: Triple
+    positions: Triple  #: [m]
+    velocities: Triple  #: [m/s]; 0 where none was ever received
+    forces: Triple  #: [N]; 0 where none was ever received
 
 
 class AxisSnapshot(NamedTuple):
@@ -55,10 +54,9 @@ class AxisSnapshot(NamedTuple):
     name: str
     node_id: int
     statusword: int | None = None  #: 6041h
-    #: of the carriage along the rail; the force is that of the motor's torque [m, m/s, N]
-    position: float | None = None
-    velocity: float | None = None
-    force: float | None = None
+    position: float | None = None  #: of the carriage along the rail [m]
+    velocity: float | None = None  #: [m/s]
+    force: float | None = None  #: on the carriage, that of the motor's torque [N]
     following_error: float | None = None  #: demand minus actual position [m]
     digital_inputs: int | None = None  #: 60FDh
     homed: bool = False

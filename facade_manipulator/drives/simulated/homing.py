@@ -39,9 +39,8 @@ class HomingFailed(Exception):
 class HomingSettings:
     """What a search takes from the objects of the drive."""
 
-    #: speeds towards the switch and for finding the edge, in counts/s
-    fast: float
-    slow: float
+    fast: float  #: speed towards the switch, in counts/s
+    slow: float  #: speed for finding the edge, in counts/s
     acceleration: float  #: in counts/s²
     threshold: float  #: torque that means a hard stop, in thousandths of the rated torque
 
