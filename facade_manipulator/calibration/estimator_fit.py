@@ -93,14 +93,17 @@ def fit_estimator(
         raise ParameterError(f'{unknown[0]} is none of {", ".join(SOUGHT)}')
     disturbance, joints, wall = _in_common(recording)
     times = wall[:, 0]
-    carriages = np.column_stack([
-        np.interp(times, joints[:, 0], joints[:, k]) for k in (1, 2, 3)])
+    head = heads(geometry, np.column_stack([
+        np.interp(times, joints[:, 0], joints[:, k]) for k in (1, 2, 3)]))
+    if np.isnan(head).any():
+        raise CalibrationError(
+            f'joints: {times[np.isnan(head).any(axis=1)][0]:.2f} s after the first disturbance '
+            'the links do not close; another geometry, unit or order of the carriages?')
     free = [k for k, name in enumerate(SOUGHT) if name in find] + ORIGIN
     if 'axes' not in find:
         free.append(TURN)
-    return _Fit(
-        _smoothed(disturbance), times, heads(geometry, carriages), wall[:, 1:], free,
-    ).solve(present or EstimateSettings())
+    return _Fit(_smoothed(disturbance), times, head, wall[:, 1:], free).solve(
+        present or EstimateSettings())
 
 
 def _in_common(recording: EstimatorRecording) -> EstimatorRecording:

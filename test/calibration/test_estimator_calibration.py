@@ -151,6 +151,13 @@ def test_a_wall_of_empty_cells_is_named():
         fit_estimator(GEOMETRY, recording)
 
 
+def test_carriages_where_the_links_do_not_close_are_named():
+    recording = record()
+    recording.joints[(recording.joints[:, 0] >= 20.0) & (recording.joints[:, 0] < 21.0), 1] *= 9.0
+    with pytest.raises(CalibrationError, match='joints: (19.9|20.0). s .* links do not close'):
+        fit_estimator(GEOMETRY, recording)
+
+
 def test_recordings_that_do_not_overlap_are_rejected():
     recording = record()
     with pytest.raises(CalibrationError, match='in common'):
