@@ -117,7 +117,7 @@ def figure_11(study: Study) -> Figure:
     y = np.linspace(1e-6, study.geometry.link_length, 2000)[:-1]
     for gap, colour, width in (
             (0.0, BLUE, 3.2), (study.geometry.carriage_gap or 0.02, ORANGE, 1.4)):
-        geometry = replace(study.geometry, carriage_gap=gap)
+        geometry = replace(study.geometry, carriage_gap=gap, carriage_length=0.0)
         look = {'color': colour, 'linewidth': width, 'label': f'gap {gap * MILLIMETRES:.0f} mm'}
         left.plot(y * MILLIMETRES, np.degrees(theta_bounds(geometry, y)), **look)
         right.plot(y * MILLIMETRES, pose_map(geometry, y, 0.0).upper * MILLIMETRES, **look)

@@ -6,7 +6,9 @@ import sys
 
 import pytest
 
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace import progress, study
+from facade_manipulator.workspace.accuracy import DriveTrain
 from facade_manipulator.workspace.output import folder, json_file
 
 
@@ -85,6 +87,14 @@ def test_every_figure_is_drawn_and_nothing_else_is_left(tmp_path):
     assert sorted(path.name for path in target.iterdir()) == sorted(FIGURES)
     for path in target.iterdir():
         assert path.read_bytes().startswith(b'\x89PNG') and path.stat().st_size > 20_000
+
+
+def test_ranges_without_a_gap_are_drawn_of_carriages_that_have_a_length():
+    from facade_manipulator.workspace.drawing import Study
+    from facade_manipulator.workspace.figures import figure_11
+    machine = Geometry(carriage_gap=0.03, carriage_length=0.025)
+    made = figure_11(Study(machine, 0.0, 1.0, DriveTrain()))
+    assert [line.get_label() for line in made.axes[0].lines] == ['gap 0 mm', 'gap 30 mm']
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
