@@ -23,7 +23,7 @@ The exception tree: one base, children by what the caller would do about them.
         ├── DriveObjectError                 an object rejected or read back wrong
         └── DriveFaultError                  the drive reports a fault
 
-Messages are messages with the value, the bound and the unit.
+Their messages have the value, the bound and the unit.
 """
 
 from __future__ import annotations
