@@ -15,6 +15,7 @@ from facade_manipulator.drives.canopen.bus import (
     BusCongestedError,
     can_bus,
     CanBus,
+    Condition,
     SocketCanBus,
 )
 from facade_manipulator.errors import BusError
@@ -113,6 +114,14 @@ def test_frames_of_another_kind_are_told_by_flags_and_length(wire, content, coun
     sender.send(content)
     assert bus.receive(PATIENCE) is None
     assert (getattr(bus.statistics, counted), bus.statistics.received) == (1, 0)
+
+
+def test_a_controller_that_is_bus_off_is_an_error(wire):
+    bus, sender = wire
+    sender.send(frame(ERROR | 0x040, bytes(8)))
+    with pytest.raises(BusError, match='can9: the controller is bus-off'):
+        bus.receive(PATIENCE)
+    assert bus.statistics.condition is Condition.OFF
 
 
 def test_a_socket_that_takes_no_more_raises_at_once():
