@@ -14,7 +14,15 @@ from facade_manipulator.compensation.compensator import (
 )
 from facade_manipulator.compensation.correction import CorrectionSettings
 from facade_manipulator.errors import InputError, LimitError, ParameterError
-from facade_manipulator.kinematics import add, certify, compose, Geometry, Pose, relative
+from facade_manipulator.kinematics import (
+    add,
+    certify,
+    compose,
+    Geometry,
+    Pose,
+    relative,
+    Wrench,
+)
 
 GEOMETRY = Geometry()
 GOAL = Pose(0.05, 0.25, 0.05)
@@ -72,6 +80,17 @@ def test_what_limits_hold_back_is_what_the_head_lacks():
         wanted = relative(output.disturbance, output.shifted)
         held_back = add(output.saturation_error, output.tracking_error)
         assert add(output.pose, held_back) == pytest.approx(tuple(wanted), abs=1e-12)
+
+
+def test_forces_are_turned_with_the_head_before_it_presses_as_well():
+    run = Run(lambda _: Pose(0.0, 0.0, 0.0))
+    run.compensator.set_goal(Pose(0.05, 0.25, 0.1))
+    run.go(5.0)
+    contact = run.compensator.contact
+    assert contact.is_idle
+    contact.add_wrench(run.now, run.now, Wrench(3.0, -30.0, 0.5))
+    assert contact.pressing.y.measured == pytest.approx(
+        30.0 * math.cos(0.1) - 3.0 * math.sin(0.1))
 
 
 def test_a_standing_disturbance_is_corrected_to_the_goal():
