@@ -88,6 +88,15 @@ def test_a_wider_workspace_limit_is_kept_after_a_while():
     assert course.quickest() < 1.0
 
 
+def test_a_workspace_limit_that_is_moved_while_it_holds_the_head_moves_it_without_a_jump():
+    course = Course(amplitude=0.6).run((math.tau * 12.25) / 0.7 - 100.0)  # the sway is greatest
+    del course.poses[:-1]
+    course.compensator.change('workspace_limit', WorkspaceLimitSettings(margin=0.05))
+    course.run(1.0)
+    assert abs(course.poses[-1].x) < abs(course.poses[0].x) - 0.02
+    assert course.quickest() < 0.5
+
+
 def test_a_workspace_limit_that_leaves_nothing_is_rejected_and_the_old_one_stays():
     compensator = Compensator(Geometry(carriage_gap=0.27))
     compensator.set_goal(Pose(0.0, 0.345, 0.0))

@@ -191,6 +191,17 @@ def test_play_is_taken_up_in_the_direction_of_motion():
     assert machine.take_up(Carriages(-0.1, 0.1, 0.0), Carriages(0.0, 0.0, 0.0)) == (-0.1, 0.1, 0.0)
 
 
+@pytest.mark.parametrize('side', [0, 1])
+def test_the_stroke_has_room_for_the_play_of_its_screw(side):
+    shift = (-1.0, 1.0)[side] * (0.5 - 5e-5 - abs(mechanism_of(DESIGN).certify(HEAD)[side]))
+    pose = HEAD._replace(x=HEAD.x + shift)
+    mechanism_of(DESIGN).certify(pose)
+    play = [0.0, 0.0, 0.0]
+    play[side] = 2e-4
+    with pytest.raises(StrokeLimitError, match=f'q{side + 1} = '):
+        made(backlash=tuple(play)).certify(pose)
+
+
 @given(placed_machines(), errors(0.1, 3))
 def test_velocities_follow_the_jacobian(placed, rates):
     machine, pose = placed
