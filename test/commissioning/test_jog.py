@@ -12,8 +12,10 @@ from commission_rig import CommissionRig
 import pytest
 from support import wait_until
 
-from facade_manipulator.commissioning.motion import MAX_SPEED, Ramp
+from facade_manipulator.commissioning.motion import MAX_SPEED, Motion, Ramp
+from facade_manipulator.drives.cia402 import AxisSettings
 from facade_manipulator.drives.cia402.states import POWERED_STATES
+from facade_manipulator.errors import CommissioningError
 
 STOP_TIME = 0.16
 MOVED = 0.002  # m
@@ -197,6 +199,30 @@ def test_a_fault_of_one_drive_stops_all_with_what_it_is(rig, hand, capsys):
     assert 'motor current is too high' in capsys.readouterr().err
     wait_until(lambda: max(speed(rig, n) for n in range(3)) < 1e-4, 'rest')
     assert not {drive.state for drive in rig.drives} & POWERED_STATES
+
+
+@pytest.mark.parametrize(('cob_id', 'data', 'message'), [
+    (0x701, bytes(1), 'q1 has restarted'), (0x81, b'\x10\x23' + bytes(6), 'motor current is too')])
+def test_what_a_drive_says_of_itself_stops_the_jog_before_its_state_does(
+        rig, hand, capsys, cob_id, data, message):
+    def script():
+        hand.key = b'd'
+        until_moving(rig)
+        with can.Bus(interface='virtual', channel=rig.channel) as other:
+            other.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
+            wait_until(lambda: speed(rig) < 1e-4, 'a stop')
+
+    assert jogging(rig, hand, script) == 1
+    assert message in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(('displacement', 'message'), [
+    (0.01, 'a step of 10.00 mm in a cycle'), (0.06, 'outside the window of 50 mm'),
+    (float('nan'), 'outside the window of 50 mm')])
+def test_no_target_is_far_away_or_outside_the_window(displacement, message):
+    motion = Motion(None, {'q1': AxisSettings()}, 'q1', 0.05)
+    with pytest.raises(CommissioningError, match=message):
+        motion.step(displacement)
 
 
 @pytest.mark.parametrize('options', [('--speed', '51'), ('--speed', '0'), ('--window', '201'),
