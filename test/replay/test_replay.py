@@ -143,6 +143,8 @@ def recorded(**topics):
 
 def test_the_first_stop_after_motion_counts():
     run = recorded(**{'/diagnostics': [
+        status(BEGIN - 60, 'operation', state='active', cause=''),
+        status(BEGIN - 50, 'operation', state='stopped', cause='before the recording'),
         status(BEGIN + 1, 'operation', state='stopped', cause='of yesterday'),
         status(BEGIN + 2, 'operation', state='active', cause=''),
         status(BEGIN + 3, 'operation', state='stopped', cause='q2: 8611h'),
@@ -164,6 +166,7 @@ def test_faults_are_read_from_the_bus_with_their_time():
 
 def test_without_frames_faults_are_read_from_diagnostics():
     run = recorded(**{'/diagnostics': [
+        status(BEGIN - 1, 'q2', error_code='7305h'),
         status(BEGIN + 1, 'q1', error_code='0000h', **{'heartbeat age [s]': '0.02'}),
         status(BEGIN + 2, 'q1', error_code='8611h', **{'heartbeat age [s]': 'None'}),
         status(BEGIN + 3, 'q1', error_code='8611h'),
