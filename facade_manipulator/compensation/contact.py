@@ -15,11 +15,11 @@ FUTURE_TOLERANCE = 0.02  # s
 CLOCK_STEP = 2.0  # s, a measurement older than that means that the clock was set back
 PROPORTIONAL = 0.3  # gain: low, because the measurement is late
 FILTER_TIME = 0.1  # s, time constant of the filter on the measurement, for the proportional part
-SPEED = 0.05  # m/s, highest of the shift
+SHIFT_SPEED = 0.05  # m/s, highest of the shift
 OLDEST_OFFSET = 0.3  # s, from which a measurement is not used; the shift is held
-MEMORY = 60.0  # s, time constant with which old slip is forgotten
+SLIP_MEMORY = 60.0  # s, time constant with which old slip is forgotten
 LONGEST_INTERVAL = 0.5  # s, a pause counts as no longer
-ALIKE = 1.0  # s, for which the rest of the slip stays alike
+SLIP_ALIKE = 1.0  # s, for which the rest of the slip stays alike
 LEAST_WEIGHT = 20.0  # s, of slip, before anything is said
 LEAST_SPEED = 0.005  # m/s RMS, below which a gondola hangs still
 
@@ -88,7 +88,7 @@ class LateralRegulator:
         self._filtered += share * (measured - self._filtered)
         integral = self._integral + settings.integral * interval * measured
         wanted = integral + PROPORTIONAL * self._filtered
-        step = SPEED * interval
+        step = SHIFT_SPEED * interval
         shift = min(max(wanted, self.shift - step), self.shift + step)
         shift = min(max(shift, -settings.range), settings.range)
         blocked = saturation_error * (shift - self.shift) > 0.0
@@ -118,7 +118,7 @@ class StampDelay:
         """Note by how much the head is off along the wall [m] at a stamp, and the speed [m/s]."""
         interval = min(max(stamp - self._stamp, 0.0), LONGEST_INTERVAL)
         self._stamp = stamp
-        fade = math.exp(-interval / MEMORY)
+        fade = math.exp(-interval / SLIP_MEMORY)
         self._weight = fade * self._weight + interval
         share = interval / self._weight
         slip_change, speed_change = slip - self._slip, speed - self._speed
@@ -136,7 +136,7 @@ class StampDelay:
             return None
         delay = self._products / self._speeds
         left = max(self._slips - delay * self._products, 0.0)
-        return delay, math.sqrt(left * ALIKE / (self._speeds * self._weight))
+        return delay, math.sqrt(left * SLIP_ALIKE / (self._speeds * self._weight))
 
 
 class Contact:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from facade_manipulator.compensation.contact import LateralRegulator, LateralSettings, SPEED
+from facade_manipulator.compensation.contact import LateralRegulator, LateralSettings, SHIFT_SPEED
 from facade_manipulator.errors import ParameterError
 
 SETTINGS = LateralSettings(enabled=True)
@@ -40,7 +40,7 @@ def test_a_drift_leaves_a_small_error():
 def test_the_shift_has_a_range_and_a_speed_and_does_not_wind_up():
     shifts, errors = regulate(lambda time: 0.3 if time < 10.0 else 0.0, 20.0)
     assert abs(shifts).max() <= SETTINGS.range
-    assert abs(np.diff(shifts)).max() <= SPEED * PERIOD + 1e-12
+    assert abs(np.diff(shifts)).max() <= SHIFT_SPEED * PERIOD + 1e-12
     assert abs(errors[-1]) < 1e-3
 
 
