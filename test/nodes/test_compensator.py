@@ -27,7 +27,7 @@ from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.compensator_report import followed_goal, GOAL_STATUS
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import DRIVER_STATUS, DriverStatus
-from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
+from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 GOAL, OUTSIDE = Pose(0.03, 0.25, 0.02), Pose(0.0, 0.9, 0.0)
 DISTURBANCE = Pose(0.05, 0.01, 0.02)
@@ -95,10 +95,10 @@ def on_the_wall(pose):
 
 
 def test_who_comes_late_learns_the_goal_that_is_followed_whichever_was_rejected_since(neighbours):
-    def collect():
-        return neighbours.ros.collect(neighbours.node, DiagnosticStatus, GOAL_STATUS, LATCHED)
+    def collect(qos=LATCHED):
+        return neighbours.ros.collect(neighbours.node, DiagnosticStatus, GOAL_STATUS, qos)
 
-    statuses = collect()
+    statuses = collect(RECENT)  # progress of the goal before follows a rejection at once
     for goal, followed in ((OUTSIDE, None), (GOAL, GOAL), (OUTSIDE, GOAL)):
         statuses.clear()
         neighbours.send_goal(goal)
