@@ -6,13 +6,15 @@ import os
 import struct
 import time
 
+from own_processes import end_process
 import pytest
 from stack import PERIOD
-from support import period_of, wait_until
+from support import patiently, period_of, wait_until
 
 from facade_manipulator.drives.canopen.pdo import rpdo_cob_id, SYNC_COB_ID
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
+from facade_manipulator.ros.client import NoAnswerError
 
 NODES = (1, 2, 3)
 
@@ -37,9 +39,14 @@ def sync_period(listener, meanwhile=None):
 
 def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
         active, listener, start_process):
-    start_process(
-        'facade_manipulator.nodes.manipulator', '--ros-args', '-p', 'horizon:=0.2')
-    active.wait_until(lambda: active.head_in_rail, 'end_effector_pose', 60.0)
+    manipulators = []
+
+    def find_head():
+        manipulators.append(start_process(
+            'facade_manipulator.nodes.manipulator', '--ros-args', '-p', 'horizon:=0.2'))
+        active.wait_until(lambda: active.head_in_rail, 'end_effector_pose', 30.0)
+
+    patiently(find_head, lambda: end_process(manipulators[-1]), (NoAnswerError,))
     goal = Pose(0.06, 0.26, 0.05)
     targets = [AxisScale().to_counts(q) for q in inverse_kinematics(Geometry(), goal)]
 
