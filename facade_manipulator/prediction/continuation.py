@@ -44,7 +44,6 @@ MOST_PRIOR = 100.0  # s
 LEAST_PRIOR = 0.01  # s, of noise: estimates may be better than they say
 START_SHARE = 0.7  # of the time learnt, the memory at first
 SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
-TONES_GAIN = 25.0  # of the density of noise, by the time fitted: that of five tones
 UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
 LEAST_STEP = 0.1  # 1/s, squares of steps by the density of noise, below which none counts
 LONGEST_STEP = 0.15  # s between estimates, beyond which the motion between is not known
@@ -143,7 +142,7 @@ class Continuation:
         self._scores += known / min(SCORE_TIME, self._elapsed) * (
             np.einsum('c,kach->kah', weights / known, scores) - self._scores)
 
-    def solve(self, strength: np.ndarray, noise: np.ndarray) -> None:
+    def solve(self, strength: np.ndarray, noise: np.ndarray, tones: np.ndarray) -> None:
         """
         Find the weights, and how good they are.
 
@@ -153,6 +152,8 @@ class Continuation:
             Variance of the acceleration that the prior expects [m²/s⁴].
         noise : numpy.ndarray, shape (axes,)
             Density of the estimates' noise, variance times interval [m² s].
+        tones : numpy.ndarray, shape (axes,)
+            Variance of the tones by that density [1/s].
 
         """
         sway, white = sway_moments(), noise_moments()
@@ -165,8 +166,7 @@ class Continuation:
             self._moves + (s * sway.moves + r * white.moves)[..., self.chosen])
         self.trust = np.clip(
             self._scores[RIGHT] / (self._scores[STEP] + LEAST_STEP * noise[:, None]), 0.0, 1.0)
-        gain = (1.0 - self.trust) ** 2 * self.noise_gain() + self.trust ** 2 * (
-            TONES_GAIN / max(self._elapsed, 1.0))
+        gain = (1.0 - self.trust) ** 2 * self.noise_gain() + self.trust ** 2 * tones[:, None]
         full, mean, self.variances = np.maximum(self._scores[:RIGHT], gain * noise[:, None])
         self.share = np.minimum(mean / full, 1.0)
 

@@ -224,7 +224,8 @@ class DisturbancePredictor:
 
     def _solve(self, learner: Continuation, noise: np.ndarray) -> None:
         """Take what one group of horizons has learnt, and how well it did."""
-        learner.solve(PEAK_SHARE * self._peak, noise * self._interval)
+        learner.solve(
+            PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain)
         self._weights[..., learner.chosen] = learner.weights
         self._variances[:, learner.chosen] = learner.variances
         self._share[:, learner.chosen] = learner.share

@@ -39,9 +39,15 @@ class Tones:
     ----------
     axes : int
 
+    Attributes
+    ----------
+    noise_gain : numpy.ndarray, shape (axes,)
+        Variance of the positions by the density of noise [1/s], of one tone more than were found.
+
     """
 
     def __init__(self, axes: int) -> None:
+        self.noise_gain = np.full(axes, 5.0 / SHORTEST)
         self._block: list[tuple[float, ...]] = []
         self._blocks = np.zeros((0, axes + 2))  # stamp, values, estimates
         self._frequencies = np.zeros((axes, MOST))
@@ -76,6 +82,7 @@ class Tones:
         self._amplitudes[axis], self._stamps[axis] = 0.0, stamps[-1]
         self._amplitudes[axis, :len(amplitudes)] = amplitudes
         self._frequencies[axis, :len(amplitudes)] = frequencies
+        self.noise_gain[axis] = 5.0 * (len(amplitudes) + 1) / (stamps[-1] - stamps[0])
 
 
 class _Window(NamedTuple):

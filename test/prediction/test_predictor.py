@@ -198,6 +198,14 @@ def test_the_standard_deviation_is_that_of_the_errors(motion):
 
 
 @pytest.mark.long
+def test_the_standard_deviation_is_that_of_the_errors_after_ten_minutes_of_tones():
+    run = Run(sines(BREEZE), 600.0, rate=20.0)
+    half = len(run.errors) // 2
+    inside = np.abs(run.errors[half:]) < 2.0 * run.deviations[half:]
+    assert (inside.mean(axis=0) > 0.93).all()
+
+
+@pytest.mark.long
 @pytest.mark.parametrize('rate', [15.0, 20.0, 100.0, 200.0])
 def test_estimates_may_come_at_any_rate(rate):
     noise = NOISE * math.sqrt(rate / 50.0)
