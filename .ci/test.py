@@ -2,7 +2,7 @@
 Run all tests and end with the totals; --check runs the quick ones that need no clock, bus or ROS.
 
 The pure ones run on every processor, beside what colcon makes of the package, and give way to the
-others: those for which the clock counts, three at a time because they mostly wait, then those of
+others: those for which the clock counts, two at a time because they mostly wait, then those of
 test/socketcan where there is a vcan0. Other arguments go to pytest.
 """
 
@@ -72,7 +72,7 @@ CHECK = Part('quick tests', on_the_host, (
 BESIDE = (PURE, Part('tests in a colcon workspace', on_the_host, (), ('.ci/colcon',)))
 IN_TURN = (
     Part('real-time tests', on_the_host, (
-        'test', '--ignore=test/socketcan', '-m', 'realtime', '--numprocesses=3',
+        'test', '--ignore=test/socketcan', '-m', 'realtime', '--numprocesses=2',
         '--dist=worksteal')),
     Part('tests of SocketCAN', on_a_vcan, ('test/socketcan',)),
 )
