@@ -87,4 +87,7 @@ def test_the_carriage_stops_when_the_bus_is_pulled(rig, vcan0):
 
 
 def test_while_the_key_is_held_it_goes_on(rig):
-    assert stop_time(rig, _hold_on) >= 2.0
+    def goes_on():
+        assert stop_time(rig, _hold_on) >= 2.0
+
+    patiently(goes_on, rig.power_cut)  # a key that comes late stops it, as it should
