@@ -9,6 +9,7 @@ test/socketcan where there is a vcan0. Other arguments go to pytest.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 import os
 from pathlib import Path
 import subprocess
@@ -103,6 +104,14 @@ def run_all(folder: Path, arguments: list[str]) -> list[Result]:
     return [part.finish(is_needed=results[-1].status != INTERRUPTED) for part in started] + results
 
 
+def give_way() -> None:
+    """Leave the processors to others, also where Linux shares them by session."""
+    os.setsid()
+    os.nice(LEAST_URGENT)
+    with suppress(OSError):  # no such sharing here
+        Path('/proc/self/autogroup').write_text(str(LEAST_URGENT))
+
+
 class Background:
     """A part that leaves the processors to the others, and says at its end what it has to say."""
 
@@ -112,7 +121,7 @@ class Background:
         with open(self._log, 'w') as log:
             self._process = subprocess.Popen(
                 part.command(self._report, arguments), stdout=log, stderr=subprocess.STDOUT,
-                preexec_fn=lambda: os.nice(LEAST_URGENT))
+                preexec_fn=give_way)
 
     def finish(self, is_needed: bool) -> Result:
         """Wait for its end, or end it, and show what it said."""
