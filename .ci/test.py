@@ -12,6 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 import tempfile
@@ -97,11 +98,16 @@ def run_all(folder: Path, arguments: list[str]) -> list[Result]:
     print(*(part.name for part in BESIDE), sep=', ', end=' run beside the others\n', flush=True)
     started = [Background(part, folder, arguments) for part in BESIDE]
     results = []
-    for part in IN_TURN:
-        results.append(run(part, folder, arguments))
-        if results[-1].status == INTERRUPTED:
-            break
-    return [part.finish(is_needed=results[-1].status != INTERRUPTED) for part in started] + results
+    try:
+        for part in IN_TURN:
+            results.append(run(part, folder, arguments))
+            if results[-1].status == INTERRUPTED:
+                break
+        needed = results[-1].status != INTERRUPTED
+        return [part.finish(needed) for part in started] + results
+    finally:
+        for part in started:
+            part.end()
 
 
 def give_way() -> None:
@@ -126,10 +132,15 @@ class Background:
     def finish(self, is_needed: bool) -> Result:
         """Wait for its end, or end it, and show what it said."""
         if not is_needed:
-            self._process.terminate()
+            self.end()
         status = self._process.wait()
         print(f'\n--- {self._part.name}', self._log.read_text(), sep='\n')
         return result(self._part, status, self._report, 'beside the others (this machine)')
+
+    def end(self) -> None:
+        """End it and all that it has started: Ctrl-C does not reach a session of its own."""
+        if self._process.poll() is None:
+            os.killpg(self._process.pid, signal.SIGTERM)
 
 
 def totals(report: Path) -> str:
