@@ -41,7 +41,7 @@ from facade_manipulator.demo.report import (
     write_json,
 )
 from facade_manipulator.demo.view import live_view, summary_lines
-from facade_manipulator.errors import ManipulatorError, missing_package
+from facade_manipulator.errors import INTERRUPTED, ManipulatorError, missing_package
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.monitor import Observer
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
@@ -52,7 +52,6 @@ NODES = ('gondola_simulator', 'driver', 'manipulator')
 FIRST_GOAL_AFTER = 1.0
 REFRESH_PERIOD = 0.25
 LINE_PERIOD = 5.0
-INTERRUPTED = 130
 FAILED = 1
 
 
