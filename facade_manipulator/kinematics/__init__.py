@@ -18,20 +18,20 @@ from facade_manipulator.kinematics.geometry import (
 )
 from facade_manipulator.kinematics.inverse import (
     branch_number,
+    carriage_velocity,
     certify,
-    check_characteristic_length,
     inverse_kinematics,
     links,
-    local_conditioning_index,
     MIN_CONDITIONING,
-    parallel_singularity,
     squared_index,
     WorkingMode,
 )
 from facade_manipulator.kinematics.jacobian import (
-    carriage_velocity,
+    check_characteristic_length,
     end_effector_force,
     jacobian,
+    local_conditioning_index,
+    parallel_singularity,
     platform_velocity,
 )
 from facade_manipulator.kinematics.linkage import JointPoints, joints, Point

@@ -9,6 +9,7 @@ mode is tried.
 from __future__ import annotations
 
 from bisect import bisect_right
+from functools import partial
 from math import cos, isfinite, sin, sqrt
 
 import numpy as np
@@ -29,13 +30,14 @@ from facade_manipulator.kinematics.inverse import (
     check_branch,
     check_rail,
     CONDITIONING_RATIO,
+    jacobian_entries,
     Links,
     MIN_CONDITIONING,
+    squared_index,
+    take_up,
     WorkingMode,
 )
 from facade_manipulator.kinematics.planar import compose, invert, relative
-
-TAKE_UP_SPEED = 0.002  # m/s, below which a carriage does not rest on either flank of its screw
 
 
 class CalibratedMechanism:
@@ -45,6 +47,7 @@ class CalibratedMechanism:
         self.geometry = geometry
         self._lengths = Lengths(*geometry.link_lengths, *geometry.half_lengths)
         self._length1, self._length2, self._half1, self._half2 = self._lengths
+        self.take_up = partial(take_up, geometry)
         self._rail = Pose(0.0, 0.0, geometry.rail_angle)
         self._tool = Pose(*geometry.tool)
         self._platform_on_tool = invert(self._tool)
@@ -64,12 +67,6 @@ class CalibratedMechanism:
         """Return where on the rail the carriages stand [m]."""
         return Carriages(*(
             screw.actual(q) for screw, q in zip(self._screws, carriages, strict=True)))
-
-    def take_up(self, carriages: Carriages, velocity: Carriages) -> Carriages:
-        """Return positions half the backlash ahead, in the direction of motion [m]."""
-        return Carriages(*(
-            q + 0.5 * play * max(-1.0, min(1.0, v / TAKE_UP_SPEED))
-            for q, v, play in zip(carriages, velocity, self.geometry.backlash, strict=True)))
 
     def inverse_kinematics(
         self, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
@@ -95,7 +92,7 @@ class CalibratedMechanism:
         """Carriage velocities of a velocity of the head [m/s]."""
         platform = self._platform_of(pose)
         at = self._links(platform, WorkingMode.PLUS_MINUS)
-        y1, t1, y2, t2 = self._entries(at)
+        y1, t1, y2, t2 = jacobian_entries(at, self._half1, self._half2)
         cosine, sine = cos(self._rail.theta), sin(self._rail.theta)
         arm = compose(Pose(0.0, 0.0, platform.theta), self._tool)  # from P to the head
         vx = cosine * velocity.x + sine * velocity.y + arm.y * velocity.theta
@@ -123,8 +120,9 @@ class CalibratedMechanism:
         self._check_rail(self._actual(platform.x, at), driven)
         if characteristic_length is None:
             characteristic_length = self.geometry.platform_half_length / CONDITIONING_RATIO
-        square = _squared_index(*self._entries(at), characteristic_length)
-        check_branch(self._branch_number(at), square, min_conditioning)
+        check_branch(self._branch_number(at), squared_index(
+            at, self._half1 / characteristic_length, self._half2 / characteristic_length),
+            min_conditioning)
         return driven
 
     def check(self, carriages: Carriages) -> None:
@@ -172,12 +170,6 @@ class CalibratedMechanism:
     def _driven(self, x: float, at: Links) -> Carriages:
         return Carriages(*(
             screw.driven(q) for screw, q in zip(self._screws, self._actual(x, at), strict=True)))
-
-    def _entries(self, at: Links) -> tuple[float, float, float, float]:
-        """Return the y and θ entries of the platform's Jacobian, as for equal lengths."""
-        sine, cosine, u1, u2, s1, s2 = at
-        y1, y2 = -u1 / s1, u2 / s2
-        return y1, self._half1 * (sine - y1 * cosine), y2, self._half2 * (y2 * cosine - sine)
 
     def _branch_number(self, at: Links) -> float:
         """N [m²], by the mean half length: what it is for equal ones."""
@@ -254,12 +246,3 @@ class Screw:
     def rate(self, actual: float) -> float:
         """Return dq/dQ at Q."""
         return 1.0 / self._slopes[bisect_right(self._actual, actual)]
-
-
-def _squared_index(y1: float, t1: float, y2: float, t2: float, length: float) -> float:
-    """Return the squared local conditioning index of the platform's Jacobian (eqs 24-25)."""
-    t1, t2 = t1 / length, t2 / length
-    determinant2 = (y1 * t2 - y2 * t1) ** 2
-    sum2 = y1 * y1 + y2 * y2 + t1 * t1 + t2 * t2
-    cofactor2 = sum2 + (y1 - y2) ** 2 + (t1 - t2) ** 2
-    return 9.0 * determinant2 / ((sum2 + 3.0) * (determinant2 + cofactor2))

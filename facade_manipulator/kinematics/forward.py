@@ -22,12 +22,8 @@ from math import atan2, cos, isfinite, sin, sqrt
 from facade_manipulator.errors import SingularityError, UnreachableError
 from facade_manipulator.kinematics.assembly import assembly_modes, FARTHEST
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
-from facade_manipulator.kinematics.inverse import (
-    branch_number,
-    check_branch,
-    check_rail,
-    parallel_singularity,
-)
+from facade_manipulator.kinematics.inverse import branch_number, check_branch, check_rail
+from facade_manipulator.kinematics.jacobian import parallel_singularity
 
 STEP_TOLERANCE = 1e-5  # such a step leaves its square, and the polish the square of that
 POLISHED = 1e-8  # a Newton step on the links from which nothing is left
@@ -90,6 +86,11 @@ def certify_carriages(geometry: Geometry, carriages: Carriages) -> None:
     y, sine, cosine = _close(geometry, left, right)  # in half the time that the pose takes
     rise, span = half * sine, half * cosine
     check_branch(branch_number((sine, cosine, y - rise, y + rise, left + span, span - right)))
+
+
+def on_rail(_: Geometry, carriages: Carriages) -> Carriages:
+    """Return the carriages as the drives count them [m]: on the drawing the drives are right."""
+    return carriages
 
 
 def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:

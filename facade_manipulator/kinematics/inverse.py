@@ -1,14 +1,10 @@
 """
-What a pose asks of the mechanism: carriages (eqs 7-9 of the paper), conditioning, every limit.
-
-J mixes metres and radians, so the conditioning index depends on the unit of length. In
-millimetres, as in the paper, it flags only the far edge of the workspace; with a characteristic
-length near the machine's own size it also flags weak authority near the rail.
+What a pose asks of the mechanism: carriages and their velocities, and every limit.
 
 References
 ----------
 Park et al., "Design of a 3-DOF Parallel Manipulator to Compensate for Disturbances in Facade
-Cleaning", sections II-A, IV.
+Cleaning", eqs 7-19; conditioning eqs 24-25.
 
 """
 
@@ -20,12 +16,17 @@ from typing import Any
 
 from facade_manipulator.errors import (
     CarriageGapError,
-    ParameterError,
     SingularityError,
     StrokeLimitError,
     UnreachableError,
 )
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
+from facade_manipulator.kinematics.geometry import (
+    Carriages,
+    Geometry,
+    not_finite,
+    Pose,
+    Twist,
+)
 
 # b over the index's unit of length: for the design that is 1 m, for a mechanism of another size it
 # grows with it, so that the same poses are well conditioned.
@@ -34,11 +35,13 @@ CONDITIONING_RATIO = 0.348
 # Towards the far edge the index falls to 0 as the links become upright: 0.05 is passed 0.1 mm
 # before it at θ = 0, where carriages already move 40 times faster than the head.
 MIN_CONDITIONING = 0.05
+TAKE_UP_SPEED = 0.002  # m/s, below which a carriage does not rest on either flank of its screw
 _TINY = 1e-300
 # s, c, u1, u2, s1, s2 of `links`: plain tuples, because naming the fields would cost as much as
 # computing them.
 Links = tuple[float, float, float, float, float, float]
 _new_tuple = tuple.__new__
+NO_BACKLASH = (0.0, 0.0, 0.0)
 
 
 class WorkingMode(Enum):
@@ -135,14 +138,12 @@ def links(
     )
 
 
-def parallel_singularity(
-    geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
-) -> float:
+def carriage_velocity(
+    geometry: Geometry, pose: Pose, velocity: Twist,
+    working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
+) -> Carriages:
     """
-    N = b s²(q1 − q2) + (q1 + q2 − 2 q3) y s + 2 y² c [m²]: det B = −4 b N, det J = −b N/(s1 s2).
-
-    Zero at a parallel (type 2) singularity. A pose with N ≤ 0 lies on another assembly branch
-    than the machine's and must not be commanded.
+    Carriage velocities J·velocity of a platform velocity (x', y', θ') [m/s, rad/s].
 
     Raises
     ------
@@ -150,7 +151,28 @@ def parallel_singularity(
         As `inverse_kinematics`.
 
     """
-    return branch_number(links(geometry, pose, working_mode))
+    half = geometry.platform_half_length
+    y1, t1, y2, t2 = jacobian_entries(links(geometry, pose, working_mode), half, half)
+    vx, vy, omega = velocity
+    return Carriages(vx + y1 * vy + t1 * omega, vx + y2 * vy + t2 * omega, vx)
+
+
+def jacobian_entries(
+    at: Links, half1: float, half2: float
+) -> tuple[float, float, float, float]:
+    """Return the y and θ entries of the Jacobian's first two rows, for halves of the platform."""
+    sine, cosine, u1, u2, s1, s2 = at
+    y1, y2 = -u1 / s1, u2 / s2
+    return y1, half1 * (sine - y1 * cosine), y2, half2 * (y2 * cosine - sine)
+
+
+def take_up(geometry: Geometry, carriages: Carriages, velocity: Carriages) -> Carriages:
+    """Return positions half the backlash ahead, in the direction of motion [m]."""
+    if geometry.backlash == NO_BACKLASH:
+        return carriages
+    return Carriages(*(
+        q + 0.5 * play * max(-1.0, min(1.0, v / TAKE_UP_SPEED))
+        for q, v, play in zip(carriages, velocity, geometry.backlash, strict=True)))
 
 
 def branch_number(at: Links) -> float:
@@ -159,58 +181,9 @@ def branch_number(at: Links) -> float:
     return u1 * (u2 * cosine - s2 * sine) + u2 * (u1 * cosine + s1 * sine)
 
 
-def local_conditioning_index(
-    geometry: Geometry, pose: Pose, characteristic_length: float = 1.0,
-    working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
-) -> float:
+def squared_index(at: Links, ratio1: Any, ratio2: Any) -> Any:
     """
-    Local conditioning index 1/(‖J‖ ‖J⁻¹‖), with ‖J‖² = tr(JᵀJ)/3.
-
-    It lies in [0, 1], depends on (y, θ) only, and is 0 on every singularity.
-
-    Parameters
-    ----------
-    geometry : Geometry
-    pose : Pose
-        [m, m, rad].
-    characteristic_length : float
-        Unit of length of J [m]; 0.001 gives the paper's index in mm.
-    working_mode : WorkingMode
-
-    Raises
-    ------
-    ParameterError
-        If the pose is not finite or the characteristic length not positive.
-    UnreachableError
-        As `inverse_kinematics`.
-
-    References
-    ----------
-    Eqs 24-25 of the paper. The closed form of its appendix is misprinted.
-
-    """
-    check_characteristic_length(characteristic_length)
-    at = links(geometry, pose, working_mode)
-    return sqrt(squared_index(at, geometry.platform_half_length / characteristic_length))
-
-
-def check_characteristic_length(length: float) -> None:
-    """
-    Check a unit of length of the index [m].
-
-    Raises
-    ------
-    ParameterError
-        If it is not a positive length.
-
-    """
-    if not (isfinite(length) and length > 0.0):
-        raise ParameterError(f'characteristic_length = {length} m is not a positive length')
-
-
-def squared_index(at: Links, ratio: Any) -> Any:
-    """
-    Square of the index, on floats as on arrays: one formula for both arithmetics.
+    Square of the conditioning index, on floats as on arrays: one formula for both arithmetics.
 
     With P = s1 s2, LCI² = 9 d² P²/(g² (d² + k²)), which stays finite on the far edge P = 0; there
     g² is 3 ‖J‖² P², d is det J·P, and k² is ‖adj J‖² P² less d².
@@ -218,15 +191,15 @@ def squared_index(at: Links, ratio: Any) -> Any:
     Parameters
     ----------
     at : Links
-    ratio : float
-        b over the characteristic length.
+    ratio1, ratio2 : float
+        The platform's halves over the characteristic length.
 
     """
     sine, cosine, u1, u2, s1, s2 = at
     y1, y2 = u1 * s2, u2 * s1
     e1, e2 = u1 * cosine + s1 * sine, u2 * cosine - s2 * sine
-    t1, t2 = ratio * s2 * e1, ratio * s1 * e2
-    determinant = ratio * (u1 * e2 + u2 * e1)
+    t1, t2 = ratio1 * s2 * e1, ratio2 * s1 * e2
+    determinant = ratio2 * u1 * e2 + ratio1 * u2 * e1
     determinant2 = determinant * determinant
     product = s1 * s2
     product2 = product * product
@@ -284,7 +257,7 @@ def certify(
     ratio = CONDITIONING_RATIO
     if characteristic_length is not None:
         ratio = geometry.platform_half_length / characteristic_length
-    check_branch(branch_number(at), squared_index(at, ratio), min_conditioning)
+    check_branch(branch_number(at), squared_index(at, ratio, ratio), min_conditioning)
     return Carriages(q1, q2, x)
 
 

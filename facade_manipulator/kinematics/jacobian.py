@@ -1,5 +1,5 @@
 """
-Velocities and forces at one pose (section II-B of the paper).
+The Jacobian at a pose (section II-B of the paper): rates, forces, singularity, conditioning.
 
 With the heights u1, u2 and projections s1, s2 of `links`, and e1 = u1 c + s1 s, e2 = u2 c − s2 s::
 
@@ -9,17 +9,28 @@ With the heights u1, u2 and projections s1, s2 of `links`, and e1 = u1 c + s1 s,
 
 This is J = A⁻¹B of eqs 10-17 with the first term of eq. 11 corrected to q2'. N = 0 is a parallel
 singularity that the paper does not mention: the platform can move with all carriages locked.
+
+J mixes metres and radians, so the conditioning index depends on the unit of length. In
+millimetres, as in the paper, it flags only the far edge of the workspace; with a characteristic
+length near the machine's own size it also flags weak authority near the rail.
 """
 
 from __future__ import annotations
 
+import math
 import struct
 
 import numpy as np
 
-from facade_manipulator.errors import SingularityError
+from facade_manipulator.errors import ParameterError, SingularityError
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Twist, Wrench
-from facade_manipulator.kinematics.inverse import links, WorkingMode
+from facade_manipulator.kinematics.inverse import (
+    branch_number,
+    jacobian_entries,
+    links,
+    squared_index,
+    WorkingMode,
+)
 
 _empty = np.empty
 _pack_matrix = struct.Struct('9d').pack_into
@@ -58,24 +69,6 @@ def jacobian(
     # A third of the time of np.array() on nested tuples.
     _pack_matrix(matrix, 0, 1.0, y1, t1, 1.0, y2, t2, 1.0, 0.0, 0.0)
     return matrix
-
-
-def carriage_velocity(
-    geometry: Geometry, pose: Pose, velocity: Twist,
-    working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
-) -> Carriages:
-    """
-    Carriage velocities J·velocity of a platform velocity (x', y', θ') [m/s, rad/s].
-
-    Raises
-    ------
-    ParameterError, UnreachableError
-        As `inverse_kinematics`.
-
-    """
-    y1, t1, y2, t2 = _entries(geometry, pose, working_mode)
-    vx, vy, omega = velocity
-    return Carriages(vx + y1 * vy + t1 * omega, vx + y2 * vy + t2 * omega, vx)
 
 
 def platform_velocity(
@@ -126,11 +119,76 @@ def end_effector_force(
     return Wrench(f1 + f2 + f3, y1 * f1 + y2 * f2, t1 * f1 + t2 * f2)
 
 
+def parallel_singularity(
+    geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
+) -> float:
+    """
+    N = b s²(q1 − q2) + (q1 + q2 − 2 q3) y s + 2 y² c [m²]: det B = −4 b N, det J = −b N/(s1 s2).
+
+    Zero at a parallel (type 2) singularity. A pose with N ≤ 0 lies on another assembly branch
+    than the machine's and must not be commanded.
+
+    Raises
+    ------
+    ParameterError, UnreachableError
+        As `inverse_kinematics`.
+
+    """
+    return branch_number(links(geometry, pose, working_mode))
+
+
+def local_conditioning_index(
+    geometry: Geometry, pose: Pose, characteristic_length: float = 1.0,
+    working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
+) -> float:
+    """
+    Local conditioning index 1/(‖J‖ ‖J⁻¹‖), with ‖J‖² = tr(JᵀJ)/3.
+
+    It lies in [0, 1], depends on (y, θ) only, and is 0 on every singularity.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    pose : Pose
+        [m, m, rad].
+    characteristic_length : float
+        Unit of length of J [m]; 0.001 gives the paper's index in mm.
+    working_mode : WorkingMode
+
+    Raises
+    ------
+    ParameterError
+        If the pose is not finite or the characteristic length not positive.
+    UnreachableError
+        As `inverse_kinematics`.
+
+    References
+    ----------
+    Eqs 24-25 of the paper. The closed form of its appendix is misprinted.
+
+    """
+    check_characteristic_length(characteristic_length)
+    at = links(geometry, pose, working_mode)
+    ratio = geometry.platform_half_length / characteristic_length
+    return math.sqrt(squared_index(at, ratio, ratio))
+
+
+def check_characteristic_length(length: float) -> None:
+    """
+    Check a unit of length of the index [m].
+
+    Raises
+    ------
+    ParameterError
+        If it is not a positive length.
+
+    """
+    if not (math.isfinite(length) and length > 0.0):
+        raise ParameterError(f'characteristic_length = {length} m is not a positive length')
+
+
 def _entries(
     geometry: Geometry, pose: Pose, working_mode: WorkingMode
 ) -> tuple[float, float, float, float]:
-    """Return the y and θ entries of the Jacobian's first two rows."""
-    sine, cosine, u1, u2, s1, s2 = links(geometry, pose, working_mode)
     half = geometry.platform_half_length
-    y1, y2 = -u1 / s1, u2 / s2
-    return y1, half * (sine - y1 * cosine), y2, half * (y2 * cosine - sine)
+    return jacobian_entries(links(geometry, pose, working_mode), half, half)

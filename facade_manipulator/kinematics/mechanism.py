@@ -13,14 +13,19 @@ from functools import partial
 
 from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.calibrated import CalibratedMechanism
-from facade_manipulator.kinematics.forward import certify_carriages, forward_kinematics
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
-from facade_manipulator.kinematics.inverse import certify, inverse_kinematics
-from facade_manipulator.kinematics.jacobian import (
-    carriage_velocity,
-    end_effector_force,
-    jacobian,
+from facade_manipulator.kinematics.forward import (
+    certify_carriages,
+    forward_kinematics,
+    on_rail,
 )
+from facade_manipulator.kinematics.geometry import Geometry, Pose
+from facade_manipulator.kinematics.inverse import (
+    carriage_velocity,
+    certify,
+    inverse_kinematics,
+    take_up,
+)
+from facade_manipulator.kinematics.jacobian import end_effector_force, jacobian
 
 
 class NominalMechanism:
@@ -44,14 +49,8 @@ class NominalMechanism:
         self.end_effector_force = partial(end_effector_force, geometry)
         self.certify = partial(certify, geometry)
         self.check = partial(certify_carriages, geometry)
-
-    def on_rail(self, carriages: Carriages) -> Carriages:
-        """Return the carriages: the drives are right."""
-        return carriages
-
-    def take_up(self, carriages: Carriages, _: Carriages) -> Carriages:
-        """Return the carriages: there is no play."""
-        return carriages
+        self.on_rail = partial(on_rail, geometry)
+        self.take_up = partial(take_up, geometry)
 
     def platform(self, head: Pose) -> Pose:
         """Return the head: it is the platform's middle joint."""

@@ -127,4 +127,5 @@ def index_of(
     geometry: Geometry, at: tuple[np.ndarray, ...], characteristic_length: float
 ) -> np.ndarray:
     """Local conditioning index from the links of every pose, as `conditioning_map`."""
-    return np.sqrt(squared_index(at, geometry.platform_half_length / characteristic_length))
+    ratio = geometry.platform_half_length / characteristic_length
+    return np.sqrt(squared_index(at, ratio, ratio))

@@ -136,7 +136,9 @@ def numeric_sweep():
         s = np.sqrt(np.maximum(0.0, length * length - y * y))
         inside = np.flatnonzero((s > 0.0) & (s <= half.max() - GAP))
         rows, s = slice(inside[0], inside[-1] + 1), s[inside]
-        good = squared_index((0.0, 1.0, y[rows], y[rows], s, s), half / UNIT) >= THRESHOLD ** 2
+        ratio = half / UNIT
+        good = squared_index(
+            (0.0, 1.0, y[rows], y[rows], s, s), ratio, ratio) >= THRESHOLD ** 2
         width = 2.0 * (END - half + s)
         good &= (half - s >= GAP) & (width > 0.0)
         return STEP * (width * good).sum(axis=1)
