@@ -25,7 +25,6 @@ INSTEAD = {  # the word: what the trade says
     'wire': 'codec', 'mend': 'correct', 'mended': 'corrected',
 }
 OTHERS = re.compile('bbox_to_anchor')  # matplotlib's
-OLD_NAMES = 'ros/old_parameters.py'
 
 
 def words(text: str) -> set[str]:
@@ -34,12 +33,8 @@ def words(text: str) -> set[str]:
     return {part.lower() for part in parts} | {part.lower().removesuffix('s') for part in parts}
 
 
-def sources() -> list[Path]:
-    return [path for path in sorted(PACKAGE.rglob('*.py'))
-            if path.relative_to(PACKAGE).as_posix() != OLD_NAMES]
-
-
-@pytest.mark.parametrize('path', sources(), ids=lambda path: path.relative_to(PACKAGE).as_posix())
+@pytest.mark.parametrize('path', sorted(PACKAGE.rglob('*.py')),
+                         ids=lambda path: path.relative_to(PACKAGE).as_posix())
 def test_no_private_word_is_in_the_source(path):
     found = [f'{path.name}:{number}: say {INSTEAD[word]}, not {word}: {line.strip()}'
              for number, line in enumerate(path.read_text().splitlines(), 1)

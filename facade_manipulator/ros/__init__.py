@@ -32,9 +32,9 @@ from facade_manipulator.ros.diagnostics import (
     Rejections,
     stamp_text,
 )
-from facade_manipulator.ros.known_parameters import require_known_parameters
+from facade_manipulator.ros.known_parameters import accept_old_names, require_known_parameters
 from facade_manipulator.ros.lifecycle import Deferred, DeferredReplies, ManagedNode
-from facade_manipulator.ros.parameters import accept_old_names, declare
+from facade_manipulator.ros.parameters import declare
 from facade_manipulator.ros.recording import (
     message_definition,
     MessageQueue,

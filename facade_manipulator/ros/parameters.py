@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 import re
 from typing import Any, TypeVar
@@ -16,7 +17,6 @@ from rcl_interfaces.msg import (
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
-    ParameterNotDeclaredException,
     ParameterUninitializedException,
 )
 from rclpy.node import Node
@@ -26,11 +26,9 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import (
     check_value,
     METADATA_KEY,
-    nearest,
     parameter_fields,
     ParameterInfo,
 )
-from facade_manipulator.ros.old_parameters import advice, REMOVED, RENAMED
 
 Settings = TypeVar('Settings')
 UNBOUNDED = 1e308
@@ -70,106 +68,30 @@ def declare(
 
     """
     known = parameter_fields(settings_class)
-    items = {f'{prefix}.{name}' if prefix else name: item for name, item in known.items()}
+    names = {f'{prefix}.{name}' if prefix else name: name for name in known}
     fixed = {name: value for name, value in defaults.items() if name not in known}
     values = {
-        item.name: _declare_one(
-            node, name, item.metadata[METADATA_KEY], defaults.get(item.name, item.default),
-            on_change is None)
-        for name, item in items.items()}
-    names = {name: item.name for name, item in items.items()}
-    make = _maker(partial(settings_class, **fixed), prefix, check)
-    current = [make(values)]
-    if on_change is not None:
-        _accept_live_changes(node, names, current, on_change, make)
-    return current[0]
+        name: _declare_one(
+            node, full_name, known[name].metadata[METADATA_KEY],
+            defaults.get(name, known[name].default), on_change is None)
+        for full_name, name in names.items()}
 
-
-def _maker(
-    settings_class: Callable[..., Settings], prefix: str, check: Callable[[Settings], object]
-) -> Callable[[dict[str, Any]], Settings]:
-    """Return what makes checked settings; its errors name parameters as the operator does."""
-    def make(values: dict[str, Any]) -> Settings:
+    def checked(make: Callable[..., Settings], values: dict[str, Any]) -> Settings:
         try:
-            made = settings_class(**values)
+            made = make(**values)
             check(made)
-        except ParameterError as error:
+        except ParameterError as error:  # is to name parameters as the operator does
             if not prefix:
                 raise
-            names = '|'.join(map(re.escape, values))
             raise ParameterError(re.sub(
-                rf'(?<![\w.])({names})(?= = | has )', rf'{prefix}.\1', str(error))) from error
+                rf'(?<![\w.])({"|".join(known)})(?= = | has )', rf'{prefix}.\1',
+                str(error))) from error
         return made
 
-    return make
-
-
-class NoParameterError(ParameterNotDeclaredException):
-    """A parameter that there is not, with what there is in its place."""
-
-    def __init__(self, name: str, advice: str) -> None:
-        Exception.__init__(self, f'parameter {name} {advice}')
-
-
-def accept_old_names(
-    node: Node, renamed: Mapping[str, str] = RENAMED, removed: Mapping[str, str] = REMOVED
-) -> None:
-    """
-    Accept the parameter names of the release before, with a warning; call it before `declare`.
-
-    A renamed parameter of a file or an override, and one that is set while the node runs, has its
-    effect under the present name; one that is removed has none.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    renamed : mapping of str to str
-        Present names by old ones.
-    removed : mapping of str to str
-        What holds in place of a parameter, such as ``'is fixed at 1 s now'``, by its old name.
-
-    Notes
-    -----
-    Overrides are in a private attribute of rclpy's node (tried on 7.1.6). Without it old names in
-    files are ignored, as every unknown name is; `ros2 param set` works all the same.
-
-    """
-    overrides = getattr(node, '_parameter_overrides', {})
-    for name in sorted(overrides):
-        new, instead = renamed.get(name), advice(name, removed)
-        if new is not None:
-            node.get_logger().warning(_renamed(name, new))
-            overrides.setdefault(new, Parameter(new, value=overrides[name].value))
-        elif instead:
-            node.get_logger().warning(
-                f'parameter {name} has no effect: it {instead}; delete it from the file')
-
-    def present(parameters: list[Parameter]) -> list[Parameter]:
-        return [_present(node, parameter, renamed, removed) for parameter in parameters]
-
-    node.add_pre_set_parameters_callback(present)
-
-
-def _present(
-    node: Node, parameter: Parameter, renamed: Mapping[str, str], removed: Mapping[str, str]
-) -> Parameter:
-    """Return a parameter under its present name."""
-    name = parameter.name
-    if node.has_parameter(name):
-        return parameter
-    if instead := advice(name, removed):
-        raise NoParameterError(name, instead)
-    new = renamed.get(name)
-    if new is None:  # of which rclpy says []
-        known = node.list_parameters([], 0).names
-        raise NoParameterError(name, f'is none of this node{nearest(name, known)}')
-    node.get_logger().warning(_renamed(name, new))
-    return Parameter(new, value=parameter.value)
-
-
-def _renamed(name: str, new: str) -> str:
-    return (f'parameter {name} is called {new} now; the old name works in this release only: '
-            'use the new one')
+    current = checked(partial(settings_class, **fixed), values)
+    if on_change is not None:
+        _accept_live_changes(node, names, current, on_change, checked)
+    return current
 
 
 def _declare_one(
@@ -240,7 +162,7 @@ def _constraints(info: ParameterInfo) -> str:
 
 
 def _accept_live_changes(
-    node: Node, names: dict[str, str], current: list, on_change: Callable, make: Callable
+    node: Node, names: dict[str, str], current: Any, on_change: Callable, checked: Callable
 ) -> None:
     """Check a change by constructing the dataclass, then hand the new settings to the node."""
     def candidate(parameters):
@@ -248,8 +170,7 @@ def _accept_live_changes(
             names[item.name]: _to_field(item.value)
             for item in parameters if item.name in names
         }
-        unchanged = {name: getattr(current[0], name) for name in names.values()}
-        return make({**unchanged, **changed}) if changed else current[0]
+        return checked(partial(replace, current), changed) if changed else current
 
     def validate(parameters):
         try:
@@ -259,9 +180,10 @@ def _accept_live_changes(
         return SetParametersResult(successful=True)
 
     def apply(parameters):
+        nonlocal current
         settings = candidate(parameters)
-        if settings != current[0]:
-            current[0] = settings
+        if settings != current:
+            current = settings
             on_change(settings)
 
     node.add_on_set_parameters_callback(validate)

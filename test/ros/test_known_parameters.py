@@ -10,7 +10,7 @@ from support import DEADLINE
 
 import facade_manipulator
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.ros import require_known_parameters
+from facade_manipulator.ros import known_parameters, require_known_parameters
 from facade_manipulator.ros.known_parameters import NODE_NAMES
 
 NODES = Path(facade_manipulator.__file__).parent / 'nodes'
@@ -43,10 +43,15 @@ def check(nodes, tmp_path):
     '/*/driver: {ros__parameters: {qos_overrides: {/tf: {publisher: {depth: 3}}}}}',
     '/**: {ros__parameters: {geometry: {link_length: 0.3}, use_sim_time: true}}',
     '/**/compensator: {ros__parameters: {whatever: 3}}',  # its own process looks at it
-    '/**/driver: {ros__parameters: {border: {margin: 0.1}}}',  # the release before had it
 ])
 def test_what_is_known_is_accepted(check, content):
     check(content)
+
+
+def test_what_the_release_before_had_is_accepted(check, monkeypatch):
+    monkeypatch.setitem(known_parameters.RENAMED, 'swing.margin', 'limits.speed')
+    monkeypatch.setitem(known_parameters.REMOVED, 'sway.*', 'is gone')
+    check('/**/driver: {ros__parameters: {swing: {margin: 0.1}, sway: {x: 0.1}}}')
 
 
 @pytest.mark.parametrize('content, message', [
