@@ -74,7 +74,7 @@ class CycleClock:
         self.is_open = False
         self.held = 0.0
         self._drives = drives
-        self._answers = 0  # since the last step
+        self._answers = 0  # to the newest SYNC
         self._awaits_first = False
         self._commanded: float | None = None  # the last SYNC after which commands were sent
         self._next_sync = 0.0
@@ -107,14 +107,13 @@ class CycleClock:
                 'look at the interface', configure_again=True))
         return causes
 
-    def answer(self, now: float, is_new: bool) -> None:
+    def answer(self, now: float) -> None:
         """
-        Note an answer: the step comes with that of the last drive.
+        Note that a drive has answered the newest SYNC: the step comes with the last one.
 
-        One that is not new comes from a drive whose answer to the SYNC before came after the step
-        and counts for this one; like any other it shows that the drives do answer.
+        After the step an answer counts for nothing: the next SYNC asks for all of them again.
         """
-        self._answers += is_new
+        self._answers += 1
         if not self.is_open:
             return
         if self._answers >= self._drives:
@@ -127,12 +126,9 @@ class CycleClock:
     def _open(self, time: float, stamp: float) -> None:
         self.sync_time, self.sync_stamp = time, stamp
         self.smooth_stamp = self._smoothed(stamp)
+        self._answers = 0
         self._awaits_first = self._sync_waits
-        share = ANSWERS_DUE
-        if self._sync_waits:
-            share = FIRST_ANSWER_DUE
-        elif self._answers >= self._drives:  # too late for the step before
-            share = 0.0
+        share = FIRST_ANSWER_DUE if self._sync_waits else ANSWERS_DUE
         self.next_event = time + share * self.period
         self.is_open = True
 
@@ -151,7 +147,6 @@ class CycleClock:
         self.is_open = False
         self._cycles += 1
         self._incomplete += self._answers < self._drives
-        self._answers = 0
         self._late += late
         self._bins[bisect_right(LATENESS_BOUNDS, age)] += 1
         self._worst = max(self._worst, age)
@@ -172,15 +167,14 @@ class SyncProducer(CycleClock):
     def start(self, now: float) -> None:
         """Send the first SYNC now."""
         self.next_event = self._next_sync = now
-        self._answers = 0
 
     def has_time(self, now: float) -> bool:
         """Return whether commands may be sent; SYNC waits for them."""
         return True
 
-    def may_wait(self, now: float) -> bool:
-        """Return whether frames may be read before what is due; SYNC waits for the step."""
-        return False
+    def may_wait(self, now: float, time: float) -> bool:
+        """Return whether a step may wait, after a frame of a time, for all that came as early."""
+        return self.is_open and self._answers < self._drives and time < self.next_event
 
     def begin(self, time: float, stamp: float) -> None:
         """Begin a cycle: SYNC is being sent."""
@@ -204,7 +198,6 @@ class SyncConsumer(CycleClock):
         """Expect the first SYNC from now on."""
         self.sync_time = now
         self.next_event = self._next_sync = now + SYNC_OVERDUE * self.period
-        self._answers = 0
 
     def is_unexpected(self, time: float) -> bool:
         """Return whether a SYNC of a time is too early; the pace of the targets hangs on it."""
@@ -222,7 +215,7 @@ class SyncConsumer(CycleClock):
         self._next_sync = time + SYNC_OVERDUE * self.period
         self._open(time, stamp)
 
-    def may_wait(self, now: float) -> bool:
+    def may_wait(self, now: float, time: float) -> bool:
         """Return whether frames may be read before what is due: it may be among them."""
         if not self.is_open:
             return now < self.next_event + (SYNC_MISSING - SYNC_OVERDUE) * self.period

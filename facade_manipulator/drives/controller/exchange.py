@@ -183,10 +183,10 @@ class CyclicExchange:
         self.clock.receive(frame.time, frame.stamp)
 
     def _on_tpdo(self, monitor: AxisMonitor, tpdo: pdo.Pdo, frame: Frame) -> Cause | None:
-        had_answered = monitor.is_fresh
+        before = monitor.answered
         cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
-        if monitor.is_fresh:
-            self.clock.answer(self._pumped, is_new=not had_answered)
+        if monitor.answered != before:
+            self.clock.answer(self._pumped)
         return cause
 
     def stop_for(self, cause: Cause) -> None:
@@ -277,7 +277,7 @@ class CyclicExchange:
         if self._waits_for_sync and self.group is not None:
             self._send_commands(self.group.commands)
         clock = self.clock
-        if now >= clock.next_event and (frame is None or not clock.may_wait(now)):
+        if now >= clock.next_event and (frame is None or not clock.may_wait(now, frame.time)):
             if clock.is_open:
                 self._step(now)
             else:

@@ -8,6 +8,7 @@ there. Times are on the monotonic clock [s]. What was never received is None.
 from __future__ import annotations
 
 from collections.abc import Iterable
+import math
 
 from facade_manipulator.drives.canopen import (
     decode_emergency,
@@ -72,6 +73,8 @@ class AxisMonitor:
         Following error then beyond the lag that the drive is known to have [m]; 0 if unknown.
     silent_tpdos : set of str
         Which TPDOs have not come yet since supervision has begun.
+    answered : float
+        When the last SYNC was sent that the drive has answered in full.
 
     """
 
@@ -90,9 +93,11 @@ class AxisMonitor:
         self._answers = frozenset(
             one.name for one in self.tpdos if one.carries(pdo.STATUS | pdo.MOTION)
             and transmission_type(one, settings.rate) == EVERY_SYNC)
-        self._unanswered = set(self._answers)
+        self._unanswered: set[str] = set()  # of these, to the newest SYNC
+        self._sync_time = -math.inf  # of that SYNC
         self._values: dict[int, int] = {}  # by index, in the drive's own units
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
+        self.answered = -math.inf
         self.encoder = Encoder(axis, settings.period)
         self.measured = Measured()
         self.tracking_error = 0.0
@@ -102,7 +107,7 @@ class AxisMonitor:
         self.has_restarted = False  # since it was configured: it would not know what RPDOs mean
         self.error_code = 0
         self.serial_number: int | None = None
-        self.is_fresh = False  # whether the drive has answered since the last step
+        self._answered_before = self.answered
         self.missed = 0
         self.missed_in_a_row = 0
         self._settings = settings
@@ -142,15 +147,13 @@ class AxisMonitor:
         self.encoder.forget()
         self._values.clear()
         self.nmt_state = self.heartbeat_time = None
-        self.is_fresh = False
 
     def begin_supervision(self, now: float) -> None:
         """From now on silence is a fault."""
         self._supervised_since = now
         self.has_restarted = False
         self.missed_in_a_row = 0
-        self.is_fresh = False
-        self._unanswered = set(self._answers)
+        self._answered_before = self.answered
         self.silent_tpdos = {one.name for one in self.tpdos}
 
     def end_supervision(self) -> None:
@@ -172,8 +175,11 @@ class AxisMonitor:
         self._values.update(zip(tpdo.indices, tpdo.codec.unpack(data), strict=True))
         self.silent_tpdos.discard(tpdo.name)
         if time >= sync_time - SYNC_TOLERANCE:
+            if sync_time != self._sync_time:
+                self._sync_time, self._unanswered = sync_time, set(self._answers)
             self._unanswered.discard(tpdo.name)
-        self.is_fresh = not self._unanswered
+            if not self._unanswered:
+                self.answered = sync_time
         cause = self._receive_error_code() if ERROR_CODE in tpdo.indices else None
         return self._receive_position(time) or cause if POSITION in tpdo.indices else cause
 
@@ -228,16 +234,15 @@ class AxisMonitor:
         """
         Return what the group's state machine needs; a drive that has sent nothing is in no state.
 
-        Counts an answer that is missing at the end of the cycle; the next one must be fresh.
+        Counts an answer that is missing at the end of the cycle; one that came after the end of
+        the cycle before is late, not missing.
 
         """
-        if self.is_fresh:
-            self.missed_in_a_row = 0
+        if self.answered != self._answered_before:
+            self._answered_before, self.missed_in_a_row = self.answered, 0
         else:
             self.missed += 1
             self.missed_in_a_row += 1
-        self.is_fresh = False
-        self._unanswered = set(self._answers)
         values = self._values
         self.measured = measured = Measured(*[
             None if raw is None else raw * unit

@@ -40,9 +40,9 @@ def test_an_answer_is_complete_with_all_that_comes_with_each_sync(monitor):
     monitor.end_cycle()
     status = TPDO1.encode({0x6041: 0, 0x6061: 0, 0x6064: 0})
     monitor.receive_tpdo(TPDO1, status, 2 * T, 2 * T)
-    assert not monitor.is_fresh
+    assert monitor.answered == T
     monitor.receive_tpdo(TPDO2, TPDO2.encode({0x606C: 0, 0x60F4: 0}), 2 * T, 2 * T)
-    assert monitor.is_fresh
+    assert monitor.answered == 2 * T
 
 
 @pytest.mark.parametrize('rate', [250, 500])
@@ -51,7 +51,7 @@ def test_a_fast_cycle_waits_for_nothing_that_comes_more_seldom(rate):
     monitor = AxisMonitor('q1', AXIS, settings)
     status = TPDO1.encode({0x6041: 0, 0x6061: 0, 0x6064: 0})
     monitor.receive_tpdo(TPDO1, status, settings.period, settings.period)
-    assert monitor.is_fresh
+    assert monitor.answered == settings.period
 
 
 @pytest.mark.parametrize('moved', [SPEED * SETTINGS.heartbeat_timeout, 0.2])

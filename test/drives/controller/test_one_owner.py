@@ -121,14 +121,17 @@ def test_a_stop_shortly_before_a_sync_waits_for_it(wire, share, kind):
     assert stops[0] <= 0.8 * PERIOD or stops[0] >= PERIOD
 
 
+def answers_of(*nodes) -> list[tuple[int, bytes]]:
+    return [(one.cob_id(node), bytes(one.codec.size))
+            for node in nodes for one in (pdo.TPDO1, pdo.TPDO2)]
+
+
 @pytest.mark.parametrize('late', [1, 3])
 def test_drives_that_answer_after_the_step_and_again_in_time_delay_no_sync(wire, late):
     """Where the others are silent, waiting for them would let silence be found later."""
     wire.has_kernel_sync = False
     exchange, turn = started_on(wire)
-    clock, answers = exchange.clock, [
-        (one.cob_id(node), bytes(one.codec.size))
-        for node in range(1, 1 + late) for one in (pdo.TPDO1, pdo.TPDO2)]
+    clock, answers = exchange.clock, answers_of(*range(1, 1 + late))
     turn()
     wire.now = clock.next_event
     turn()
@@ -138,8 +141,48 @@ def test_drives_that_answer_after_the_step_and_again_in_time_delay_no_sync(wire,
     turn()
     assert clock.is_open
     wire.now += 0.1 * PERIOD
-    turn()
-    assert clock.statistics.cycles == 1
-    turn(answers[0])
+    turn(*answers[:2])
     assert clock.next_event <= clock.sync_time + 1.01 * PERIOD
+    assert clock.statistics.cycles == 1
+    turn(*answers[2:])
     assert clock.statistics.cycles == 1 + (late == 3)
+
+
+@pytest.mark.parametrize('has_kernel_sync', [False, True])
+def test_answers_after_the_step_leave_no_position_older_than_the_others(wire, has_kernel_sync):
+    """Else one late cycle would leave two drives a period behind until one misses an answer."""
+    wire.has_kernel_sync = has_kernel_sync
+    exchange, turn = started_on(wire)
+    clock = exchange.clock
+
+    def next_sync():
+        wire.now = max(clock.next_event, clock.sync_time + PERIOD)
+        turn(*[(pdo.SYNC_COB_ID, b'')] * has_kernel_sync)
+        assert clock.is_open
+
+    next_sync()
+    wire.now = clock.next_event
+    turn()
+    wire.now += 0.05 * PERIOD
+    turn(*answers_of(1, 2, 3))
+    for cycles in range(1, 4):
+        next_sync()
+        wire.now += 0.1 * PERIOD
+        turn(*answers_of(1, 2))
+        assert clock.statistics.cycles == cycles
+        turn(*answers_of(3))
+        assert clock.statistics.cycles == cycles + 1
+
+
+def test_after_a_stall_all_that_came_in_time_is_read_before_the_step(wire):
+    wire.has_kernel_sync = False
+    exchange, turn = started_on(wire)
+    turn()
+    sent = wire.now
+    frames = [(0x701, b'\x05'), *answers_of(1, 2, 3)]
+    wire.frames += [Frame(*one, sent + 0.1 * PERIOD, sent + 0.1 * PERIOD) for one in frames]
+    wire.now += 4.0 * PERIOD
+    for _ in frames:
+        turn()
+    assert exchange.clock.statistics.cycles == 1
+    assert exchange.clock.statistics.incomplete == 0
