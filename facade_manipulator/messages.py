@@ -29,6 +29,12 @@ def seconds(stamp: Any) -> float:
     return stamp.sec + stamp.nanosec * 1e-9
 
 
+def stamp_numbers(time: float) -> tuple[int, int]:
+    """Return the two numbers of a stamp, whole seconds and the nanoseconds after them."""
+    sec = math.floor(time)
+    return sec, int((time - sec) * 1e9)
+
+
 def require_frame(frame_id: str, expected: str, what: str) -> None:
     """
     Reject a message of another frame.
@@ -73,6 +79,12 @@ def pose_numbers(message: Any) -> tuple[float, ...]:
     """Return the seven numbers of a pose, position [m] and quaternion."""
     position, q = message.position, message.orientation
     return position.x, position.y, position.z, q.x, q.y, q.z, q.w
+
+
+def planar_numbers(pose: Pose) -> tuple[float, ...]:
+    """Return the seven numbers of a planar pose, position [m] and quaternion."""
+    half = 0.5 * pose.theta
+    return pose.x, pose.y, 0.0, 0.0, 0.0, math.sin(half), math.cos(half)
 
 
 def estimate_numbers(message: Any) -> tuple[float, ...]:
