@@ -198,3 +198,8 @@ def planar_wrench(message: Any) -> Wrench:
     """Return what a wrench has in the plane; what is not in it is no matter of the mechanism."""
     force, torque = message.wrench.force, message.wrench.torque
     return Wrench(force.x, force.y, torque.z)
+
+
+def status_values(status: Any) -> dict[str, str]:
+    """Return the values of a diagnostic status by their keys."""
+    return {item.key: item.value for item in status.values}

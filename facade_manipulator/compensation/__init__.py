@@ -20,6 +20,7 @@ from facade_manipulator.compensation.following import (
     ArrivalWatch,
     GoalProgress,
     GoalState,
+    HeldBack,
 )
 from facade_manipulator.compensation.limits import WorkspaceLimit
 from facade_manipulator.compensation.pressing import PressMode
@@ -39,6 +40,7 @@ __all__ = [
     'GRAVITY',
     'GoalProgress',
     'GoalState',
+    'HeldBack',
     'PressMode',
     'SuspensionSettings',
 ]

@@ -1,4 +1,4 @@
-"""How the head follows the published path, with which lag, and when it has reached its goal."""
+"""How the head follows the published path, what holds it back, when it has reached its goal."""
 
 from __future__ import annotations
 
@@ -18,6 +18,9 @@ ARM = 0.35  # m, weighs yaw against displacement
 LEAST_SPEED = 0.02  # m/s, below which the lag drowns in noise
 LAG_MEMORY = 10.0  # s, time constant with which the lag is measured: drives change it slowly
 GREATEST_LAG = 0.05  # s, that is compensated: a greater one is no lag but a fault
+HOLDS = ('at the workspace limit', 'by the limits of motion')
+LEAST_ERROR = 1e-4  # m or rad, from which an axis counts as held back
+SHOWN_FOR = 1.0  # s, so that a person can read it
 LEAVING = 2.0  # times the tolerance: a goal once reached is left beyond it
 
 
@@ -105,6 +108,27 @@ class Following:
         self.lag = 0.0
         if self._power >= LEAST_SPEED ** 2:
             self.lag = min(max(self._delay / self._power, -GREATEST_LAG), GREATEST_LAG)
+
+
+class HeldBack:
+    """Knows what holds the head back, and what did until a moment ago."""
+
+    def __init__(self) -> None:
+        self._until: dict[tuple[str, str], float] = {}
+
+    def note(self, now: float, *errors: Pose) -> None:
+        """Note by how much each axis is held back, for each of `HOLDS`."""
+        for limit, error in zip(HOLDS, errors, strict=True):
+            for axis, amount in zip(Pose._fields, error, strict=True):
+                if abs(amount) > LEAST_ERROR:
+                    self._until[limit, axis] = now + SHOWN_FOR
+
+    def message(self, now: float) -> str:
+        """Return what holds back which axes, empty if nothing does."""
+        axes = {limit: [axis for axis in Pose._fields
+                        if self._until.get((limit, axis), 0.0) > now] for limit in HOLDS}
+        return '; '.join(
+            f'held back in {", ".join(held)} {limit}' for limit, held in axes.items() if held)
 
 
 @settings

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+import math
 
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
     PointStamped,
@@ -18,9 +20,14 @@ from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator.compensation import (
+    ArrivalSettings,
+    ArrivalWatch,
     Compensator,
     CompensatorSettings,
     DEFAULTS,
+    GoalProgress,
+    GoalState,
+    HeldBack,
     WorkspaceLimit,
 )
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
@@ -37,12 +44,7 @@ from facade_manipulator.messages import (
     require_frame,
     seconds,
 )
-from facade_manipulator.nodes.compensator_report import (
-    CompensatorReport,
-    GoalReport,
-    HOLD,
-    millimetres,
-)
+from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     accept_old_names,
@@ -50,6 +52,10 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     DriverWatch,
     estimate_codec,
+    GOAL_STATUS,
+    goal_status,
+    HOLD,
+    LATCHED,
     LATEST,
     node_time,
     pose_codec,
@@ -62,6 +68,7 @@ from facade_manipulator.ros import (
 )
 
 REPORT_PERIOD = 0.02  # s
+GOAL_PERIOD = 0.2  # s, between messages about the goal while the head moves
 LOG_PAUSE = 10.0  # s, of a supervisor that sends goals all the time
 
 
@@ -71,6 +78,65 @@ class RateSettings:
 
     rate: float = parameter(
         100.0, 'Rate of corrected poses', unit='Hz', minimum=10.0, maximum=1000.0)
+
+
+class GoalReport:
+    """
+    Publish the progress of the newest goal, on change and while it is not reached.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+    compensator : Compensator
+    held_back : HeldBack
+
+    """
+
+    def __init__(self, node: Node, compensator: Compensator, held_back: HeldBack) -> None:
+        self._compensator, self._held_back = compensator, held_back
+        self._watch = ArrivalWatch(declare(
+            node, ArrivalSettings, 'arrival',
+            lambda settings: setattr(self._watch, 'settings', settings)))
+        self._publisher = node.create_publisher(DiagnosticStatus, GOAL_STATUS, LATCHED)
+        self._stamp: Time | None = None  # of the goal that is followed
+        self._published: tuple[GoalState | None, str] = (None, '')
+        self._next = -math.inf
+
+    def accept(self, stamp: Time) -> None:
+        """Report on another goal from now on."""
+        self._stamp = stamp
+        self._watch.begin()
+        self._publish(GoalProgress(GoalState.ACCEPTED), '')
+
+    def reject(self, stamp: Time, reason: str) -> None:
+        """Say why a goal is not followed; the one before, if any, is reported on further."""
+        self._publisher.publish(goal_status(
+            stamp, GoalProgress(GoalState.REJECTED), reason, self._compensator.goal))
+
+    def end(self, reason: str) -> None:
+        """Say why the goal that was followed is not followed any more."""
+        if self._stamp is not None:
+            self.reject(self._stamp, reason)
+            self._stamp = None
+
+    def update(self, now: float) -> None:
+        """Publish what has changed, and where the head is now and then."""
+        if self._stamp is None or self._compensator.goal is None:
+            return
+        held_back = self._held_back.message(now)
+        progress = self._watch.update(
+            now, self._compensator.goal_error(now), self._compensator.path_time(now),
+            bool(held_back))
+        due = not self._next - GOAL_PERIOD <= now < self._next  # or the clock was set back
+        is_still = progress.state is GoalState.REACHED
+        if self._published != (progress.state, held_back) or due and not is_still:
+            self._next = now + GOAL_PERIOD
+            self._publish(progress, held_back)
+
+    def _publish(self, progress: GoalProgress, reason: str) -> None:
+        self._published = progress.state, reason
+        self._publisher.publish(goal_status(
+            self._stamp, progress, reason, self._compensator.goal))
 
 
 class CompensatorNode(Node):
@@ -94,10 +160,11 @@ class CompensatorNode(Node):
             for part, default in DEFAULTS._asdict().items()})
         self._compensator = Compensator(geometry, self.settings)
         self._rejections = Rejections(self)
-        self._report = CompensatorReport(self._compensator)
+        self._held_back = HeldBack()
+        self._report = CompensatorReport(self._compensator, self._held_back)
         self._goal: tuple[float, Pose] | None = None  # the newest, and when it came
         self._driver = DriverWatch(self, self._choose_goal)
-        self._progress = GoalReport(self, self._compensator, self._report.held_back)
+        self._progress = GoalReport(self, self._compensator, self._held_back)
         self.corrected = PoseStream(self, 'corrected_pose', RAIL, LATEST)
         self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
         self._rail = Transforms(self, FACADE, RAIL)
@@ -227,7 +294,9 @@ class CompensatorNode(Node):
             self.corrected.publish(corrected.time, corrected.pose)
             self._reference.publish(corrected.time, corrected.reference)
             self._rail.publish(corrected.time, corrected.disturbance)
-            self._report.note(now, corrected)
+            self._held_back.note(now, corrected.saturation_error, corrected.tracking_error)
+            self._report.newest = corrected
+            self._report.pose_count += 1
 
     def _say(self) -> None:
         """Publish what a person is to know, apart from the poses, which are often and urgent."""

@@ -23,8 +23,15 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, planar_pose
-from facade_manipulator.nodes.compensator_report import followed_goal, GOAL_STATUS
-from facade_manipulator.ros import Component, LATCHED, LATEST, ManipulatorClient, RELIABLE
+from facade_manipulator.ros import (
+    Component,
+    followed_goal,
+    GOAL_STATUS,
+    LATCHED,
+    LATEST,
+    ManipulatorClient,
+    RELIABLE,
+)
 
 REFRESH_PERIOD = 0.25
 SILENT_AFTER = 2.5  # s without diagnostics of a component, which come once a second

@@ -43,13 +43,14 @@ from facade_manipulator.blackbox import (
     SUMMARY,
     write_mcap,
 )
-from facade_manipulator.nodes.compensator_report import GOAL_STATUS, HOLD
 from facade_manipulator.ros import (
     declare,
     Deferred,
     DeferredReplies,
     diagnostic_status,
     DiagnosticsPublisher,
+    GOAL_STATUS,
+    HOLD,
     message_definition,
     MessageQueue,
     ParameterReader,

@@ -35,9 +35,9 @@ from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, difference, Pose
-from facade_manipulator.messages import planar_pose, RAIL, seconds
+from facade_manipulator.messages import planar_pose, RAIL, seconds, status_values
 from facade_manipulator.ros.conversions import node_time, pose_stamped
-from facade_manipulator.ros.diagnostics import stamp_text
+from facade_manipulator.ros.diagnostics import GOAL_STATUS, stamp_text
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 ANSWER_TIMEOUT = 5.0
@@ -110,7 +110,7 @@ class ManipulatorClient:
             DiagnosticStatus, 'ik_service/rejections',
             lambda status: self._rejections.append(status), RECENT)  # rclpy wants a signature
         self.node.create_subscription(
-            DiagnosticStatus, 'compensator/goal_status', self._receive_progress, RECENT)
+            DiagnosticStatus, GOAL_STATUS, self._receive_progress, RECENT)
         self.node.create_subscription(
             PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE)
         self._clients: dict[str, Any] = {}
@@ -412,8 +412,7 @@ class ManipulatorClient:
         self.goal_status = status
 
     def _receive_progress(self, status: DiagnosticStatus) -> None:
-        values = {item.key: item.value for item in status.values}
-        self._progress[values['goal stamp']] = status
+        self._progress[status_values(status)['goal stamp']] = status
 
     def _receive_head(self, message: PoseStamped) -> None:
         try:

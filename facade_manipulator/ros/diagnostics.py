@@ -13,16 +13,23 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from facade_manipulator.errors import LimitError, ManipulatorError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import status_values
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
 DRIVER_STATUS = 'driver/status'
+GOAL_STATUS = 'compensator/goal_status'
+HOLD = 'compensator/hold was called'  # a reason in it
 LEVELS = {
     'ok': DiagnosticStatus.OK,
     'warn': DiagnosticStatus.WARN,
     'error': DiagnosticStatus.ERROR,
     'stale': DiagnosticStatus.STALE,
 }
+GOAL_LEVELS = {'held back': 'warn', 'rejected': 'error'}
+FOLLOWED = {  # key of the goal that is followed, and its factor
+    'followed x [mm]': 1e3, 'followed y [mm]': 1e3, 'followed angle [deg]': math.degrees(1.0)}
 PERIOD = 1.0
 WARN_EVERY = 1.0  # s
 REPEAT_AFTER = 60.0  # s, for the very message that stands in the log already
@@ -50,6 +57,48 @@ def rejection_status(name: str, error: ManipulatorError, goal_stamp: Time) -> Di
         values.update(
             {key: getattr(error, key) for key in ('quantity', 'value', 'bound', 'unit')})
     return diagnostic_status(name, 'error', str(error), values)
+
+
+def goal_status(
+    stamp: Time, progress: Any, reason: str, followed: Pose | None
+) -> DiagnosticStatus:
+    """
+    Return what becomes of a goal.
+
+    Parameters
+    ----------
+    stamp : builtin_interfaces.msg.Time
+        Of the goal.
+    progress : GoalProgress
+        As the compensation has it.
+    reason : str
+        Why it is not reached, ``''`` if there is none.
+    followed : Pose or None
+        The goal that is followed meanwhile.
+
+    """
+    state = progress.state.value
+    values = {
+        'goal stamp': stamp_text(stamp),
+        'state': state,
+        'distance [mm]': 1e3 * progress.distance,
+        'angle [deg]': math.degrees(progress.angle),
+        'time to go [s]': progress.time_to_go,
+        'reason': reason,
+    }
+    if followed is not None:
+        values.update((key, scale * value) for (key, scale), value in zip(
+            FOLLOWED.items(), followed, strict=True))
+    message = f'{state}: {reason}' if reason else state
+    return diagnostic_status('goal', GOAL_LEVELS.get(state, 'ok'), message, values)
+
+
+def followed_goal(status: DiagnosticStatus) -> Pose | None:
+    """Return the goal that is followed when a goal_status is sent, None if there is none."""
+    values = status_values(status)
+    if FOLLOWED.keys() <= values.keys():
+        return Pose(*(float(values[key]) / scale for key, scale in FOLLOWED.items()))
+    return None
 
 
 class DiagnosticsPublisher:
@@ -175,7 +224,7 @@ class DriverStatus(NamedTuple):
     @staticmethod
     def from_message(message: DiagnosticStatus) -> DriverStatus:
         """Return what a message on driver/status says."""
-        values = {item.key: item.value for item in message.values}
+        values = status_values(message)
         return DriverStatus(values['state'], values['activity'], values['next step'],
                             float(values['active since']))
 

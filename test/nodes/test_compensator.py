@@ -24,9 +24,13 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose
 from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.compensator_report import followed_goal, GOAL_STATUS
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
-from facade_manipulator.ros.diagnostics import DRIVER_STATUS, DriverStatus
+from facade_manipulator.ros.diagnostics import (
+    DRIVER_STATUS,
+    DriverStatus,
+    followed_goal,
+    GOAL_STATUS,
+)
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 GOAL, OUTSIDE = Pose(0.03, 0.25, 0.02), Pose(0.0, 0.9, 0.0)

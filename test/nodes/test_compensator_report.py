@@ -2,7 +2,7 @@
 
 import pytest
 
-from facade_manipulator.compensation.compensator import Compensator
+from facade_manipulator.compensation import Compensator, HeldBack
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.compensator_report import CompensatorReport
 
@@ -10,7 +10,7 @@ from facade_manipulator.nodes.compensator_report import CompensatorReport
 @pytest.fixture
 def report():
     """Return a report that has told all there is, at 100 s."""
-    report = CompensatorReport(Compensator(Geometry()))
+    report = CompensatorReport(Compensator(Geometry()), HeldBack())
     assert report.changed(100.0)
     report.components(100.0, {})
     return report

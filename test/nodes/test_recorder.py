@@ -18,9 +18,9 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.nodes.compensator_report import HOLD
 from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.conversions import pose_stamped
+from facade_manipulator.ros.diagnostics import HOLD
 from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
 GOAL = Pose(0.1, 0.26, 0.02)

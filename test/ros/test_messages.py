@@ -10,9 +10,9 @@ import pytest
 
 import facade_manipulator
 from facade_manipulator.compensation.correction import CorrectionMode
+from facade_manipulator.compensation.following import HOLDS
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import LimitError
-from facade_manipulator.nodes.compensator_report import HOLDS
 
 PACKAGE = Path(facade_manipulator.__file__).parent
 OPERATION = PACKAGE.parent / 'docs' / 'operation.md'
@@ -75,4 +75,4 @@ def test_every_cause_of_a_stop_is_documented_and_no_other():
 
 def test_everything_that_keeps_the_compensator_from_compensating_is_documented():
     assert set(table('## Not compensating')) == (
-        {mode.value for mode in CorrectionMode} - {'compensating'} | set(HOLDS.values()))
+        {mode.value for mode in CorrectionMode} - {'compensating'} | set(HOLDS))
