@@ -114,11 +114,11 @@ class StreamRig(Rig):
         """From now on hear what the drives say even where the bus carries nothing."""
         send = self.simulator._send
 
-        def say(frames) -> None:
+        def say(frames, *time_of_them) -> None:
             now = time.time()
             self.received += [
                 can.Message(now, cob_id, False, data=data) for cob_id, data in frames]
-            send(frames)
+            send(frames, *time_of_them)
 
         self.simulator._send = say
         self.repairs.append(lambda: self.simulator.__dict__.pop('_send'))

@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 import can
 from can.interfaces.socketcan import SocketcanBus
+from can.interfaces.virtual import VirtualBus
 
 from facade_manipulator.drives.canopen.pdo import SYNC_COB_ID
 from facade_manipulator.errors import BusError
@@ -180,9 +181,17 @@ class CanBus:
             _EXTENDED if message.is_extended_id or message.is_remote_frame or message.is_fd else 0)
         return message.arbitration_id | flags, bytes(message.data), message.timestamp
 
-    def send(self, cob_id: int, data: bytes = b'') -> None:
+    def send(self, cob_id: int, data: bytes = b'', sampled: float | None = None) -> None:
         """
         Send a standard data frame without waiting.
+
+        Parameters
+        ----------
+        cob_id : int
+        data : bytes
+        sampled : float, optional
+            When what it says was so, on the monotonic clock [s]: its stamp where the sender
+            stamps, which is on the bus within one process alone.
 
         Raises
         ------
@@ -194,13 +203,15 @@ class CanBus:
         """
         try:
             with self._sending:
-                self._send(cob_id, data)
+                self._send(cob_id, data, sampled)
         except (can.CanError, OSError, ValueError) as error:
             raise self._send_error(error) from error
         self._sent += 1
 
-    def _send(self, cob_id: int, data: bytes) -> None:
-        message = can.Message(arbitration_id=cob_id, data=data, is_extended_id=False)
+    def _send(self, cob_id: int, data: bytes, sampled: float | None) -> None:
+        stamp = time.time() if sampled is None else time.time() - time.monotonic() + sampled
+        message = can.Message(
+            timestamp=stamp, arbitration_id=cob_id, data=data, is_extended_id=False)
         message.data = data  # the virtual bus copies deeply: a bytearray costs it as much again
         self._bus.send(message)
 
@@ -274,12 +285,14 @@ class SocketCanBus(CanBus):
         seconds, nanoseconds = _STAMP.unpack(stamp)
         return identifier, data[:length], seconds + 1e-9 * nanoseconds
 
-    def _send(self, cob_id: int, data: bytes) -> None:
+    def _send(self, cob_id: int, data: bytes, sampled: float | None) -> None:
         self._bus.socket.send(_FRAME.pack(cob_id, len(data), data), socket.MSG_DONTWAIT)
 
 
 def can_bus(bus: can.BusABC) -> CanBus:
     """Return the best access to an interface that python-can has opened, owned from now on."""
+    if isinstance(bus, VirtualBus):
+        bus.preserve_timestamps = True  # else it stamps what it carries
     return (SocketCanBus if isinstance(bus, SocketcanBus) else CanBus)(bus)
 
 

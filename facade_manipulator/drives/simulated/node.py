@@ -87,6 +87,8 @@ class SimulatedNode:
         The errors that are present and past.
     nmt_state : NmtState
         Its state.
+    now : float
+        Until when it has lived [s].
     is_silent, is_deaf : bool
         Fault injection: it sends nothing; it receives nothing.
 
@@ -106,7 +108,7 @@ class SimulatedNode:
         self._boot_time = boot_time
         self._boots_operational = quirks.boots_operational
         self._outbox: list[Frame] = []
-        self._now = 0.0
+        self.now = 0.0
         self._known_routes: dict[int, Route] | None = None
         self.is_silent = self.is_deaf = self.loses_power_when_storing = False
         self._sending, self._receiving = FrameFilter(), FrameFilter()
@@ -148,7 +150,7 @@ class SimulatedNode:
         """
         if cob_id not in self._routes and self._receiving.deadline > now:
             return []
-        self._now = max(now, self._now)
+        self.now = max(now, self.now)
         arrived = [] if self.is_deaf else self._receiving.carry([(cob_id, data)], now)
         for frame in arrived:
             self._dispatch(*frame)
@@ -156,7 +158,7 @@ class SimulatedNode:
 
     def advance(self, now: float) -> list[Frame]:
         """Let time pass; return what the drive sends: boot-up, heartbeat, emergencies, TPDOs."""
-        self._now = now = max(now, self._now)
+        self.now = now = max(now, self.now)
         self._arrive_late(now)
         if now >= self._boot_at:
             self._boot()
@@ -172,7 +174,7 @@ class SimulatedNode:
     @property
     def deadline(self) -> float:
         """When `advance` must be called at the latest, if no frame comes before."""
-        moving = self._now + _MOTION_PERIOD if self.axis.is_moving else math.inf
+        moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
         return min(self._boot_at, self._producer.deadline, self._consumer.deadline, moving,
                    self._pdo.deadline, self._sending.deadline, self._receiving.deadline)
 
@@ -193,7 +195,7 @@ class SimulatedNode:
     def _dispatch(self, cob_id: int, data: bytes) -> None:
         route = self._routes.get(cob_id)
         if route is not None and self._boot_at == math.inf:
-            self.axis.advance(self._now)
+            self.axis.advance(self.now)
             route(cob_id, data)
 
     @property
@@ -221,7 +223,7 @@ class SimulatedNode:
 
     def _on_sync(self, cob_id: int, data: bytes) -> None:
         if not data:
-            self._pdo.answer_sync(self._now)
+            self._pdo.answer_sync(self.now)
             self._pdo.latch()
             self.axis.latch()
 
@@ -234,7 +236,7 @@ class SimulatedNode:
         self._forget_routes()  # it may have written a COB-ID
 
     def _on_heartbeat(self, cob_id: int, data: bytes) -> None:
-        if len(data) == 1 and self._consumer.receive(self._now):
+        if len(data) == 1 and self._consumer.receive(self.now):
             self.errors.discard(HEARTBEAT_LOST)
             self._announce()
 
@@ -291,7 +293,7 @@ class SimulatedNode:
         self._restart()
 
     def _restart(self) -> None:
-        self._boot_at = self._now + self._boot_time
+        self._boot_at = self.now + self._boot_time
         if self.lss.pending != self.node_id:
             self._take_node_id(self.lss.pending)
         self._producer.deadline = math.inf
@@ -315,7 +317,7 @@ class SimulatedNode:
         self.send_message(pdo.heartbeat_cob_id(self.node_id), bytes([NmtState.INITIALISING]))
         self._enter_nmt(NmtState.OPERATIONAL if self._boots_operational
                         else NmtState.PRE_OPERATIONAL)
-        self._producer.restart(self._now)
+        self._producer.restart(self.now)
         self.axis.boot()
 
     def _watch_master(self, value: int) -> None:
@@ -323,7 +325,7 @@ class SimulatedNode:
         self._forget_routes()
 
     def _restart_heartbeat(self, period: int) -> None:
-        self._producer.deadline = self._now + period * 1e-3 if period else math.inf
+        self._producer.deadline = self.now + period * 1e-3 if period else math.inf
 
     def stop_heartbeat(self) -> None:
         """Send no heartbeat any more, and everything else as before."""

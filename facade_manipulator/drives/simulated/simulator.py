@@ -88,8 +88,7 @@ class DriveSimulator:
         """
         with self._lock:
             yield self._drives
-            frames = self._advance()
-        self._send(frames)
+            self._advance(None)
 
     def load(self, forces: Sequence[float]) -> None:
         """Let forces along the rail [N] pull at the carriages, one for each drive, from now on."""
@@ -99,28 +98,20 @@ class DriveSimulator:
 
     def _run(self) -> None:
         with self._lock:
-            self._power_up()
-        while not self._stopping.is_set():
-            self._send(self._next_frames())
-
-    def _power_up(self) -> None:
-        now = time.monotonic()
-        for drive in self._drives:
-            drive.advance(now)
-            drive.reboot()
-
-    def _next_frames(self) -> list[Frame]:
-        received = self._receive()
-        with self._lock:
-            if received is None:
-                return self._advance()
             now = time.monotonic()
-            return [frame for drive in self._drives
-                    for frame in drive.receive(received.cob_id, received.data, now)]
+            for drive in self._drives:
+                drive.advance(now)
+                drive.reboot()
+        while not self._stopping.is_set():
+            received = self._receive()
+            with self._lock:
+                self._advance(received)
 
-    def _advance(self) -> list[Frame]:
-        now = time.monotonic()
-        return [frame for drive in self._drives for frame in drive.advance(now)]
+    def _advance(self, received: ReceivedFrame | None) -> None:
+        """Let the drives live until a frame came, however late this thread is, or until now."""
+        for drive in self._drives:
+            self._send(drive.advance(time.monotonic()) if received is None else
+                       drive.receive(received.cob_id, received.data, received.time), drive.now)
 
     def _receive(self) -> ReceivedFrame | None:
         """Wait for a frame until a drive wants to be called; time passes on a dead bus, too."""
@@ -147,12 +138,12 @@ class DriveSimulator:
             self._frames = can_bus(self.bus)
             self._is_closed = False
 
-    def _send(self, frames: list[Frame]) -> None:
+    def _send(self, frames: list[Frame], now: float) -> None:
         if time.monotonic() < self._retry:
             return  # nobody would receive it
         for cob_id, data in frames:
             try:
-                self._frames.send(cob_id, data)
+                self._frames.send(cob_id, data, now)
             except BusError:
                 self._note_error()
                 return  # the rest of them would only fail as well

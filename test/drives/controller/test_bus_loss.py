@@ -111,7 +111,7 @@ def restart_with_stored_objects(drives):
     stored = dict(drive.objects.values)
     drive.reboot()
     drive.objects.values.update(stored)
-    drive._producer.restart(drive._now)
+    drive._producer.restart(drive.now)
 
 
 def push(drives):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+import time
 
 import pytest
 from virtual_world import World
@@ -12,6 +14,7 @@ from facade_manipulator.motion import Setpoint
 
 FAST, AMPLITUDE, LEAD = 0.4, 0.12, 0.04  # m/s, m, s
 RATE = FAST / AMPLITUDE
+STARVED = 0.02  # s
 
 
 @pytest.fixture
@@ -53,3 +56,21 @@ def test_a_loop_that_is_late_at_full_speed_leaves_no_carriage_behind(world, phas
     assert snapshot.state is ControllerState.ACTIVE, snapshot.causes
     assert not snapshot.unhomed
     assert world.follower.activity.value == 'following'
+
+
+@pytest.mark.parametrize('before', ['receive', 'send'])
+def test_a_simulated_drive_that_is_starved_says_where_it_was_at_the_sync(rig, before):
+    rig.source.speed = 0.75 * FAST
+    rig.do('configure', 'home', 'activate')
+    rig.cycles(50)
+    rig.frames()
+    frames, pauses = rig.simulator._frames, itertools.cycle([STARVED, *[0.0] * 50])
+    call = getattr(frames, before)
+    setattr(frames, before, lambda *what: (time.sleep(next(pauses)), call(*what))[1])
+    rig.cycles(40)
+    snapshot = rig.controller.snapshot()
+    assert snapshot.state is ControllerState.ACTIVE, snapshot.causes
+    stamps = {0x080: [], 0x181: []}
+    for frame in rig.frames():
+        stamps.get(frame.arbitration_id, []).append(frame.timestamp)
+    assert stamps[0x181] == pytest.approx(stamps[0x080][:len(stamps[0x181])], abs=1e-4)
