@@ -11,11 +11,13 @@ from canopen.lss import LssMaster
 from facade_manipulator.drives.canopen import (
     BusSettings,
     can_bus,
+    CanBus,
     Frame,
     heartbeat_cob_id,
     MASTER_NODE_ID,
     NMT_COB_ID,
     NmtCommand,
+    NmtState,
     open_bus,
     Patience,
     pdo,
@@ -63,9 +65,13 @@ class ToolBus:
         return self
 
     def __exit__(self, *details: object) -> None:
+        self.hand_over().close()
+
+    def hand_over(self) -> CanBus:
+        """Receive nothing more, and return the bus for somebody who does so himself."""
         self._closing.set()
         self._thread.join()
-        self.frames.close()
+        return self.frames
 
     def _run(self) -> None:
         while not self._closing.is_set() and self._error is None:
@@ -128,13 +134,27 @@ class ToolBus:
 
     def reset(self, node_id: int) -> None:
         """Reset a drive and wait until it is back; raises a DriveTimeoutError if it is not."""
-        cob_id = heartbeat_cob_id(node_id)
-        self.latest.pop(cob_id, None)
+        self.latest.pop(heartbeat_cob_id(node_id), None)
         self.command(NmtCommand.RESET_NODE, node_id)
-        if not self.wait_for(lambda: cob_id in self.latest, BOOT_TIMEOUT):
+        if not self.wait_for(lambda: self.nmt_state(node_id) is not None, BOOT_TIMEOUT):
             raise DriveTimeoutError(
                 f'node {node_id} sent no boot-up message within {BOOT_TIMEOUT:g} s of its reset: '
                 'check its power')
+
+    def start(self, node_id: int) -> None:
+        """Start a drive's process data; raises a DriveTimeoutError if it does not confirm that."""
+        self.command(NmtCommand.START, node_id)
+        if not self.wait_for(
+                lambda: self.nmt_state(node_id) == NmtState.OPERATIONAL, BOOT_TIMEOUT):
+            raise DriveTimeoutError(
+                f'node {node_id} did not confirm by its heartbeat within {BOOT_TIMEOUT:g} s that '
+                'it is operational')
+
+    def nmt_state(self, node_id: int) -> NmtState | None:
+        """Return the state that a node's newest heartbeat names, None for none."""
+        beat = self.latest.get(heartbeat_cob_id(node_id))
+        number = beat.data[0] & 0x7F if beat is not None and beat.data else None
+        return NmtState(number) if number in set(NmtState) else None
 
     def require_alone(self) -> None:
         """Listen whether a driver runs on this bus; raises a DriveStateError if one does."""

@@ -1,9 +1,9 @@
 """
 A few carriages under power, slowly, within a window around where they stood; no homing needed.
 
-Whoever moves calls `Motion.step` for each cycle: SYNC, the drives' answers, then heartbeat and
-targets. Heartbeats come from that loop alone, so that a process that hangs, is stopped or killed
-falls silent, and the drives quick-stop by themselves (1016h, 6007h) within `HEARTBEAT_TIMEOUT`.
+Whoever moves calls `Motion.step` for each cycle of the driver's own exchange. Heartbeats come from
+that loop alone, so that a process that hangs, is stopped or killed falls silent, and the drives
+quick-stop by themselves (1016h, 6007h) within `HEARTBEAT_TIMEOUT`.
 """
 
 from __future__ import annotations
@@ -19,50 +19,41 @@ from typing import NamedTuple
 
 from facade_manipulator.commissioning.bus import read_number, ToolBus
 from facade_manipulator.commissioning.scan import only_drive
-from facade_manipulator.drives.canopen import (
-    decode_emergency,
-    describe,
-    emergency_cob_id,
-    Frame,
-    heartbeat_cob_id,
-    MASTER_NODE_ID,
-    NmtCommand,
-    NmtState,
-    SYNC_COB_ID,
-)
+from facade_manipulator.drives.canopen import NmtCommand
 from facade_manipulator.drives.cia402 import (
     AxisCommand,
     AxisSettings,
     Cause,
-    Feedback,
+    CONFIGURE_REMEDY,
     FOLLOWING_PHASES,
     Group,
-    GroupSettings,
     load_profile,
     Phase,
 )
 from facade_manipulator.drives.controller import (
+    AxisMonitor,
+    AxisMonitors,
     ControllerSettings,
+    CyclicExchange,
     object_writes,
     pdo_writes,
     write_objects,
 )
 from facade_manipulator.errors import BusError, CommissioningError
 
-RATE = 100
-PERIOD = 1.0 / RATE
-HEARTBEAT_TIMEOUT = 0.1  # s
+HEARTBEAT_TIMEOUT = 0.1  # s, after which the drives stop by themselves
+_MISSED = 5  # cycles, in 0.15 s at most
+SETTINGS = ControllerSettings(
+    rate=100, heartbeat_timeout=0.2, heartbeat_period=0.02, max_missed_cycles=_MISSED,
+    hold_cycles=5)
+PERIOD = SETTINGS.period
 MAX_SPEED = 0.05  # m/s, of anything that this tool moves
 ACCELERATION = 1.0  # m/s²
 MAX_WINDOW = 0.2  # m
 _MARGIN = 0.002  # m, between the window and the drive's own limits
 _FOLLOWING_ERROR = 0.003  # m
-_REST_SPEED = 0.002  # m/s
-_MISSED = 5  # cycles
-_ANSWER_TIME = 0.8 * PERIOD
 _READY_TIME = 8.0  # s
-CONTROLWORD, STATUSWORD, ERROR_CODE, MODE, DISPLAYED_MODE = 0x6040, 0x6041, 0x603F, 0x6060, 0x6061
-TARGET, POSITION, VELOCITY, TORQUE, INPUTS = 0x607A, 0x6064, 0x606C, 0x6077, 0x60FD
+POSITION, TORQUE, INPUTS = 0x6064, 0x6077, 0x60FD
 
 
 class AxisSample(NamedTuple):
@@ -74,21 +65,20 @@ class AxisSample(NamedTuple):
     inputs: int
 
 
-class _Carriage:
-    """An axis of a motion: what its drive is, what it sent last, what it is sent."""
+class _Carriage(AxisMonitor):
+    """An axis of a motion: the drive and its type, called by the axis's name alone."""
 
     def __init__(self, name: str, axis: AxisSettings) -> None:
-        self.name = name
-        self.profile = load_profile(axis.profile)
-        self.axis = replace(axis, velocity_unit=self.profile.velocity_unit)
-        self.feedback = Feedback(0x40)
+        profile = load_profile(axis.profile)
         # all with every SYNC: switches and torque are measured
-        self.pdos = [replace(one, transmission=1) for one in self.profile.pdos]
-        self.tpdos, self._rpdos = (
-            {one.cob_id(axis.node_id): one for one in self.pdos if one.is_transmitted is sent}
-            for sent in (True, False))
-        self._values: dict[int, int] = {}
-        self._base = 0  # counts where it stood
+        self.profile = replace(
+            profile, pdos=tuple(replace(one, transmission=1) for one in profile.pdos))
+        super().__init__(name, replace(axis, velocity_unit=profile.velocity_unit), SETTINGS,
+                         self.profile.pdos)
+
+    @property
+    def title(self) -> str:
+        return self.name
 
     def limited(self, here: float, window: float) -> AxisSettings:
         """Return its settings with limits around where it is [m]."""
@@ -98,30 +88,34 @@ class _Carriage:
             max_acceleration=max(self.axis.max_acceleration, ACCELERATION),
             following_error_window=min(self.axis.following_error_window, _FOLLOWING_ERROR))
 
-    def receive(self, latest: dict[int, Frame], is_following: bool) -> AxisSample:
-        """Return what the newest TPDOs say; what did not come stays as it was."""
-        values, axis = self._values, self.axis
-        before = values.get(POSITION, 0)
-        for cob_id, one in self.tpdos.items():
-            if cob_id in latest:
-                values.update(zip(one.indices, one.unpack(latest[cob_id].data), strict=True))
-        if POSITION not in values:
-            return AxisSample(0.0, 0.0, 0.0, 0)
-        speed = (axis.speed_to_metres(values[VELOCITY]) if VELOCITY in values else
-                 axis.to_metres(values[POSITION] - before) / PERIOD)
-        if not is_following:
-            self._base = values[POSITION]
-        self.feedback = Feedback(
-            values[STATUSWORD], values[DISPLAYED_MODE], abs(speed) < _REST_SPEED,
-            values.get(ERROR_CODE, 0))
-        return AxisSample(axis.to_metres(values[POSITION] - self._base), speed,
-                          axis.to_force(values.get(TORQUE, 0)), values.get(INPUTS, 0))
 
-    def encode(self, command: AxisCommand, displacement: float) -> list[tuple[int, bytes]]:
-        """Return the RPDOs, with their COB-IDs, of a command and a displacement [m]."""
-        values = {CONTROLWORD: command.controlword, MODE: command.mode,
-                  TARGET: self._base + self.axis.to_counts(displacement)}
-        return [(cob_id, one.encode(values)) for cob_id, one in self._rpdos.items()]
+class _Displacement:
+    """The targets of a motion: all carriages as far [m] from where they stood."""
+
+    at_rest = True
+
+    def __init__(self, carriages: AxisMonitors) -> None:
+        self.value = 0.0
+        self.starts = self.counts = (0,) * len(carriages)
+        self._axes = [one.axis for one in carriages]
+
+    def supervise(self, group: Group, monitors: AxisMonitors, now: float) -> None:
+        """Stop where a drive sends nothing for some cycles."""
+        silent = [one.name for one in monitors if one.missed_in_a_row >= _MISSED]
+        if silent:
+            group.stop(Cause(f'{" and ".join(silent)} sent nothing for {_MISSED} cycles',
+                             CONFIGURE_REMEDY), now)
+
+    def command(
+        self, group: Group, commands: tuple[AxisCommand, ...], actual: tuple[int, ...],
+        *_: object,
+    ) -> tuple[AxisCommand, ...]:
+        """Choose the targets of a cycle; return the commands to send along with them."""
+        if group.phase not in FOLLOWING_PHASES:
+            self.starts = actual
+        self.counts = tuple(start + axis.to_counts(self.value)
+                            for start, axis in zip(self.starts, self._axes, strict=True))
+        return commands
 
 
 class Motion:
@@ -131,6 +125,7 @@ class Motion:
     Parameters
     ----------
     bus : ToolBus
+        Nobody else receives from it once this is entered.
     axes : dict
         Settings by name; these drives are reset, written to and powered, the others not.
     name : str
@@ -145,19 +140,21 @@ class Motion:
     ) -> None:
         self._bus = bus
         self.window = min(window, MAX_WINDOW)
-        self._carriages = [_Carriage(*item) for item in axes.items()]
+        self._carriages = AxisMonitors(_Carriage(*item) for item in axes.items())
         self._number = list(axes).index(name)
-        self._group = Group(tuple(axes), GroupSettings(hold_cycles=5), time.monotonic())
-        self._displacement = 0.0
-        self._missed = 0
-        self._tick = 0.0
+        self._group = Group(tuple(axes), SETTINGS, time.monotonic())
+        self._targets = _Displacement(self._carriages)
+        self._exchange: CyclicExchange | None = None
         self._is_stopping = False
 
     def __enter__(self) -> Motion:
         try:
             for carriage in self._carriages:
                 self._configure(carriage)
-            self._tick = time.monotonic()
+            self._exchange = CyclicExchange(
+                self._bus.hand_over(), self._carriages, SETTINGS, self._targets)
+            self._exchange.transmits = True
+            self._exchange.start(self._group, time.monotonic())
             self._run_until(Phase.OFF)
             self._group.enable(time.monotonic())
             self._run_until(Phase.RUNNING)
@@ -180,13 +177,11 @@ class Motion:
         self._bus.reset(node_id)
         self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
         here = carriage.axis.to_metres(read_number(drive, POSITION, signed=True))
-        settings = ControllerSettings(rate=RATE, heartbeat_timeout=HEARTBEAT_TIMEOUT)
+        settings = replace(SETTINGS, heartbeat_timeout=HEARTBEAT_TIMEOUT)
         write_objects(drive, [
             *object_writes(profile, carriage.limited(here, self.window), settings),
-            *pdo_writes(node_id, RATE, tuple(carriage.pdos))])
-        self._bus.command(NmtCommand.START, node_id)
-        for cob_id in (emergency_cob_id(node_id), heartbeat_cob_id(node_id)):
-            self._bus.latest.pop(cob_id, None)  # its boot-up was ours
+            *pdo_writes(node_id, SETTINGS.rate, profile.pdos)])
+        self._bus.start(node_id)
 
     def _run_until(self, phase: Phase) -> None:
         if not self._cycle_for(_READY_TIME, phase):
@@ -196,7 +191,7 @@ class Motion:
     def require(self, index: int, purpose: str) -> None:
         """Raise a CommissioningError if a drive does not send an object with every SYNC."""
         for carriage in self._carriages:
-            if not any(index in one.indices for one in carriage.tpdos.values()):
+            if not any(index in one.indices for one in carriage.tpdos):
                 raise CommissioningError(
                     f'{carriage.name}: no TPDO of its profile carries {index:04X}h, {purpose}: '
                     'add it to pdos, or measure by hand')
@@ -209,7 +204,7 @@ class Motion:
         CommissioningError if that is outside the window or too far away, or a drive stopped: all
         are stopped; a BusError if the bus is gone: the drives stop by themselves.
         """
-        change, most = displacement - self._displacement, 1.5 * MAX_SPEED * PERIOD
+        change, most = displacement - self._targets.value, 1.5 * MAX_SPEED * PERIOD
         name = self._carriages[self._number].name
         if not math.isfinite(displacement) or abs(displacement) > self.window:
             self._fail(f'{name} = {1e3 * displacement:.1f} mm from its start is outside the '
@@ -217,72 +212,36 @@ class Motion:
         if abs(change) > most:
             self._fail(f'{name}: a step of {1e3 * change:.2f} mm in a cycle is above '
                        f'{1e3 * most:.2f} mm')
-        self._displacement = displacement
-        return self._cycle()
+        self._targets.value = displacement
+        self._cycle()
+        return self._sample()
 
     def _fail(self, message: str) -> None:
         self._group.stop(Cause(message), time.monotonic())
         raise CommissioningError(f'{message}: all carriages are stopped')
 
-    def _cycle(self) -> AxisSample:
-        self._wait_for_tick()
-        self._exchange_sync()
-        is_following = self._group.phase in FOLLOWING_PHASES
-        samples = [one.receive(self._bus.latest, is_following) for one in self._carriages]
-        for carriage in self._carriages:
-            self._look_for_faults(carriage)
-        commands = self._group.step(
-            tuple(one.feedback for one in self._carriages), time.monotonic())
-        self._bus.send(heartbeat_cob_id(MASTER_NODE_ID), bytes([NmtState.OPERATIONAL]))
-        for carriage, command in zip(self._carriages, commands, strict=True):
-            for cob_id, data in carriage.encode(command, self._displacement):
-                self._bus.send(cob_id, data)
-        if self._group.cause is not None and not self._is_stopping:
-            raise CommissioningError(f'{self._group.cause}; the carriages are stopped')
-        return samples[self._number]
+    def _cycle(self) -> None:
+        self._exchange.turn()
+        cause = self._group.cause
+        if cause is not None and not self._is_stopping:
+            raise CommissioningError(
+                f'{cause.message}; next: {cause.remedy}; the carriages are stopped')
 
-    def _wait_for_tick(self) -> None:
-        self._tick += PERIOD
-        late = time.monotonic() - self._tick
-        if late > 2 * PERIOD:
-            self._tick += late
-        time.sleep(max(0.0, -late))
-
-    def _exchange_sync(self) -> None:
-        """Send SYNC and wait for all TPDOs; stop where a drive sends nothing for some cycles."""
-        latest = self._bus.latest
-        wanted = [cob_id for carriage in self._carriages for cob_id in carriage.tpdos]
-        for cob_id in wanted:
-            latest.pop(cob_id, None)
-        self._bus.send(SYNC_COB_ID)
-        complete = self._bus.wait_for(lambda: all(c in latest for c in wanted), _ANSWER_TIME)
-        self._missed = 0 if complete else self._missed + 1
-        if self._missed >= _MISSED:
-            missing = [one.name for one in self._carriages
-                       if not any(cob_id in latest for cob_id in one.tpdos)]
-            self._group.stop(Cause(
-                f'{" and ".join(missing) or "a drive"} sent nothing for {_MISSED} cycles: check '
-                'its power and cable'), time.monotonic())
-
-    def _look_for_faults(self, carriage: _Carriage) -> None:
-        name, node_id = carriage.name, carriage.axis.node_id
-        emergency = self._bus.latest.get(emergency_cob_id(node_id))
-        beat = self._bus.latest.get(heartbeat_cob_id(node_id))
-        if emergency is not None and (code := decode_emergency(emergency.data).code):
-            self._group.stop(Cause(f'{name}: {describe(code)}', axis=name), time.monotonic())
-        if beat is not None and beat.data == bytes([NmtState.INITIALISING]) and (
-                self._group.phase is not Phase.OFF):
-            self._group.stop(Cause(f'{name} has restarted: check its supply'), time.monotonic())
+    def _sample(self) -> AxisSample:
+        carriage = self._carriages[self._number]
+        moved = carriage.encoder.counts - self._targets.starts[self._number]
+        now = carriage.snapshot(None, time.monotonic())
+        return AxisSample(carriage.axis.to_metres(moved), now.velocity, now.force or 0.0,
+                          now.digital_inputs or 0)
 
     def _stop(self) -> None:
         """Quick-stop, then take the power; a bus that is gone leaves that to the drives."""
         self._is_stopping = True
         try:
-            if self._group.phase is not Phase.OFF:
-                self._group.stop(Cause('stopped'), time.monotonic())
-                self._cycle_for(0.3, Phase.STOPPED)
-            self._group.cut_power(time.monotonic())
-            self._cycle_for(0.3, Phase.STOPPED)
+            if self._exchange is not None:
+                self._group.cut_power(time.monotonic())
+                self._cycle_for(0.6, Phase.STOPPED)
+                self._exchange.stop()
             for carriage in self._carriages:
                 self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, carriage.axis.node_id)
         except BusError:

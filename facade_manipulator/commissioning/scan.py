@@ -15,7 +15,6 @@ from facade_manipulator.drives.canopen import (
     Frame,
     heartbeat_cob_id,
     MASTER_NODE_ID,
-    NmtState,
     sdo_request_cob_id,
     sdo_response_cob_id,
     SdoChannel,
@@ -64,10 +63,9 @@ def scan(bus: ToolBus) -> list[Node]:
     for frame in _ask(bus, NODE_IDS):
         if sdo_response_cob_id(0) < frame.cob_id <= sdo_response_cob_id(127):
             answers[frame.cob_id - sdo_response_cob_id(0)].append(_serial(frame.data))
-    beating = {cob_id - heartbeat_cob_id(0): frame for cob_id, frame in bus.latest.items()
-               if heartbeat_cob_id(0) < cob_id <= heartbeat_cob_id(127)}
-    return [_describe(bus, node_id, tuple(answers.get(node_id, ())), beating.get(node_id))
-            for node_id in sorted(answers.keys() | beating.keys())]
+    beating = {node_id for node_id in NODE_IDS if heartbeat_cob_id(node_id) in bus.latest}
+    return [_describe(bus, node_id, tuple(answers.get(node_id, ())))
+            for node_id in sorted(answers.keys() | beating)]
 
 
 def _ask(bus: ToolBus, node_ids: Iterable[int]) -> list[Frame]:
@@ -86,12 +84,9 @@ def _serial(data: bytes) -> int:
     return _RESPONSE.unpack(data)[3]
 
 
-def _describe(
-    bus: ToolBus, node_id: int, serials: tuple[int, ...], beat: Frame | None
-) -> Node:
-    state = ''
-    if beat is not None and beat.data and beat.data[0] & 0x7F in set(NmtState):
-        state = NmtState(beat.data[0] & 0x7F).name.lower().replace('_', '-')
+def _describe(bus: ToolBus, node_id: int, serials: tuple[int, ...]) -> Node:
+    beat = bus.nmt_state(node_id)
+    state = '' if beat is None else beat.name.lower().replace('_', '-')
     if len(serials) != 1:
         return Node(node_id, serials, state)
     drive = bus.objects(node_id)

@@ -299,7 +299,7 @@ class CyclicExchange:
             for cause in (*monitors.silences(self.read_until), *self.clock.causes(
                     self._settings.max_missed_cycles, group.is_powered)):
                 group.stop(cause, now)
-        if group.phase is Phase.RAMPING and not targets.mechanism.source.at_rest:
+        if group.phase is Phase.RAMPING and not targets.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
         commands = group.step(feedback, now)
         if in_time or group.phase not in FOLLOWING_PHASES:

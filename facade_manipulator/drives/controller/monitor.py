@@ -91,8 +91,8 @@ class AxisMonitor:
             for one in pdos if not one.is_transmitted)
         # all that come with each SYNC: following errors of different cycles compare badly
         self._answers = frozenset(
-            one.name for one in self.tpdos if one.carries(pdo.STATUS | pdo.MOTION)
-            and transmission_type(one, settings.rate) == EVERY_SYNC)
+            one.name for one in self.tpdos
+            if transmission_type(one, settings.rate) == EVERY_SYNC)
         self._unanswered: set[str] = set()  # of these, to the newest SYNC
         self._sync_time = -math.inf  # of that SYNC
         self._values: dict[int, int] = {}  # by index, in the drive's own units

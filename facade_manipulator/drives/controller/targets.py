@@ -122,6 +122,11 @@ class Targets:
         self._window = min(axis.following_error_window for axis in axes)
         self._phase = Phase.OFF
 
+    @property
+    def at_rest(self) -> bool:
+        """Return whether the targets stand still."""
+        return self.mechanism.source.at_rest
+
     def supervise(self, group: Group, monitors: AxisMonitors, now: float) -> None:
         """Stop where the carriages are not what was commanded: nobody else sees all three."""
         if group.phase is Phase.HOMING:
