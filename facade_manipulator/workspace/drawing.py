@@ -1,5 +1,5 @@
 """
-What every figure of the study shares: its subject, style, colour map, the mechanism in plan view.
+What every figure of the study shares: style, colours, labels, the mechanism in plan view.
 
 Only the figures import this module, and matplotlib is imported with it: the nodes never load it.
 """
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import NamedTuple
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -16,13 +15,13 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator.kinematics import Geometry, JointPoints, joints, Pose
-from facade_manipulator.workspace.accuracy import DriveTrain
 
 COLOUR_MAP = 'viridis'  # even in lightness, safe for the colour-blind, and in grey
 # Okabe and Ito's colours, distinct to every eye.
 BLUE, ORANGE, GREEN, PURPLE = '#0072B2', '#D55E00', '#009E73', '#CC79A7'
 BLACK, GREY, PALE = '#000000', '#777777', '#D9D9D9'
 MILLIMETRES = 1e3
+X_LABEL, Y_LABEL, THETA_LABEL = 'x along the rail [mm]', 'y from the rail [mm]', 'θ [deg]'
 
 _STYLE = {
     'font.size': 9.0, 'axes.titlesize': 9.5, 'axes.labelsize': 9.0, 'legend.fontsize': 8.0,
@@ -30,15 +29,6 @@ _STYLE = {
     'axes.linewidth': 0.8, 'lines.linewidth': 1.6, 'legend.frameon': False,
     'figure.dpi': 150, 'savefig.dpi': 150, 'font.family': 'DejaVu Sans',
 }
-
-
-class Study(NamedTuple):
-    """What the figures are drawn of: a geometry, and what is called good."""
-
-    geometry: Geometry
-    threshold: float
-    characteristic_length: float
-    train: DriveTrain = DriveTrain()
 
 
 @contextmanager
@@ -62,12 +52,6 @@ def label(axes: Axes, x: str, y: str, title: str = '', grid: bool = False) -> No
     axes.set(xlabel=x, ylabel=y, title=title)
     if grid:
         axes.grid(color=PALE, linewidth=0.6)
-
-
-def lengths(geometry: Geometry) -> str:
-    """Return the lengths of a design, for a title."""
-    return (f'l = {geometry.link_length * MILLIMETRES:.0f} mm, '
-            f'b = {geometry.platform_half_length * MILLIMETRES:.0f} mm')
 
 
 def draw_mechanism(axes: Axes, geometry: Geometry, pose: Pose) -> None:

@@ -12,43 +12,57 @@ from dataclasses import replace
 
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 import numpy as np
 
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace.drawing import (
-    BLACK,
     BLUE,
     COLOUR_MAP,
     draw_lines_of_force,
     draw_mechanism,
     figure,
-    GREEN,
     GREY,
     label,
-    lengths,
     MILLIMETRES,
     ORANGE,
     PALE,
-    PURPLE,
-    Study,
+    THETA_LABEL,
+    X_LABEL,
+    Y_LABEL,
 )
-from facade_manipulator.workspace.figure_accuracy import figure_accuracy
-from facade_manipulator.workspace.figure_workspace import figure_6
-from facade_manipulator.workspace.gcw import count_poses
-from facade_manipulator.workspace.maps import branch_map, pose_map, PoseMap
-from facade_manipulator.workspace.objectives import OBJECTIVES, Requirements
-from facade_manipulator.workspace.singularities import (
-    beyond_share,
-    configurations,
-    parallel_curves,
-    serial_curve,
+from facade_manipulator.workspace.figures_design import (
+    figure_accuracy,
+    figure_optimum,
+    figure_singularity,
 )
-from facade_manipulator.workspace.table2 import case_geometry, PAPER
-from facade_manipulator.workspace.volume import theta_bounds
+from facade_manipulator.workspace.gcw import case_geometry, count_poses, PAPER
+from facade_manipulator.workspace.maps import pose_map, PoseMap
+from facade_manipulator.workspace.singularities import configurations, parallel_curves
+from facade_manipulator.workspace.tables import lengths, Study
+from facade_manipulator.workspace.volume import theta_bounds, union_ends
 
-X_LABEL, Y_LABEL, THETA_LABEL = 'x along the rail [mm]', 'y from the rail [mm]', 'θ [deg]'
+SLICES, ROWS = 27, 70
+EVEN_LENGTH = 1.0  # m: with it weak poses show near the rail as well as at the far edge
+
+
+def figure_6(study: Study) -> Figure:
+    """Draw the workspace of the paper's example and of the design."""
+    # The constrained layout does not know the extent of 3-D axes.
+    made = figure(10.0, 4.6, 'Figure 6: workspace over x, y and θ', layout='none')
+    made.subplots_adjust(left=0.06, right=0.87, bottom=0.0, top=0.93, wspace=0.1)
+    stroke = study.geometry.stroke
+    example = Geometry(0.25, 0.45, stroke, 0.0)
+    scale = Normalize(0.0, 0.45)
+    for place, geometry in enumerate((example, study.geometry), start=1):
+        axes = made.add_subplot(1, 2, place, projection='3d')
+        _draw_slices(axes, geometry, scale)
+        axes.set_title(lengths(geometry), y=0.99)
+    made.colorbar(ScalarMappable(scale, COLOUR_MAP), cax=made.add_axes((0.91, 0.2, 0.015, 0.6)),
+                  label='LCI, characteristic length 1 m (grey: beyond N = 0)')
+    return made
 
 
 def figure_7(study: Study) -> Figure:
@@ -68,7 +82,8 @@ def figure_8(study: Study) -> Figure:
     """Map the section θ = 0 of the paper's cases, with the union over θ about it."""
     made = figure(10.0, 3.7, 'Figure 8: the cases of Table 2, section θ = 0 and union over θ')
     grid = made.subplots(2, 3, sharex=True, sharey=True)
-    maps = [_section_map(case_geometry(row.link_length, row.platform_half_length), study)
+    unit = study.need.characteristic_length
+    maps = [_section_map(case_geometry(row.link_length, row.platform_half_length), unit)
             for row in PAPER]
     scale = Normalize(0.0, max(np.nanmax(values) for _, _, values in maps))
     for axes, row, section in zip(grid.flat, PAPER, maps, strict=False):
@@ -81,8 +96,7 @@ def figure_8(study: Study) -> Figure:
         axes.set_yticks([0, 100, 200, 300])
         axes.label_outer()
     _legend_panel(grid.flat[5])
-    made.colorbar(ScalarMappable(scale, COLOUR_MAP), ax=grid, label=_index_label(study),
-                  shrink=0.9)
+    made.colorbar(ScalarMappable(scale, COLOUR_MAP), ax=grid, label=_index_label(unit), shrink=0.9)
     return made
 
 
@@ -91,21 +105,21 @@ def figure_9(study: Study) -> Figure:
     geometry = study.geometry
     made = figure(10.0, 6.2, f'Figure 9: local conditioning index, {lengths(geometry)}')
     grid = made.subplots(2, 2, width_ratios=(1.35, 1.0))
-    for row, unit in zip(grid, (study, study._replace(
-            characteristic_length=1.0, threshold=0.0)), strict=True):
-        section = _section_map(geometry, unit)
-        theta, y, of = _turn_map(geometry, unit.characteristic_length)
+    for row, need in zip(grid, (study.need, replace(
+            study.need, characteristic_length=EVEN_LENGTH, threshold=0.0)), strict=True):
+        section = _section_map(geometry, need.characteristic_length)
+        theta, y, of = _turn_map(geometry, need.characteristic_length)
         scale = Normalize(0.0, np.nanmax(of.index))
         _draw_section(row[0], section, scale)
         label(row[0], X_LABEL, Y_LABEL, 'section θ = 0')
         row[1].pcolormesh(theta, y, of.index, cmap=COLOUR_MAP, norm=scale, rasterized=True)
-        if unit.threshold > 0.0:
-            row[1].contour(theta, y, of.index, [unit.threshold], colors=ORANGE, linewidths=1.4)
-            row[1].plot([], [], color=ORANGE, label=f'LCI = {unit.threshold:g}')
+        if need.threshold > 0.0:
+            row[1].contour(theta, y, of.index, [need.threshold], colors=ORANGE, linewidths=1.4)
+            row[1].plot([], [], color=ORANGE, label=f'LCI = {need.threshold:g}')
             row[1].legend(loc='lower right')
         label(row[1], THETA_LABEL, Y_LABEL, 'at any x')
-        made.colorbar(ScalarMappable(scale, COLOUR_MAP), ax=row, label=_index_label(unit),
-                      shrink=0.85)
+        made.colorbar(ScalarMappable(scale, COLOUR_MAP), ax=row, shrink=0.85,
+                      label=_index_label(need.characteristic_length))
     return made
 
 
@@ -130,92 +144,19 @@ def figure_11(study: Study) -> Figure:
     return made
 
 
-def figure_singularity(study: Study) -> Figure:
-    """Plot the share of the workspace beyond N = 0 along l + b, and the locus of three designs."""
-    made = figure(10.0, 4.2, 'The parallel singularity that the paper misses')
-    left, right = made.subplots(1, 2)
-    length = np.append(0.35 - 0.2 * np.linspace(1.0, 0.0, 40) ** 2, 0.36)
-    shares = [beyond_share(case_geometry(one, 0.7 - one, study.geometry.stroke_length))
-              for one in length]
-    left.plot(length * MILLIMETRES, 100.0 * np.array(shares), color=BLUE)
-    _mark_design(left, 44.0)
-    label(left, 'l [mm], with l + b = 700 mm', 'workspace beyond N = 0 [%]',
-          'share of the volume over x, y and θ', grid=True)
-    left.set_ylim(bottom=0.0)
-    for one, colour in ((0.2, BLUE), (0.25, ORANGE), (0.3, GREEN), (0.34, PURPLE)):
-        geometry = case_geometry(one, 0.7 - one)
-        theta = np.linspace(-0.999, 0.999, 800) * np.arcsin(one / (0.7 - one))
-        y = np.linspace(1e-6, one, 500)
-        right.contour(np.degrees(theta), y * MILLIMETRES, branch_map(geometry, y[:, None], theta),
-                      [0.0], colors=colour, linewidths=1.6)
-        right.plot([], [], color=colour, label=f'l = {one * MILLIMETRES:.0f} mm')
-        right.plot(np.degrees(theta), serial_curve(geometry, theta) * MILLIMETRES,
-                   color=colour, linewidth=0.9, linestyle=':')
-    right.plot([], [], color=BLACK, label='N = 0 (det B = 0)')
-    right.plot([], [], color=BLACK, linewidth=0.9, linestyle=':', label='far edge (det A = 0)')
-    right.legend(loc='upper right', ncols=1)
-    label(right, THETA_LABEL, Y_LABEL, 'below its curve a design stands on another branch')
-    return made
-
-
-def figure_optimum(study: Study) -> Figure:
-    """Plot every objective along l + b = 700 mm, its greatest value marked."""
-    made = figure(10.0, 6.0, 'Merit of the designs with l + b = 700 mm, '
-                  f'Q = {study.geometry.stroke_length * MILLIMETRES:.0f} mm')
-    need = Requirements(
-        stroke_length=study.geometry.stroke_length, threshold=study.threshold,
-        carriage_gap=study.geometry.carriage_gap,
-        characteristic_length=study.characteristic_length)
-    length = np.linspace(0.15, 0.4, 251)
-    grid = made.subplots(2, 2, sharex=True)
-    for axes, merit in zip(grid.flat, OBJECTIVES.values(), strict=True):
-        values = merit.evaluate(length, 0.7 - length, need)
-        best = int(np.argmax(values))
-        axes.plot(length * MILLIMETRES, values, color=BLUE)
-        peak = length[best] * MILLIMETRES, values[best]
-        axes.plot(*peak, 'o', color=ORANGE)
-        axes.annotate(f'l = {peak[0]:.0f} mm', peak, xytext=(-8, -4), textcoords='offset points',
-                      ha='right', color=ORANGE)
-        _mark_design(axes, 0.02 * values.max() + 0.98 * values.min())
-        unit = f' [{merit.unit.replace("m2", "m²")}]' if merit.unit else ''
-        label(axes, 'l [mm]' if axes in grid[1] else '', 'value' + unit,
-              merit.description.replace('theta', 'θ'), grid=True)
-    return made
-
-
-FIGURES: dict[str, Callable[[Study], Figure]] = {
-    'figure_06_workspace.png': figure_6,
-    'figure_07_singular_configurations.png': figure_7,
-    'figure_08_cases.png': figure_8,
-    'figure_09_conditioning.png': figure_9,
-    'figure_11_ranges.png': figure_11,
-    'figure_parallel_singularity.png': figure_singularity,
-    'figure_accuracy.png': figure_accuracy,
-    'figure_optimum.png': figure_optimum,
-}
-
-
-def _mark_design(axes: Axes, height: float) -> None:
-    """Draw the paper's design as a line over l."""
-    axes.axvline(352.0, color=GREY, linewidth=1.0, linestyle='--')
-    axes.annotate('352/348', (352.0, height), xytext=(-4, 0), textcoords='offset points',
-                  ha='right', color=GREY)
-
-
-def _index_label(study: Study) -> str:
-    length = study.characteristic_length
+def _index_label(length: float) -> str:
     unit = f'{length:g} m' if length >= 1.0 else f'{length * MILLIMETRES:g} mm'
     return f'LCI (characteristic length {unit})'
 
 
 def _section_map(
-    geometry: Geometry, study: Study
+    geometry: Geometry, characteristic_length: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return x, y [mm] and the index over them at θ = 0, NaN out of reach."""
     least, greatest = geometry.stroke
     x = np.linspace(least, greatest, 801)
     y = np.linspace(1e-6, geometry.link_length, 601)
-    of = pose_map(geometry, y, 0.0, study.characteristic_length)
+    of = pose_map(geometry, y, 0.0, characteristic_length)
     inside = (of.lower[:, None] <= x) & (x <= of.upper[:, None])
     return x * MILLIMETRES, y * MILLIMETRES, np.where(inside, of.index[:, None], np.nan)
 
@@ -243,14 +184,11 @@ def _draw_union(axes: Axes, geometry: Geometry) -> None:
     """Outline what is reached at one angle or another."""
     y = np.linspace(1e-6, geometry.link_length, 400)[:-1]
     theta = theta_bounds(geometry, y)[:, None] * np.linspace(-1.0, 1.0, 201)
-    of = pose_map(geometry, y[:, None], theta)
-    with np.errstate(invalid='ignore'):
-        lower = np.nanmin(np.where(np.isnan(of.lower), np.inf, of.lower), axis=1)
-        upper = np.nanmax(np.where(np.isnan(of.upper), -np.inf, of.upper), axis=1)
+    lower, upper = union_ends(geometry, y[:, None], theta)
     reached = np.isfinite(lower)
-    outline_x = np.concatenate([lower[reached], upper[reached][::-1], lower[reached][:1]])
-    outline_y = np.concatenate([y[reached], y[reached][::-1], y[reached][:1]])
-    axes.plot(outline_x * MILLIMETRES, outline_y * MILLIMETRES, color=ORANGE, linewidth=1.2)
+    y, lower, upper = y[reached], lower[reached], upper[reached]
+    axes.plot(MILLIMETRES * np.concatenate([lower, upper[::-1], lower[:1]]),
+              MILLIMETRES * np.concatenate([y, y[::-1], y[:1]]), color=ORANGE, linewidth=1.2)
 
 
 def _legend_panel(axes: Axes) -> None:
@@ -273,3 +211,49 @@ def _draw_parallel_locus(axes: Axes) -> None:
     axes.annotate('N > 0', (0.0, 150.0), ha='center')
     axes.annotate('N < 0', (theta[-1] * 0.45, 22.0), ha='center')
     label(axes, THETA_LABEL, Y_LABEL, 'the locus N = 0 (orange)\nin the workspace of this design')
+
+
+def _draw_slices(axes, geometry: Geometry, scale: Normalize) -> None:
+    """Draw the slices of a workspace, strip by strip of y."""
+    y = np.linspace(1e-6, geometry.link_length, ROWS + 1)
+    end = np.nanmax(theta_bounds(geometry, y))
+    theta = np.linspace(-end, end, SLICES)
+    of = pose_map(geometry, y[:, None], theta, EVEN_LENGTH)
+    strips, colours = [], []
+    colour_of = ScalarMappable(scale, COLOUR_MAP).to_rgba
+    for row, column in np.argwhere(~np.isnan(of.lower[:-1] + of.lower[1:])):
+        corners = ((of.lower[row, column], y[row]), (of.upper[row, column], y[row]),
+                   (of.upper[row + 1, column], y[row + 1]),
+                   (of.lower[row + 1, column], y[row + 1]))
+        strips.append([(x * MILLIMETRES, at * MILLIMETRES, np.degrees(theta[column]))
+                       for x, at in corners])
+        beyond = of.number[row, column] <= 0.0
+        colours.append(to_rgba(GREY, 0.2) if beyond
+                       else (*colour_of(of.index[row, column])[:3], 0.85))
+    axes.add_collection3d(Poly3DCollection(strips, facecolors=colours, edgecolors='none',
+                                              antialiased=False))
+    _frame(axes, geometry, end)
+
+
+def _frame(axes, geometry: Geometry, end: float) -> None:
+    reach = geometry.stroke_length * 0.5 * MILLIMETRES
+    axes.set(xlim=(-reach, reach), ylim=(0.0, geometry.link_length * MILLIMETRES),
+             zlim=(-np.degrees(end), np.degrees(end)), xlabel='x [mm]', ylabel='y [mm]')
+    axes.zaxis.set_rotate_label(False)
+    axes.set_zlabel('θ [deg]', rotation=90.0)
+    for axis, count in (('x', 5), ('y', 4), ('z', 6)):
+        axes.locator_params(axis=axis, nbins=count)
+    axes.view_init(elev=24.0, azim=52.0)  # from the façade: what lies beyond N = 0 is behind
+    axes.set_box_aspect((1.3, 1.0, 0.9), zoom=1.0)
+
+
+FIGURES: dict[str, Callable[[Study], Figure]] = {
+    'figure_06_workspace.png': figure_6,
+    'figure_07_singular_configurations.png': figure_7,
+    'figure_08_cases.png': figure_8,
+    'figure_09_conditioning.png': figure_9,
+    'figure_11_ranges.png': figure_11,
+    'figure_parallel_singularity.png': figure_singularity,
+    'figure_accuracy.png': figure_accuracy,
+    'figure_optimum.png': figure_optimum,
+}

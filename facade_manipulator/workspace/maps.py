@@ -43,6 +43,7 @@ class PoseMap(NamedTuple):
 
 def link_arrays(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, ...]:
     """Heights and projections as `kinematics.inverse.links` gives them; NaN beyond reach."""
+    y, theta = np.atleast_1d(y, theta)  # so that what follows may write into arrays
     square = geometry.link_length * geometry.link_length
     sine = np.sin(theta)
     rise = geometry.platform_half_length * sine
@@ -60,7 +61,7 @@ def x_intervals(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[n
 
     NaN where there is none. Poses beyond N = 0 are among them: ask `branch_map`.
     """
-    return intervals_of(geometry, link_arrays(geometry, *_arrays(y, theta)))
+    return intervals_of(geometry, link_arrays(geometry, y, theta))
 
 
 def conditioning_map(
@@ -68,12 +69,12 @@ def conditioning_map(
 ) -> np.ndarray:
     """Local conditioning index of every (y, θ) within reach, NaN elsewhere."""
     check_characteristic_length(characteristic_length)
-    return index_of(geometry, link_arrays(geometry, *_arrays(y, theta)), characteristic_length)
+    return index_of(geometry, link_arrays(geometry, y, theta), characteristic_length)
 
 
 def branch_map(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> np.ndarray:
     """N of `kinematics.parallel_singularity` [m²] of every (y, θ) within reach, NaN elsewhere."""
-    return branch_number(link_arrays(geometry, *_arrays(y, theta)))
+    return branch_number(link_arrays(geometry, y, theta))
 
 
 def pose_map(
@@ -97,15 +98,10 @@ def pose_map(
 
     """
     check_characteristic_length(characteristic_length)
-    at = link_arrays(geometry, *_arrays(y, theta))
+    at = link_arrays(geometry, y, theta)
     return PoseMap(
         *intervals_of(geometry, at), index_of(geometry, at, characteristic_length),
         branch_number(at))
-
-
-def _arrays(y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    # At least one axis, so that what follows may write into arrays.
-    return np.atleast_1d(np.asarray(y, float)), np.atleast_1d(np.asarray(theta, float))
 
 
 def intervals_of(geometry: Geometry, at: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:

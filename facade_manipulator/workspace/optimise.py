@@ -1,5 +1,8 @@
 """
-The best link lengths for stated requirements: a dense exact sweep, then a local refinement.
+What a design is worth, and the link lengths worth most: a dense exact sweep, then a refinement.
+
+Designs are arrays of equal shape. Areas are closed forms; volume and ratio are integrals, done
+design by design.
 
 The paper keeps l + b = 700 mm without saying so and gives 352/348; along that line the areas peak
 where l = b, and the ratio 1 mm before.
@@ -7,23 +10,71 @@ where l = b, and the ratio 1 mm before.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.workspace.objectives import Objective, OBJECTIVES, Requirements, Tick
 from facade_manipulator.workspace.requirements import (
     conflict,
     feasible,
     margins,
     REQUIREMENTS,
+    Requirements,
 )
+from facade_manipulator.workspace.section import section_area
+from facade_manipulator.workspace.volume import measure, Workspace
+
+THETA_NODES, Y_CELLS = 512, 64  # the ratio to 2e-4, the volume far better
 
 FINE_STEP = 0.001  # of the sweep, as the paper's
 COARSE_STEP = 0.005  # where a plane of designs is integrated one by one
 _ACTIVE = 2e-4  # a bound nearer than this is active [m]
 _WINDOW = 3  # steps about the sweep's best in which to refine
+
+Tick = Callable[[int], None]  # called with the number of designs done
+
+
+class Objective(NamedTuple):
+    """A figure of merit: a closed form of arrays of designs, or one of a workspace measured."""
+
+    description: str
+    unit: str
+    closed_form: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray] | None = None
+    merit: Callable[[Workspace], float] | None = None
+
+    def evaluate(
+        self, length: np.ndarray, half: np.ndarray, need: Requirements,
+        tick: Tick = lambda count: None,
+    ) -> np.ndarray:
+        """Return the merit of every design, of their shape."""
+        if self.closed_form:
+            tick(length.size)
+            return self.closed_form(length, half, need)
+        values = np.empty(length.shape)
+        for place in np.ndindex(length.shape):
+            values[place] = self.merit(measure(
+                need.geometry(length[place], half[place]), need.threshold,
+                need.characteristic_length, THETA_NODES, Y_CELLS))
+            tick(1)
+        return values
+
+
+OBJECTIVES = {
+    'area': Objective(
+        'area at theta = 0', 'm2', lambda length, half, need: section_area(
+            length, half, need.stroke_length, need.carriage_gap)),
+    'good_area': Objective(
+        'area at theta = 0 with a good index', 'm2', lambda length, half, need: section_area(
+            length, half, need.stroke_length, need.carriage_gap, need.threshold,
+            need.characteristic_length)),
+    'volume': Objective('volume over x, y and theta before N = 0', 'm2 rad',
+                        merit=lambda of: of.volume - of.beyond),
+    'ratio': Objective('good share of the volume', '',
+                       merit=lambda of: of.ratio if of.volume else 0.0),
+}
 
 
 @dataclass(frozen=True)
@@ -41,7 +92,7 @@ class Optimum:
 
 def sweep_size(objective: str, need: Requirements) -> int:
     """Return how many designs the sweep for an objective evaluates."""
-    return _designs(_objective(objective), need)[0].size
+    return _designs(_objective(objective), need).shape[1]
 
 
 def optimise(
@@ -55,19 +106,19 @@ def optimise(
     """
     need = need or Requirements()
     merit = _objective(objective)
-    length, half = _designs(merit, need)
-    of = margins(length, half, need)
-    allowed = feasible(of, length)
+    designs = _designs(merit, need)
+    of = margins(*designs, need)
+    allowed = feasible(of, designs[0])
     if not allowed.any():
-        raise conflict(of, length, half, need)
-    values = np.full(length.shape, -np.inf)
-    values[allowed] = merit.evaluate(length[allowed], half[allowed], need, tick)
-    best = int(np.argmax(values))
-    found = _refine(merit, need, float(length[best]), float(half[best]), float(values[best]))
+        raise conflict(of, *designs, need)
+    values = np.full(allowed.shape, -np.inf)
+    values[allowed] = merit.evaluate(*designs[:, allowed], need, tick)
+    best = np.argmax(values)
+    design, value = _refine(merit, need, designs[:, best], float(values[best]))
     return Optimum(
-        objective, *found, {name: _evaluate(OBJECTIVES[name], need, *found[:2])
-                            for name in OBJECTIVES},
-        _active(need, *found[:2]), length.size)
+        objective, *design.tolist(), value,
+        {name: float(one.evaluate(*design, need)) for name, one in OBJECTIVES.items()},
+        _active(need, *design), values.size)
 
 
 def _objective(name: str) -> Objective:
@@ -76,17 +127,17 @@ def _objective(name: str) -> Objective:
     return OBJECTIVES[name]
 
 
-def _designs(merit: Objective, need: Requirements) -> tuple[np.ndarray, np.ndarray]:
-    """Return the designs of the sweep: a line where the sum is given, else the box."""
+def _designs(merit: Objective, need: Requirements) -> np.ndarray:
+    """Return the designs of the sweep, shape (2, n): a line where the sum is given, or the box."""
     if need.length_sum:
         lower = max(need.link_range[0], need.length_sum - need.platform_range[1])
         upper = min(need.link_range[1], need.length_sum - need.platform_range[0])
         length = _steps(lower, upper, FINE_STEP)
-        return length, need.length_sum - length
+        return np.stack([length, need.length_sum - length])
     step = _step(merit, need)
-    length, half = np.meshgrid(
+    return np.stack(np.meshgrid(
         _steps(*need.link_range, step), _steps(*need.platform_range, step), indexing='ij')
-    return length.ravel(), half.ravel()
+    ).reshape(2, -1)
 
 
 def _step(merit: Objective, need: Requirements) -> float:
@@ -100,41 +151,37 @@ def _steps(lower: float, upper: float, step: float) -> np.ndarray:
     return np.unique(np.round(np.linspace(lower, upper, count + 1), 9))
 
 
-def _evaluate(merit: Objective, need: Requirements, length: float, half: float) -> float:
-    return float(merit.evaluate(np.array([length]), np.array([half]), need)[0])
-
-
 def _refine(
-    merit: Objective, need: Requirements, length: float, half: float, value: float
-) -> tuple[float, float, float]:
+    merit: Objective, need: Requirements, design: np.ndarray, value: float
+) -> tuple[np.ndarray, float]:
     """Improve the sweep's best within a few steps of it; keep it where nothing is better."""
     from scipy.optimize import minimize, minimize_scalar
 
     def cost(design: np.ndarray) -> float:
-        one, other = np.array([design[0]]), np.array([design[1]])
-        lacking = sum(max(0.0, -float(margin[0])) for margin in margins(one, other, need).values())
-        return lacking / 1e-3 * value - _evaluate(merit, need, *design)
+        lacking = sum(max(0.0, -float(margin)) for margin in margins(*design, need).values())
+        return lacking / 1e-3 * value - float(merit.evaluate(*design, need))
+
+    def of_length(length: float) -> np.ndarray:
+        return np.array([length, need.length_sum - length])
 
     window = _WINDOW * _step(merit, need)
     box = [(max(bound[0], at - window), min(bound[1], at + window))
-           for bound, at in ((need.link_range, length), (need.platform_range, half))]
+           for bound, at in zip((need.link_range, need.platform_range), design, strict=True)]
     if need.length_sum:
-        total = need.length_sum
-        ends = max(box[0][0], total - box[1][1]), min(box[0][1], total - box[1][0])
-        found = minimize_scalar(
-            lambda one: cost((one, total - one)), bounds=ends, method='bounded',
-            options={'xatol': 1e-6})
-        design = (float(found.x), total - float(found.x))
+        ends = (max(box[0][0], need.length_sum - box[1][1]),
+                min(box[0][1], need.length_sum - box[1][0]))
+        found = minimize_scalar(lambda length: cost(of_length(length)), bounds=ends,
+                                method='bounded', options={'xatol': 1e-6})
+        refined = of_length(found.x)
     else:
-        found = minimize(cost, (length, half), bounds=box, method='Nelder-Mead',
+        found = minimize(cost, design, bounds=box, method='Nelder-Mead',
                          options={'xatol': 1e-6, 'fatol': 1e-12})
-        design = tuple(found.x.tolist())
-    one, other = np.array([design[0]]), np.array([design[1]])
-    improved = -found.fun > value and feasible(margins(one, other, need), one).all()
-    return (*design, _evaluate(merit, need, *design)) if improved else (length, half, value)
+        refined = found.x
+    improved = -found.fun > value and feasible(margins(*refined, need), refined[0])
+    return (refined, float(merit.evaluate(*refined, need))) if improved else (design, value)
 
 
-def _active(need: Requirements, length: float, half: float) -> tuple[str, ...]:
+def _active(need: Requirements, length: np.float64, half: np.float64) -> tuple[str, ...]:
     """Name what the optimum leans on."""
     edges = {
         f'l >= {need.link_range[0]:g} m': length - need.link_range[0],
@@ -147,8 +194,8 @@ def _active(need: Requirements, length: float, half: float) -> tuple[str, ...]:
     names = [name for name, distance in edges.items() if distance <= _ACTIVE]
     if need.length_sum:
         names.insert(0, f'l + b = {need.length_sum:g} m')
-    of = margins(np.array([length]), np.array([half]), need)
+    of = margins(length, half, need)
     return (*names, *(
         f'{requirement.name} = {requirement.asked(need):.4g} {requirement.unit}'
         for requirement in REQUIREMENTS
-        if requirement.name in of and of[requirement.name][0] <= requirement.tolerance))
+        if requirement.name in of and of[requirement.name] <= requirement.tolerance))

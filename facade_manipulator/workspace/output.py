@@ -1,17 +1,27 @@
-"""Where the study writes: rejected before any work, complete or as it was before."""
+"""
+Where the study writes: rejected before any work, complete or as it was before.
+
+Work that takes longer than a second has a progress bar.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import json
 import os
 from pathlib import Path
 import shutil
 import tempfile
+import time
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from facade_manipulator.errors import file_errors
 from facade_manipulator.files import atomic_write
+
+PATIENCE = 1.0  # s before a progress bar appears
 
 
 @contextmanager
@@ -51,3 +61,24 @@ def folder(path: Path) -> Iterator[Path]:
         shutil.rmtree(draft, ignore_errors=True)
         if created:
             path.rmdir()
+
+
+@contextmanager
+def progress_bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
+    """Lend a function that counts steps done, of a known number; the bar is on standard error."""
+    console = Console(stderr=True)
+    bar = Progress(
+        TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:3.0f} %'),
+        TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal)
+    task, begun = bar.add_task(title, total=total), time.monotonic()
+
+    def tick(count: int = 1) -> None:
+        bar.advance(task, count)
+        if time.monotonic() - begun > PATIENCE:
+            bar.start()
+
+    try:
+        yield tick
+    finally:
+        if bar.live.is_started:
+            bar.stop()

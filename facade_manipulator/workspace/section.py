@@ -19,7 +19,10 @@ import numpy as np
 Bounds = tuple[Any, Any]
 
 
-def section_bounds(length: Any, half: Any, stroke_length: Any, gap: Any) -> Bounds:
+def section_bounds(
+    length: Any, half: Any, stroke_length: Any, gap: Any, threshold: float = 0.0,
+    characteristic_length: float = 1.0,
+) -> Bounds:
     """
     Return the y at which any x is reachable at θ = 0; lower = upper where there is none [m].
 
@@ -29,6 +32,10 @@ def section_bounds(length: Any, half: Any, stroke_length: Any, gap: Any) -> Boun
         l and b [m].
     stroke_length, gap : float or ndarray
         Q and the carriage gap [m].
+    threshold : float
+        Least conditioning index there.
+    characteristic_length : float
+        Unit of length of the index [m].
 
     """
     room = half - gap
@@ -36,10 +43,14 @@ def section_bounds(length: Any, half: Any, stroke_length: Any, gap: Any) -> Boun
     # The stroke holds the outer carriages' distance 2 b − 2 s.
     least = np.maximum(0.0, half - 0.5 * stroke_length)
     upper = np.sqrt(np.maximum(0.0, length * length - least * least))
+    if threshold > 0.0:
+        good_lower, good_upper = _good_bounds(length, half, threshold, characteristic_length)
+        lower = np.fmax(lower, good_lower)
+        upper = np.where(np.isnan(good_upper), lower, np.minimum(upper, good_upper))
     return lower, np.maximum(lower, upper)
 
 
-def good_bounds(
+def _good_bounds(
     length: Any, half: Any, threshold: float, characteristic_length: float
 ) -> Bounds:
     """
@@ -61,40 +72,15 @@ def good_bounds(
         return length * np.sqrt(lower / (1.0 + lower)), length / np.sqrt(1.0 + 1.0 / upper)
 
 
-def area_between(length: Any, half: Any, stroke_length: Any, lower: Any, upper: Any) -> Any:
-    """Area of the section between two y [m²]: ∫ (Q − 2 b + 2 √(l² − y²)) dy."""
+def section_area(length: Any, half: Any, stroke_length: Any, *limits: Any) -> Any:
+    """
+    Area that the head reaches at θ = 0 [m²]: ∫ (Q − 2 b + 2 √(l² − y²)) dy.
+
+    The limits are gap, threshold and characteristic length, as `section_bounds` has them.
+    """
+    lower, upper = section_bounds(length, half, stroke_length, *limits)
     return ((stroke_length - 2.0 * half) * (upper - lower)
             + segment(length, upper) - segment(length, lower))
-
-
-def section_area(length: Any, half: Any, stroke_length: Any, gap: Any) -> Any:
-    """Area that the head reaches at θ = 0 [m²]."""
-    return area_between(
-        length, half, stroke_length, *section_bounds(length, half, stroke_length, gap))
-
-
-def good_section_area(
-    length: Any, half: Any, stroke_length: Any, gap: Any, threshold: float,
-    characteristic_length: float,
-) -> Any:
-    """Area that the head reaches at θ = 0 with an index of `threshold` or more [m²]."""
-    bounds = good_section_bounds(
-        length, half, stroke_length, gap, threshold, characteristic_length)
-    return area_between(length, half, stroke_length, *bounds)
-
-
-def good_section_bounds(
-    length: Any, half: Any, stroke_length: Any, gap: Any, threshold: float,
-    characteristic_length: float,
-) -> Bounds:
-    """Return the reachable y whose index is good at θ = 0; lower = upper where none is [m]."""
-    lower, upper = section_bounds(length, half, stroke_length, gap)
-    if threshold <= 0.0:
-        return lower, upper
-    good_lower, good_upper = good_bounds(length, half, threshold, characteristic_length)
-    lower = np.fmax(lower, good_lower)
-    upper = np.where(np.isnan(good_upper), lower, np.minimum(upper, good_upper))
-    return lower, np.maximum(lower, upper)
 
 
 def segment(length: Any, y: Any) -> Any:

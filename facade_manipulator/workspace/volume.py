@@ -90,8 +90,8 @@ def union_area(geometry: Geometry) -> float:
     """
     y, weight = _quadrature(0.0, geometry.link_length, 400)
     theta = theta_bounds(geometry, y)[:, None] * np.linspace(0.0, 1.0, 257)
-    lower, upper = _union(geometry, y[:, None], theta)
-    mirrored_lower, mirrored_upper = _union(geometry, y[:, None], -theta)
+    lower, upper = union_ends(geometry, y[:, None], theta)
+    mirrored_lower, mirrored_upper = union_ends(geometry, y[:, None], -theta)
     overlap = np.minimum(upper, mirrored_upper) - np.maximum(lower, mirrored_lower)
     length = (upper - lower) + (mirrored_upper - mirrored_lower) - np.maximum(0.0, overlap)
     return float(np.nan_to_num(length) @ weight)
@@ -148,7 +148,7 @@ def theta_quadrature(geometry: Geometry, nodes: int) -> tuple[np.ndarray, np.nda
         breaks.insert(1, float(np.arccos(ratio)))  # the order of the carriages begins to matter
     parts = [_quadrature(lower, upper, nodes // (len(breaks) - 1))
              for lower, upper in zip(breaks[:-1], breaks[1:], strict=True)]
-    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+    return tuple(np.concatenate(parts, axis=1))
 
 
 def _theta_end(geometry: Geometry) -> float:
@@ -228,14 +228,9 @@ def _legendre(nodes: int) -> tuple[np.ndarray, np.ndarray]:
     return np.polynomial.legendre.leggauss(nodes)  # takes longer than the integral it serves
 
 
-def _union(
+def union_ends(
     geometry: Geometry, y: np.ndarray, theta: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the ends of the union of x-intervals over every row's angles; NaN where empty."""
     lower, upper = x_intervals(geometry, y, theta)
-    empty = np.isnan(lower)
-    lower = np.where(empty, np.inf, lower).min(axis=1)
-    upper = np.where(empty, -np.inf, upper).max(axis=1)
-    none = empty.all(axis=1)
-    lower[none] = upper[none] = np.nan
-    return lower, upper
+    return np.fmin.reduce(lower, axis=1), np.fmax.reduce(upper, axis=1)

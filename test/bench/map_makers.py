@@ -107,20 +107,20 @@ def grid_sweep():
     def run():
         return [area(length, half) for length, half in SAMPLED]
 
-    from facade_manipulator.workspace.section import good_section_area
+    from facade_manipulator.workspace.section import section_area
     for found, design in zip(run(), SAMPLED, strict=True):
-        exact = good_section_area(*design, 2.0 * END, GAP, THRESHOLD, UNIT)
+        exact = section_area(*design, 2.0 * END, GAP, THRESHOLD, UNIT)
         assert abs(found - exact) < CLOSE_ENOUGH * exact, (found, exact)
     return run, len(SAMPLED), []
 
 
 def closed_sweep():
-    from facade_manipulator.workspace.section import good_section_area
+    from facade_manipulator.workspace.section import section_area
 
     length, half = DESIGNS[:, None], DESIGNS[None, :]
 
     def run():
-        return good_section_area(length, half, 2.0 * END, GAP, THRESHOLD, UNIT)
+        return section_area(length, half, 2.0 * END, GAP, THRESHOLD, UNIT)
 
     return run, len(DESIGNS) ** 2, []
 
@@ -147,8 +147,8 @@ def numeric_sweep():
         return np.array([
             np.concatenate([area(length, half) for half in halves]) for length in DESIGNS])
 
-    from facade_manipulator.workspace.section import good_section_area
-    exact = good_section_area(DESIGNS[:, None], DESIGNS, 2.0 * END, GAP, THRESHOLD, UNIT)
+    from facade_manipulator.workspace.section import section_area
+    exact = section_area(DESIGNS[:, None], DESIGNS, 2.0 * END, GAP, THRESHOLD, UNIT)
     assert np.abs(run() - exact).max() < CLOSE_ENOUGH * exact.max()
     return run, len(DESIGNS) ** 2, []
 

@@ -7,8 +7,7 @@ import pytest
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace import count_poses, Grid, measure
-from facade_manipulator.workspace.gcw import grid_y, PoseCount
-from facade_manipulator.workspace.table2 import case_geometry, PAPER, table2
+from facade_manipulator.workspace.gcw import case_geometry, grid_y, PAPER, PoseCount, table2
 
 COARSE = Grid(0.01, 0.004, 0.03)
 

@@ -6,11 +6,10 @@ import pytest
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace import theta_max, y_range
-from facade_manipulator.workspace.objectives import OBJECTIVES, Requirements
-from facade_manipulator.workspace.optimise import optimise, sweep_size
-from facade_manipulator.workspace.requirements import theta_peak, y_travel
+from facade_manipulator.workspace.optimise import OBJECTIVES, optimise, sweep_size
+from facade_manipulator.workspace.requirements import Requirements, theta_peak, y_travel
 from facade_manipulator.workspace.section import section_area
-from facade_manipulator.workspace.summary import summarise
+from facade_manipulator.workspace.tables import summarise
 
 SHORT_LINE = {'link_range': (0.340, 0.356)}  # keeps the integrals few
 

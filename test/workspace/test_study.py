@@ -7,8 +7,7 @@ import sys
 import pytest
 
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.workspace import progress, study
-from facade_manipulator.workspace.accuracy import DriveTrain
+from facade_manipulator.workspace import output, study
 from facade_manipulator.workspace.output import folder, json_file
 
 
@@ -90,10 +89,10 @@ def test_every_figure_is_drawn_and_nothing_else_is_left(tmp_path):
 
 
 def test_ranges_without_a_gap_are_drawn_of_carriages_that_have_a_length():
-    from facade_manipulator.workspace.drawing import Study
     from facade_manipulator.workspace.figures import figure_11
+    from facade_manipulator.workspace.tables import Study
     machine = Geometry(carriage_gap=0.03, carriage_length=0.025)
-    made = figure_11(Study(machine, 0.0, 1.0, DriveTrain()))
+    made = figure_11(Study(machine))
     assert [line.get_label() for line in made.axes[0].lines] == ['gap 0 mm', 'gap 30 mm']
 
 
@@ -163,11 +162,11 @@ def test_a_folder_keeps_what_it_had_when_the_study_fails(tmp_path):
 
 def test_the_bar_appears_only_when_the_work_is_long(monkeypatch, capsys):
     monkeypatch.setenv('FORCE_COLOR', '1')  # as on a terminal
-    with progress.progress_bar('quick', 2) as tick:
+    with output.progress_bar('quick', 2) as tick:
         tick()
     assert capsys.readouterr().err == ''
-    monkeypatch.setattr(progress, 'PATIENCE', -1.0)
-    with progress.progress_bar('long', 2) as tick:
+    monkeypatch.setattr(output, 'PATIENCE', -1.0)
+    with output.progress_bar('long', 2) as tick:
         tick(2)
     assert 'long' in capsys.readouterr().err
 

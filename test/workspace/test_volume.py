@@ -8,12 +8,7 @@ import pytest
 
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.workspace import measure, pose_map, union_area
-from facade_manipulator.workspace.section import (
-    good_section_area,
-    good_section_bounds,
-    section_area,
-    section_bounds,
-)
+from facade_manipulator.workspace.section import section_area, section_bounds
 from facade_manipulator.workspace.singularities import (
     beyond_share,
     configurations,
@@ -41,23 +36,23 @@ def test_the_section_area_is_its_closed_form(design):
 
 @given(designs, st.sampled_from([(0.001, 0.001), (0.004, 0.001), (0.2, 1.0), (0.35, 0.348)]))
 def test_the_good_section_area_is_its_closed_form(design, good):
-    assert good_section_area(*design, *good) == pytest.approx(of_section(design, *good), abs=2e-5)
+    assert section_area(*design, *good) == pytest.approx(of_section(design, *good), abs=2e-5)
 
 
 def test_no_index_is_above_one_and_every_index_above_zero():
     design = (0.352, 0.348, 1.0, 0.0)
-    assert good_section_area(*design, 1.0, 1.0) == 0.0
-    assert good_section_area(*design, 0.0, 1.0) == section_area(*design)
-    lower, upper = good_section_bounds(*design, 1.0, 1.0)
+    assert section_area(*design, 1.0, 1.0) == 0.0
+    assert section_area(*design, 0.0, 1.0) == section_area(*design)
+    lower, upper = section_bounds(*design, 1.0, 1.0)
     assert lower == upper
 
 
 def test_sections_take_arrays_of_designs():
     length = np.linspace(0.15, 0.4, 6)
     half = 0.7 - length
-    areas = good_section_area(length, half, 1.0, 0.01, 0.001, 0.001)
+    areas = section_area(length, half, 1.0, 0.01, 0.001, 0.001)
     assert areas.tolist() == pytest.approx(
-        [float(good_section_area(one, 0.7 - one, 1.0, 0.01, 0.001, 0.001)) for one in length])
+        [float(section_area(one, 0.7 - one, 1.0, 0.01, 0.001, 0.001)) for one in length])
 
 
 def test_the_section_of_the_design_begins_at_the_order_and_ends_at_the_reach():
