@@ -36,7 +36,7 @@ from facade_manipulator.drives.canopen import pdo  # noqa: E402
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES  # noqa: E402
 from facade_manipulator.drives.cia402.states import Controlword, State  # noqa: E402
 from facade_manipulator.drives.controller.snapshot import ControllerState  # noqa: E402
-from facade_manipulator.motion.setpoints import Activity  # noqa: E402
+from facade_manipulator.motion.follower import Activity  # noqa: E402
 
 NODES = (1, 2, 3)
 VICTIM = 1  # q2

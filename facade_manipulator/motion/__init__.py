@@ -6,6 +6,7 @@ For ik_service: `Approach` and `ReferencePath` (jerk-limited paths of the head),
 speed, acceleration and jerk) and the guards that check the mechanism before a target is sent.
 """
 
+from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import (
     fastest_near,
     HomingGuard,
@@ -21,20 +22,20 @@ from facade_manipulator.motion.reference import (
     ReferencePath,
     ReferenceSettings,
 )
-from facade_manipulator.motion.setpoint_stream import (
+from facade_manipulator.motion.setpoints import (
     certified_path,
     GoalSettings,
+    Setpoint,
     SetpointStream,
     STREAM_GAP,
+    TimedBuffer,
 )
-from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, StreamSettings
 from facade_manipulator.motion.stopping import (
     Brake,
     highest_speed,
     least_distance,
     overshoot,
 )
-from facade_manipulator.motion.timed_buffer import TimedBuffer
 
 __all__ = [
     'Approach',

@@ -42,9 +42,9 @@ class MechanismGuard:
             carriage_gap=max(geometry.carriage_length, geometry.carriage_gap - tolerance))).check
         self._passed: Carriages | None = None
 
-    def __call__(self, positions: tuple[float, float, float]) -> None:
+    def __call__(self, *path: tuple[float, float, float]) -> None:
         """
-        Check positions (q1, q2, q3) [m].
+        Check positions (q1, q2, q3) [m], one after another.
 
         Raises
         ------
@@ -54,11 +54,10 @@ class MechanismGuard:
             The limit they violate.
 
         """
-        if positions == self._passed:  # whoever commands and whoever sends ask for the same
-            return
-        carriages = Carriages(*positions)
-        self._check(carriages)
-        self._passed = carriages
+        for positions in path:
+            if positions != self._passed:  # whoever commands and whoever sends ask for the same
+                self._check(carriages := Carriages(*positions))
+                self._passed = carriages
 
 
 def measured_guard(geometry: Geometry, margin: float) -> MechanismGuard:

@@ -256,9 +256,9 @@ class Driver:
         from facade_manipulator.drives.simulated.drive import simulated_drives
         from facade_manipulator.drives.simulated.simulator import DriveSimulator
         from facade_manipulator.kinematics import Geometry
+        from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
         from facade_manipulator.motion.guard import MechanismGuard
         from facade_manipulator.motion.limits import MotionLimits
-        from facade_manipulator.motion.setpoints import SetpointFollower, StreamSettings
 
         # an object that a drive is asked for while it boots is asked for again
         logging.getLogger('canopen').setLevel(logging.CRITICAL)

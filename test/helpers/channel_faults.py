@@ -22,7 +22,7 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.loop.channel import Channel, socket_pair
 from facade_manipulator.loop.control_loop import ControlLoop
-from facade_manipulator.motion.setpoints import Activity
+from facade_manipulator.motion.follower import Activity
 
 NODE = Path(__file__).with_name('loop_node.py')
 REST = 0.002  # m/s

@@ -20,9 +20,9 @@ from facade_manipulator.drives.cia402.states import Controlword, State
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.motion import Setpoint, SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import MechanismGuard
 from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, StreamSettings
 
 # for tests: what a busy computer does is no fault
 PATIENT = replace(SETTINGS, max_missed_cycles=5, hold_cycles=1, reopen_after=0.2)

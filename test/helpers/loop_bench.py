@@ -22,8 +22,8 @@ from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.channel import Channel
 from facade_manipulator.loop.control_loop import ControlLoop, LoopSetup
 from facade_manipulator.loop.process import LoopProcess, start_process
+from facade_manipulator.motion import Setpoint, StreamSettings
 from facade_manipulator.motion.limits import MotionLimits
-from facade_manipulator.motion.setpoints import Setpoint, StreamSettings
 
 PATIENCE = 20.0
 HOME = tuple(axis.home_position for axis in DEFAULT_AXES)

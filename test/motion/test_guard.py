@@ -54,6 +54,22 @@ def test_a_position_that_is_no_number_is_rejected(bad, axis):
         guard(tuple(positions))
 
 
+@given(st.lists(st.tuples(*[st.floats(-0.6, 0.6)] * 3), max_size=5))
+def test_a_path_is_rejected_for_the_first_position_that_alone_would_be(path):
+    rejections = []
+    for positions in path:
+        try:
+            guard(positions)
+        except LimitError as error:
+            rejections.append(str(error))
+    if not rejections:
+        guard(*path)
+        return
+    with pytest.raises(LimitError) as rejection:
+        guard(*path)
+    assert str(rejection.value) == rejections[0]
+
+
 def test_what_passed_before_excuses_nothing_that_comes_after():
     mutable, own = [-0.1, 0.1, 0.0], MechanismGuard(GEOMETRY)
     own(mutable)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import CarriageGapError, ManipulatorError
+from facade_manipulator.motion import Setpoint, SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import Separation
 from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
-from facade_manipulator.motion.setpoints import Setpoint, SetpointFollower, StreamSettings
 from facade_manipulator.motion.stopping import (
     Brake,
     highest_speed,
@@ -108,9 +108,10 @@ def gaps(positions):
     return [positions[right] - positions[left] for left, right in NEIGHBOURS]
 
 
-def keeps_gap(positions):
-    if min(gaps(positions)) < GAP:
-        raise CarriageGapError('gap', min(gaps(positions)), GAP, 'm', 'below')
+def keeps_gap(*path):
+    gap = min(min(gaps(positions)) for positions in path)
+    if gap < GAP:
+        raise CarriageGapError('gap', gap, GAP, 'm', 'below')
 
 
 @given(st.floats(0.01, 0.5))

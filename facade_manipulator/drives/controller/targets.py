@@ -45,7 +45,7 @@ MAX_SLIP = 0.005  # m, from where the carriage was when power came
 
 
 class TargetSource(Protocol):
-    """Where the targets come from, such as `facade_manipulator.motion.setpoints`."""
+    """Where the targets come from, such as `facade_manipulator.motion.SetpointFollower`."""
 
     @property
     def at_rest(self) -> bool:

@@ -1,0 +1,424 @@
+from contextlib import suppress
+import itertools
+import math
+
+from command_watch import differences
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.errors import (
+    CarriageGapError,
+    InputError,
+    ManipulatorError,
+    ParameterError,
+    SetpointLimitError,
+    StrokeLimitError,
+)
+from facade_manipulator.motion import MotionLimits, Setpoint
+from facade_manipulator.motion.follower import Activity, SetpointFollower, StreamSettings
+
+PERIOD = 0.01
+LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)
+HOME = (-0.1, 0.1, 0.0)
+
+
+def inside(*path):
+    for q in itertools.chain(*path):
+        if abs(q) > 0.5:
+            raise StrokeLimitError('q', q, math.copysign(0.5, q), 'm', 'above')
+
+
+def follower(check=inside):
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, check)
+    made.reset(HOME)
+    return made
+
+
+def sine(time, amplitude=0.05):
+    wave, rate = amplitude * math.sin(time), amplitude * math.cos(time)
+    return Setpoint(time, (HOME[0] + wave, HOME[1] + wave, HOME[2]), (rate, rate, 0.0))
+
+
+def run(made, start, end, stream=sine, ahead=0.03):
+    """Stream and sample for a while, as the driver does; return the positions and their times."""
+    cycles = range(round(start / PERIOD), round(end / PERIOD))
+    commanded = []
+    for k in cycles:
+        now = k * PERIOD
+        if stream is not None:
+            made.add(stream(now + ahead), now)
+        commanded.append((now + 0.02, made.sample(now + 0.02)))
+    return commanded
+
+
+def test_the_carriages_follow_the_stream_between_its_points():
+    made = follower()
+    made.add(sine(0.0), 0.0)
+    for time, position in run(made, 0.0, 3.0)[60:]:
+        # off the grid of the stream: ahead and the sampling instants differ by one period
+        assert position == pytest.approx(sine(time).position, abs=1e-7)
+    assert made.activity is Activity.FOLLOWING
+
+
+@pytest.mark.parametrize(('ahead', 'is_smooth'), [(0.06, True), (0.03, False)])
+def test_mean_velocities_make_no_jerks_once_later_setpoints_are_known(ahead, is_smooth):
+    period, interval = PERIOD / 5, PERIOD
+    made = SetpointFollower(StreamSettings(), LIMITS, period, inside)
+    made.reset(HOME)
+    for k in range(1500):
+        now = k * period
+        if k % 5 == 0:
+            here, before = sine(now + ahead, 0.2), sine(now + ahead - interval, 0.2)
+            mean = tuple((b - a) / interval for a, b in zip(
+                before.position, here.position, strict=True))
+            made.add(here._replace(velocity=mean), now)
+        if k == 500:
+            made.limited_cycles = 0
+        made.sample(now + 0.02)
+    assert (made.limited_cycles == 0) is is_smooth
+
+
+def test_the_velocity_of_a_setpoint_stays_near_that_of_its_sender():
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD / 5, inside)
+    made.reset(HOME)
+    for k, step in enumerate((0.0, 0.0, 0.0005)):  # 50 mm/s: more than a mean velocity is late by
+        position = tuple(q + step for q in HOME)
+        made.add(Setpoint(0.05 + 0.01 * k, position, (0.0,) * 3), 0.0)
+    assert made._stream.newest(2)[0][1].velocity == pytest.approx(
+        [0.5 * LIMITS.acceleration * 0.01] * 3)
+
+
+def test_a_silent_stream_brakes_to_rest_and_holds():
+    made = follower()
+    run(made, 0.0, 1.0)
+    silent = run(made, 1.0, 2.0, stream=None)
+    assert made.activity is Activity.HOLDING
+    assert made.at_rest
+    assert made.brakes == 1
+    assert silent[-1][1] == silent[-2][1]
+
+
+def test_a_stream_that_comes_back_is_followed_again():
+    made = follower()
+    run(made, 0.0, 1.0)
+    run(made, 1.0, 2.0, stream=None)
+    run(made, 2.0, 3.0)
+    assert made.activity is Activity.FOLLOWING
+
+
+def test_holding_forgets_the_stream():
+    made = follower()
+    run(made, 0.0, 1.0)
+    made.hold()
+    run(made, 1.0, 1.3, stream=None)
+    assert made.at_rest
+
+
+def test_nothing_moves_before_the_first_setpoint():
+    made = follower()
+    assert {position for _, position in run(made, 0.0, 0.5, stream=None)} == {HOME}
+
+
+def test_without_a_reset_nothing_is_commanded():
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, inside)
+    with pytest.raises(InputError, match='reset first'):
+        made.sample(0.0)
+    with pytest.raises(InputError, match='holds no position'):
+        made.add(sine(0.0), 0.0)
+
+
+@pytest.mark.parametrize('setpoint, reason', [
+    (Setpoint(1.0, (math.nan, 0.1, 0.0), (0.0,) * 3), 'not_finite'),
+    (Setpoint(1.0, HOME, (0.0, math.inf, 0.0)), 'not_finite'),
+    (Setpoint(0.7, HOME, (0.0,) * 3), 'stale'),
+    (Setpoint(math.nan, HOME, (0.0,) * 3), 'stale'),
+    (Setpoint(2.5, HOME, (0.0,) * 3), 'future'),
+])
+def test_a_bad_setpoint_is_rejected_with_its_reason(setpoint, reason):
+    made = follower()
+    with pytest.raises(InputError) as rejection:
+        made.add(setpoint, 1.0)
+    assert rejection.value.reason == reason
+    assert made.sample(1.0) == HOME
+
+
+def test_a_setpoint_out_of_order_is_rejected_and_the_next_in_order_taken():
+    made = follower()
+    made.add(sine(1.02), 1.0)
+    for late in (1.02, 1.01):
+        with pytest.raises(InputError) as rejection:
+            made.add(sine(late), 1.0)
+        assert rejection.value.reason == 'out_of_order'
+    made.add(sine(1.03), 1.0)
+
+
+@pytest.mark.parametrize('step', [-30.0, -5.0, 5.0, 30.0])
+def test_a_stream_goes_on_at_once_when_the_clock_was_set(step):
+    made = follower()
+    run(made, 0.0, 1.0)
+    positions = [made.motion.position] * 3
+    for k in range(100, 200):
+        now, true = k * PERIOD + step, k * PERIOD
+        made.add(sine(true + 0.03)._replace(time=now + 0.03), now)
+        positions.append(made.sample(now + 0.02))
+    assert positions[-1] == pytest.approx(sine(2.01).position, abs=1e-6)
+    assert made.activity is Activity.FOLLOWING
+    assert differences(positions[3:], PERIOD)[1] <= LIMITS.acceleration * 1.001
+
+
+def test_a_far_first_setpoint_is_rejected_with_distance_and_bound():
+    made = follower()
+    with pytest.raises(SetpointLimitError, match='q3 to the setpoint = 0.06 m is above.*0.05 m'):
+        made.add(Setpoint(1.0, (-0.1, 0.1, 0.06), (0.0,) * 3), 1.0)
+
+
+def test_a_jump_in_the_stream_is_rejected():
+    made = follower()
+    made.add(sine(1.0, 0.0), 1.0)
+    with pytest.raises(SetpointLimitError):
+        made.add(Setpoint(1.01, (0.0, 0.2, 0.1), (0.0,) * 3), 1.0)
+
+
+@pytest.mark.parametrize('velocity', [5.0, 1e6, -1e300])
+def test_a_velocity_that_no_carriage_can_have_is_rejected_and_moves_nothing(velocity):
+    made = follower()
+    for k in range(30):
+        with pytest.raises(SetpointLimitError, match='velocity of q2 .* above the bound 1 m/s'):
+            made.add(Setpoint(k * PERIOD + 0.03, HOME, (0.0, velocity, 0.0)), k * PERIOD)
+        assert made.sample(k * PERIOD + 0.02) == HOME
+
+
+def test_a_velocity_that_contradicts_the_positions_is_rejected_and_the_carriages_come_to_rest():
+    made = follower()
+    rejections = []
+    for k in range(100):
+        try:
+            made.add(Setpoint(k * PERIOD + 0.03, HOME, (0.0, 0.45, 0.0)), k * PERIOD)
+        except InputError as error:
+            rejections.append(error)
+        position = made.sample(k * PERIOD + 0.02)
+        assert position == HOME
+    assert made.at_rest
+    assert rejections[0].reason == 'inconsistent'
+    assert 'q2 = 0.45 m/s' in str(rejections[0])
+
+
+@given(amplitude=st.floats(0.0, 0.2), rate=st.floats(0.5, 4.0), interval=st.floats(0.001, 0.09),
+       backlash=st.floats(0.0, 0.0005))
+def test_whatever_a_carriage_can_do_is_accepted_with_its_mean_velocity(
+        amplitude, rate, interval, backlash):
+    share = min(1.0, 0.5 / max(amplitude * rate, 1e-9), 3.0 / max(amplitude * rate ** 2, 1e-9))
+
+    def at(time):
+        position = HOME[0] + share * amplitude * math.sin(rate * time)
+        return position + math.copysign(backlash, math.cos(rate * time))
+
+    made = SetpointFollower(StreamSettings(first_step=0.5), LIMITS, PERIOD, inside)
+    made.reset((at(0.0), *HOME[1:]))
+    for k in range(1, 100):
+        now = k * interval
+        mean = (at(now) - at(now - interval)) / interval if k > 1 else 0.0
+        made.add(Setpoint(now, (at(now), *HOME[1:]), (mean, 0.0, 0.0)), now)
+
+
+def test_a_setpoint_where_the_mechanism_cannot_be_is_rejected():
+    made = follower()
+    with pytest.raises(StrokeLimitError):
+        made.add(Setpoint(1.0, (-0.1, 0.6, 0.0), (0.0,) * 3), 1.0)
+
+
+def test_a_velocity_that_leads_out_of_the_mechanism_is_braked_before_the_border():
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, inside)
+    made.reset((-0.1, 0.45, 0.0))
+    for k in range(60):
+        now = k * PERIOD
+        if 0.45 + 0.3 * now < 0.499:
+            made.add(Setpoint(now + 0.03, (-0.1, 0.45 + 0.3 * now, 0.0), (0.0, 0.3, 0.0)), now)
+        assert made.sample(now + 0.02)[1] <= 0.5
+    assert 'q = 0.5' in made.last_rejection
+    assert made.brakes >= 1
+
+
+def reject(*_):
+    raise StrokeLimitError('q1', 9.0, 0.5, 'm', 'above')
+
+
+def test_a_path_that_is_not_allowed_is_left_on_the_stop_that_was_checked_before():
+    made = follower()
+    run(made, 0.0, 1.0)
+    made._check = reject
+    run(made, 1.0, 2.0, stream=None)
+    assert made.activity is Activity.HOLDING
+    assert made.brakes == 1
+
+
+def test_a_motion_that_finds_no_path_brakes(monkeypatch):
+    made = follower()
+    run(made, 0.0, 1.0)
+
+    def no_path(*_):
+        raise ManipulatorError('no path inside the motion limits: Result.Error')
+
+    monkeypatch.setattr(made._limiter, 'reach', lambda *_: None)
+    monkeypatch.setattr(made._limiter, 'chase', no_path)
+    run(made, 1.0, 2.0)
+    assert made.activity is Activity.HOLDING
+    assert 'no path' in made.last_rejection
+
+
+def keeps_gap(*path):
+    gap, bound = min(min(q3 - q1, q2 - q3) for q1, q2, q3 in path), 0.02
+    if gap < bound:
+        raise CarriageGapError('gap', gap, bound, 'm', 'below')
+
+
+@given(swing=st.floats(0.0, 0.15), rate=st.floats(1.0, 5.0), phase=st.floats(0.0, 6.3),
+       gaps=st.lists(st.integers(0, 149), max_size=4),
+       holds=st.lists(st.integers(0, 149), max_size=2))
+def test_at_the_border_every_point_on_the_way_to_rest_keeps_the_gap_and_the_limits(
+        swing, rate, phase, gaps, holds):
+    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, keeps_gap)
+    made.reset((-0.03, 0.1, 0.0))
+
+    def approach(time):  # the carriages swing, two of them against each other
+        place, speed = swing * math.sin(rate * time + phase), swing * rate * math.cos(
+            rate * time + phase)
+        start = swing * math.sin(phase)
+        return Setpoint(time, (-0.03 + place - start, 0.1, 0.5 * (start - place)),
+                        (speed, 0.0, -0.5 * speed))
+
+    commanded = [made.motion.position] * 3
+    for cycle in range(150):
+        now = cycle * PERIOD
+        if cycle in holds:
+            made.hold()
+        if all(not 0 <= cycle - gap < 15 for gap in gaps):
+            with suppress(ManipulatorError):
+                made.add(approach(now + 0.03), now)
+        commanded.append(made.sample(now + 0.02))
+        keeps_gap(commanded[-1])
+    for greatest, limit in zip(
+            differences(commanded, PERIOD),
+            (LIMITS.speed, LIMITS.acceleration, LIMITS.jerk), strict=True):
+        assert greatest <= limit * 1.001
+
+
+@given(st.lists(st.tuples(
+    st.floats(allow_nan=True, allow_infinity=True),
+    st.tuples(*[st.floats(-1.0, 1.0) | st.just(math.nan)] * 3),
+    st.tuples(*[st.floats(-5.0, 5.0) | st.just(math.inf)] * 3)), max_size=20))
+def test_whatever_arrives_the_command_stays_finite_inside_and_within_the_speed(stream):
+    made = follower()
+    before = HOME
+    for k, (time, position, velocity) in enumerate(stream):
+        now = k * PERIOD
+        for stamp in (time, now + 0.01):
+            try:
+                made.add(Setpoint(stamp, position, velocity), now)
+            except ManipulatorError:
+                pass
+        after = made.sample(now + 0.02)
+        for p, q in zip(before, after, strict=True):
+            assert math.isfinite(q) and abs(q) <= 0.5
+            assert abs(q - p) <= LIMITS.speed * PERIOD * (1 + 1e-9)
+        before = after
+
+
+def test_a_stream_that_would_be_rejected_before_it_is_silent_is_no_setting():
+    with pytest.raises(ParameterError, match='stale_after = 0.5 s'):
+        StreamSettings(stale_after=0.5)
+
+
+def test_a_lower_speed_limit_slows_the_carriages_down_within_their_acceleration():
+    made = follower()
+    fast = run(made, 0.0, 3.0, lambda time: sine(time, 0.3))  # up to 0.3 m/s
+    made.change_limits(MotionLimits(speed=0.1, acceleration=3.0, jerk=150.0))
+    slow = run(made, 3.0, 5.0, lambda time: sine(time, 0.3))
+    positions = [position[0] for _, position in (*fast, *slow)]
+    speeds = [(b - a) / PERIOD for a, b in zip(positions, positions[1:], strict=False)]
+    changes = [abs(b - a) / PERIOD for a, b in zip(speeds, speeds[1:], strict=False)]
+    assert abs(speeds[298]) > 0.28
+    assert max(map(abs, speeds[315:])) < 0.1 + 1e-6
+    assert max(changes[290:]) < 3.0 * 1.05
+
+
+def towards_the_border(time):
+    """Two carriages that reach 0.4 m/s and brake at 2 m/s² to come to rest 5 mm inside."""
+    fast, hard, end = 0.4, 2.0, 0.495 - HOME[1]
+    ramp = fast / hard
+    last = end / fast - ramp  # when it begins to brake, after it began to move
+    up, down = min(max(time, 0.0), ramp), min(max(time - last - ramp, 0.0), ramp)
+    way = 0.5 * hard * up ** 2 + fast * max(0.0, min(time, last + ramp) - ramp) + (
+        fast * down - 0.5 * hard * down ** 2)
+    speed = hard * (up - down)
+    return Setpoint(time, (HOME[0] + way, HOME[1] + way, HOME[2]), (speed, speed, 0.0))
+
+
+@settings(max_examples=40)
+@given(st.floats(0.3, 1.2), st.floats(0.1, 3.0))
+def test_limits_that_are_lowered_while_moving_lead_nobody_over_the_border(time, acceleration):
+    made = follower()
+    made.add(towards_the_border(0.0), 0.0)
+    run(made, 0.0, time, towards_the_border)
+    made.change_limits(MotionLimits(speed=0.5, acceleration=acceleration, jerk=150.0))
+    for _, position in run(made, time, 4.0, towards_the_border):
+        inside(position)
+    assert made.motion.at_rest
+
+
+@pytest.mark.parametrize('held', [1, 3, 7, 10])
+def test_commands_that_the_drives_have_held_are_gone_on_from_with_what_braking_has_left(held):
+    made = follower()
+
+    def fast(time):
+        return sine(time, 0.39)
+
+    made.reset(fast(-0.5).position)
+    run(made, -0.5, 0.0, fast)
+    before, speed = made.motion.position, made.motion.velocity[0]
+    pause = held * PERIOD
+    made.wait(pause)
+    after = [position for _, position in run(made, pause, pause + 1.5, fast)]
+    left = max(0.0, speed - LIMITS.acceleration * pause)
+    assert 0.0 <= after[0][0] - before[0] <= (left + 0.01 * LIMITS.jerk * PERIOD) * PERIOD
+    start = tuple(p - left * PERIOD * share for p, share in zip(before, (1, 1, 0), strict=True))
+    for found, limit in zip(differences([start, before, *after], PERIOD),
+                            (LIMITS.speed, LIMITS.acceleration, LIMITS.jerk), strict=True):
+        assert found <= limit * 1.001
+    assert made.activity is Activity.FOLLOWING
+    assert after[-1] == pytest.approx(fast(pause + 1.51).position, abs=1e-6)
+
+
+def test_where_no_way_to_rest_is_allowed_held_commands_end_at_rest():
+    made = follower()
+    run(made, -0.5, 0.0)
+    made._check = reject
+    made.wait(PERIOD)
+    assert made.at_rest
+    made.wait(PERIOD)
+
+
+@given(stall_at=st.floats(0.0, 0.6), stall=st.floats(0.0, 0.08), late=st.floats(0.0, 0.026),
+       late_cycle=st.integers(0, 80))
+def test_whatever_delays_the_stream_the_carriages_come_to_rest_at_its_end(
+        stall_at, stall, late, late_cycle):
+    made, way = follower(), (0.05, 0.05, 0.05)
+
+    def smooth(time):
+        share = min(max(time / 0.5, 0.0), 1.0)
+        blend, slope = share * share * (3.0 - 2.0 * share), 12.0 * share * (1.0 - share)
+        return Setpoint(time, tuple(q + blend * w for q, w in zip(HOME, way, strict=True)),
+                        tuple(slope * w for w in way))
+
+    sent = 0
+    for cycle in range(250):
+        now = cycle * PERIOD
+        if not stall_at < now < stall_at + stall:
+            while sent <= cycle:  # what waited comes at once
+                made.add(smooth(sent * PERIOD + 0.06), now)
+                sent += 1
+        delay = late if cycle == late_cycle else 0.0
+        position = made.sample(now + 0.02 + delay)
+    assert position == pytest.approx([q + w for q, w in zip(HOME, way, strict=True)], abs=1e-9)
+    assert made.activity is Activity.FOLLOWING
