@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -17,9 +18,16 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import (
+    compose,
+    Geometry,
+    joints,
+    mechanism_of,
+    Pose,
+    relative,
+    ZERO_POSE,
+)
 from facade_manipulator.messages import pose_numbers, projected, RAIL
-from facade_manipulator.nodes.shapes import MechanismView, Shape, shapes
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     declare,
@@ -34,13 +42,32 @@ from facade_manipulator.ros import (
 PERIOD = 0.1
 OLDEST = 0.5  # s: what is older is not drawn, and markers vanish by themselves
 OLDEST_STATE = 2.5  # s: /diagnostics comes once a second
-KINDS = {
-    'box': Marker.CUBE,
-    'lines': Marker.LINE_LIST,
-    'arrow': Marker.ARROW,
-    'text': Marker.TEXT_VIEW_FACING,
-}
 LEVEL_NAMES = {value: name for name, value in LEVELS.items()}
+
+Colour = tuple[float, float, float, float]  # red, green, blue and opacity, 0 to 1
+
+RAIL_DEPTH, RAIL_HEIGHT = 0.03, 0.02
+CARRIAGE_DEPTH, CARRIAGE_HEIGHT = 0.05, 0.03
+THINNEST_CARRIAGE = 0.004
+LINK_WIDTH, PLATFORM_WIDTH, GUIDE_WIDTH = 0.012, 0.018, 0.006
+HEAD_LENGTH, HEAD_WIDTH = 0.06, 0.012
+CROSS_LENGTH, CROSS_WIDTH = 0.04, 0.004
+WALL_LENGTH, WALL_DEPTH, WALL_HEIGHT = 4.0, 0.02, 0.3
+TEXT_HEIGHT, TEXT_POSITION = 0.035, (0.0, -0.12)
+
+# a colour-blind safe set (Okabe and Ito), the last number being the opacity
+STATE_COLOURS = {
+    'ok': (0.0, 0.45, 0.70, 1.0),
+    'warn': (0.90, 0.62, 0.0, 1.0),
+    'error': (0.84, 0.37, 0.0, 1.0),
+    'stale': (0.6, 0.6, 0.6, 0.5),
+}
+RAIL_COLOUR = (0.35, 0.35, 0.35, 1.0)
+GUIDE_COLOUR = (0.6, 0.6, 0.6, 1.0)
+WALL_COLOUR = (0.75, 0.72, 0.65, 0.6)
+GOAL_COLOUR = (0.0, 0.62, 0.45, 1.0)
+CORRECTED_COLOUR = (0.80, 0.47, 0.65, 1.0)
+TEXT_COLOUR = (0.9, 0.9, 0.9, 1.0)
 
 
 @settings
@@ -135,20 +162,95 @@ class LinkageView:
             message=driver.message if driver else '')
 
     def _publish(self) -> None:
-        picture = shapes(self._geometry, self._view())
+        picture = markers(self._geometry, self._view())
         now = self._node.get_clock().now().to_msg()
-        self._publisher.publish(MarkerArray(
-            markers=[_marker(shape, now) for shape in picture]))
+        for marker in picture:
+            marker.header.stamp = now
+        self._publisher.publish(MarkerArray(markers=picture))
 
 
-def _marker(shape: Shape, now) -> Marker:
+class MechanismView(NamedTuple):
+    """What is to be seen."""
+
+    head: Pose | None = None  #: in frame `rail`; None when no pose has come lately
+    corrected: Pose | None = None  #: the goal as the rail has to see it, in frame `rail`
+    goal: Pose | None = None  #: on the wall, in frame `facade`
+    disturbance: Pose = ZERO_POSE  #: pose of `rail` in `facade`
+    wall: float = 0.3  #: its distance from the rail in still air [m]
+    level: str = 'stale'  #: colour of the linkage: a key of `STATE_COLOURS`
+    message: str = ''  #: what the drives are doing
+
+
+def markers(geometry: Geometry, view: MechanismView) -> list[Marker]:
+    """
+    Return the picture of a view.
+
+    Everything is given as seen from the rail: the wall and the goal on it move when the gondola
+    does, the head should move with them.
+    """
+    least, greatest = geometry.stroke
+    face = Pose(0.0, view.wall + 0.5 * WALL_DEPTH, 0.0)
+    picture = [
+        _marker('rail', Marker.CUBE, RAIL_COLOUR,
+                (geometry.stroke_length, RAIL_DEPTH, RAIL_HEIGHT),
+                Pose(0.5 * (least + greatest), 0.0, 0.0)),
+        _marker('wall', Marker.CUBE, WALL_COLOUR, (WALL_LENGTH, WALL_DEPTH, WALL_HEIGHT),
+                relative(view.disturbance, face)),
+        _marker('state', Marker.TEXT_VIEW_FACING, TEXT_COLOUR, (TEXT_HEIGHT,) * 3,
+                Pose(*TEXT_POSITION, 0.0), text=view.message or 'no diagnostics of the driver'),
+    ]
+    if view.goal is not None:
+        picture.append(_cross('goal', relative(view.disturbance, view.goal), GOAL_COLOUR))
+    if view.corrected is not None:
+        picture.append(_cross('corrected goal', view.corrected, CORRECTED_COLOUR))
+    if view.head is not None:
+        picture += _linkage(geometry, view.head, STATE_COLOURS[view.level])
+    return picture
+
+
+def _cross(name: str, pose: Pose, colour: Colour) -> Marker:
+    return _lines(name, colour, CROSS_WIDTH, (
+        compose(pose, Pose(x, y, 0.0))[:2] for x, y in (
+            (-CROSS_LENGTH, 0.0), (CROSS_LENGTH, 0.0), (0.0, -CROSS_LENGTH), (0.0, CROSS_LENGTH))))
+
+
+def _linkage(geometry: Geometry, head: Pose, colour: Colour) -> list[Marker]:
+    """Return carriages as wide as their gap, so that they touch where they must stop."""
+    try:
+        at = joints(geometry, mechanism_of(geometry).platform(head))
+    except ManipulatorError:
+        return []  # whoever published that pose says why
+    width = max(geometry.carriage_gap, THINNEST_CARRIAGE)
+    return [
+        *(_marker(f'carriage {name}', Marker.CUBE, colour,
+                  (width, CARRIAGE_DEPTH, CARRIAGE_HEIGHT), Pose(x, 0.0, 0.0))
+          for name, (x, _) in (('q1', at.a1), ('q2', at.a2), ('q3', at.a3))),
+        _lines('guide', GUIDE_COLOUR, GUIDE_WIDTH, (at.a3, at.p)),
+        _lines('links', colour, LINK_WIDTH, (at.a1, at.b1, at.a2, at.b2)),
+        _lines('platform', colour, PLATFORM_WIDTH, (at.b1, at.b2)),
+        _marker('end effector', Marker.ARROW, colour, (HEAD_LENGTH, HEAD_WIDTH, HEAD_WIDTH),
+                head._replace(theta=head.theta + 0.5 * math.pi)),
+    ]
+
+
+def _lines(
+    name: str, colour: Colour, width: float, ends: Iterable[tuple[float, float]]
+) -> Marker:
+    """Return lines between ends, two each [m]."""
+    marker = _marker(name, Marker.LINE_LIST, colour, (width,) * 3)
+    marker.points = [Point(x=x, y=y) for x, y in ends]
+    return marker
+
+
+def _marker(
+    name: str, kind: int, colour: Colour, size: tuple[float, ...], pose: Pose = ZERO_POSE,
+    text: str = '',
+) -> Marker:
+    """Return a marker at its middle, an arrow at its start, which points along its own x."""
     marker = Marker(
-        ns=shape.name, id=0, type=KINDS[shape.kind], action=Marker.ADD,
-        pose=pose_message(shape.pose), scale=Vector3(x=shape.size[0], y=shape.size[1],
-                                                     z=shape.size[2]),
-        lifetime=Duration(nanosec=int(OLDEST * 1e9)),
-        points=[Point(x=x, y=y) for x, y in shape.points], text=shape.text)
-    marker.color = ColorRGBA(**dict(zip('rgba', shape.colour, strict=True)))
+        ns=name, type=kind, action=Marker.ADD, pose=pose_message(pose), text=text,
+        scale=Vector3(**dict(zip('xyz', size, strict=True))),
+        color=ColorRGBA(**dict(zip('rgba', colour, strict=True))),
+        lifetime=Duration(nanosec=int(OLDEST * 1e9)))
     marker.header.frame_id = RAIL
-    marker.header.stamp = now
     return marker

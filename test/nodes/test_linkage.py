@@ -1,4 +1,4 @@
-"""The picture of the linkage: shapes from poses, markers while someone looks."""
+"""The picture of the linkage: markers from poses, published while someone looks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from facade_manipulator.kinematics import inverse_kinematics, Pose
 from facade_manipulator.kinematics.linkage import joints
 from facade_manipulator.messages import planar_pose
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.shapes import MechanismView, shapes, STATE_COLOURS
+from facade_manipulator.nodes.linkage import markers, MechanismView, STATE_COLOURS
 from facade_manipulator.ros.conversions import pose_message, pose_stamped
 from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
@@ -37,27 +37,29 @@ def test_every_joint_keeps_its_distance_from_its_neighbour(pose):
 
 
 def by_name(scene):
-    return {shape.name: shape for shape in shapes(GEOMETRY, scene)}
+    return {marker.ns: marker for marker in markers(GEOMETRY, scene)}
 
 
 def test_in_still_air_the_goal_is_drawn_where_it_is_and_the_wall_at_its_distance():
     picture = by_name(MechanismView(goal=MIDDLE, wall=0.3))
     assert middle(picture['goal'].points) == pytest.approx((MIDDLE.x, MIDDLE.y))
     wall = picture['wall']
-    assert wall.pose.y - 0.5 * wall.size[1] == pytest.approx(0.3)
+    assert wall.pose.position.y - 0.5 * wall.scale.y == pytest.approx(0.3)
 
 
 def test_when_the_gondola_sways_goal_and_wall_move_the_other_way_as_seen_from_the_rail():
     picture = by_name(MechanismView(goal=MIDDLE, disturbance=Pose(0.1, -0.01, 0.0)))
     assert middle(picture['goal'].points) == pytest.approx((MIDDLE.x - 0.1, MIDDLE.y + 0.01))
-    assert picture['wall'].pose.y == by_name(MechanismView())['wall'].pose.y + 0.01
+    assert picture['wall'].pose.position.y == (
+        by_name(MechanismView())['wall'].pose.position.y + 0.01)
 
 
 def test_carriages_are_as_wide_as_their_gap_and_touch_where_they_must_stop():
     at_the_gap = by_name(MechanismView(head=Pose(0.0, _nearest(), 0.0)))
     left, middle_one = at_the_gap['carriage q1'], at_the_gap['carriage q3']
-    assert left.size[0] == GEOMETRY.carriage_gap
-    edges = left.pose.x + 0.5 * left.size[0], middle_one.pose.x - 0.5 * middle_one.size[0]
+    assert left.scale.x == GEOMETRY.carriage_gap
+    edges = (left.pose.position.x + 0.5 * left.scale.x,
+             middle_one.pose.position.x - 0.5 * middle_one.scale.x)
     assert edges[0] == pytest.approx(edges[1], abs=1e-9)
 
 
@@ -69,7 +71,8 @@ def _nearest():
 @pytest.mark.parametrize('level', STATE_COLOURS)
 def test_the_linkage_has_the_colour_of_its_state(level):
     picture = by_name(MechanismView(head=MIDDLE, level=level))
-    assert picture['links'].colour == STATE_COLOURS[level]
+    colour = picture['links'].color
+    assert (colour.r, colour.g, colour.b, colour.a) == STATE_COLOURS[level]
 
 
 @pytest.mark.parametrize('head', [None, Pose(0.0, 0.5, 0.0), Pose(math.nan, 0.2, 0.0)])
@@ -78,17 +81,18 @@ def test_a_head_that_is_not_known_or_cannot_be_is_not_drawn(head):
 
 
 def middle(points):
-    return tuple(sum(axis) / len(points) for axis in zip(*points, strict=True))
+    return tuple(sum(axis) / len(points) for axis in zip(
+        *((point.x, point.y) for point in points), strict=True))
 
 
 def test_markers_come_only_while_someone_subscribes(ros):
     node = ros.add(IkServiceNode())
     tester = ros.node('tester')
     assert node.count_subscribers('goal_pose') == 0
-    markers = []
+    arrays = []
     subscription = tester.create_subscription(
-        MarkerArray, 'ik_service/linkage', markers.append, LATEST)
-    ros.until(lambda: markers, 'markers')
+        MarkerArray, 'ik_service/linkage', arrays.append, LATEST)
+    ros.until(lambda: arrays, 'markers')
     ros.until(lambda: tester.count_subscribers('goal_pose') == 1, 'the subscriptions')
     tester.destroy_subscription(subscription)
     ros.until(lambda: tester.count_subscribers('goal_pose') == 0, 'the end of the subscriptions')
@@ -124,8 +128,7 @@ def test_the_markers_show_head_goals_and_the_state_of_the_drives(ros):
     assert (links.color.r, links.color.a) == pytest.approx((0.84, 1.0))
     arrow = planar_pose(found['end effector'].pose, 'arrow')
     assert arrow == pytest.approx((*MIDDLE[:2], MIDDLE.theta + 0.5 * math.pi))
-    goal = [(point.x, point.y) for point in found['goal'].points]
-    assert middle(goal) == pytest.approx((MIDDLE.x - 0.1, MIDDLE.y))
+    assert middle(found['goal'].points) == pytest.approx((MIDDLE.x - 0.1, MIDDLE.y))
     assert found['wall'].header.stamp != Time() and found['wall'].lifetime.nanosec
 
 
