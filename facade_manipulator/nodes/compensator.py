@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 import math
 
@@ -17,7 +17,7 @@ from geometry_msgs.msg import (
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
-from std_srvs.srv import SetBool, Trigger
+from std_srvs.srv import SetBool
 
 from facade_manipulator.compensation import (
     ArrivalSettings,
@@ -58,6 +58,7 @@ from facade_manipulator.ros import (
     LATCHED,
     LATEST,
     node_time,
+    offer_trigger,
     pose_codec,
     PoseStream,
     Rejections,
@@ -172,8 +173,8 @@ class CompensatorNode(Node):
         self._head_codec = pose_codec('end_effector_pose', RAIL)
         self._subscribe(heads)
         self.create_service(SetBool, 'compensator/enable', self._enable)
-        self.create_service(Trigger, 'compensator/tare', self._tare)
-        self.create_service(Trigger, 'compensator/hold', self._hold)
+        offer_trigger(self, 'compensator/tare', self._tare)
+        offer_trigger(self, 'compensator/hold', self._hold)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, 1.0 / rate, self._update)
         steady_timer(self, REPORT_PERIOD, self._say)
@@ -313,30 +314,18 @@ class CompensatorNode(Node):
             f'the correction fades {direction} within {correction.settings.fade_time:g} s')
         return response
 
-    def _tare(self, _: Trigger.Request, response: Trigger.Response):
-        return _answer(response, lambda: (
-            'the nominal position of the rail is now '
-            + millimetres(self._compensator.correction.tare(node_time(self)))))
+    def _tare(self) -> str:
+        place = self._compensator.correction.tare(node_time(self))
+        return f'the nominal position of the rail is now {millimetres(place)}'
 
-    def _hold(self, _: Trigger.Request, response: Trigger.Response):
-        def hold() -> str:
-            now = node_time(self)
-            self._goal = now, self._compensator.hold(now)
-            self._progress.end(HOLD)
-            return f'the head stays on the wall at {millimetres(self._goal[1])}'
-
-        return _answer(response, hold)
+    def _hold(self) -> str:
+        now = node_time(self)
+        self._goal = now, self._compensator.hold(now)
+        self._progress.end(HOLD)
+        return f'the head stays on the wall at {millimetres(self._goal[1])}'
 
     def _components(self) -> list[DiagnosticStatus]:
         return self._report.components(node_time(self), self._rejections.values())
-
-
-def _answer(response: Trigger.Response, act: Callable[[], str]) -> Trigger.Response:
-    try:
-        response.success, response.message = True, act()
-    except ManipulatorError as error:
-        response.success, response.message = False, str(error)
-    return response
 
 
 main = partial(run, lambda: [CompensatorNode()])

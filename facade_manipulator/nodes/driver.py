@@ -55,6 +55,7 @@ from facade_manipulator.ros import (
     DRIVER_STATUS,
     LATEST,
     ManagedNode,
+    offer_trigger,
     reject_simulated_time,
     Rejections,
     RELIABLE,
@@ -183,7 +184,7 @@ class DriverNode(ManagedNode):
         self._software_stop = SoftwareStop(self, self._stop_by_software, self._loop.forbid_power)
         for name in ('home', 'halt', 'clear_faults'):
             self._offer_request(name)
-        self.create_service(Trigger, 'driver/service_done', self._record_service)
+        offer_trigger(self, 'driver/service_done', self._record_service)
         self.replies.attach(self.create_service(
             SelfTest, 'driver/self_test',
             lambda *_: Deferred(
@@ -220,14 +221,12 @@ class DriverNode(ManagedNode):
             self._loop.load(
                 carriages_from(message.name, message.effort, 'carriage_forces effort'))
 
-    def _record_service(self, _: Trigger.Request, response: Trigger.Response):
+    def _record_service(self) -> str:
         counters = self._counting.counters
         counters.record_service()
         self._counting.write()
-        response.success = True
-        response.message = (f'the service intervals begin at {counters.hours:.1f} h and '
-                            f'{1e-3 * counters.travel:.2f} km')
-        return response
+        return (f'the service intervals begin at {counters.hours:.1f} h and '
+                f'{1e-3 * counters.travel:.2f} km')
 
     def _change_limits(self, limits: MotionLimits) -> None:
         self._loop.change_limits(limits)

@@ -16,7 +16,6 @@ from geometry_msgs.msg import (
 from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
 from facade_manipulator.messages import (
@@ -36,6 +35,7 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     LATEST,
     node_time,
+    offer_trigger,
     pose_message,
     pose_stamped,
     Rejections,
@@ -108,7 +108,8 @@ class GondolaSimulatorNode(Node):
             PointStamped, 'lateral_offset', qos_profile_sensor_data)
         self.create_subscription(PoseStamped, 'goal_pose', self._receive_goal, LATEST)
         self.create_subscription(JointState, 'joint_states', self._receive_joint_states, RELIABLE)
-        self.create_service(Trigger, 'gondola_simulator/report', self._report)
+        offer_trigger(
+            self, 'gondola_simulator/report', lambda: json.dumps(self._wall.report()))
 
     def _deliver(self) -> None:
         for delivery in self._estimator.advance(node_time(self)):
@@ -156,11 +157,6 @@ class GondolaSimulatorNode(Node):
             message = PointStamped(point=Point(x=sample.lateral_offset))
             message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(sample.time)
             self._lateral.publish(message)
-
-    def _report(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = True
-        response.message = json.dumps(self._wall.report())
-        return response
 
     def _components(self) -> list[DiagnosticStatus]:
         return [diagnostic_status(

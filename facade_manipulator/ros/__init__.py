@@ -32,10 +32,14 @@ from facade_manipulator.ros.diagnostics import (
     LEVELS,
     rejection_status,
     Rejections,
-    stamp_text,
 )
-from facade_manipulator.ros.known_parameters import accept_old_names, require_known_parameters
-from facade_manipulator.ros.lifecycle import Deferred, DeferredReplies, ManagedNode
+from facade_manipulator.ros.known_parameters import accept_old_names
+from facade_manipulator.ros.lifecycle import (
+    Deferred,
+    DeferredReplies,
+    ManagedNode,
+    offer_trigger,
+)
 from facade_manipulator.ros.parameters import declare
 from facade_manipulator.ros.recording import (
     message_definition,
@@ -70,6 +74,7 @@ __all__ = [
     'message_definition',
     'MessageQueue',
     'node_time',
+    'offer_trigger',
     'ParameterReader',
     'pose_codec',
     'pose_message',
@@ -80,12 +85,10 @@ __all__ = [
     'rejection_status',
     'Rejections',
     'RELIABLE',
-    'require_known_parameters',
     'run',
     'setpoint_codec',
     'SoftwareStop',
     'stamp',
-    'stamp_text',
     'states_codec',
     'steady_timer',
     'type_name',

@@ -1,47 +1,45 @@
-"""Requests that take their time: services that answer later, lifecycle transitions as jobs."""
+"""Requests: services that answer at once or later, lifecycle transitions as jobs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
-from typing import Any
+from typing import Any, NamedTuple
 
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.service import Service
+from std_srvs.srv import Trigger
 
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.diagnostics import RepeatedLog
 from facade_manipulator.ros.runtime import require_of_rclpy
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 FAILURE = TransitionCallbackReturn.FAILURE
-NAMES = {
-    Transition.TRANSITION_CONFIGURE: 'configure',
-    Transition.TRANSITION_CLEANUP: 'cleanup',
-    Transition.TRANSITION_ACTIVATE: 'activate',
-    Transition.TRANSITION_DEACTIVATE: 'deactivate',
-}
 
 
-class Deferred:
-    """
-    An answer that follows when a job is done.
+def offer_trigger(node: Node, name: str, act: Callable[[], str]) -> None:
+    """Offer a service that does something at once, and answers with its message or its error."""
+    def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.success, response.message = True, act()
+        except ManipulatorError as error:
+            response.success, response.message = False, str(error)
+        return response
 
-    Parameters
-    ----------
-    job : concurrent.futures.Future
-        Completed in any thread.
-    respond : callable
-        Takes the completed job, returns the service's response; runs in the executor.
+    node.create_service(Trigger, name, answer)
 
-    """
 
-    def __init__(self, job: Future, respond: Callable[[Future], Any]) -> None:
-        self.job = job
-        self.respond = respond
+class Deferred(NamedTuple):
+    """An answer that follows when a job is done."""
+
+    job: Future  #: completed in any thread
+    #: takes the completed job, returns the service's response; runs in the executor
+    respond: Callable[[Future], Any]
 
 
 class DeferredReplies:
@@ -137,8 +135,9 @@ class ManagedNode(LifecycleNode):
     def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response):
         transition = self._requested(request)
         if transition is None:
-            what = request.transition.label or NAMES.get(
-                request.transition.id, f'transition {request.transition.id}')
+            number = request.transition.id
+            names = {one: label for one, label, *_ in self._state_machine.transition_graph}
+            what = request.transition.label or names.get(number, f'transition {number}')
             self.report(
                 False, f'{what} is not possible, the node is {self.state_label}'
                 f'{self.following_step()}')

@@ -78,7 +78,7 @@ def run(
         print(f'could not start: {error}', file=sys.stderr)
         return USAGE_ERROR
     finally:
-        manager.stopping()
+        manager.notify('STOPPING')  # it may take its time for the drives
         _close(nodes)
         nodes = ()
         gc.unfreeze()
@@ -130,8 +130,9 @@ def _spin(
     nodes[0].create_timer(
         WATCH_PERIOD, lambda: received and end.set_result(None), clock=steady)
     if manager.feed_period is not None:
-        nodes[0].create_timer(manager.feed_period, manager.feed, clock=steady)
-    manager.ready()
+        nodes[0].create_timer(
+            manager.feed_period, lambda: manager.notify('WATCHDOG'), clock=steady)
+    manager.notify('READY')
     try:
         spin_until(executor, end)
     finally:
@@ -229,7 +230,7 @@ class ServiceManager:
     Attributes
     ----------
     feed_period : float or None
-        How often `feed` must be called [s]; None where no watchdog waits for this process.
+        How often the watchdog must be fed [s]; None where no watchdog waits for this process.
 
     References
     ----------
@@ -244,22 +245,11 @@ class ServiceManager:
         watched = self._address and for_us and timeout.isdecimal() and int(timeout) > 0
         self.feed_period = FEED_SHARE * 1e-6 * int(timeout) if watched else None
 
-    def ready(self) -> None:
-        """Say that the node has started."""
-        self._send(b'READY=1')
-
-    def feed(self) -> None:
-        """Feed the watchdog."""
-        self._send(b'WATCHDOG=1')
-
-    def stopping(self) -> None:
-        """Say that the node ends: it may take its time for the drives."""
-        self._send(b'STOPPING=1')
-
-    def _send(self, state: bytes) -> None:
+    def notify(self, state: str) -> None:
+        """Publish ``'READY'``, ``'WATCHDOG'``, which feeds it, or ``'STOPPING'``."""
         if not self._address:
             return
         address = self._address.replace('@', '\0', 1) if self._address[0] == '@' else self._address
         with suppress(OSError), socket.socket(
                 socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as sender:
-            sender.sendto(state, address)
+            sender.sendto(f'{state}=1'.encode(), address)

@@ -10,8 +10,8 @@ from support import DEADLINE
 
 import facade_manipulator
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.ros import known_parameters, require_known_parameters
-from facade_manipulator.ros.known_parameters import NODE_NAMES
+from facade_manipulator.ros import known_parameters
+from facade_manipulator.ros.known_parameters import NODE_NAMES, require_known_parameters
 
 NODES = Path(facade_manipulator.__file__).parent / 'nodes'
 
