@@ -16,13 +16,13 @@ Every call has a deadline, and what a node rejects is raised with the node's own
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 import time
 from typing import Any, NamedTuple, TypeVar
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -98,19 +98,16 @@ class ManipulatorClient:
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
         self._rejections: deque[DiagnosticStatus] = deque(maxlen=RECENT.depth)
-        self._progress: dict[str, DiagnosticStatus] = {}  # of goals, by their stamp
-        self._on_rail: Publisher | None = None
-        self._rest: tuple[float, Pose | None] = 0.0, None  # since when it stands, and where
-        self._goals: Publisher | None = None  # a mere observer needs no right to move anything
+        self._progress: deque[DiagnosticStatus] = deque(maxlen=RECENT.depth)
+        self._publishers: dict[str, Publisher] = {}  # an observer needs no right to move anything
         self.node.create_subscription(
             DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE)
-        self.node.create_subscription(
-            DiagnosticStatus, 'ik_service/status', self._receive_status, LATCHED)
-        self.node.create_subscription(
-            DiagnosticStatus, 'ik_service/rejections',
-            lambda status: self._rejections.append(status), RECENT)  # rclpy wants a signature
-        self.node.create_subscription(
-            DiagnosticStatus, GOAL_STATUS, self._receive_progress, RECENT)
+        for topic, receive, qos in (  # rclpy wants a signature, which methods of C have not
+            ('ik_service/status', lambda status: setattr(self, 'goal_status', status), LATCHED),
+            ('ik_service/rejections', lambda status: self._rejections.append(status), RECENT),
+            (GOAL_STATUS, lambda status: self._progress.append(status), RECENT),
+        ):
+            self.node.create_subscription(DiagnosticStatus, topic, receive, qos)
         self.node.create_subscription(
             PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE)
         self._clients: dict[str, Any] = {}
@@ -165,19 +162,19 @@ class ManipulatorClient:
 
     def configure(self) -> None:
         """Bring the bus up and check the drives."""
-        self._change_state(Transition.TRANSITION_CONFIGURE, 'configure', CONFIGURE_TIMEOUT)
+        self._change_state('configure', CONFIGURE_TIMEOUT)
 
     def activate(self) -> None:
         """Power the drives on; they hold."""
-        self._change_state(Transition.TRANSITION_ACTIVATE, 'activate')
+        self._change_state('activate')
 
     def deactivate(self) -> None:
         """Ramp down and power off."""
-        self._change_state(Transition.TRANSITION_DEACTIVATE, 'deactivate')
+        self._change_state('deactivate')
 
     def cleanup(self) -> None:
         """Let go of the bus."""
-        self._change_state(Transition.TRANSITION_CLEANUP, 'cleanup')
+        self._change_state('cleanup')
 
     def driver_state(self) -> str:
         """Return the label of the driver's lifecycle state."""
@@ -249,7 +246,7 @@ class ManipulatorClient:
     ) -> None:
         end, last = time.monotonic() + timeout, None
         while time.monotonic() < end:
-            status = self._progress.get(stamp)
+            status = _newest(self._progress, stamp)
             if status is not None and status is not last:
                 last = status
                 on_progress(status)
@@ -281,30 +278,32 @@ class ManipulatorClient:
             Nobody subscribes to corrected poses, or the head does not get there in time.
 
         """
-        if self._on_rail is None:
-            self._on_rail = self.node.create_publisher(PoseStamped, 'corrected_pose', LATEST)
-        self.wait_until(self._on_rail.get_subscription_count, 'an ik_service', timeout)
+        on_rail = self._publisher('corrected_pose')
+        self.wait_until(on_rail.get_subscription_count, 'an ik_service', timeout)
         if self.node.count_publishers('corrected_pose') > 1:
             raise RequestRejectedError(
                 'a compensator publishes corrected_pose: start driver and ik_service alone')
         end = time.monotonic() + timeout
         while time.monotonic() < end:  # again where a stream that was interrupted has left it
-            self._on_rail.publish(pose_stamped(RAIL, node_time(self.node), pose))
-            self._rest = time.monotonic(), self.head_in_rail
-            self.wait_until(self._rests, 'a head at rest', timeout)
+            on_rail.publish(pose_stamped(RAIL, node_time(self.node), pose))
+            self._await_rest(timeout)
             if _distance(self.head_in_rail, pose) < STANDS_WITHIN:
                 return
         raise NoAnswerError(f'the head stands at {self.head_in_rail}, not at {pose}, for '
                             f'{timeout:g} s: ik_service/status and /diagnostics say why')
 
-    def _rests(self) -> bool:
-        """Return whether the head has not moved for a while."""
-        since, place = self._rest
-        head = self.head_in_rail
-        if head is None or place is None or _distance(head, place) > STANDS_WITHIN:
-            self._rest = time.monotonic(), head
-            return False
-        return time.monotonic() - since > STANDS_FOR
+    def _await_rest(self, timeout: float) -> None:
+        """Wait until the head has not moved for a while."""
+        since, place = time.monotonic(), self.head_in_rail
+
+        def rests() -> bool:
+            nonlocal since, place
+            head = self.head_in_rail
+            if head is None or place is None or _distance(head, place) > STANDS_WITHIN:
+                since, place = time.monotonic(), head
+            return time.monotonic() - since > STANDS_FOR
+
+        self.wait_until(rests, 'a head at rest', timeout)
 
     def hold(self) -> str:
         """End the way to the goal; the head stays on the wall."""
@@ -337,7 +336,7 @@ class ManipulatorClient:
         plan = self.call(GetPlan, 'ik_service/solve', request).plan
         if not plan.poses:
             status = self.wait_until(
-                lambda: self._rejection(stamp_text(request.goal.header.stamp)),
+                lambda: _newest(self._rejections, stamp_text(request.goal.header.stamp)),
                 'the reason on ik_service/rejections')
             raise RequestRejectedError(status.message)
         points = [item.pose.position for item in plan.poses]
@@ -358,38 +357,36 @@ class ManipulatorClient:
 
     def _send(self, goal: Pose) -> str:
         """Send a goal; return its stamp, by which its progress is published."""
-        if self._goals is None:
-            self._goals = self.node.create_publisher(PoseStamped, 'goal_pose', LATEST)
-        self.wait_until(self._goals_are_matched, 'a compensator that subscribes to goal_pose')
+        goals = self._publisher('goal_pose')
+        self.wait_until(  # all who subscribe: a goal published before would miss some
+            lambda: 0 < self.node.count_subscribers('goal_pose') <= goals.get_subscription_count(),
+            'a compensator that subscribes to goal_pose')
         self.goal = goal
         self._progress.clear()
         message = pose_stamped('facade', node_time(self.node), goal)
         stamp = stamp_text(message.header.stamp)
         for _ in range(SENDINGS):
-            self._goals.publish(message)
+            goals.publish(message)
             with suppress(NoAnswerError):  # the compensator may not be discovered yet, others are
-                self.wait_until(lambda: stamp in self._progress, 'the goal to arrive', SEND_AGAIN)
+                self.wait_until(lambda: _newest(self._progress, stamp), 'the goal to arrive',
+                                SEND_AGAIN)
                 break
         return stamp
 
-    def _rejection(self, goal_stamp: str) -> DiagnosticStatus | None:
-        """Return why the request whose goal has a stamp was rejected, None before it is known."""
-        return next((status for status in self._rejections
-                     if KeyValue(key='goal stamp', value=goal_stamp) in status.values), None)
-
-    def _goals_are_matched(self) -> bool:
-        """Return whether all subscribers are matched: a goal published before would miss some."""
-        return 0 < self.node.count_subscribers('goal_pose') <= (
-            self._goals.get_subscription_count())
+    def _publisher(self, topic: str) -> Publisher:
+        """Return what publishes poses on a topic."""
+        if topic not in self._publishers:
+            self._publishers[topic] = self.node.create_publisher(PoseStamped, topic, LATEST)
+        return self._publishers[topic]
 
     def _trigger(self, name: str, timeout: float = ANSWER_TIMEOUT) -> str:
         return _message(name, self.call(Trigger, name, Trigger.Request(), timeout))
 
-    def _change_state(self, transition: int, what: str, timeout: float = ANSWER_TIMEOUT) -> None:
+    def _change_state(self, label: str, timeout: float = ANSWER_TIMEOUT) -> None:
         begin = node_time(self.node)
-        request = ChangeState.Request(transition=Transition(id=transition))
+        request = ChangeState.Request(transition=Transition(label=label))
         if not self.call(ChangeState, 'driver/change_state', request, timeout).success:
-            raise RequestRejectedError(f'{what}: {self._driver_reason(begin)}')
+            raise RequestRejectedError(f'{label}: {self._driver_reason(begin)}')
 
     def _driver_reason(self, since: float) -> str:
         """Return the driver's message; a transition's reply itself has no room for one."""
@@ -408,17 +405,17 @@ class ManipulatorClient:
             if namespace == self._namespace:
                 self.components[name] = Component(seconds(message.header.stamp), status)
 
-    def _receive_status(self, status: DiagnosticStatus) -> None:
-        self.goal_status = status
-
-    def _receive_progress(self, status: DiagnosticStatus) -> None:
-        self._progress[status_values(status)['goal stamp']] = status
-
     def _receive_head(self, message: PoseStamped) -> None:
         try:
             self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
         except ManipulatorError:
             self.head_in_rail = None  # the compensator rejects it too, and says why
+
+
+def _newest(statuses: Sequence[DiagnosticStatus], stamp: str) -> DiagnosticStatus | None:
+    """Return the newest of the statuses of goals that is of the one with a stamp."""
+    return next((status for status in reversed(statuses)
+                 if status_values(status)['goal stamp'] == stamp), None)
 
 
 def _distance(a: Pose, b: Pose) -> float:

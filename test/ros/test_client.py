@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 import pytest
 from support import DEADLINE
 
+from facade_manipulator.compensation import GoalProgress, GoalState
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose
 from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
-from facade_manipulator.ros.conversions import pose_stamped
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
+from facade_manipulator.ros.conversions import pose_stamped, stamp
+from facade_manipulator.ros.diagnostics import GOAL_STATUS, goal_status
+from facade_manipulator.ros.runtime import LATEST, RECENT, RELIABLE
 
 GOAL = Pose(0.05, 0.25, 0.0)
 
@@ -85,6 +88,18 @@ def test_one_who_only_looks_publishes_nothing_of_the_machine(client):
     published = {name for name, _ in client.node.get_publisher_names_and_types_by_node(
         'supervisor', '/gondola_1')}
     assert published <= {'/rosout', '/parameter_events'}
+
+
+def test_who_looks_on_for_long_remembers_the_last_goals_alone(ros, client):
+    goals = ros.node('compensator', namespace='gondola_1').create_publisher(
+        DiagnosticStatus, GOAL_STATUS, RECENT)
+    progress = GoalProgress(GoalState.MOVING)
+    for number in range(1, 3 * RECENT.depth):
+        goals.publish(goal_status(stamp(number), progress, '', None))
+        client.wait_until(
+            lambda n=number: len(client._progress) >= min(n, RECENT.depth), 'the progress')
+    client.spin(0.1)
+    assert len(client._progress) == RECENT.depth
 
 
 def test_every_rejected_request_of_solve_has_its_own_reason(client, start_process):
