@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import math
-from typing import NamedTuple
 
-from facade_manipulator.commissioning.bus import read_number, ToolBus
+import numpy as np
+
+from facade_manipulator.commissioning.bus import read_number
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.drive_objects import store
 from facade_manipulator.commissioning.motion import INPUTS, Motion, PERIOD, POSITION, Ramp
@@ -120,26 +121,14 @@ def _number(text: str) -> float:
 
 def go(motion: Motion, goal: float, speed: float) -> float:
     """Move by a displacement [m] and come to rest; return where the carriage stands."""
-    ramp = Ramp(abs(goal))
-    while abs(ramp.displacement - goal) > 1e-6 or ramp.speed:
-        before = ramp.displacement
-        motion.step(ramp.step(math.copysign(speed, goal)))
-        if ramp.displacement == before and abs(ramp.displacement - goal) < 1e-4:
-            break
-    for _ in range(30):
-        sample = motion.step(ramp.displacement)
-    return sample.position
+    motion.ramp, before = Ramp(abs(goal)), None
+    while motion.ramp.displacement != before:
+        before = motion.ramp.displacement
+        motion.go(math.copysign(speed, goal))
+    return motion.rest(30).position
 
 
 # --- home switch
-
-
-class SwitchEdges(NamedTuple):
-    """Where the switch changed [m]: first and last change forwards, first change backwards."""
-
-    first: float
-    last: float
-    back: float
 
 
 def run_home_switch(context: Context) -> None:
@@ -154,18 +143,14 @@ def run_home_switch(context: Context) -> None:
         motion.require(INPUTS, 'the digital inputs')
         finder = SwitchFinder(motion, side, speed)
         is_on_away = finder.away
-        approaches = list(finder.approaches(options.approaches))
-    firsts = [approach.first for approach in approaches]
-    spread = max(firsts) - min(firsts)
-    bounce = max(abs(approach.last - approach.first) for approach in approaches)
-    play = sum(abs(approach.first - approach.back) for approach in approaches) / len(approaches)
+        first, last, back = np.array(list(finder.approaches(options.approaches))).T
+    spread, bounce, play = np.ptp(first), abs(last - first).max(), abs(first - back).mean()
     operator.say(
         f'{name}: the switch is {"on" if is_on_away else "off"} away from home; edge at '
-        f'{_MM * sum(firsts) / len(firsts):+.2f} mm from here, {len(firsts)} approaches spread '
+        f'{_MM * first.mean():+.2f} mm from here, {len(first)} approaches spread '
         f'over {_MM * spread:.3f} mm, bounce {_MM * bounce:.3f} mm, hysteresis with backlash '
         f'{_MM * play:.3f} mm')
-    resolution = 2.0 * finder.slow * PERIOD
-    passed = spread <= 0.1 / _MM + resolution
+    passed = bool(spread <= 0.1 / _MM + 2.0 * finder.slow * PERIOD)
     context.machine.note('home-switch', f'spread {_MM * spread:.3f} mm, bounce '
                          f'{_MM * bounce:.3f} mm, hysteresis {_MM * play:.3f} mm', passed, name)
     if not passed:
@@ -180,86 +165,74 @@ class SwitchFinder:
 
     def __init__(self, motion: Motion, side: int, speed: float) -> None:
         self._motion, self._side = motion, side
-        self._ramp = Ramp(motion.window)
         self._fast, self.slow = speed, min(speed, 0.002)
-        self.away = self._step(0.0)[1]
+        self.away = self._go(0.0)[1]
 
-    def _step(self, goal: float) -> tuple[float, bool]:
-        """Go on with a speed; return position and whether the switch is on."""
-        sample = self._motion.step(self._ramp.step(goal))
+    def _go(self, speed: float) -> tuple[float, bool]:
+        """Go on towards the switch; return position and whether the switch is on."""
+        sample = self._motion.go(self._side * speed)
         return sample.position, bool(sample.inputs & HOME_SWITCH)
 
-    def _until(self, goal: float, changed: bool) -> float:
+    def _until(self, speed: float, changed: bool) -> float:
         """Go until the switch reads other than away, or as there; return where."""
-        before = self._ramp.displacement
-        while True:
-            position, is_on = self._step(goal)
+        before = None
+        while self._motion.ramp.displacement != before:
+            before = self._motion.ramp.displacement
+            position, is_on = self._go(speed)
             if (is_on != self.away) == changed:
                 return position
-            if self._ramp.displacement == before and self._ramp.speed == 0.0:
-                raise CommissioningError(
-                    f'no change of the home switch within {_MM * self._motion.window:.0f} mm: jog '
-                    'nearer, look from the other side (--towards), or check its cable; the '
-                    'carriage stands')
-            before = self._ramp.displacement
+        raise CommissioningError(
+            f'no change of the home switch within {_MM * self._motion.window:.0f} mm: jog nearer, '
+            'look from the other side (--towards), or check its cable; the carriage stands')
 
-    def _advance(self, distance: float, goal: float) -> list[tuple[float, bool]]:
-        """Go a distance [m]; return positions and readings on the way."""
-        start, readings = self._ramp.displacement, []
-        while abs(self._ramp.displacement - start) < distance and (
-                abs(self._ramp.displacement) < self._motion.window):
-            readings.append(self._step(goal))
+    def _advance(self, distance: float, speed: float) -> list[tuple[float, bool]]:
+        """Go a distance [m]; return positions and readings on the way, and be at rest."""
+        start, readings = self._motion.ramp.displacement, []
+        while abs((here := self._motion.ramp.displacement) - start) < distance and (
+                abs(here) < self._motion.window):
+            readings.append(self._go(speed))
+        self._motion.rest()
         return readings
 
-    def _rest(self) -> None:
-        while self._ramp.speed:
-            self._step(0.0)
-        for _ in range(5):
-            self._step(0.0)
+    def approaches(self, count: int) -> Iterator[tuple[float, float, float]]:
+        """
+        Yield where the switch changed [m]: first and last forwards, first backwards.
 
-    def approaches(self, count: int) -> Iterator[SwitchEdges]:
-        """Yield so many approaches, the first of which looks for the switch."""
-        self._until(self._side * self._fast, changed=True)
-        self._rest()
+        So many times, after it was looked for.
+        """
+        self._until(self._fast, changed=True)
+        self._motion.rest()
         for _ in range(count):
-            self._advance(0.004, -self._side * self._fast)
-            self._rest()
-            first = self._until(self._side * self.slow, changed=True)
-            over = self._advance(0.0015, self._side * self.slow)
+            self._advance(0.004, -self._fast)
+            first = self._until(self.slow, changed=True)
+            over = self._advance(0.0015, self.slow)
             off = [position for position, is_on in over if is_on == self.away]
-            self._rest()
-            back = self._until(-self._side * self.slow, changed=False)
-            yield SwitchEdges(first, off[-1] if off else first, back)
+            yield first, off[-1] if off else first, self._until(-self.slow, changed=False)
 
 
 def _correct_polarity(context: Context, name: str, axis: AxisSettings) -> None:
     """Turn the input in the drive, where it has an object for that."""
     label = f'{INPUT_POLARITY[0]:04X}h:{INPUT_POLARITY[1]:02X}'
     with context.bus() as bus:
+        drive = bus.objects(axis.node_id, name)
         try:
-            polarity = read_number(bus.objects(axis.node_id, name), *INPUT_POLARITY)
+            present = drive.read(*INPUT_POLARITY)
         except SdoAbortError:
             context.operator.say(
                 f'! {name}: the switch opens at home: turn the polarity of its input in the '
                 "maker's tool, this drive has no object for it")
             return
+        polarity = int.from_bytes(present, 'little') ^ HOME_SWITCH
         context.operator.agree(
             f'{name}: the switch opens at home: {label} of the drive becomes '
-            f'{polarity ^ HOME_SWITCH:X}h and is stored')
-        _write_polarity(bus, axis, name, polarity ^ HOME_SWITCH)
-    context.machine.note('home-switch', f'{label} = {polarity ^ HOME_SWITCH:X}h', axis=name)
-
-
-def _write_polarity(bus: ToolBus, axis: AxisSettings, name: str, polarity: int) -> None:
-    """Write into a drive that was reset: nothing of the motion's limits is stored with it."""
-    bus.reset(axis.node_id)
-    drive = bus.objects(axis.node_id, name)
-    size = len(drive.read(*INPUT_POLARITY))
-    drive.write(*INPUT_POLARITY, polarity.to_bytes(size, 'little'))
-    store(bus, axis.node_id, name)
-    if read_number(bus.objects(axis.node_id, name), *INPUT_POLARITY) != polarity:
-        raise CommissioningError(f'{name} did not keep the polarity of its inputs: set it in the '
-                                 "maker's tool")
+            f'{polarity:X}h and is stored')
+        bus.reset(axis.node_id)  # nothing of the motion's limits is to be stored with it
+        drive.write(*INPUT_POLARITY, polarity.to_bytes(len(present), 'little'))
+        store(bus, axis.node_id, name)
+        if read_number(bus.objects(axis.node_id, name), *INPUT_POLARITY) != polarity:
+            raise CommissioningError(f'{name} did not keep the polarity of its inputs: set it in '
+                                     "the maker's tool")
+    context.machine.note('home-switch', f'{label} = {polarity:X}h', axis=name)
 
 
 def _offer_method(context: Context, name: str, axis: AxisSettings, side: int) -> None:

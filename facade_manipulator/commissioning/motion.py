@@ -75,10 +75,17 @@ class _Carriage(AxisMonitor):
             profile, pdos=tuple(replace(one, transmission=1) for one in profile.pdos))
         super().__init__(name, replace(axis, velocity_unit=profile.velocity_unit), SETTINGS,
                          self.profile.pdos)
+        self.start = 0  # counts where it stood
 
     @property
     def title(self) -> str:
         return self.name
+
+    def sample(self) -> AxisSample:
+        """Return what it sent at the newest SYNC."""
+        moved = self.axis.to_metres(self.encoder.counts - self.start)
+        now = self.snapshot(None, self.heartbeat_time)
+        return AxisSample(moved, now.velocity, now.force or 0.0, now.digital_inputs or 0)
 
     def limited(self, here: float, window: float) -> AxisSettings:
         """Return its settings with limits around where it is [m]."""
@@ -96,8 +103,8 @@ class _Displacement:
 
     def __init__(self, carriages: AxisMonitors) -> None:
         self.value = 0.0
-        self.starts = self.counts = (0,) * len(carriages)
-        self._axes = [one.axis for one in carriages]
+        self.counts = (0,) * len(carriages)
+        self._carriages = carriages
 
     def supervise(self, group: Group, monitors: AxisMonitors, now: float) -> None:
         """Stop where a drive sends nothing for some cycles."""
@@ -112,9 +119,10 @@ class _Displacement:
     ) -> tuple[AxisCommand, ...]:
         """Choose the targets of a cycle; return the commands to send along with them."""
         if group.phase not in FOLLOWING_PHASES:
-            self.starts = actual
-        self.counts = tuple(start + axis.to_counts(self.value)
-                            for start, axis in zip(self.starts, self._axes, strict=True))
+            for one, counts in zip(self._carriages, actual, strict=True):
+                one.start = counts
+        self.counts = tuple(
+            one.start + one.axis.to_counts(self.value) for one in self._carriages)
         return commands
 
 
@@ -141,11 +149,12 @@ class Motion:
         self._bus = bus
         self.window = min(window, MAX_WINDOW)
         self._carriages = AxisMonitors(_Carriage(*item) for item in axes.items())
-        self._number = list(axes).index(name)
+        self._watched = self._carriages[list(axes).index(name)]
         self._group = Group(tuple(axes), SETTINGS, time.monotonic())
         self._targets = _Displacement(self._carriages)
         self._exchange: CyclicExchange | None = None
         self._is_stopping = False
+        self.ramp = Ramp(self.window)
 
     def __enter__(self) -> Motion:
         try:
@@ -205,7 +214,7 @@ class Motion:
         are stopped; a BusError if the bus is gone: the drives stop by themselves.
         """
         change, most = displacement - self._targets.value, 1.5 * MAX_SPEED * PERIOD
-        name = self._carriages[self._number].name
+        name = self._watched.name
         if not math.isfinite(displacement) or abs(displacement) > self.window:
             self._fail(f'{name} = {1e3 * displacement:.1f} mm from its start is outside the '
                        f'window of {1e3 * self.window:.0f} mm')
@@ -214,7 +223,17 @@ class Motion:
                        f'{1e3 * most:.2f} mm')
         self._targets.value = displacement
         self._cycle()
-        return self._sample()
+        return self._watched.sample()
+
+    def go(self, speed: float) -> AxisSample:
+        """Go on for a cycle towards a speed [m/s], inside the window of the ramp, as `step`."""
+        return self.step(self.ramp.step(speed))
+
+    def rest(self, cycles: int = 5) -> AxisSample:
+        """Come to rest and stay so for some cycles."""
+        while self.ramp.speed:
+            self.go(0.0)
+        return [self.go(0.0) for _ in range(cycles)][-1]
 
     def _fail(self, message: str) -> None:
         self._group.stop(Cause(message), time.monotonic())
@@ -226,13 +245,6 @@ class Motion:
         if cause is not None and not self._is_stopping:
             raise CommissioningError(
                 f'{cause.message}; next: {cause.remedy}; the carriages are stopped')
-
-    def _sample(self) -> AxisSample:
-        carriage = self._carriages[self._number]
-        moved = carriage.encoder.counts - self._targets.starts[self._number]
-        now = carriage.snapshot(None, time.monotonic())
-        return AxisSample(carriage.axis.to_metres(moved), now.velocity, now.force or 0.0,
-                          now.digital_inputs or 0)
 
     def _stop(self) -> None:
         """Quick-stop, then take the power; a bus that is gone leaves that to the drives."""

@@ -13,7 +13,6 @@ from facade_manipulator.commissioning.motion import (
     MAX_SPEED,
     MAX_WINDOW,
     Motion,
-    Ramp,
 )
 from facade_manipulator.errors import CommissioningError
 
@@ -59,8 +58,9 @@ def powered(context: Context, name: str, action: str) -> Iterator[Motion]:
     if links not in LINKS:
         raise CommissioningError(f'{links} is neither coupled nor uncoupled: nothing is powered')
     speed, window = motion_bounds(context)
-    axes = context.machine.axes
-    moved = axes if links == 'coupled' else {name: axes[name]}
+    moved = {name: context.machine.axis(name)}
+    if links == 'coupled':
+        moved = context.machine.axes
     checked = {entry['axis'] for entry in context.machine.journal
                if entry['check'] == 'direction' and entry['passed']}
     unchecked = sorted(moved.keys() - checked)
@@ -81,11 +81,8 @@ def run_jog(context: Context) -> None:
     speed, _ = motion_bounds(context)
     with powered(context, name, 'while a key is held') as motion, held_keys() as keys:
         operator.say('Hold → or d towards +, ← or a towards −; q ends. Powered.')
-        ramp, sample = Ramp(motion.window), None
         while not keys.is_ended:
-            sample = motion.step(ramp.step(speed * keys.direction()))
-        while ramp.speed:
-            sample = motion.step(ramp.step(0.0))
-    moved = _MM * (sample.position if sample else 0.0)
+            motion.go(speed * keys.direction())
+        moved = _MM * motion.rest().position
     operator.say(f'{name} stands {moved:+.2f} mm from where it was; no power.')
     context.machine.note('jog', f'{moved:+.2f} mm', axis=name)

@@ -113,3 +113,10 @@ def test_a_frequency_that_cannot_be_measured_moves_nothing(make_rig, capsys, fre
     rig = make_rig().configured()
     assert rig.run('lag', 'q1', '--links', 'uncoupled', '--frequencies', frequency) == 1
     assert 'is not between 0.1 and 25 Hz' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('links', ['coupled', 'uncoupled'])
+def test_an_axis_that_is_none_is_one_message(make_rig, capsys, links):
+    rig = make_rig().configured()
+    assert rig.run('lag', 'q9', '--links', links) == 1
+    assert 'q9 is none of q1, q2, q3' in capsys.readouterr().err
