@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+import csv
 from pathlib import Path
 
 
@@ -21,3 +22,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
+
+
+def write_table(path: Path, header: Iterable[str], rows: Iterable[Iterable]) -> None:
+    """Write a CSV file; as `atomic_write`."""
+    with atomic_write(path) as draft, draft.open('w', newline='', encoding='utf-8') as file:
+        csv.writer(file).writerows([header, *rows])

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.calibration.geometry_fit import FAR, HUBER
+from facade_manipulator.calibration.robust_fit import robust_fit
 from facade_manipulator.calibration.unknowns import AXES, heads, UNITS
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
@@ -43,7 +43,7 @@ SOUGHT = {
 DEFAULT = ('x', 'y', 'yaw', 'delay')
 # after these, x and y of the second measurement's origin and the turn of its axes
 TOLERANCES = np.array([*(one.tolerance for one in SOUGHT.values()), 10.0, 10.0, 1.0])
-DELAY, AXIS_TURN, ORIGIN, TURN = 3, 4, [5, 6], 7
+DELAY, ORIGIN, TURN = 3, [5, 6], 7
 SMOOTHING = 0.3  # s, well below a period of any gondola
 LONGEST_GAP = 1.0  # s
 LEAST_OVERLAP = 20.0  # s
@@ -69,12 +69,6 @@ class EstimatorFit(NamedTuple):
     deviations: dict[str, float]  #: standard ones of what was looked for [m, rad or s], by name
     turn: float  #: from the axes of `facade` to those of the second measurement [rad]
     residual: np.ndarray  #: RMS of what remains on the wall, shape (3,); NaN where not measured
-
-    @property
-    def values(self) -> dict[str, float]:
-        """Return the numbers that were looked for [m, rad or s], by their names."""
-        every = dict(zip(SOUGHT, _present(self.settings), strict=True))
-        return {name: every[name] for name in self.deviations}
 
 
 def fit_estimator(
@@ -175,9 +169,18 @@ class _Fit(NamedTuple):
         values = np.array([*_present(present), 0.0, 0.0, 0.0])
         values[ORIGIN] = np.nan_to_num(
             np.ma.masked_invalid(self.misses(values)).mean(axis=0).filled(0.0)[:2])
-        noise = np.full(3, 1e-2)
+        noise, tolerances = np.full(3, 1e-2), TOLERANCES[self.free]
+
+        def with_free(free: np.ndarray) -> np.ndarray:
+            changed = values.copy()
+            changed[self.free] = np.clip(free, -tolerances, tolerances)
+            return changed
+
         for _ in range(2):  # with weights guessed, then with those of the residuals
-            values, rates = self._nearest(values, noise)
+            found, rates = robust_fit(
+                lambda free: (self.misses(with_free(free)) / noise).compressed(),  # noqa: B023
+                np.zeros(len(tolerances)), tolerances, values[self.free])
+            values = with_free(found)
             remains = self.misses(values)
             noise = np.maximum(
                 1.4826 * np.ma.median(np.abs(remains), axis=0).filled(0.0), 1e-9)
@@ -185,33 +188,15 @@ class _Fit(NamedTuple):
         _check_agreement(residual, self.published(self.times).std(axis=0))
         deviations = self._deviations(rates, (remains / noise).filled(0.0))
         _check_shown(deviations)
-        return EstimatorFit(
-            _settings(present, values), deviations, float(values[TURN]), residual)
+        *mounting, delay, axes = values[:len(SOUGHT)].tolist()
+        return EstimatorFit(replace(present, mounting=tuple(mounting), delay=delay, axes=axes),
+                            deviations, float(values[TURN]), residual)
 
     def misses(self, values: np.ndarray) -> np.ma.MaskedArray:
         """Return measured less expected on the wall, shape (m, 3); masked where not measured."""
         published = self.published(self.times + values[DELAY])
         return np.ma.array(self.wall - _expected(values, published, self.head),
                            mask=~np.isfinite(self.wall))
-
-    def _nearest(self, values: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the values that fit best, and the weighed Jacobian in units of tolerances."""
-        from scipy.optimize import least_squares
-
-        tolerances = TOLERANCES[self.free]
-
-        def with_free(scaled: np.ndarray) -> np.ndarray:
-            changed = values.copy()
-            changed[self.free] = np.clip(scaled, -1.0, 1.0) * tolerances
-            return changed
-
-        def residuals(scaled: np.ndarray) -> np.ndarray:
-            weighed = (self.misses(with_free(scaled)) / noise).compressed()
-            return np.concatenate([np.nan_to_num(weighed, nan=FAR), scaled])
-
-        found = least_squares(residuals, values[self.free] / tolerances, loss='huber',
-                              f_scale=HUBER, diff_step=1e-7, x_scale='jac')
-        return with_free(found.x), found.jac[:-len(tolerances)]
 
     def _deviations(self, rates: np.ndarray, weighed: np.ndarray) -> dict[str, float]:
         """Return the deviations by name; residuals that are alike count as fewer."""
@@ -227,11 +212,6 @@ class _Fit(NamedTuple):
 def _present(settings: EstimateSettings) -> tuple[float, ...]:
     """Return the numbers of `SOUGHT`."""
     return *settings.mounting, settings.delay, settings.axes
-
-
-def _settings(present: EstimateSettings, values: np.ndarray) -> EstimateSettings:
-    return replace(present, mounting=tuple(values[:3].tolist()), delay=float(values[DELAY]),
-                   axes=float(values[AXIS_TURN]))
 
 
 def _expected(values: np.ndarray, published: np.ndarray, head: np.ndarray) -> np.ndarray:
@@ -286,7 +266,8 @@ def report_estimator(found: EstimatorFit) -> list[str]:
     lines = [
         f'{sought.words:20s} {value * sought.factor:+9.2f} +- '
         f'{found.deviations[name] * sought.factor:.2f} {sought.unit}'
-        for name, value in found.values.items() for sought in [SOUGHT[name]]]
+        for (name, sought), value in zip(SOUGHT.items(), _present(found.settings), strict=True)
+        if name in found.deviations]
     lines += [f'{axis} of the head: {value * factor:.2f} {unit} RMS remain'
               for axis, value, (unit, factor) in zip(AXES, found.residual, UNITS, strict=True)
               if np.isfinite(value)]

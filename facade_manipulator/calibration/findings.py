@@ -48,7 +48,7 @@ def _rms(values: np.ndarray) -> np.ndarray:
 
 
 def check_accuracy(
-    found: Identification, unknowns: Sequence[Unknown], measurements: Measurements, noise: Noise,
+    found: Identification, measurements: Measurements, noise: Noise
 ) -> None:
     """
     Check that all over the workspace the head is known about as well as it was measured.
@@ -57,7 +57,8 @@ def check_accuracy(
     the poses cannot show.
     """
     measured = np.isfinite(measurements.heads).any(axis=0)
-    known = spread(found.geometry, unknowns, found.covariance, candidates(found.geometry))
+    known = spread(
+        found.geometry, found.unknowns, found.covariance, candidates(found.geometry))
     worst = measured * (known / noise.deviations).max(axis=0)
     if worst.max() > BLIND:
         axis = int(np.argmax(worst))
@@ -70,12 +71,10 @@ def check_accuracy(
             'Measure at the poses of --plan, or look for less with --find')
 
 
-def report(
-    found: Identification, unknowns: Sequence[Unknown], held: HeldOut | None
-) -> list[str]:
+def report(found: Identification, held: HeldOut | None) -> list[str]:
     """Return what was found, line by line."""
     lines = [_value(unknown, value, deviation) for unknown, value, deviation in zip(
-        unknowns, found.values, np.sqrt(np.diag(found.covariance)), strict=True)]
+        found.unknowns, found.values, np.sqrt(np.diag(found.covariance)), strict=True)]
     lines += [f'not known apart, together they hardly move the head: {", ".join(group)}'
               for group in found.unidentified if len(group) > 1]
     alone = [group[0] for group in found.unidentified if len(group) == 1]
@@ -101,7 +100,7 @@ def _value(unknown: Unknown, value: float, deviation: float) -> str:
 
 
 def draw_accuracy(
-    path: Path, drawing: Geometry, found: Identification, unknowns: Sequence[Unknown]
+    path: Path, drawing: Geometry, found: Identification
 ) -> None:
     """Draw how far the head was off, and how well it is known now, over the workspace."""
     from matplotlib.figure import Figure
@@ -109,7 +108,7 @@ def draw_accuracy(
     permitted = candidates(found.geometry)
     now = heads(found.geometry, permitted)
     off = now - heads(drawing, permitted)
-    left = spread(found.geometry, unknowns, found.covariance, permitted)
+    left = spread(found.geometry, found.unknowns, found.covariance, permitted)
     figure = Figure(figsize=(8.0, 5.5), layout='constrained')
     for axes, values, title in zip(
             figure.subplots(2, 1, sharex=True), (off, left),

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.calibration.design import information, Noise
+from facade_manipulator.calibration.robust_fit import FAR, robust_fit, robust_scatter
 from facade_manipulator.calibration.unknowns import (
     AXES,
     heads,
@@ -30,8 +31,6 @@ MOST_OUTLIERS = 0.2
 MOST_SCATTER = 5.0  # times the noise stated
 IDENTIFIED = 0.5  # of its tolerance: an unknown known no better is not shown by the data
 LEAST_SHARE, LINKED = 0.15, 0.5  # of an unknown in what is not identified, of two in each other
-HUBER = 2.5
-FAR = 1e6
 
 
 class Measurements(NamedTuple):
@@ -49,6 +48,7 @@ class Identification(NamedTuple):
     """A machine found."""
 
     geometry: Geometry  #: with the errors found
+    unknowns: Sequence[Unknown]  #: what was looked for
     values: np.ndarray  #: of the unknowns, shape (m,)
     covariance: np.ndarray  #: of these values, shape (m, m)
     scatter: float  #: residuals over the noise that was stated, 1 where both agree
@@ -107,11 +107,11 @@ def identify(
     Raises a CalibrationError if the measurements are not of such a machine, too few, or contradict
     each other.
     """
-    noise = noise or Noise()
     check(geometry, unknowns, measurements)
+    fit = _MachineFit(geometry, unknowns, measurements, noise or Noise())
     used = np.isfinite(measurements.heads)
-    values = _fit(geometry, unknowns, measurements, noise, used, 'huber')
-    misses = _misses(with_values(geometry, unknowns, values), measurements, noise)
+    values = fit.solve(used)
+    misses = fit.misses(values)
     outlying = used & (np.abs(misses) > OUTLIER * max(1.0, robust_scatter(misses[used])))
     if outlying.sum() > MOST_OUTLIERS * used.sum():
         raise CalibrationError(
@@ -119,69 +119,61 @@ def identify(
             'machine of the parameter file, homed as now, and measured in frame rail?')
     if outlying.any():
         used &= ~outlying
-        values = _fit(geometry, unknowns, measurements, noise, used, 'linear')
-    return _identification(
-        geometry, unknowns, measurements, noise, used, values,
-        [(int(row), int(axis)) for row, axis in np.argwhere(outlying)])
+        values = fit.solve(used, loss='linear')
+    return fit.identification(used, values, [*map(tuple, np.argwhere(outlying).tolist())])
 
 
-def _fit(
-    geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements, noise: Noise,
-    used: np.ndarray, loss: str,
-) -> np.ndarray:
-    """Return the values of the unknowns that fit best."""
-    from scipy.optimize import least_squares  # not of the machine's own needs
+class _MachineFit(NamedTuple):
+    """A machine as it is drawn, what is looked for, and how its head was measured."""
 
-    tolerances = np.array([unknown.tolerance for unknown in unknowns])
-    start = values_of(geometry, unknowns)
+    geometry: Geometry
+    unknowns: Sequence[Unknown]
+    measurements: Measurements
+    noise: Noise
 
-    def residuals(scaled: np.ndarray) -> np.ndarray:
-        try:
-            machine = with_values(geometry, unknowns, start + tolerances * scaled)
-        except ParameterError:  # a step beyond what any machine is
-            return np.full(used.sum() + len(scaled), FAR)
-        misses = _misses(machine, measurements, noise)[used]
-        return np.concatenate([np.nan_to_num(misses, nan=FAR), scaled])
+    def solve(self, used: np.ndarray, loss: str = 'huber') -> np.ndarray:
+        """Return the values of the unknowns that fit best."""
+        def misses(values: np.ndarray) -> np.ndarray:
+            try:
+                return self.misses(values)[used]
+            except ParameterError:  # a step beyond what any machine is
+                return np.full(used.sum(), FAR)
 
-    least = (np.array([unknown.least for unknown in unknowns]) - start) / tolerances
-    begin = np.where(np.isfinite(least), 1.0, 0.0)  # not on a bound, where it would stay
-    found = least_squares(residuals, begin, bounds=(least, np.inf), loss=loss, f_scale=HUBER,
-                          diff_step=1e-4, x_scale=1.0, xtol=1e-10)
-    return start + tolerances * found.x
+        drawn = values_of(self.geometry, self.unknowns)
+        least = np.array([unknown.least for unknown in self.unknowns])
+        # not on a bound, where it would stay
+        begin = drawn + np.where(np.isfinite(least), self.tolerances, 0.0)
+        return robust_fit(misses, drawn, self.tolerances, begin, least, loss)[0]
 
+    @property
+    def tolerances(self) -> np.ndarray:
+        return np.array([unknown.tolerance for unknown in self.unknowns])
 
-def _misses(machine: Geometry, measurements: Measurements, noise: Noise) -> np.ndarray:
-    """Return measured less expected in standard deviations, shape (n, 3)."""
-    return (measurements.heads - heads(machine, measurements.carriages)) / noise.deviations
+    def misses(self, values: np.ndarray) -> np.ndarray:
+        """Return measured less expected in standard deviations, shape (n, 3)."""
+        machine = with_values(self.geometry, self.unknowns, values)
+        carriages, measured = self.measurements
+        return (measured - heads(machine, carriages)) / self.noise.deviations
 
-
-def robust_scatter(misses: np.ndarray) -> float:
-    """Return the standard deviation of values about 0, whatever a few of them are."""
-    return 1.4826 * float(np.median(np.abs(misses)))
-
-
-def _identification(
-    geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements, noise: Noise,
-    used: np.ndarray, values: np.ndarray, outliers: list[tuple[int, int]],
-) -> Identification:
-    machine = with_values(geometry, unknowns, values)
-    tolerances = np.array([unknown.tolerance for unknown in unknowns])
-    rows = information(machine, unknowns, measurements.carriages, noise)[used]
-    misses = _misses(machine, measurements, noise)[used]
-    freedom = max(1, len(misses) - len(unknowns))
-    scatter = float(np.sqrt(misses @ misses / freedom))
-    shown = rows.T @ rows / max(1.0, scatter) ** 2
-    covariance = np.linalg.inv(shown + np.eye(len(unknowns)))
-    if scatter > MOST_SCATTER:
-        raise CalibrationError(
-            f'the measurements scatter by {scatter:.3g} times the noise stated: they contradict '
-            'each other, the noise is another (--noise), or the machine has errors that are not '
-            'looked for (--find)')
-    singular = np.linalg.svd(rows, compute_uv=False)
-    return Identification(
-        machine, values, covariance * np.outer(tolerances, tolerances), scatter, outliers,
-        _unidentified(covariance, unknowns),
-        float(np.exp(np.mean(np.log(np.maximum(singular, 1e-12)))) / np.sqrt(len(rows))))
+    def identification(
+        self, used: np.ndarray, values: np.ndarray, outliers: list[tuple[int, int]]
+    ) -> Identification:
+        machine, unknowns = with_values(self.geometry, self.unknowns, values), self.unknowns
+        rows = information(machine, unknowns, self.measurements.carriages, self.noise)[used]
+        misses = self.misses(values)[used]
+        scatter = float(np.sqrt(misses @ misses / max(1, len(misses) - len(unknowns))))
+        if scatter > MOST_SCATTER:
+            raise CalibrationError(
+                f'the measurements scatter by {scatter:.3g} times the noise stated: they '
+                'contradict each other, the noise is another (--noise), or the machine has errors '
+                'that are not looked for (--find)')
+        covariance = np.linalg.inv(
+            rows.T @ rows / max(1.0, scatter) ** 2 + np.eye(len(unknowns)))
+        singular = np.linalg.svd(rows, compute_uv=False)
+        return Identification(
+            machine, unknowns, values, covariance * np.outer(self.tolerances, self.tolerances),
+            scatter, outliers, _unidentified(covariance, unknowns),
+            float(np.exp(np.mean(np.log(np.maximum(singular, 1e-12)))) / np.sqrt(len(rows))))
 
 
 def _unidentified(covariance: np.ndarray, unknowns: Sequence[Unknown]) -> list[list[str]]:

@@ -8,7 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.calibration.geometry_fit import HUBER, OUTLIER, robust_scatter
+from facade_manipulator.calibration.geometry_fit import OUTLIER
+from facade_manipulator.calibration.robust_fit import HUBER, robust_scatter
 from facade_manipulator.calibration.unknowns import heads
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import compose, Geometry, Pose

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
-import csv
 from pathlib import Path
 from typing import Any
 
 from facade_manipulator.blackbox import read_recording, RecordedRun
 from facade_manipulator.errors import exit_status, missing_package, RecordError
-from facade_manipulator.files import atomic_write
+from facade_manipulator.files import atomic_write, write_table
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import pose_numbers, projected, seconds
 from facade_manipulator.replay.poses import (
@@ -76,10 +75,8 @@ def _write_disturbance(options: argparse.Namespace) -> None:
                    for one in run.topics['disturbance']}.items())
     if len(rows) < 2:
         raise RecordError('the recording has no disturbance')
-    with atomic_write(path) as draft, draft.open('w', newline='', encoding='utf-8') as file:
-        writer = csv.writer(file)
-        writer.writerow(['time', 'x', 'y', 'theta'])
-        writer.writerows([f'{time - rows[0][0]:.6f}', *pose] for time, pose in rows)
+    write_table(path, ('time', *Pose._fields), (
+        (f'{time - rows[0][0]:.6f}', *pose) for time, pose in rows))
     print(f'{len(rows)} estimates over {rows[-1][0] - rows[0][0]:.1f} s written to {path}: a '
           'scenario plays them with mission.motion recording')
 

@@ -1,0 +1,53 @@
+"""Robust least squares in which what is known beforehand is one more measurement."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+HUBER = 2.5
+FAR = 1e6  # standard deviations, of what cannot be
+
+
+def robust_fit(
+    misses: Callable[[np.ndarray], np.ndarray], expected: np.ndarray, tolerances: np.ndarray,
+    begin: np.ndarray, least: np.ndarray | float = -np.inf, loss: str = 'huber',
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Find the values of which something follows that is nearest to what was measured.
+
+    Parameters
+    ----------
+    misses : callable
+        Takes values, shape (m,), and returns measured less expected in standard deviations, shape
+        (n,); NaN where nothing follows.
+    expected, tolerances : ndarray, shape (m,)
+        What is known beforehand, with its standard deviation.
+    begin, least : ndarray, shape (m,)
+        Where the search begins, and the bound below it.
+    loss : str
+        As scipy names it.
+
+    Returns
+    -------
+    values : ndarray, shape (m,)
+    rates : ndarray, shape (n, m)
+        Change of the misses with the values in units of their tolerances.
+
+    """
+    from scipy.optimize import least_squares  # not of the machine's own needs
+
+    def residuals(scaled: np.ndarray) -> np.ndarray:
+        return np.append(
+            np.nan_to_num(misses(expected + tolerances * scaled), nan=FAR), scaled)
+
+    found = least_squares(
+        residuals, (begin - expected) / tolerances, loss=loss, f_scale=HUBER,
+        bounds=((least - expected) / tolerances, np.inf), diff_step=1e-4, xtol=1e-10)
+    return expected + tolerances * found.x, found.jac[:-len(tolerances)]
+
+
+def robust_scatter(misses: np.ndarray) -> float:
+    """Return the standard deviation of values about 0, whatever a few of them are."""
+    return 1.4826 * float(np.median(np.abs(misses)))
