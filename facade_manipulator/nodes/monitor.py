@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import CARRIAGES, planar_pose
+from facade_manipulator.messages import CARRIAGES, planar_pose, status_values
 from facade_manipulator.ros import (
     Component,
     followed_goal,
@@ -110,7 +110,7 @@ class Observer:
     def value(self, component: str, key: str) -> str | None:
         """Return one value of a component's diagnostics, None before one came."""
         known = self.client.component(component)
-        return _values(known).get(key) if known else None
+        return status_values(known.status).get(key) if known else None
 
     def count(self, component: str, key: str) -> int:
         """Return one counter of a component's diagnostics, 0 before one came."""
@@ -184,7 +184,7 @@ def _message(observer: Observer, component: Component) -> Text:
 
 
 def _details(name: str, component: Component) -> Text:
-    values = _values(component)
+    values = status_values(component.status)
     return Text(', '.join(
         text.format(_short(values[key]))
         for key, text in DETAILS.get(name, OTHER_DETAILS)
@@ -201,10 +201,6 @@ def _number(value: str | None) -> float | None:
         return float(value)
     except (TypeError, ValueError):
         return None
-
-
-def _values(component: Component) -> dict[str, str]:
-    return {item.key: item.value for item in component.status.values}
 
 
 def _table(*names: str) -> Table:

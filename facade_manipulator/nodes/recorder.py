@@ -43,6 +43,7 @@ from facade_manipulator.blackbox import (
     SUMMARY,
     write_mcap,
 )
+from facade_manipulator.messages import status_values
 from facade_manipulator.ros import (
     declare,
     Deferred,
@@ -102,7 +103,7 @@ class RecorderNode(Node):
 
     def __init__(self, **kwargs) -> None:
         super().__init__('recorder', **kwargs)
-        self._settings = settings = declare(self, BlackBoxSettings)
+        settings = declare(self, BlackBoxSettings)
         self._ring = MessageRing(settings.duration, round(1e6 * settings.memory))
         self._trigger = RecordTrigger(settings.aftermath, settings.duration)
         self._shelf = Shelf(settings.folder, settings.disk)
@@ -117,8 +118,7 @@ class RecorderNode(Node):
         self._driver_state, self._driver_time = '', time.monotonic()
         self._knows_goal = False
         self._listener: CanListener | None = None
-        self._readers = {
-            name: ParameterReader(self, name) for name in COMPONENTS}
+        self._readers = {name: ParameterReader(self, name) for name in COMPONENTS}
         replies = DeferredReplies(self)
         replies.attach(self.create_service(Trigger, 'recorder/save', self._save))
         self._queues = [
@@ -145,35 +145,28 @@ class RecorderNode(Node):
     def _read_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
         for status in message.status:
-            name = self._own_name(status.name)
-            if name is None:
-                continue
-            reason = status.message if status.level == ERROR else ''
+            name, stops = self._own(status.name), status.level == ERROR
             if name == OPERATION:
                 self._driver_time = now
-                self._driver_state = next(
-                    (item.value for item in status.values if item.key == 'state'), '')
-                if self._driver_state in STOPS:
-                    reason = status.message
-            self._trigger.watch(now, name, reason)
+                self._driver_state = status_values(status).get('state', '')
+                stops |= self._driver_state in STOPS
+            if name.partition(': ')[0] in COMPONENTS:
+                self._trigger.watch(now, name, status.message if stops else '')
 
     def _read_goal_status(self, status: DiagnosticStatus) -> None:
-        reason = next((item.value for item in status.values if item.key == 'reason'), '')
         if self._knows_goal:  # the first one is latched: what it says may be long past
-            self._trigger.watch(time.monotonic(), 'compensator', reason if reason == HOLD else '')
+            self._trigger.watch(time.monotonic(), 'compensator', (
+                HOLD if status_values(status).get('reason') == HOLD else ''))
         self._knows_goal = True
 
     def _read_event(self, event: ParameterEvent) -> None:
-        for name, reader in self._readers.items():
-            if event.node == f'/{self._prefix}/{name}'.replace('//', '/'):
-                reader.update(event)
+        if (name := self._own(event.node)) in COMPONENTS:
+            self._readers[name].update(event)
 
-    def _own_name(self, name: str) -> str | None:
-        """Return the name of a component of this namespace's nodes, else None."""
-        node, _, component = name.partition(': ')
-        namespace, _, node = node.rpartition('/')
-        own = namespace == self._prefix and node in COMPONENTS
-        return f'{node}: {component}' if own else None
+    def _own(self, name: str) -> str:
+        """Return the name of a node of this namespace, or of its component, without that."""
+        namespace, _, name = name.rpartition('/')
+        return name if namespace.strip('/') == self._prefix else ''
 
     def _watch(self) -> None:
         now = time.monotonic()

@@ -20,7 +20,7 @@ from facade_manipulator.drives.controller import (
 from facade_manipulator.errors import ManipulatorError, RecordError
 from facade_manipulator.kinematics import Carriages, mechanism_of
 from facade_manipulator.loop import LoopProcess, LoopSetup
-from facade_manipulator.messages import seconds
+from facade_manipulator.messages import seconds, status_values
 from facade_manipulator.motion import (
     Approach,
     GoalSettings,
@@ -95,7 +95,7 @@ def _statuses(run: RecordedRun) -> Iterator[tuple[float, Any, dict[str, str]]]:
     for received in run.topics['/diagnostics']:
         if received.time >= run.begin:
             for status in received.message.status:
-                yield received.time, status, {item.key: item.value for item in status.values}
+                yield received.time, status, status_values(status)
 
 
 def drive_faults(run: RecordedRun) -> list[DriveFault]:
