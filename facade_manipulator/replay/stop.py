@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 import re
 import time
@@ -18,23 +17,15 @@ from facade_manipulator.drives.controller import (
     ControllerState,
 )
 from facade_manipulator.errors import ManipulatorError, RecordError
-from facade_manipulator.kinematics import Carriages, mechanism_of
 from facade_manipulator.loop import LoopProcess, LoopSetup
 from facade_manipulator.messages import seconds, status_values
-from facade_manipulator.motion import (
-    Approach,
-    GoalSettings,
-    MotionLimits,
-    ReferenceSettings,
-    Setpoint,
-    SetpointStream,
-    StreamSettings,
-)
+from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.parameters import settings_from
 from facade_manipulator.replay.poses import carriages, geometry_of
 
 PERIOD = 0.01  # s
-LEAD = 0.06  # s, by which setpoints of the approach come before their time
+LEAD = 0.06  # s until the replay begins
+HOME_HERE = 37  # homing method: the present position is home
 REQUEST_TIMEOUT = 30.0  # s
 AFTERMATH = 2.0  # s: how long after the recording a stop may still come
 SILENCE = 0.3  # s without a word of a drive while the others go on
@@ -186,21 +177,27 @@ def replay_stop(run: RecordedRun, duration: float) -> StopReplay:
     begin = setpoints[0].time
     faults = [fault for fault in drive_faults(run) if fault.time >= begin]
     rejections: list[str] = []
-    rig = _Rig(_setup(run), rejections)
+    loop = LoopProcess(_setup(run, carriages(setpoints[0].message)),
+                       lambda _, message: rejections.append(message))
     try:
-        rig.approach(Carriages(*carriages(setpoints[0].message)))
-        replayed = rig.play(begin, _actions(run, rig, setpoints, faults), run.end + AFTERMATH)
+        _power_on(loop)
+        replayed = _play(
+            loop, begin, _actions(run, loop, setpoints, faults), run.end + AFTERMATH)
     finally:
-        rig.loop.close()
+        loop.close()
     return StopReplay(stop, replayed, faults, rejections)
 
 
-def _setup(run: RecordedRun) -> LoopSetup:
+def _setup(run: RecordedRun, start: Sequence[float]) -> LoopSetup:
+    """Return the recorded settings, for drives that are at home where the replay begins."""
     geometry, values = geometry_of(run, 'driver'), run.parameters['driver']
     controller = replace(settings_from(ControllerSettings, values, 'controller'),
                          heartbeat_timeout=HEARTBEAT_TIMEOUT)
-    axes = tuple(settings_from(AxisSettings, values, name, **defaults)
-                 for name, defaults in axis_defaults(geometry.stroke).items())
+    axes = tuple(
+        replace(settings_from(AxisSettings, values, name, **defaults), home_position=position,
+                homing_method=HOME_HERE)
+        for (name, defaults), position in zip(
+            axis_defaults(geometry.stroke).items(), start, strict=True))
     return LoopSetup(
         geometry, controller, axes, BusSettings(interface='virtual'),
         settings_from(StreamSettings, values, 'stream'),
@@ -208,72 +205,47 @@ def _setup(run: RecordedRun) -> LoopSetup:
 
 
 def _actions(
-    run: RecordedRun, rig: _Rig, setpoints: list, faults: list[DriveFault]
+    run: RecordedRun, loop: LoopProcess, setpoints: list, faults: list[DriveFault]
 ) -> list[tuple[float, Callable[[float], None]]]:
     """Return what is to be done at which time of the recording; each receives the time's shift."""
     actions: list[tuple[float, Callable[[float], None]]] = [
-        (one.time, lambda shift, message=one.message: rig.loop.send_setpoint(Setpoint(
+        (one.time, lambda shift, message=one.message: loop.send_setpoint(Setpoint(
             seconds(message.header.stamp) + shift, carriages(message),
             tuple(message.velocity)))) for one in setpoints]
     actions += [
-        (fault.time, lambda _, fault=fault: rig.loop.disturb(
+        (fault.time, lambda _, fault=fault: loop.disturb(
             fault.axis, fault.method, *fault.arguments)) for fault in faults]
     actions += [
-        (one.time, lambda _: rig.loop.stop('software_stop was set'))
+        (one.time, lambda _: loop.stop('software_stop was set'))
         for one in run.topics['software_stop']
         if one.message.data and one.time >= setpoints[0].time]
     return sorted(actions, key=lambda action: action[0])
 
 
-class _Rig:
-    """A control loop with simulated drives, powered and fed."""
-
-    def __init__(self, setup: LoopSetup, rejections: list[str]) -> None:
-        self._geometry = setup.geometry
-        self.loop = LoopProcess(setup, lambda _, message: rejections.append(message))
-        for request in ('configure', 'home', 'activate'):
-            self._await(self.loop.request(request))
-
-    def _await(self, job: Future) -> None:
-        end = time.monotonic() + REQUEST_TIMEOUT
+def _power_on(loop: LoopProcess) -> None:
+    for request in ('configure', 'home', 'activate'):
+        job, end = loop.request(request), time.monotonic() + REQUEST_TIMEOUT
         while not job.done():
             if time.monotonic() > end:
                 raise ManipulatorError(
                     f'the simulated drives were not ready within {REQUEST_TIMEOUT:g} s')
-            self._pause()
+            loop.feed()
+            time.sleep(PERIOD)
         job.result()
 
-    def _pause(self) -> None:
-        self.loop.feed()
-        time.sleep(PERIOD)
 
-    def approach(self, target: Carriages) -> None:
-        """Move the carriages to where the recording begins, at the speed of an approach."""
-        mechanism = mechanism_of(self._geometry)
-        here = Carriages(*(one.position for one in self.loop.snapshot().axes))
-        path, stream = Approach(ReferenceSettings()), SetpointStream(
-            self._geometry, GoalSettings())
-        path.begin(time.time() + LEAD, *(
-            mechanism.forward_kinematics(place) for place in (here, target)))
-        while (pose := path.pose(time.time() + LEAD)) is not None:
-            self.loop.send_setpoint(stream.setpoint(time.time() + LEAD, pose))
-            self._pause()
-            snapshot = self.loop.snapshot()
+def _play(
+    loop: LoopProcess, begin: float, actions: list[tuple[float, Callable[[float], None]]],
+    end: float,
+) -> Stop | None:
+    """Do the actions at their time; return when and why the drives stopped."""
+    shift = time.time() + LEAD - begin
+    for due, action in [*actions, (end, lambda _: None)]:
+        while (now := time.time() - shift) < due:
+            snapshot = loop.snapshot()
             if snapshot.state not in ACTIVE_STATES:
-                raise ManipulatorError(
-                    f'the simulated drives stopped on the way to the beginning: {snapshot.cause}')
-
-    def play(
-        self, begin: float, actions: list[tuple[float, Callable[[float], None]]], end: float
-    ) -> Stop | None:
-        """Do the actions at their time; return when and why the drives stopped."""
-        shift = time.time() + LEAD - begin
-        for due, action in [*actions, (end, lambda _: None)]:
-            while (now := time.time() - shift) < due:
-                snapshot = self.loop.snapshot()
-                if snapshot.state not in ACTIVE_STATES:
-                    return Stop(now, snapshot.cause)
-                self.loop.feed()
-                time.sleep(min(PERIOD, due - now))
-            action(shift)
-        return None
+                return Stop(now, snapshot.cause)
+            loop.feed()
+            time.sleep(min(PERIOD, due - now))
+        action(shift)
+    return None
