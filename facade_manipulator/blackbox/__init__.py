@@ -5,18 +5,22 @@ The black box: messages of the last minutes in, one MCAP file per stop, fault or
 bounds what the files take of the disk.
 """
 
-from facade_manipulator.blackbox.arrivals import Arrivals
-from facade_manipulator.blackbox.can_frames import CAN_TOPIC, frame_bytes, messages_of
-from facade_manipulator.blackbox.can_listener import CanListener
-from facade_manipulator.blackbox.mcap_file import RecordedTopic, write_mcap
+from facade_manipulator.blackbox.can_frames import (
+    CAN_TOPIC,
+    CanListener,
+    frame_bytes,
+    messages_of,
+)
 from facade_manipulator.blackbox.recording import (
     PARAMETERS,
     read_recording,
     Received,
     RecordedRun,
+    RecordedTopic,
     SUMMARY,
+    write_mcap,
 )
-from facade_manipulator.blackbox.ring import Kept, MessageRing
+from facade_manipulator.blackbox.ring import Arrivals, Kept, MessageRing
 from facade_manipulator.blackbox.settings import BlackBoxSettings
 from facade_manipulator.blackbox.shelf import Shelf
 from facade_manipulator.blackbox.trigger import RecordTrigger

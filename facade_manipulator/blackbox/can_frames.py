@@ -1,7 +1,8 @@
 """
-CAN frames as they are kept, and as messages can_msgs/Frame, which readers of MCAP know.
+CAN frames as they come, as they are kept, and as messages can_msgs/Frame, which readers know.
 
-They are kept in batches of what the kernel gives: a stamp and a frame each, 32 bytes.
+They come through a socket of their own: the driver knows nothing of it. They are kept in batches
+of what the kernel gives: a stamp and a frame each, 32 bytes.
 
 References
 ----------
@@ -11,11 +12,13 @@ struct can_frame and the flags of its identifier, linux/can.h.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+import socket
 import struct
+import threading
 
-from facade_manipulator.blackbox.mcap_file import RecordedTopic
-from facade_manipulator.blackbox.ring import Kept
+from facade_manipulator.blackbox.recording import RecordedTopic
+from facade_manipulator.blackbox.ring import Arrivals, Kept
 
 CAN_TOPIC = RecordedTopic('can_frames', 'can_msgs/msg/Frame', """\
 std_msgs/Header header
@@ -37,25 +40,26 @@ uint32 nanosec
 _FRAME = struct.Struct('<4siIIs3xI???B8s')  # an empty frame_id; CDR, little endian
 _LITTLE_ENDIAN = b'\0\1\0\0'
 _NANOSECONDS = 1_000_000_000
-_STAMP, _CAN_FRAME = struct.Struct('@ll'), struct.Struct('=IB3x8s')
-STAMP_SIZE, FRAME_SIZE = _STAMP.size, _CAN_FRAME.size
+_RECORD = struct.Struct('@llIB3x8s')
+_STAMP_SIZE = struct.calcsize('@ll')
 IS_EXTENDED, IS_RTR, IS_ERROR, IDENTIFIER = 1 << 31, 1 << 30, 1 << 29, (1 << 29) - 1
+REOPEN_AFTER = 1.0  # s
+TAKE_PERIOD = 0.02  # s, in which 1 Mbit/s brings at most 430 frames, all of them empty
+BUFFER = 1 << 20  # byte; the kernel grants less, for some 550 frames
+SO_TIMESTAMPNS, CAN_RAW_ERR_FILTER = 35, 2  # not in every build of Python's socket
 
 
 def stamp_of(record: bytes) -> float:
     """Return the stamp of a kept frame [s, system's clock]."""
-    seconds, nanoseconds = _STAMP.unpack_from(record)
+    seconds, nanoseconds, *_ = _RECORD.unpack(record)
     return seconds + nanoseconds / _NANOSECONDS
 
 
 def messages_of(batch: Kept) -> Iterator[Kept]:
     """Yield the frames of a batch, whose time is that of its newest, each as a message."""
-    size = STAMP_SIZE + FRAME_SIZE
-    newest = stamp_of(batch.data[-size:])
-    for begin in range(0, len(batch.data), size):
-        record = batch.data[begin:begin + size]
-        stamp = stamp_of(record)
-        flagged, length, data = _CAN_FRAME.unpack_from(record, STAMP_SIZE)
+    newest = stamp_of(batch.data[-_RECORD.size:])
+    for seconds, nanoseconds, flagged, length, data in _RECORD.iter_unpack(batch.data):
+        stamp = seconds + nanoseconds / _NANOSECONDS
         yield Kept(batch.time - (newest - stamp), batch.topic, frame_bytes(
             stamp, flagged & IDENTIFIER, data[:length], is_rtr=bool(flagged & IS_RTR),
             is_extended=bool(flagged & IS_EXTENDED), is_error=bool(flagged & IS_ERROR)))
@@ -69,3 +73,62 @@ def frame_bytes(
     seconds, nanoseconds = divmod(round(stamp * _NANOSECONDS), _NANOSECONDS)
     return _FRAME.pack(_LITTLE_ENDIAN, seconds, nanoseconds, 1, b'\0', cob_id,
                        is_rtr, is_extended, is_error, len(data), data)
+
+
+class CanListener:
+    """
+    Hand every frame of a SocketCAN interface on, in batches, in a thread of its own; never send.
+
+    It opens the interface, such as ``can0``, again for as long as it is lost. `add` takes the
+    monotonic time of the newest frame [s] and a batch of them, for `messages_of`.
+    """
+
+    def __init__(self, channel: str, add: Callable[[float, bytes], None]) -> None:
+        self.channel = channel
+        self.error = ''
+        self._add = add
+        self._ends = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='CAN listener', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End; return when the socket is closed."""
+        self._ends.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._ends.is_set():
+            try:
+                with socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as opened:
+                    self._open(opened)
+                    self._listen(opened)
+            except OSError as error:
+                self.error = f'{self.channel}: {error.strerror}'
+                self._ends.wait(REOPEN_AFTER)
+
+    def _open(self, opened: socket.socket) -> None:
+        opened.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, socket.CAN_ERR_MASK)
+        opened.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        opened.bind((self.channel,))
+        opened.setblocking(False)
+        self.error = ''
+
+    def _listen(self, opened: socket.socket) -> None:
+        """Take the frames many at once: to be woken for each would cost more than to keep it."""
+        arrivals = Arrivals()
+        while not self._ends.wait(TAKE_PERIOD):
+            arrivals.begin()
+            if batch := list(_records(opened)):
+                self._add(arrivals.time(stamp_of(batch[-1])), b''.join(batch))
+
+
+def _records(opened: socket.socket) -> Iterator[bytes]:
+    """Yield what has come: the kernel's stamp and the frame, as the kernel writes them."""
+    room = socket.CMSG_SPACE(_STAMP_SIZE)
+    while True:
+        try:
+            frame, ((_, _, stamp),), _, _ = opened.recvmsg(_RECORD.size - _STAMP_SIZE, room)
+        except BlockingIOError:
+            return
+        yield stamp + frame

@@ -1,8 +1,19 @@
-"""What a file of the black box says: messages by topic, parameters, why it was written."""
+"""
+A file of the black box: messages by topic, parameters, why it was written.
+
+It is an MCAP file as `ros2 bag`, Foxglove and PlotJuggler read it.
+
+References
+----------
+MCAP format specification, https://mcap.dev/spec, and its registry: profile `ros2`, message
+encoding `cdr`, schema encoding `ros2msg`.
+
+"""
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 import json
 from pathlib import Path
@@ -11,13 +22,53 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
+from facade_manipulator.blackbox.ring import Kept
 from facade_manipulator.errors import RecordError
 
 OF_THE_GRAPH = ('/diagnostics', '/parameter_events')  # topics of no namespace
 SUMMARY, PARAMETERS = 'black box', 'parameters of '
 _NANOSECONDS = 1e9
+CHUNK = 1 << 20  # byte: what a writer holds in memory before it is compressed
+
+
+class RecordedTopic(NamedTuple):
+    """A topic with its type."""
+
+    topic: str
+    type: str  #: as ``geometry_msgs/msg/PoseStamped``
+    definition: str  #: of the type and of all that it contains, as the schema encoding wants it
+
+
+def write_mcap(
+    path: Path, topics: Iterable[RecordedTopic], messages: Iterable[Kept], epoch: float,
+    metadata: Mapping[str, Mapping[str, str]],
+) -> None:
+    """
+    Write messages, all of them of these topics, to a file; raises an OSError if that fails.
+
+    The epoch is the system's time when the monotonic clock was zero [s]: a step of the system's
+    clock within a file would put its messages out of order. Metadata are records by their name.
+    """
+    with path.open('wb') as file:
+        writer = Writer(file, CHUNK, compression=CompressionType.ZSTD)
+        writer.start('ros2', 'facade_manipulator')
+        for name, values in metadata.items():
+            writer.add_metadata(name, dict(values))
+        numbers = {topic.topic: _register(writer, topic) for topic in topics}
+        for sequence, message in enumerate(messages):
+            time = max(0, round((epoch + message.time) * _NANOSECONDS))
+            writer.add_message(
+                numbers[message.topic], time, message.data, time, sequence)
+        writer.finish()
+
+
+def _register(writer: Writer, topic: RecordedTopic) -> int:
+    schema = writer.register_schema(topic.type, 'ros2msg', topic.definition.encode())
+    return writer.register_channel(
+        topic.topic, 'cdr', schema, {'offered_qos_profiles': ''})
 
 
 class Received(NamedTuple):
