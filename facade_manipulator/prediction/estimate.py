@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
-from operator import le, sub
+from operator import attrgetter
 from typing import NamedTuple
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.kinematics import Pose, ZERO_POSE
+from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.mounting import rail_pose, turned
 
@@ -20,6 +20,7 @@ FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks
 JUMP = (0.03, 0.03, 0.03)  # m, m, rad
 FASTEST = 1.0  # m/s or rad/s, that a gondola moves: a real jump is accepted after a while
 LEAST_NOISE = 1e-4  # m or rad, standard deviation: below it a filter would trust nothing else
+MEANING = attrgetter('mounting', 'axes', 'delay')  # by what an estimate is of another motion
 LEARNING_PERIOD = 0.015  # s, well below what a gondola needs to move: 3 Hz lose 0.3 %
 
 
@@ -73,14 +74,12 @@ class EstimateGate:
 
     def change_settings(self, settings: EstimateSettings) -> bool:
         """Check by other bounds from now on; return whether estimates now mean another motion."""
-        is_another = _meaning(settings) != _meaning(self.settings)
+        is_another = MEANING(settings) != MEANING(self.settings)
         if is_another:
             self._last = None
         self.settings = settings
         self._mounting = Pose(*settings.mounting)
-        self._is_of_rail = self._mounting == ZERO_POSE and settings.axes == 0.0
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
-        self._message_variances: tuple[float, ...] | None = None
         return is_another
 
     def check(
@@ -110,19 +109,22 @@ class EstimateGate:
 
         """
         stamp -= self.settings.delay
-        self._check_values(pose)
+        age = now - stamp
+        _check_values(pose)
         if tilt > self.settings.tilt:
             raise InputError(
                 'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
                 f'{self.settings.tilt:g} rad (estimate.tilt)')
-        self._check_age(now - stamp)
+        if age > OLDEST_ESTIMATE:
+            raise InputError.stale('disturbance', age, OLDEST_ESTIMATE)
+        if age < -FUTURE_TOLERANCE:
+            raise InputError.from_future('disturbance', -age, FUTURE_TOLERANCE)
         if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = None  # the clock was set back: its stamps mean nothing any more
         if self._last is not None:
-            self._check_order(stamp - self._last.stamp)
-            self._check_jump(stamp - self._last.stamp, pose)
-        self._last = Estimate(stamp, pose, self._variances_of(tuple(variances)))
-        return self._last if self._is_of_rail else self._of_rail(self._last)
+            _check_step(stamp - self._last.stamp, self._last.pose, pose)
+        self._last = Estimate(stamp, pose, Variances(*map(_variance, variances, self._noise)))
+        return self._of_rail(self._last)
 
     def displacement(self, place: Pose) -> Pose:
         """Return how far an estimator has moved of where it is itself, both along its axes."""
@@ -137,55 +139,32 @@ class EstimateGate:
         return Estimate(estimate.stamp, rail_pose(estimate.pose, self._mounting, axes), Variances(
             along + mixed + y * y * yaw, across - mixed + x * x * yaw, yaw))
 
-    def _check_values(self, pose: Pose) -> None:
-        if all(map(le, map(abs, pose), LARGEST)):
-            return
-        for name, value, bound, unit in zip(
-                Pose._fields, pose, LARGEST, UNITS, strict=True):
-            if not math.isfinite(value):
-                raise InputError.not_finite(f'disturbance {name}', value)
-            if abs(value) > bound:
-                raise InputError(
-                    'range', f'disturbance {name} = {value:.4g} {unit} is beyond '
-                    f'±{bound:g} {unit}')
 
-    def _check_age(self, age: float) -> None:
-        if age > OLDEST_ESTIMATE:
-            raise InputError.stale('disturbance', age, OLDEST_ESTIMATE)
-        if age < -FUTURE_TOLERANCE:
-            raise InputError.from_future('disturbance', -age, FUTURE_TOLERANCE)
-
-    def _check_order(self, elapsed: float) -> None:
-        if elapsed <= 0.0:
-            raise InputError.out_of_order('disturbance', -elapsed)
-
-    def _check_jump(self, elapsed: float, pose: Pose) -> None:
-        if all(map(le, map(abs, map(sub, pose, self._last.pose)), JUMP)):
-            return
-        for name, value, last, bound, unit in zip(
-                Pose._fields, pose, self._last.pose, JUMP, UNITS, strict=True):
-            change, allowed = abs(value - last), bound + FASTEST * elapsed
-            if change > allowed:
-                raise InputError(
-                    'jump', f'disturbance {name} jumps by {change:.4g} {unit} in '
-                    f'{elapsed:.3f} s, bound {allowed:.4g} {unit}')
-
-    def _variances_of(self, variances: tuple[float, ...]) -> Variances:
-        """Return the variances to use; most estimators send the same ones every time."""
-        if variances != self._message_variances:
-            self._message_variances = variances
-            self._variances = Variances(*map(self._variance, variances, self._noise))
-        return self._variances
-
-    def _variance(self, variance: float, unknown: float) -> float:
-        if not 0.0 < variance < math.inf:
-            return unknown * unknown
-        return max(variance, LEAST_NOISE ** 2)
+def _check_values(pose: Pose) -> None:
+    for name, value, bound, unit in zip(Pose._fields, pose, LARGEST, UNITS, strict=True):
+        if not math.isfinite(value):
+            raise InputError.not_finite(f'disturbance {name}', value)
+        if abs(value) > bound:
+            raise InputError(
+                'range', f'disturbance {name} = {value:.4g} {unit} is beyond ±{bound:g} {unit}')
 
 
-def _meaning(settings: EstimateSettings) -> tuple:
-    """Return by what an estimate is of another motion."""
-    return settings.mounting, settings.axes, settings.delay
+def _check_step(elapsed: float, before: Pose, pose: Pose) -> None:
+    """Reject what a gondola cannot have moved in a time [s]."""
+    if elapsed <= 0.0:
+        raise InputError.out_of_order('disturbance', -elapsed)
+    for name, last, value, bound, unit in zip(
+            Pose._fields, before, pose, JUMP, UNITS, strict=True):
+        change, allowed = abs(value - last), bound + FASTEST * elapsed
+        if change > allowed:
+            raise InputError(
+                'jump', f'disturbance {name} jumps by {change:.4g} {unit} in {elapsed:.3f} s, '
+                f'bound {allowed:.4g} {unit}')
+
+
+def _variance(variance: float, unknown: float) -> float:
+    """Return the variance to use of one that was published, by the standard deviation else."""
+    return max(variance, LEAST_NOISE ** 2) if 0.0 < variance < math.inf else unknown * unknown
 
 
 class EstimateMean:
