@@ -8,23 +8,26 @@ import numpy as np
 import pytest
 
 from facade_manipulator.calibration import (
-    BACKLASH,
     candidates,
     heads,
     identify,
     Measurements,
+    Noise,
     plan,
-    screw_unknowns,
-    sensitivity,
     spread,
     UNKNOWNS,
     unknowns_named,
     values_of,
+)
+from facade_manipulator.calibration.__main__ import main
+from facade_manipulator.calibration.design import choose, information
+from facade_manipulator.calibration.unknowns import (
+    BACKLASH,
+    screw_unknowns,
+    sensitivity,
     with_screw_tables,
     with_values,
 )
-from facade_manipulator.calibration.__main__ import main
-from facade_manipulator.calibration.design import choose, information, Noise
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
