@@ -6,7 +6,8 @@ Needs no ROS: a message is whatever has its fields, of rclpy or read from a file
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 import math
 from reprlib import repr as quoted  # a message stays short, whatever is sent
 from typing import Any, NamedTuple
@@ -33,6 +34,17 @@ def stamp_numbers(time: float) -> tuple[int, int]:
     """Return the two numbers of a stamp, whole seconds and the nanoseconds after them."""
     sec = math.floor(time)
     return sec, int((time - sec) * 1e9)
+
+
+def by_stamp(
+    messages: Iterable[Any], read: Callable[[Any], Sequence[float]]
+) -> list[tuple[float, ...]]:
+    """Return stamps and what is read by ascending stamps, each once, without what is rejected."""
+    rows: dict[float, Sequence[float]] = {}
+    for message in messages:
+        with suppress(InputError):  # so had the nodes
+            rows.setdefault(seconds(message.header.stamp), read(message))
+    return [(time, *numbers) for time, numbers in sorted(rows.items())]
 
 
 def require_frame(frame_id: str, expected: str, what: str) -> None:

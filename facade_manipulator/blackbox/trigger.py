@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 import math
 
 
@@ -35,7 +34,7 @@ class RecordTrigger:
             self._reasons.append(f'{source}: {reason}')
             self._due = min(self._due, now + self._aftermath)
 
-    def due(self, now: float) -> Iterable[str]:
+    def due(self, now: float) -> tuple[str, ...]:
         """Return why a file is due at this time [s]; nothing if none is."""
         if now < self._due:
             return ()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,15 +10,15 @@ import numpy as np
 
 from facade_manipulator.blackbox import read_recording, RecordedRun
 from facade_manipulator.calibration.estimator_fit import EstimatorRecording
-from facade_manipulator.errors import CalibrationError, InputError
+from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import (
+    by_stamp,
     carriages_from,
     planar_wrench,
     pose_numbers,
     projected,
     RAIL,
-    seconds,
 )
 from facade_manipulator.prediction import EstimateGate, EstimateSettings, rail_pose
 
@@ -97,14 +96,11 @@ def _table(
     run: RecordedRun, path: Path, topic: str, read: Callable[[Any], Sequence[float]]
 ) -> np.ndarray:
     """Return stamps and numbers of a topic by ascending stamps, without those rejected."""
-    rows = {}
-    for _, message in run.topics[topic]:
-        with suppress(InputError):  # so had the nodes
-            rows.setdefault(seconds(message.header.stamp), read(message))
+    rows = by_stamp((one.message for one in run.topics[topic]), read)
     if not rows:
         raise CalibrationError(f'{path} has no message of {topic}: was the recorder started '
                                'before, and the topic published?')
-    return np.array([(time, *numbers) for time, numbers in sorted(rows.items())])
+    return np.array(rows)
 
 
 def _place(message: Any) -> Pose:

@@ -52,12 +52,11 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     GOAL_STATUS,
     HOLD,
-    message_definition,
+    message_type,
     MessageQueue,
     ParameterReader,
     run,
     steady_timer,
-    type_name,
 )
 
 NAME = 'facade_manipulator'
@@ -108,8 +107,8 @@ class RecorderNode(Node):
         self._trigger = RecordTrigger(settings.aftermath, settings.duration)
         self._shelf = Shelf(settings.folder, settings.disk)
         self._topics = [CAN_TOPIC, *(
-            RecordedTopic(name, type_name(kind), message_definition(kind))
-            for topic, (kind, _) in TOPICS.items() for name in [self.resolve_topic_name(topic)])]
+            RecordedTopic(self.resolve_topic_name(topic), *message_type(kind))
+            for topic, (kind, _) in TOPICS.items())]
         self._writer = ThreadPoolExecutor(1, 'black box', lambda: os.setpriority(
             os.PRIO_PROCESS, 0, LOW_PRIORITY))
         self._outcome, self._error, self._files = 'nothing recorded yet', '', 0
@@ -121,12 +120,11 @@ class RecorderNode(Node):
         self._readers = {name: ParameterReader(self, name) for name in COMPONENTS}
         replies = DeferredReplies(self)
         replies.attach(self.create_service(Trigger, 'recorder/save', self._save))
-        self._queues = [
-            MessageQueue(self, kind, topic, qos) for topic, (kind, qos) in TOPICS.items()]
+        reads = {'/diagnostics': self._read_diagnostics, '/parameter_events': self._read_event,
+                 GOAL_STATUS: self._read_goal_status}
+        self._queues = [(MessageQueue(self, kind, topic, qos), reads.get(topic))
+                        for topic, (kind, qos) in TOPICS.items()]
         self._arrivals = Arrivals()
-        self._listeners = {self.resolve_topic_name(topic): read for topic, read in (
-            ('/diagnostics', self._read_diagnostics), ('/parameter_events', self._read_event),
-            (GOAL_STATUS, self._read_goal_status))}
         self._prefix = self.get_namespace().strip('/')
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, TAKE_PERIOD, self._take)
@@ -135,8 +133,7 @@ class RecorderNode(Node):
     def _take(self) -> None:
         """Keep what has come."""
         self._arrivals.begin()
-        for queue in self._queues:
-            read = self._listeners.get(queue.topic)
+        for queue, read in self._queues:
             for received, data in queue.take():
                 self._ring.add(self._arrivals.time(received), queue.topic, data)
                 if read is not None:
@@ -178,7 +175,7 @@ class RecorderNode(Node):
             f'no diagnostics for {silence:.0f} s while it was {self._driver_state}'
             if self._driver_state in MOVING and silence > SILENCE else ''))
         if not self._is_writing and (reasons := self._trigger.due(now)):
-            self._record(tuple(reasons))
+            self._record(reasons)
 
     def _listen_to_bus(self) -> None:
         """Listen to the bus that the driver uses, once its parameters are known."""
@@ -258,9 +255,9 @@ class RecorderNode(Node):
     def close(self) -> None:
         """End when what is being written is written."""
         if reasons := self._trigger.due(float('inf')):
-            self._record(tuple(reasons))
+            self._record(reasons)
         self._writer.shutdown()
-        for queue in self._queues:
+        for queue, _ in self._queues:
             queue.close()
         if self._listener is not None:
             self._listener.close()

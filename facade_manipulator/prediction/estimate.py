@@ -180,25 +180,22 @@ class EstimateMean:
         self._begin = -math.inf
 
     def add(self, estimate: Estimate) -> Estimate | None:
-        """Return the mean of the estimates of a period at its end, else None."""
-        elapsed = estimate.stamp - self._begin
+        """
+        Return the mean of the estimates of a period at its end, else None.
+
+        Their noise is taken to be independent and of about the same variance.
+        """
         if self._kept and not (
                 0.0 <= estimate.stamp - self._kept[-1].stamp < 2.0 * LEARNING_PERIOD):
             self._kept.clear()  # too old by now, or the clock was set back
         self._kept.append(estimate)
-        if 0.0 <= elapsed < LEARNING_PERIOD:
+        if 0.0 <= estimate.stamp - self._begin < LEARNING_PERIOD:
             return None
         self._begin = estimate.stamp
-        kept, self._kept = self._kept, []
-        return kept[0] if len(kept) == 1 else mean_estimate(kept)
-
-
-def mean_estimate(estimates: Sequence[Estimate]) -> Estimate:
-    """Return the mean of estimates with independent noise, of about the same variance."""
-    count = len(estimates)
-    stamps, poses, variances = zip(*estimates, strict=True)
-    first = stamps[0]
-    return Estimate(
-        first + sum(stamp - first for stamp in stamps) / count,
-        Pose(*(sum(axis) / count for axis in zip(*poses, strict=True))),
-        Variances(*(sum(axis) / count ** 2 for axis in zip(*variances, strict=True))))
+        stamps, poses, variances = zip(*self._kept, strict=True)
+        self._kept.clear()
+        first, count = stamps[0], len(stamps)
+        return Estimate(
+            first + sum(stamp - first for stamp in stamps) / count,
+            Pose(*(sum(axis) / count for axis in zip(*poses, strict=True))),
+            Variances(*(sum(axis) / count ** 2 for axis in zip(*variances, strict=True))))

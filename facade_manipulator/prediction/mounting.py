@@ -11,27 +11,19 @@ from __future__ import annotations
 
 from math import cos, sin
 
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import compose, invert, Pose
 
 
 def estimator_motion(rail: Pose, mounting: Pose, axes: float = 0.0) -> Pose:
     """Return what an estimator on a mounting publishes of the rail's pose, without errors."""
-    x, y = _swing(rail.theta, mounting)
-    return Pose(*turned(rail.x + x, rail.y + y, -axes), rail.theta + mounting.theta)
+    place = compose(rail, mounting)
+    return Pose(*turned(place.x - mounting.x, place.y - mounting.y, -axes), place.theta)
 
 
 def rail_pose(published: Pose, mounting: Pose, axes: float = 0.0) -> Pose:
     """Return the rail's pose of what an estimator on a mounting publishes."""
-    theta = published.theta - mounting.theta
-    x, y = _swing(theta, mounting)
-    moved_x, moved_y = turned(published.x, published.y, axes)
-    return Pose(moved_x - x, moved_y - y, theta)
-
-
-def _swing(theta: float, mounting: Pose) -> tuple[float, float]:
-    """Return R(theta) m - m: how far a turn of the rail moves the estimator."""
-    cosine, sine = cos(theta) - 1.0, sin(theta)
-    return (cosine * mounting.x - sine * mounting.y, sine * mounting.x + cosine * mounting.y)
+    x, y = turned(published.x, published.y, axes)
+    return compose(Pose(x + mounting.x, y + mounting.y, published.theta), invert(mounting))
 
 
 def turned(x: float, y: float, angle: float) -> tuple[float, float]:

@@ -11,7 +11,7 @@ from facade_manipulator.blackbox import read_recording, RecordedRun
 from facade_manipulator.errors import exit_status, missing_package, RecordError
 from facade_manipulator.files import atomic_write, write_table
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import pose_numbers, projected, seconds
+from facade_manipulator.messages import by_stamp, pose_numbers, projected
 from facade_manipulator.replay.poses import (
     Comparison,
     replay_poses,
@@ -71,12 +71,11 @@ def _compare(replay: Callable[[RecordedRun], Comparison], run: RecordedRun) -> C
 def _write_disturbance(options: argparse.Namespace) -> None:
     """Write the recorded disturbance as a scenario's recording."""
     run, path = read_recording(options.file), options.disturbance
-    rows = sorted({seconds(one.message.header.stamp): _place(one.message)
-                   for one in run.topics['disturbance']}.items())
+    rows = by_stamp((one.message for one in run.topics['disturbance']), _place)
     if len(rows) < 2:
         raise RecordError('the recording has no disturbance')
     write_table(path, ('time', *Pose._fields), (
-        (f'{time - rows[0][0]:.6f}', *pose) for time, pose in rows))
+        (f'{time - rows[0][0]:.6f}', *pose) for time, *pose in rows))
     print(f'{len(rows)} estimates over {rows[-1][0] - rows[0][0]:.1f} s written to {path}: a '
           'scenario plays them with mission.motion recording')
 

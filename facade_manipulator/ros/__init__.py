@@ -41,12 +41,7 @@ from facade_manipulator.ros.lifecycle import (
     offer_trigger,
 )
 from facade_manipulator.ros.parameters import declare
-from facade_manipulator.ros.recording import (
-    message_definition,
-    MessageQueue,
-    ParameterReader,
-    type_name,
-)
+from facade_manipulator.ros.recording import message_type, MessageQueue, ParameterReader
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE, run, USAGE_ERROR
 from facade_manipulator.ros.software_stop import SoftwareStop
 
@@ -71,7 +66,7 @@ __all__ = [
     'LEVELS',
     'ManagedNode',
     'ManipulatorClient',
-    'message_definition',
+    'message_type',
     'MessageQueue',
     'node_time',
     'offer_trigger',
@@ -91,7 +86,6 @@ __all__ = [
     'stamp',
     'states_codec',
     'steady_timer',
-    'type_name',
     'Transforms',
     'USAGE_ERROR',
     'wrench_stamped',

@@ -122,14 +122,9 @@ def _plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, 'tolist') else value
 
 
-def type_name(kind: type) -> str:
-    """Return the full name of a message class, such as ``geometry_msgs/msg/PoseStamped``."""
-    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
-
-
-def message_definition(kind: type) -> str:
+def message_type(kind: type) -> tuple[str, str]:
     """
-    Return the definition of a message class followed by those of all that it contains.
+    Return name and definition of a message class, followed by those of all that it contains.
 
     Raises
     ------
@@ -141,15 +136,17 @@ def message_definition(kind: type) -> str:
     MCAP registry, schema encoding ``ros2msg``.
 
     """
-    parts = [_source(kind)]
-    parts += [f'{_RULE}\nMSG: {part.__module__.split(".")[0]}/{part.__name__}\n{_source(part)}'
-              for part in dict.fromkeys(_contained(kind))]
-    return ''.join(parts)
+    parts = [f'{_RULE}\nMSG: {_package(part)}/{part.__name__}\n{_source(part)}'
+             for part in dict.fromkeys(_contained(kind))]
+    return f'{_package(kind)}/msg/{kind.__name__}', ''.join([_source(kind), *parts])
+
+
+def _package(kind: type) -> str:
+    return kind.__module__.partition('.')[0]
 
 
 def _source(kind: type) -> str:
-    package, folder, name = type_name(kind).split('/')
-    path = Path(get_package_share_directory(package)) / folder / f'{name}.msg'
+    path = Path(get_package_share_directory(_package(kind))) / 'msg' / f'{kind.__name__}.msg'
     return path.read_text(encoding='utf-8').rstrip() + '\n'
 
 

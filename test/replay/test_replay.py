@@ -11,6 +11,7 @@ import pytest
 
 from facade_manipulator.blackbox import Kept, read_recording, Received, RecordedRun, write_mcap
 from facade_manipulator.blackbox.can_frames import CAN_TOPIC, frame_bytes
+from facade_manipulator.calibration import read_table
 from facade_manipulator.compensation import Compensator
 from facade_manipulator.errors import ManipulatorError, RecordError
 from facade_manipulator.kinematics import Geometry, Pose
@@ -116,6 +117,22 @@ def test_odometry_is_an_estimate_in_the_replay_as_in_the_node():
     of_rail, of_prism = taken
     assert of_rail == (BEGIN + 0.03, BEGIN, Pose(0.55, 0.2, 0.0), (0.0, 7.0, 35.0), 0.0)
     assert of_prism[2] == pytest.approx((0.05, 0.0, 0.0))
+
+
+def test_the_disturbance_is_written_for_a_scenario_without_what_the_nodes_reject(
+        run, tmp_path, monkeypatch, capsys):
+    estimates = [*run.topics['disturbance'][:3]]
+    broken = pose_message(BEGIN + 1e-3, Pose(math.nan, 0.0, 0.0))
+    broken.pose = Message(pose=broken.pose)
+    made = RecordedRun(begin=BEGIN, topics={'disturbance': [
+        *estimates, Received(BEGIN, broken), estimates[0]]})
+    monkeypatch.setattr('facade_manipulator.replay.__main__.read_recording', lambda _: made)
+    path = tmp_path / 'sway.csv'
+    assert main(['a.mcap', '--disturbance', str(path)]) == 0
+    assert '3 estimates over 0.0 s written' in capsys.readouterr().out
+    table = read_table(path, ('time', 'x', 'y', 'theta'))
+    assert table[:, 0] == pytest.approx([0.0, 0.02, 0.04])
+    assert table[:, 1] == pytest.approx([sway(BEGIN - 0.02 + 0.02 * k).x for k in range(3)])
 
 
 # --- stops
