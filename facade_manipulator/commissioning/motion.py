@@ -32,7 +32,6 @@ from facade_manipulator.drives.cia402 import (
 )
 from facade_manipulator.drives.controller import (
     AxisMonitor,
-    AxisMonitors,
     ControllerSettings,
     CyclicExchange,
     object_writes,
@@ -83,7 +82,7 @@ class _Carriage(AxisMonitor):
 
     def sample(self) -> AxisSample:
         """Return what it sent at the newest SYNC."""
-        moved = self.axis.to_metres(self.encoder.counts - self.start)
+        moved = self.axis.to_metres(self.counts - self.start)
         now = self.snapshot(None, self.heartbeat_time)
         return AxisSample(moved, now.velocity, now.force or 0.0, now.digital_inputs or 0)
 
@@ -101,12 +100,12 @@ class _Displacement:
 
     at_rest = True
 
-    def __init__(self, carriages: AxisMonitors) -> None:
+    def __init__(self, carriages: tuple[AxisMonitor, ...]) -> None:
         self.value = 0.0
         self.counts = (0,) * len(carriages)
         self._carriages = carriages
 
-    def supervise(self, group: Group, monitors: AxisMonitors, now: float) -> None:
+    def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
         """Stop where a drive sends nothing for some cycles."""
         silent = [one.name for one in monitors if one.missed_in_a_row >= _MISSED]
         if silent:
@@ -148,7 +147,7 @@ class Motion:
     ) -> None:
         self._bus = bus
         self.window = min(window, MAX_WINDOW)
-        self._carriages = AxisMonitors(_Carriage(*item) for item in axes.items())
+        self._carriages = tuple(_Carriage(*item) for item in axes.items())
         self._watched = self._carriages[list(axes).index(name)]
         self._group = Group(tuple(axes), SETTINGS, time.monotonic())
         self._targets = _Displacement(self._carriages)

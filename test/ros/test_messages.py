@@ -16,7 +16,7 @@ from facade_manipulator.errors import LimitError
 
 PACKAGE = Path(facade_manipulator.__file__).parent
 OPERATION = PACKAGE.parent / 'docs' / 'operation.md'
-OF_A_STOP = ('Cause', 'LostPosition', '_supervised', '_stop_drives', '_forbid')
+OF_A_STOP = ('Cause', '_lose_position', '_supervised', '_stop_drives', '_forbid')
 
 if not OPERATION.is_file():
     pytest.skip('the documents stand in the source tree alone', allow_module_level=True)

@@ -17,11 +17,7 @@ from facade_manipulator.drives.cia402.cause import (
     TRACKING_REMEDY,
 )
 from facade_manipulator.drives.cia402.group import AxisCommand, Group, GroupSettings
-from facade_manipulator.drives.cia402.homing import (
-    AxisHoming,
-    HomingSequence,
-    METHODS_AT_PRESENT_POSITION,
-)
+from facade_manipulator.drives.cia402.homing import AxisHoming, home_error, HomingSequence
 from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
 from facade_manipulator.drives.cia402.profile import (
     DriveProfile,
@@ -77,12 +73,12 @@ __all__ = [
     'FOLLOWING_PHASES',
     'Group',
     'GroupSettings',
+    'home_error',
     'HomingSequence',
     'INT32_MAX',
     'INT32_MIN',
     'load_profile',
     'Measured',
-    'METHODS_AT_PRESENT_POSITION',
     'Mode',
     'Phase',
     'POWERED_STATES',

@@ -13,12 +13,15 @@ from __future__ import annotations
 from enum import Enum
 
 from facade_manipulator.drives.cia402.axis import Feedback
+from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, Status
 from facade_manipulator.errors import DriveFaultError, DriveTimeoutError
 
 _SUCCESS = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 _OUTCOME = _SUCCESS | Status.HOMING_ERROR
 SETTLING_CYCLES = 5
+HOME_TOLERANCE = 2  # counts, where the drive takes the present position as home
+HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
 
 
@@ -163,3 +166,25 @@ class HomingSequence:
             axis.watch(feedback)
             return 0
         return axis.advance(feedback, now)
+
+
+def home_error(axis: AxisSettings, counts: int, period: float) -> float:
+    """
+    Return how far a carriage is from its home position [m], 0 if it is there.
+
+    Parameters
+    ----------
+    axis : AxisSettings
+    counts : int
+        Its position.
+    period : float
+        Of the cycle [s].
+
+    """
+    tolerance = HOME_TOLERANCE
+    if axis.homing_method not in METHODS_AT_PRESENT_POSITION:
+        speed = axis.homing_zero_speed
+        braking = speed * period + speed ** 2 / (2.0 * axis.homing_acceleration)
+        tolerance = abs(axis.to_counts(HOME_NOISE + braking))
+    away = counts - axis.to_counts(axis.home_position)
+    return axis.to_metres(away) if abs(away) > tolerance else 0.0

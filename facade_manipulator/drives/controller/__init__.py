@@ -14,7 +14,7 @@ from facade_manipulator.drives.controller.configuration import (
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.cycle import CycleStatistics, LATENESS_BOUNDS
 from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.monitor import AxisMonitor, AxisMonitors
+from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import (
@@ -29,7 +29,6 @@ from facade_manipulator.drives.controller.targets import MechanismChecks
 __all__ = [
     'ACTIVE_STATES',
     'AxisMonitor',
-    'AxisMonitors',
     'AxisSnapshot',
     'BusAccess',
     'ControllerSettings',

@@ -246,7 +246,7 @@ class Commissioning:
         try:
             verify_objects(drive.objects, self._writes(drive))
         except DriveObjectError:
-            drive.monitor.encoder.distrust()
+            drive.monitor.distrust()
             raise
 
     def _reset(self) -> None:

@@ -282,7 +282,8 @@ class DriveController:
         group, exchange, lost = session.group, session.exchange, session.lost
         snapshot = ControllerSnapshot(
             state, None,
-            session.monitors.snapshots(session.targets.positions or _NO_TARGETS, now),
+            tuple([one.snapshot(target, now) for one, target in zip(
+                session.monitors, session.targets.positions or _NO_TARGETS, strict=True)]),
             group.causes if group is not None else (), self._next_step(state),
             self._rejected + session.notes,
             bus_error=lost.message if lost is not None else '', bus_load=session.bus_load)
@@ -314,9 +315,9 @@ class DriveController:
             remedy = f'{FORBIDDEN_REMEDY}, {cause.remedy}' if session.forbidden else cause.remedy
             return replace(
                 cause, remedy=remedy.removesuffix(', '),
-                home_again=cause.home_again or bool(session.monitors.unhomed)).next_step
+                home_again=cause.home_again or bool(session.unhomed)).next_step
         requests = NEXT_STEPS.get(state, '')
-        if state is ControllerState.INACTIVE and session.monitors.unhomed:
+        if state is ControllerState.INACTIVE and session.unhomed:
             requests = 'home, activate'
         if requests and session.forbidden:
             return f'{FORBIDDEN_REMEDY}, then {requests}'

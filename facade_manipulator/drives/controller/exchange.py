@@ -26,6 +26,7 @@ from facade_manipulator.drives.canopen import (
 )
 from facade_manipulator.drives.cia402 import (
     AxisCommand,
+    BUS_REMEDY,
     Cause,
     COMPUTER_REMEDY,
     FOLLOWING_PHASES,
@@ -35,7 +36,7 @@ from facade_manipulator.drives.cia402 import (
 )
 from facade_manipulator.drives.controller.commissioning import send_nmt
 from facade_manipulator.drives.controller.cycle import SyncConsumer, SyncProducer
-from facade_manipulator.drives.controller.monitor import AxisMonitor, AxisMonitors
+from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import Targets
 from facade_manipulator.errors import BusError
@@ -58,7 +59,7 @@ class CyclicExchange:
     ----------
     bus : CanBus
         Owned from now on: `close` closes it.
-    monitors : AxisMonitors
+    monitors : tuple of AxisMonitor
     settings : ControllerSettings
     targets : Targets
 
@@ -76,7 +77,7 @@ class CyclicExchange:
     """
 
     def __init__(
-        self, bus: CanBus, monitors: AxisMonitors, settings: ControllerSettings,
+        self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
         targets: Targets,
     ) -> None:
         self.bus = bus
@@ -114,7 +115,13 @@ class CyclicExchange:
     def _make_routes(self) -> dict[int, tuple[int, Callable[[Frame], Cause | None]]]:
         routes = {pdo.SYNC_COB_ID: (0, self._on_sync)} if self.bus.has_kernel_sync else {}
         for monitor in self._monitors:
-            routes.update(self._routes_of(monitor))
+            node = monitor.axis.node_id
+            routes |= {
+                **{tpdo.cob_id(node): (tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
+                   for tpdo in monitor.tpdos},
+                pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
+                pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
+                pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed)}
         return routes
 
     def _frames_of_masters(self) -> dict[int, tuple[str, bool]]:
@@ -128,16 +135,6 @@ class CyclicExchange:
             frames[pdo.RPDO1.cob_id(node)] = f'process data for node {node}', True
             frames[pdo.sdo_request_cob_id(node)] = f'an SDO request to node {node}', False
         return frames
-
-    def _routes_of(self, monitor: AxisMonitor) -> dict:
-        node = monitor.axis.node_id
-        return {
-            **{tpdo.cob_id(node): (tpdo.codec.size, partial(self._on_tpdo, monitor, tpdo))
-               for tpdo in monitor.tpdos},
-            pdo.emergency_cob_id(node): (_EMERGENCY_LENGTH, monitor.receive_emergency),
-            pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
-            pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed),
-        }
 
     def _dispatch(self, frame: Frame) -> None:
         length, receive = self._routes.get(frame.cob_id, (None, None))
@@ -293,21 +290,33 @@ class CyclicExchange:
     def _step(self, now: float) -> None:
         in_time = self.clock.finish(now)
         group, monitors, targets = self.group, self._monitors, self._targets
-        feedback = monitors.end_cycle()
+        feedback = tuple([one.end_cycle() for one in monitors])
         targets.supervise(group, monitors, now)
         if group.phase not in STOPPED_PHASES:
-            for cause in (*monitors.silences(self.read_until), *self.clock.causes(
+            for cause in (*self._silences(), *self.clock.causes(
                     self._settings.max_missed_cycles, group.is_powered)):
                 group.stop(cause, now)
         if group.phase is Phase.RAMPING and not targets.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
         commands = group.step(feedback, now)
         if in_time or group.phase not in FOLLOWING_PHASES:
-            actual = tuple([one.encoder.counts or 0 for one in monitors])
+            actual = tuple([one.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
         if group.not_responding != self._taken_out:
             self._take_out_of_operation()
         self._has_stepped = True
+
+    def _silences(self) -> list[Cause]:
+        """
+        Return why to stop because drives are silent: one cause for the bus when all are.
+
+        Silent until what has been read: an answer that seems to be missing may wait to be.
+        """
+        causes = [cause for one in self._monitors
+                  if (cause := one.silence(self.read_until)) is not None]
+        if len(causes) == len(self._monitors):
+            return [Cause(f'no drive answers any more: {causes[0].message}', BUS_REMEDY)]
+        return causes
 
     # --- sending
 
@@ -329,8 +338,10 @@ class CyclicExchange:
         self._waits_for_sync = not self.clock.has_time(time.monotonic())
         if self._waits_for_sync:
             return
-        for cob_id, data in self._monitors.encode(commands, self._targets.counts):
-            self._send(cob_id, data)
+        for monitor, command, counts in zip(
+                self._monitors, commands, self._targets.counts, strict=True):
+            for cob_id, data in monitor.encode(command, counts):
+                self._send(cob_id, data)
 
     def _send(self, cob_id: int, data: bytes = b'') -> None:
         """Send a frame; a queue that is full now may be free in the next cycle."""

@@ -2,12 +2,12 @@
 What was received from one drive, how old it is, and what is wrong with it.
 
 The receiver hands in frames; once a cycle the monitor says whether the drive is still
-there. Times are on the monotonic clock [s]. What was never received is None.
+there. A position is that of the carriage while the drive is homed and it has been steady since.
+Times are on the monotonic clock [s]. What was never received is None.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 import math
 
 from facade_manipulator.drives.canopen import (
@@ -25,24 +25,24 @@ from facade_manipulator.drives.canopen import (
 from facade_manipulator.drives.cia402 import (
     AxisCommand,
     AxisSettings,
-    BUS_REMEDY,
     Cause,
     CONFIGURE_REMEDY,
     Feedback,
+    home_error,
     Measured,
     Mode,
     Status,
-    Triple,
 )
 from facade_manipulator.drives.controller.bus_load import transmission_type
-from facade_manipulator.drives.controller.encoder import Encoder
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import AxisSnapshot
-from facade_manipulator.errors import DriveStateError
 
 SYNC_TOLERANCE = 0.001
 EVERY_SYNC = 1
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
+JUMP_NOISE = 0.001  # m
+JUMP_MARGIN = 2.0  # of the acceleration that a carriage is allowed
+JUMP_JITTER = 0.5  # of the way since the last answer, for a SYNC that came early or late
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
 VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
 ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
@@ -65,8 +65,10 @@ class AxisMonitor:
 
     Attributes
     ----------
-    encoder : Encoder
-        What the position is worth.
+    counts : int or None
+        The newest position, None before the first.
+    homed : bool
+        Whether it is that of the carriage.
     measured : Measured
         What the drive measured, as of the newest cycle.
     tracking_error : float
@@ -98,7 +100,8 @@ class AxisMonitor:
         self._values: dict[int, int] = {}  # by index, in the drive's own units
         self._sends_velocity = any(VELOCITY in one.indices for one in self.tpdos)
         self.answered = -math.inf
-        self.encoder = Encoder(axis, settings.period)
+        self.counts: int | None = None
+        self.homed = False
         self.measured = Measured()
         self.tracking_error = 0.0
         self.nmt_state: int | None = None
@@ -112,6 +115,12 @@ class AxisMonitor:
         self.missed_in_a_row = 0
         self._settings = settings
         self._supervised_since: float | None = None
+        self._is_trusted = True
+        self._speed = 0.0  # mean of the time between the last two positions [counts/s]
+        self._time = 0.0  # of the last position
+        self._elapsed = settings.period  # between the last two [s]
+        self._last_counts = 0  # when the bus was lost
+        self._farthest: float | None = None  # m, from there
 
     @property
     def title(self) -> str:
@@ -126,13 +135,39 @@ class AxisMonitor:
             or self.missed_in_a_row >= self._settings.max_missed_cycles)
         return AxisSnapshot(
             self.name, self.axis.node_id, self._values.get(STATUSWORD), *self.measured,
-            self._values.get(INPUTS), self.encoder.homed, self.error_code, age, self.missed,
+            self._values.get(INPUTS), self.homed, self.error_code, age, self.missed,
             self.serial_number, target, is_silent)
 
+    # --- whether the position is the carriage's
+
+    def begin_homing(self) -> None:
+        """From now on the position is unknown, and what is said of it counts again."""
+        self.homed, self._is_trusted = False, True
+
+    def end_homing(self, homed: bool) -> None:
+        """Note whether the axis is homed; it is not if its position has been lost meanwhile."""
+        self.homed = homed and self._is_trusted
+        self._speed = 0.0  # the step to the home position was none of the carriage
+
+    def distrust(self) -> None:
+        """Note that the position is lost, until the axis is homed again."""
+        self.homed = self._is_trusted = False
+
     def lose(self) -> None:
-        """Note where the carriage is, because the bus is lost: the drive may restart meanwhile."""
-        self.encoder.lose(self._settings.heartbeat_timeout, self.measured.velocity or 0.0)
+        """
+        Note where the carriage is, because the bus is lost: the drive may restart meanwhile.
+
+        The drive goes on until it misses the master's heartbeat, then brakes. Positions that came
+        close together show no speed; the drive's own velocity does.
+        """
         self.nmt_state = None
+        if self.counts is not None and self._farthest is None:
+            axis = self.axis
+            speed = max(abs(self.measured.velocity or 0.0), abs(axis.to_metres(self._speed)))
+            silence = self._settings.heartbeat_timeout + self._settings.period
+            braking = speed ** 2 / (2.0 * axis.stop_deceleration)
+            self._farthest = speed * silence + braking + JUMP_NOISE
+            self._last_counts = self.counts
 
     def recover(self, boots_operational: bool) -> None:
         """
@@ -143,8 +178,8 @@ class AxisMonitor:
         unless it boots so; and it is seldom where it was.
         """
         if self.nmt_state != NmtState.OPERATIONAL or boots_operational:
-            self.encoder.distrust()
-        self.encoder.forget()
+            self.distrust()
+        self.counts = None  # the next is compared with where the bus was lost, not with the last
         self._values.clear()
         self.nmt_state = self.heartbeat_time = None
 
@@ -184,14 +219,50 @@ class AxisMonitor:
         return self._receive_position(time) or cause if POSITION in tpdo.indices else cause
 
     def _receive_position(self, time: float) -> Cause | None:
-        """Return why all must stop because of a position, if they must."""
-        encoder = self.encoder
-        is_first = encoder.counts is None
-        lost = encoder.receive(self._values[POSITION], time)
-        if not (self._sends_velocity or is_first):
-            self._values[VELOCITY] = round(encoder.speed * self.axis.velocity_units_per_count)
-        return lost and self._supervised(
-            f'{self.title}{lost.message}', remedy=lost.remedy, home_again=True, cut_power=True)
+        """
+        Return why all must stop because of a position, if they must.
+
+        The speed of a homed carriage must not seem to have changed faster than it can, and after
+        a silence it must be where it could have come to rest. Else it is no longer trusted.
+        """
+        before, self.counts = self.counts, self._values[POSITION]
+        elapsed, self._time = max(time - self._time, self._settings.period), time
+        if before is None:
+            self._speed, self._elapsed = 0.0, self._settings.period
+            return self._compare_with_last()
+        earlier, self._elapsed = self._elapsed, elapsed
+        expected, self._speed = self._speed * elapsed, (self.counts - before) / elapsed
+        if not self._sends_velocity:
+            self._values[VELOCITY] = round(self._speed * self.axis.velocity_units_per_count)
+        if not self.homed:
+            return None
+        axis = self.axis
+        acceleration = max(axis.max_acceleration, axis.stop_deceleration)
+        jump = abs(axis.to_metres(self.counts - before - expected))
+        bound = (  # both speeds are the means of their times
+            JUMP_NOISE + JUMP_MARGIN * acceleration * 0.5 * (earlier + elapsed) * elapsed
+            + JUMP_JITTER * abs(axis.to_metres(expected)))
+        if jump <= bound:
+            return None
+        return self._lose_position(
+            f': the position has jumped by {jump:.4g} m, bound {bound:.4g} m: it can no longer be '
+            'trusted', 'check the encoder and its cable')
+
+    def _compare_with_last(self) -> Cause | None:
+        farthest, self._farthest = self._farthest, None
+        if farthest is None or not self.homed:
+            return None
+        moved = abs(self.axis.to_metres(self.counts - self._last_counts))
+        if moved <= farthest:
+            return None
+        return self._lose_position(
+            f' is {moved:.4g} m from where it was when the bus was lost, bound {farthest:.4g} m: '
+            'its position can no longer be trusted', 'look whether it was pushed')
+
+    def _lose_position(self, message: str, remedy: str) -> Cause | None:
+        self.distrust()
+        return self._supervised(
+            f'{self.title}{message}', remedy=remedy, home_again=True, cut_power=True)
 
     def _receive_error_code(self) -> Cause | None:
         """Return why all must stop if a drive in fault says by 603F alone what it is."""
@@ -213,7 +284,7 @@ class AxisMonitor:
         self.error_code = code
         meaning = fault(code)
         if meaning.home_again:
-            self.encoder.distrust()
+            self.distrust()
         return self._supervised(
             f'{self.title}: {describe(code)}', remedy=meaning.remedy,
             home_again=meaning.home_again, cut_power=meaning.reaction is Reaction.DISABLE_ALL)
@@ -255,8 +326,8 @@ class AxisMonitor:
         return Feedback(
             values.get(STATUSWORD, 0), mode,
             measured.velocity is not None and abs(measured.velocity) < REST_SPEED,
-            self.error_code, self.encoder.home_error() if mode == Mode.HOMING else 0.0,
-            self.missed_in_a_row)
+            self.error_code, home_error(self.axis, self.counts or 0, self._settings.period)
+            if mode == Mode.HOMING else 0.0, self.missed_in_a_row)
 
     def silence(self, now: float) -> Cause | None:
         """Return why all must stop because of what was not received, None if all was."""
@@ -277,7 +348,7 @@ class AxisMonitor:
 
     def _boot(self) -> Cause | None:
         self.boot_ups += 1
-        self.encoder.distrust()
+        self.distrust()
         self.has_restarted = self._supervised_since is not None
         return self._supervised(
             f'{self.title} has restarted by itself and has lost its position',
@@ -287,62 +358,3 @@ class AxisMonitor:
         if self._supervised_since is None:
             return None
         return Cause(message, axis=self.name, **details)
-
-
-class AxisMonitors(tuple[AxisMonitor, ...]):
-    """What was received from the drives of one machine."""
-
-    @property
-    def unhomed(self) -> list[str]:
-        """Names of the axes that must be homed."""
-        return [one.name for one in self if not one.encoder.homed]
-
-    @property
-    def silent_tpdos(self) -> list[str]:
-        """Process data that have not come yet since the cycle was started."""
-        return [f'{name} of {one.title}' for one in self for name in sorted(one.silent_tpdos)]
-
-    def positions(self) -> Triple:
-        """
-        Return where the carriages are [m].
-
-        Raises
-        ------
-        DriveStateError
-            A drive has not sent its position yet.
-
-        """
-        positions = tuple([one.measured.position for one in self])
-        if None in positions:
-            raise DriveStateError('not every drive has sent its position yet: try again')
-        return positions
-
-    def snapshots(
-        self, targets: Triple | tuple[None, ...], now: float
-    ) -> tuple[AxisSnapshot, ...]:
-        """Return what was received, with the targets [m] that are commanded meanwhile."""
-        return tuple([one.snapshot(target, now)
-                      for one, target in zip(self, targets, strict=True)])
-
-    def end_cycle(self) -> tuple[Feedback, ...]:
-        """Return what each drive last sent, as `AxisMonitor.end_cycle` does."""
-        return tuple([one.end_cycle() for one in self])
-
-    def encode(
-        self, commands: Iterable[AxisCommand], targets: Iterable[int]
-    ) -> list[tuple[int, bytes]]:
-        """Return COB-ID and data of all RPDOs that carry commands and targets [counts]."""
-        return [frame for one, command, target in zip(self, commands, targets, strict=True)
-                for frame in one.encode(command, target)]
-
-    def silences(self, read_until: float) -> list[Cause]:
-        """
-        Return why to stop because drives are silent: one cause for the bus when all are.
-
-        `read_until` is the time [s] up to which all received frames have been read: what still
-        waits to be read may be the very answer that seems to be missing.
-        """
-        causes = [cause for one in self if (cause := one.silence(read_until)) is not None]
-        if len(causes) == len(self):
-            return [Cause(f'no drive answers any more: {causes[0].message}', BUS_REMEDY)]
-        return causes

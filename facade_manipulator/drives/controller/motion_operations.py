@@ -36,13 +36,13 @@ class Activate(Operation):
         return 'The drives are powered and follow setpoints.' if done else None
 
     def _require_homed(self) -> None:
-        unhomed = self.session.monitors.unhomed
+        unhomed = self.session.unhomed
         if unhomed:
             raise DriveStateError(
                 f'activate is not possible, {" and ".join(unhomed)} must be homed')
 
     def _require_inside(self) -> None:
-        positions = self.session.monitors.positions()
+        positions = self.session.positions()
         try:
             require_inside(self.session.axes, positions)
             self.session.targets.mechanism.check_targets(positions)
@@ -101,13 +101,13 @@ class Home(Operation):
         session = self.session
         group = self.group
         self.require_allowed()
-        session.monitors.positions()
+        session.positions()
         sequence = HomingSequence(tuple(
             AxisHoming(name, axis.homing_timeout, axis.homing_rank, axis.homing_method)
             for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
         group.home(sequence, now)
         for monitor in session.monitors:
-            monitor.encoder.begin_homing()
+            monitor.begin_homing()
         return None
 
     def poll(self, now: float) -> str | None:
@@ -120,8 +120,8 @@ class Home(Operation):
         """Note which axes are homed, not before their positions have settled, and report."""
         for homed, monitor in zip(
                 self.group.homing.homed, self.session.monitors, strict=True):
-            monitor.encoder.end_homing(homed)
+            monitor.end_homing(homed)
         return 'Homing: ' + ', '.join(
             f'{monitor.name} is homed, at {monitor.measured.position:.4f} m'
-            if monitor.encoder.homed else f'{monitor.name} is not homed'
+            if monitor.homed else f'{monitor.name} is not homed'
             for monitor in self.session.monitors) + '.'

@@ -66,7 +66,8 @@ class Configure(Operation):
             if session.group.needs_configuration:
                 raise DriveTimeoutError(session.group.cause.message)
             return f'The drives are configured, but stopped: {session.group.cause.message}.'
-        silent = session.monitors.silent_tpdos
+        silent = [f'{name} of {one.title}'
+                  for one in session.monitors for name in sorted(one.silent_tpdos)]
         if silent and now > self._deadline:
             raise DriveTimeoutError(
                 f'{", ".join(silent)} did not come in answer to SYNC: '

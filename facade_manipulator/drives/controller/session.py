@@ -31,16 +31,17 @@ from facade_manipulator.drives.cia402 import (
     Group,
     load_profile,
     Phase,
+    Triple,
 )
 from facade_manipulator.drives.controller.bus_load import check_bus_load
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive, send_nmt
 from facade_manipulator.drives.controller.configuration import object_writes
 from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.monitor import AxisMonitor, AxisMonitors
+from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.realtime import Collector
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
-from facade_manipulator.errors import BusError
+from facade_manipulator.errors import BusError, DriveStateError
 
 FORGET_MASTER_HEARTBEAT = bytes.fromhex('2316100100000000')  # 1016h:01 = 0, answer not awaited
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
@@ -127,10 +128,30 @@ class Session:
         self.group: Group | None = None
         self.lost: LostBus | None = None
         self.notes: tuple[str, ...] = ()
-        self.monitors = AxisMonitors(
+        self.monitors = tuple(
             AxisMonitor(name, axis, self.settings, profile.pdos)
             for name, axis, profile in zip(
                 AXIS_NAMES, self.axes, self._profiles, strict=True))
+
+    @property
+    def unhomed(self) -> list[str]:
+        """Names of the axes that must be homed."""
+        return [one.name for one in self.monitors if not one.homed]
+
+    def positions(self) -> Triple:
+        """
+        Return where the carriages are [m].
+
+        Raises
+        ------
+        DriveStateError
+            A drive has not sent its position yet.
+
+        """
+        positions = tuple([one.measured.position for one in self.monitors])
+        if None in positions:
+            raise DriveStateError('not every drive has sent its position yet: try again')
+        return positions
 
     @property
     def is_powered(self) -> bool:

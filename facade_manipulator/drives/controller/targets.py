@@ -28,7 +28,7 @@ from facade_manipulator.drives.cia402 import (
     Triple,
 )
 from facade_manipulator.drives.controller.cycle import CycleClock
-from facade_manipulator.drives.controller.monitor import AxisMonitors
+from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import (
     InputError,
@@ -127,14 +127,16 @@ class Targets:
         """Return whether the targets stand still."""
         return self.mechanism.source.at_rest
 
-    def supervise(self, group: Group, monitors: AxisMonitors, now: float) -> None:
+    def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
         """Stop where the carriages are not what was commanded: nobody else sees all three."""
         if group.phase is Phase.HOMING:
             self._supervise_homing(group, monitors, now)
         elif group.phase in FOLLOWING_PHASES:
             self._supervise_following(group, monitors, now)
 
-    def _supervise_homing(self, group: Group, monitors: AxisMonitors, now: float) -> None:
+    def _supervise_homing(
+        self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
+    ) -> None:
         try:
             self.mechanism.check_homing(
                 tuple([one.measured.position for one in monitors]), group.homing.homed)
@@ -143,7 +145,9 @@ class Targets:
                 f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
                 'faults, then home'), now)
 
-    def _supervise_following(self, group: Group, monitors: AxisMonitors, now: float) -> None:
+    def _supervise_following(
+        self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
+    ) -> None:
         try:
             self.mechanism.check_actual(tuple([one.measured.position for one in monitors]))
         except ManipulatorError as error:

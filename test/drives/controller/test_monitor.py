@@ -20,7 +20,7 @@ SPEED = 0.4  # m/s
 def monitor():
     made = AxisMonitor('q1', AXIS, SETTINGS)
     made.begin_supervision(0.0)
-    made.encoder.end_homing(True)
+    made.end_homing(True)
     return made
 
 
@@ -64,7 +64,7 @@ def test_how_far_a_carriage_may_be_after_a_lost_bus_is_told_by_its_drives_speed(
     monitor.receive_heartbeat(Frame(0x701, b'\x05', 1.0, 1.0))
     monitor.recover(boots_operational=False)
     cause = answer(monitor, 2.0, 0.006 + moved, 0.0)
-    assert monitor.encoder.homed is (cause is None) is (moved < 0.1)
+    assert monitor.homed is (cause is None) is (moved < 0.1)
 
 
 def test_a_carriage_that_has_slowed_down_while_the_loop_was_late_is_no_jump(monitor):
@@ -73,5 +73,5 @@ def test_a_carriage_that_has_slowed_down_while_the_loop_was_late_is_no_jump(moni
     for pause, mean in ((T, 0.0), (T, 0.2), (T, 0.4), (11 * T, 0.15), (T, -0.2)):
         time, position = time + pause, position + mean * pause
         assert answer(monitor, time, position) is None
-    assert monitor.encoder.homed
+    assert monitor.homed
     assert 'has jumped' in answer(monitor, time + T, position + 0.01).message

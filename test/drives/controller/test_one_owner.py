@@ -16,7 +16,7 @@ from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword
 from facade_manipulator.drives.controller import exchange as module
 from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.monitor import AxisMonitor, AxisMonitors
+from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
 
 PERIOD = SETTINGS.period
@@ -80,7 +80,7 @@ def wire(monkeypatch):
 
 def started_on(wire):
     """Start an exchange; return it and what hands it frames."""
-    monitors = AxisMonitors(
+    monitors = tuple(
         AxisMonitor(name, axis, SETTINGS) for name, axis in zip(
             AXIS_NAMES, DEFAULT_AXES, strict=True))
     exchange = CyclicExchange(
