@@ -84,7 +84,7 @@ def planar_pose(message: Any, what: str) -> Pose:
 def pose_in_frame(message: Any, frame_id: str, what: str) -> Pose:
     """Return the planar pose of a message with a header; as `require_frame` and `planar_pose`."""
     require_frame(message.header.frame_id, frame_id, what)
-    return planar_pose(message.pose, what)
+    return planar(pose_numbers(message.pose), what)
 
 
 def pose_numbers(message: Any) -> tuple[float, ...]:

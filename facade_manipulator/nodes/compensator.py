@@ -36,7 +36,6 @@ from facade_manipulator.messages import (
     END_EFFECTOR,
     estimate_numbers,
     FACADE,
-    planar,
     planar_wrench,
     pose_in_frame,
     projected,
@@ -59,7 +58,6 @@ from facade_manipulator.ros import (
     LATEST,
     node_time,
     offer_trigger,
-    pose_codec,
     PoseStream,
     Rejections,
     RELIABLE,
@@ -170,7 +168,6 @@ class CompensatorNode(Node):
         self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
         self._rail = Transforms(self, FACADE, RAIL)
         self._disturbance_codec = estimate_codec('disturbance', FACADE)
-        self._head_codec = pose_codec('end_effector_pose', RAIL)
         self._subscribe(heads)
         self.create_service(SetBool, 'compensator/enable', self._enable)
         offer_trigger(self, 'compensator/tare', self._tare)
@@ -181,13 +178,10 @@ class CompensatorNode(Node):
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type):
         """Declare the settings of a part of the compensator, which may change while it runs."""
-        def check(settings) -> None:
-            if part == 'workspace_limit':
-                WorkspaceLimit(geometry, settings)
-
         return declare(
             self, settings_class, '' if part == 'compensation' else part,
-            lambda settings: self._compensator.change(part, settings), check)
+            lambda settings: self._compensator.change(part, settings),
+            partial(WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
 
     def _subscribe(self, heads: PoseStream | None) -> None:
         self.create_subscription(PoseStamped, 'goal_pose', self._receive_goal, LATEST)
@@ -200,7 +194,7 @@ class CompensatorNode(Node):
             heads.connect(self._add_head, subscribes=False)
         else:
             self.create_subscription(
-                PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE, raw=True)
+                PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE)
         self.create_subscription(
             WrenchStamped, 'contact_wrench', self._receive_wrench, qos_profile_sensor_data)
         self.create_subscription(
@@ -263,10 +257,10 @@ class CompensatorNode(Node):
         self._compensator.add_estimate(
             node_time(self), time, place, (x, y, yaw), self._report.out_of_plane.tilt)
 
-    def _receive_head(self, data: bytes) -> None:
+    def _receive_head(self, message: PoseStamped) -> None:
         with self._rejections:
-            time, pose = self._head_codec.read(data)
-            self._compensator.following.add_head(time, planar(pose, 'end_effector_pose'))
+            pose = pose_in_frame(message, RAIL, 'end_effector_pose')
+            self._compensator.following.add_head(seconds(message.header.stamp), pose)
 
     def _add_head(self, time: float, pose: Pose) -> None:
         with self._rejections:

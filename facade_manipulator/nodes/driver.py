@@ -110,7 +110,8 @@ class DriverNode(ManagedNode):
         is_real = not self._settings.simulate_drives
         self._counting = CounterFile(
             self._service.folder if is_real else '', self.get_namespace())
-        self._loop = LoopProcess(self._setup, self._add_rejection, launch)
+        self._loop = LoopProcess(
+            self._setup, lambda *error: self._rejections.add(InputError(*error)), launch)
         self._worker = ThreadPoolExecutor(max_workers=1)
         self._published_stamp: float | None = None
         self._drive_faults = 0
@@ -275,10 +276,6 @@ class DriverNode(ManagedNode):
             self._loop.send_setpoint(Setpoint(time, (q1, q2, q3), tuple(velocity)))
         except ManipulatorError as error:
             self._rejections.add(error)
-
-    def _add_rejection(self, reason: str, message: str) -> None:
-        """Count a setpoint that the loop has rejected."""
-        self._rejections.add(InputError(reason, message))
 
     def _require_active(self) -> None:
         state = self._loop.snapshot().state

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 import math
 from typing import Any, NamedTuple
@@ -42,6 +42,13 @@ from facade_manipulator.ros import (
 PERIOD = 0.1
 OLDEST = 0.5  # s: what is older is not drawn, and markers vanish by themselves
 OLDEST_STATE = 2.5  # s: /diagnostics comes once a second
+POSES = {
+    'end_effector_pose': (PoseStamped, LATEST),
+    'corrected_pose': (PoseStamped, LATEST),
+    'goal_pose': (PoseStamped, LATEST),
+    'disturbance': (PoseWithCovarianceStamped, qos_profile_sensor_data),
+    'disturbance_odometry': (Odometry, qos_profile_sensor_data),
+}
 LEVEL_NAMES = {value: name for name, value in LEVELS.items()}
 
 Colour = tuple[float, float, float, float]  # red, green, blue and opacity, 0 to 1
@@ -108,14 +115,9 @@ class LinkageView:
     def _open(self) -> None:
         create = self._node.create_subscription
         self._subscriptions = [
-            *(create(PoseStamped, topic, self._receiver(topic), LATEST)
-              for topic in ('end_effector_pose', 'corrected_pose', 'goal_pose')),
-            create(PoseWithCovarianceStamped, 'disturbance', self._receive_disturbance,
-                   qos_profile_sensor_data),
-            create(Odometry, 'disturbance_odometry', self._receive_disturbance,
-                   qos_profile_sensor_data),
             create(DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE),
-        ]
+            *(create(kind, topic, partial(self._receive_pose, topic), qos)
+              for topic, (kind, qos) in POSES.items())]
         self._timer.reset()
 
     def _close(self) -> None:
@@ -125,18 +127,16 @@ class LinkageView:
         self._subscriptions = []
         self._values.clear()
 
-    def _receiver(self, topic: str) -> Callable[[PoseStamped], None]:
-        return lambda message: self._keep_pose(topic, message.pose)
-
-    def _receive_disturbance(self, message: PoseWithCovarianceStamped | Odometry) -> None:
-        if getattr(message, 'child_frame_id', RAIL) == RAIL:
-            self._keep_pose('disturbance', message.pose.pose)
-
-    def _keep_pose(self, topic: str, message: Any) -> None:
+    def _receive_pose(self, topic: str, message: Any) -> None:
+        """Keep a pose, with or without a covariance; of an odometry only that of the rail."""
+        if getattr(message, 'child_frame_id', RAIL) != RAIL:
+            return
+        what = topic.removesuffix('_odometry')
         try:
-            self._keep(topic, projected(pose_numbers(message), topic)[0])
+            pose = getattr(message.pose, 'pose', message.pose)
+            self._keep(what, projected(pose_numbers(pose), what)[0])
         except ManipulatorError:
-            self._values.pop(topic, None)  # the node that rejects it says why
+            self._values.pop(what, None)  # the node that rejects it says why
 
     def _receive_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

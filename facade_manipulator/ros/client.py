@@ -201,11 +201,12 @@ class ManipulatorClient:
         """Make the present disturbance the nominal position of the gondola."""
         return self._trigger('compensator/tare')
 
-    def send_goal(self, pose: Pose) -> None:
+    def send_goal(self, pose: Pose) -> str:
         """
         Send a goal for the head on the wall (frame ``facade``), until it has arrived.
 
         It is sent a few times, within 1.5 s, where `compensator/goal_status` does not mention it.
+        Return its stamp, by which that names it.
 
         Raises
         ------
@@ -213,7 +214,21 @@ class ManipulatorClient:
             Nobody subscribes to goals.
 
         """
-        self._send(pose)
+        goals = self._publisher('goal_pose')
+        self.wait_until(  # all who subscribe: a goal published before would miss some
+            lambda: 0 < self.node.count_subscribers('goal_pose') <= goals.get_subscription_count(),
+            'a compensator that subscribes to goal_pose')
+        self.goal = pose
+        self._progress.clear()
+        message = pose_stamped('facade', node_time(self.node), pose)
+        stamp = stamp_text(message.header.stamp)
+        for _ in range(SENDINGS):
+            goals.publish(message)
+            with suppress(NoAnswerError):  # the compensator may not be discovered yet, others are
+                self.wait_until(lambda: _newest(self._progress, stamp), 'the goal to arrive',
+                                SEND_AGAIN)
+                break
+        return stamp
 
     def go_to(self, *goals: Pose, timeout: float = GOAL_TIMEOUT,
               on_progress: Callable[[int, DiagnosticStatus], None] = lambda *_: None) -> None:
@@ -238,7 +253,7 @@ class ManipulatorClient:
 
         """
         for number, goal in enumerate(goals):
-            stamp = self._send(goal)
+            stamp = self.send_goal(goal)
             self._await_goal(stamp, timeout, partial(on_progress, number))
 
     def _await_goal(
@@ -354,24 +369,6 @@ class ManipulatorClient:
         future = client.call_async(request)
         self.wait_until(future.done, f'the answer of {name}', timeout)
         return future.result()
-
-    def _send(self, goal: Pose) -> str:
-        """Send a goal; return its stamp, by which its progress is published."""
-        goals = self._publisher('goal_pose')
-        self.wait_until(  # all who subscribe: a goal published before would miss some
-            lambda: 0 < self.node.count_subscribers('goal_pose') <= goals.get_subscription_count(),
-            'a compensator that subscribes to goal_pose')
-        self.goal = goal
-        self._progress.clear()
-        message = pose_stamped('facade', node_time(self.node), goal)
-        stamp = stamp_text(message.header.stamp)
-        for _ in range(SENDINGS):
-            goals.publish(message)
-            with suppress(NoAnswerError):  # the compensator may not be discovered yet, others are
-                self.wait_until(lambda: _newest(self._progress, stamp), 'the goal to arrive',
-                                SEND_AGAIN)
-                break
-        return stamp
 
     def _publisher(self, topic: str) -> Publisher:
         """Return what publishes poses on a topic."""

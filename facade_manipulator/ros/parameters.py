@@ -39,7 +39,7 @@ def declare(
     settings_class: type[Settings],
     prefix: str = '',
     on_change: Callable[[Settings], None] | None = None,
-    check: Callable[[Settings], object] = lambda settings: None,
+    check: Callable[[Settings], object] | None = None,
     **defaults: Any,
 ) -> Settings:
     """
@@ -79,7 +79,8 @@ def declare(
     def checked(make: Callable[..., Settings], values: dict[str, Any]) -> Settings:
         try:
             made = make(**values)
-            check(made)
+            if check is not None:
+                check(made)
         except ParameterError as error:  # is to name parameters as the operator does
             if not prefix:
                 raise
