@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 from canopen.lss import LssError, LssMaster
 
-from facade_manipulator.commissioning.bus import BOOT_TIMEOUT, read_number, ToolBus
-from facade_manipulator.drives.canopen import NmtCommand, SdoChannel
-from facade_manipulator.errors import CommissioningError, DriveError
+from facade_manipulator.commissioning.bus import BOOT_TIMEOUT, number_or_none, ToolBus
+from facade_manipulator.drives.canopen import NmtCommand
+from facade_manipulator.errors import CommissioningError
 
 UNCONFIGURED = 255
 _NO_LSS = (
@@ -92,20 +92,13 @@ class Assignment:
         """Wait for a drive's new node id; a CommissioningError if another has it, or none."""
         drive = self._bus.objects(node_id)
         end = time.monotonic() + BOOT_TIMEOUT
-        while (serial := _serial(drive)) is None and time.monotonic() < end:
+        while (serial := number_or_none(drive, 0x1018, 4)) is None and time.monotonic() < end:
             time.sleep(0.05)
         if serial != serial_number:
             what = 'no drive' if serial is None else f'the drive {serial}'
             raise CommissioningError(
                 f'{what} answers as node {node_id} instead of {serial_number}: the node id is '
                 'stored; switch its power off and on, then scan')
-
-
-def _serial(drive: SdoChannel) -> int | None:
-    try:
-        return read_number(drive, 0x1018, 4)
-    except DriveError:
-        return None
 
 
 def assign_all(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 import threading
 import time
 
@@ -26,19 +27,19 @@ from facade_manipulator.drives.canopen import (
     SdoChannel,
     SYNC_COB_ID,
 )
-from facade_manipulator.errors import BusError, DriveStateError, DriveTimeoutError
+from facade_manipulator.errors import BusError, DriveError, DriveStateError, DriveTimeoutError
 
 LISTENING_TIME = 0.6  # s: the longest period of a driver's heartbeat, and something
 BOOT_TIMEOUT = 5.0  # s
 _RECEIVING = 0.05
-_NODES = range(1, MASTER_NODE_ID)
-# what only a master sends, and what it is
+NODE_IDS = range(1, MASTER_NODE_ID)
+# what only a master sends
 _ONLY_MASTERS = {
-    (heartbeat_cob_id(MASTER_NODE_ID),): f'the heartbeat of node {MASTER_NODE_ID}',
-    (SYNC_COB_ID,): 'SYNC',
-    (NMT_COB_ID,): 'an NMT command',
-    tuple(pdo.rpdo_cob_id(1, node_id) for node_id in _NODES): 'process data for a drive',
-    tuple(sdo_request_cob_id(node_id) for node_id in _NODES): 'an SDO request',
+    heartbeat_cob_id(MASTER_NODE_ID): f'the heartbeat of node {MASTER_NODE_ID}',
+    SYNC_COB_ID: 'SYNC',
+    NMT_COB_ID: 'an NMT command',
+    **{pdo.RPDO1.cob_id(node_id): 'process data for a drive' for node_id in NODE_IDS},
+    **{sdo_request_cob_id(node_id): 'an SDO request' for node_id in NODE_IDS},
 }
 STORING = Patience(timeout=5.0, attempts=1)  # a second attempt would store what is there then
 
@@ -159,14 +160,16 @@ class ToolBus:
     def require_alone(self) -> None:
         """Listen whether a driver runs on this bus; raises a DriveStateError if one does."""
         received = {frame.cob_id for frame in self.collect(LISTENING_TIME)}
-        for cob_ids, what in _ONLY_MASTERS.items():
-            for cob_id in received.intersection(cob_ids):
+        for cob_id, what in _ONLY_MASTERS.items():
+            if cob_id in received:
                 raise DriveStateError(
                     f'{what} ({cob_id:03X}h) is on {self.frames}: a driver runs on this bus, or '
                     'another tool, and two masters must not command one drive; end it, then try '
                     'again')
 
 
-def read_number(drive: SdoChannel, index: int, subindex: int = 0, signed: bool = False) -> int:
-    """Read an object that is a number; raises what `SdoChannel.read` does."""
-    return int.from_bytes(drive.read(index, subindex), 'little', signed=signed)
+def number_or_none(drive: SdoChannel, index: int, subindex: int = 0) -> int | None:
+    """Read an object that is a number; None where the drive does not say it."""
+    with suppress(DriveError):
+        return drive.read_number(index, subindex)
+    return None

@@ -26,8 +26,8 @@ from facade_manipulator.files import atomic_write
 Key = tuple[int, int]
 IDENTITY = tuple((0x1018, subindex) for subindex in (1, 2, 3, 4))
 _COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A, 0x60FF, 0x6071}  # nothing to keep
-_PDO_COMMUNICATION = (*range(0x1400, 0x1600), *range(0x1800, 0x1A00))
-_MAPPING = 0x200  # from a PDO's communication parameter to its mapping
+_PDOS = range(0x1400, 0x1C00)
+_MAPPING = 0x200  # the bit in which a PDO's communication parameter and its mapping differ
 _SAVE = int.from_bytes(b'save', 'little')
 
 
@@ -121,6 +121,16 @@ class Difference(NamedTuple):
     here: Any
     there: Any
 
+    @property
+    def label(self) -> str:
+        """Index and subindex."""
+        return _label(self.key)
+
+    @property
+    def row(self) -> tuple[str, str, str, str]:
+        """What an operator reads: object, its name, and the two values."""
+        return self.label, self.name, _shown(self.here), _shown(self.there)
+
 
 def compare(here: Snapshot, there: Snapshot) -> list[Difference]:
     """Return where two snapshots differ, but for node ids in COB-IDs and the identity."""
@@ -149,27 +159,20 @@ def restore(drive: SdoChannel, wanted: Snapshot, present: Snapshot) -> int:
         for difference in compare(wanted, present)
         if difference.here is not None and difference.there is not None}
     done = 0
-    for key, value in [*_pdo_writes(changes, wanted, drive.node_id), *_plain(changes)]:
-        try:
+    try:
+        for key, value in _in_order(changes, wanted, drive.node_id):
             drive.write(*key, wanted.variable(key).encode_raw(value))
             done += 1
-        except DriveError as error:
-            raise CommissioningError(f'{error}. {_state(drive, done)}') from error
-    for key, value in changes.items():
-        try:
+        for key, value in changes.items():
             found = wanted.variable(key).decode_raw(drive.read(*key))
-        except DriveError as error:
-            raise CommissioningError(f'{error}. {_state(drive, done)}') from error
-        if found != value:
-            raise CommissioningError(
-                f'{drive.name}: {_label(key)} reads back as {found} instead of {value}. '
-                f'{_state(drive, done)}')
+            if found != value:
+                raise CommissioningError(
+                    f'{drive.name}: {_label(key)} reads back as {found} instead of {value}')
+    except (DriveError, CommissioningError) as error:
+        raise CommissioningError(
+            f'{error}. {done} objects of {drive.name} were written and nothing is stored: it has '
+            'its old values again after its power was off and on') from error
     return len(changes)
-
-
-def _state(drive: SdoChannel, done: int) -> str:
-    return (f'{done} objects of {drive.name} were written and nothing is stored: it has its old '
-            'values again after its power was off and on')
 
 
 def _value_for(node_id: int, wanted: Snapshot, key: Key) -> Any:
@@ -177,31 +180,24 @@ def _value_for(node_id: int, wanted: Snapshot, key: Key) -> Any:
     return value - wanted.node_id + node_id if wanted.variable(key).relative else value
 
 
-def _plain(changes: dict[Key, Any]) -> list[tuple[Key, Any]]:
-    pdos = {*_PDO_COMMUNICATION, *(index + _MAPPING for index in _PDO_COMMUNICATION)}
-    return [item for item in changes.items() if item[0][0] not in pdos]
-
-
-def _pdo_writes(
+def _in_order(
     changes: dict[Key, Any], wanted: Snapshot, node_id: int
 ) -> Iterator[tuple[Key, Any]]:
-    """Yield the writes of each PDO that changes: off, no entries, entries, count, the rest, on."""
-    for index in _PDO_COMMUNICATION:
-        parameters = sorted(key for key in wanted.values
-                            if key[0] in (index, index + _MAPPING))
-        if not changes.keys() & set(parameters):
-            continue
-        values = {key: _value_for(node_id, wanted, key) for key in parameters}
+    """Yield the writes; those of a PDO: off, no entries, entries, count, the rest, on."""
+    for index in sorted({key[0] & ~_MAPPING for key in changes if key[0] in _PDOS}):
+        values = {key: _value_for(node_id, wanted, key) for key in sorted(wanted.values)
+                  if key[0] & ~_MAPPING == index}
         switch, count = (index, 1), (index + _MAPPING, 0)
         yield switch, values[switch] | DISABLED
         if count in values:
             yield count, 0
-        for key in parameters:
+        for key in values:
             if key not in (switch, count, (index, 0)) and _is_entry(key, count, values):
                 yield key, values[key]
         if count in values:
             yield count, values[count]
         yield switch, values[switch]
+    yield from (item for item in changes.items() if item[0][0] not in _PDOS)
 
 
 def _is_entry(key: Key, count: Key, values: dict[Key, Any]) -> bool:
@@ -232,12 +228,6 @@ def store(bus: ToolBus, node_id: int, name: str) -> None:
 
 def _label(key: Key) -> str:
     return f'{key[0]:04X}h:{key[1]:02X}'
-
-
-def describe(difference: Difference) -> tuple[str, str, str, str]:
-    """Return a row for the operator: object, its name, and the two values."""
-    return (_label(difference.key), difference.name, _shown(difference.here),
-            _shown(difference.there))
 
 
 def _shown(value: Any) -> str:

@@ -10,15 +10,14 @@ CiA 402-2: supported drive modes 6502h, supported homing methods 60E3h, SI unit 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 from canopen import ObjectDictionary
 
-from facade_manipulator.commissioning.bus import read_number
 from facade_manipulator.commissioning.drive_objects import read_dictionary, variables
-from facade_manipulator.drives.canopen import SdoChannel
+from facade_manipulator.drives.canopen import SdoAbortError, SdoChannel
 from facade_manipulator.drives.cia402 import DriveProfile, load_profile
-from facade_manipulator.errors import DriveError, DriveTimeoutError, ParameterError
 
 TEMPLATE = 'generic_cia402'
 _CYCLIC_POSITION = 1 << 7  # in 6502h
@@ -46,14 +45,14 @@ def draft(eds: Path) -> tuple[str, list[str]]:
     if dictionary.device_information.vendor_number:
         lines.append(f'vendor_id: {dictionary.device_information.vendor_number}')
     unit = _VELOCITY_UNITS.get(_default(dictionary, 0x60A9))
-    methods = _homing_methods(dictionary) or template.homing_methods
+    methods = _homing_methods(dictionary)
     lines += [
         f'eds: {eds.name}',
         f'velocity_unit: {unit or template.velocity_unit}' + ('' if unit else (
             '  # ? in which unit does it state velocities (606Ch, 6081h)?')),
         f'motor_speed_unit: {template.motor_speed_unit}  # ? in which unit is 6080h?',
-        f'homing_methods: [{", ".join(map(str, methods))}]' + (
-            '' if _homing_methods(dictionary) else '  # ? which does its manual name?'),
+        f'homing_methods: [{", ".join(map(str, methods or template.homing_methods))}]' + (
+            '' if methods else '  # ? which does its manual name?'),
         'quirks:', *(f'  {name}: false  # ? {question}' for name, question in _QUESTIONS.items()),
         'pdos:', *(f'  {name}: [{", ".join(indices)}]' for name, indices in _pdos(
             dictionary, template)),
@@ -126,9 +125,9 @@ def differences(drive: SdoChannel, profile: DriveProfile) -> list[str]:
             _problem(drive, dictionary, pdo.mapping_index, 0),
             *(_problem(drive, dictionary, entry.index, entry.subindex)
               for entry in pdo.content if pdo.is_transmitted)))
-    modes = _read(drive, 0x6502)
-    if modes is not None and not modes & _CYCLIC_POSITION:
-        found.append(f'it has no cyclic synchronous position (6502h = {modes:X}h)')
+    with suppress(SdoAbortError):
+        if not (modes := drive.read_number(0x6502)) & _CYCLIC_POSITION:
+            found.append(f'it has no cyclic synchronous position (6502h = {modes:X}h)')
     return found
 
 
@@ -138,29 +137,10 @@ def _problem(
     label = f'object {index:04X}h:{subindex:02X}'
     try:
         size = len(drive.read(index, subindex))
-    except DriveTimeoutError:
-        raise
-    except DriveError as error:
+    except SdoAbortError as error:
         return f'{label} cannot be read ({error})'
     variable = dictionary.get_variable(index, subindex)
     if variable is None:
         return None
     expected = len(variable) // 8
     return None if size == expected else f'{label} has {size} bytes, by its EDS {expected}'
-
-
-def _read(drive: SdoChannel, index: int) -> int | None:
-    try:
-        return read_number(drive, index)
-    except DriveTimeoutError:
-        raise
-    except DriveError:
-        return None
-
-
-def check_draft(path: Path) -> DriveProfile:
-    """Read a drafted profile as the driver will; raises a ParameterError."""
-    profile = load_profile(str(path))
-    if not profile.objects:
-        raise ParameterError(f'{path} has no objects')
-    return profile

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from facade_manipulator.commissioning.assign import assign_all, Assignment, Found
 from facade_manipulator.commissioning.bitrate import guess_bitrate
-from facade_manipulator.commissioning.bus import BOOT_TIMEOUT, read_number, ToolBus
+from facade_manipulator.commissioning.bus import BOOT_TIMEOUT, ToolBus
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.scan import findings, has_unconfigured, Node, scan
 from facade_manipulator.drives.cia402 import AXIS_NAMES, fitting_profile
@@ -48,12 +48,8 @@ def run_scan(context: Context) -> int:
 
 def _row(node: Node) -> tuple:
     serials = ', '.join(str(serial) for serial in node.serials) or 'no answer'
-    return (node.node_id, serials, node.name, node.firmware, _text(node.vendor_id),
-            _text(node.product_code), node.state, node.profile)
-
-
-def _text(number: int | None) -> str:
-    return '' if number is None else str(number)
+    return (node.node_id, serials, node.name, node.firmware, node.vendor_id, node.product_code,
+            node.state, node.profile)
 
 
 def run_assign(context: Context) -> None:
@@ -104,7 +100,7 @@ def _assign_one(
     assignment.give_alone(node_ids[name])
     drive = bus.objects(node_ids[name])
     bus.wait_for(lambda: 0x700 + node_ids[name] in bus.latest, BOOT_TIMEOUT)
-    return {name: Found(*(read_number(drive, 0x1018, n) for n in range(1, 5)))}
+    return {name: Found(*(drive.read_number(0x1018, n) for n in range(1, 5)))}
 
 
 def _axis_of(found: Found, context: Context) -> str:

@@ -10,7 +10,6 @@ from facade_manipulator.commissioning.bus import ToolBus
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.drive_objects import (
     compare,
-    describe,
     IDENTITY,
     read_dcf,
     restore,
@@ -19,7 +18,7 @@ from facade_manipulator.commissioning.drive_objects import (
     take_snapshot,
     write_dcf,
 )
-from facade_manipulator.commissioning.drive_profile import check_draft, differences, draft
+from facade_manipulator.commissioning.drive_profile import differences, draft
 from facade_manipulator.commissioning.scan import only_drive
 from facade_manipulator.drives.cia402 import AXIS_NAMES, load_profile
 from facade_manipulator.errors import CommissioningError, file_errors
@@ -63,7 +62,7 @@ def run_profile(context: Context) -> int:
         if options.eds.resolve().parent != output.resolve().parent:
             shutil.copy(options.eds, output.parent)
         output.write_text(text, 'utf-8')
-    check_draft(output)
+    load_profile(str(output))  # as the driver will
     for line in text.splitlines():
         if '# ?' in line:
             context.operator.say(line.strip())
@@ -112,11 +111,11 @@ def run_compare(context: Context) -> int:
     found = compare(here, there)
     if found:
         context.operator.table(('object', 'name', here.source, there.source),
-                               [describe(difference) for difference in found])
+                               [difference.row for difference in found])
     context.operator.say(
         f'{len(found)} differences between {here.source} and {there.source}.')
     context.machine.note('compare', f'{here.source} and {there.source}: ' + (
-        ', '.join(f'{describe(one)[0]} {one.name}' for one in found) or 'no difference'),
+        ', '.join(f'{one.label} {one.name}' for one in found) or 'no difference'),
         not found)
     return 1 if found else 0
 
@@ -134,13 +133,13 @@ def run_restore(context: Context) -> None:
             operator.say(f'{name} is as {wanted.source} says: nothing to do.')
             return
         operator.table(('object', 'name', wanted.source, f'{name} now'),
-                       [describe(difference) for difference in found])
+                       [difference.row for difference in found])
         operator.agree(f'{name} gets the values of {wanted.source}, stores them (1010h) and is '
                        'reset. It must have no power on its motor. Nothing moves.')
         count = restore(bus.objects(node_id, name), wanted, present)
         store(bus, node_id, name)
         remaining = compare(wanted, _of_drive(context, bus, name))
-    lost = [describe(one)[0] for one in remaining if None not in (one.here, one.there)]
+    lost = [one.label for one in remaining if None not in (one.here, one.there)]
     if lost:
         raise CommissioningError(
             f'{name} took {", ".join(lost)} but has other values again after its reset: it does '

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from facade_manipulator.commissioning.bus import read_number
 from facade_manipulator.commissioning.context import Context
 from facade_manipulator.commissioning.drive_objects import store
 from facade_manipulator.commissioning.motion import INPUTS, Motion, PERIOD, POSITION, Ramp
@@ -55,20 +54,20 @@ def run_direction(context: Context) -> None:
     axis = machine.axis(name)
     with context.bus() as bus:
         drive = only_drive(bus, axis, name)
-        if read_number(drive, 0x6041) & 0x6F == 0x27:
+        if drive.read_number(0x6041) & 0x6F == 0x27:
             raise CommissioningError(f'{name} has power, somebody has enabled it: nothing is done')
-        start = read_number(drive, POSITION, signed=True)
+        start = drive.read_number(POSITION, signed=True)
         context.operator.say(
             f'{name} has no power. Push its carriage to the right (towards +q) by a centimetre.')
         needed = abs(axis.to_counts(_PUSHED))
         if not bus.wait_for(lambda: abs(
-                read_number(drive, POSITION, signed=True) - start) >= needed, _PATIENCE):
+                drive.read_number(POSITION, signed=True) - start) >= needed, _PATIENCE):
             raise CommissioningError(
                 f'{name} counted no {_MM * _PUSHED:g} mm within {_PATIENCE:g} s: is it this '
                 'carriage, does its encoder count, can the screw be turned by hand? Nothing is '
                 'written')
         bus.collect(0.5)
-        counts = read_number(drive, POSITION, signed=True) - start
+        counts = drive.read_number(POSITION, signed=True) - start
     found = 1 if counts > 0 else -1
     context.operator.say(f'{name} counted {counts:+d}: direction {found}')
     if found != axis.direction:
@@ -229,7 +228,7 @@ def _correct_polarity(context: Context, name: str, axis: AxisSettings) -> None:
         bus.reset(axis.node_id)  # nothing of the motion's limits is to be stored with it
         drive.write(*INPUT_POLARITY, polarity.to_bytes(len(present), 'little'))
         store(bus, axis.node_id, name)
-        if read_number(bus.objects(axis.node_id, name), *INPUT_POLARITY) != polarity:
+        if bus.objects(axis.node_id, name).read_number(*INPUT_POLARITY) != polarity:
             raise CommissioningError(f'{name} did not keep the polarity of its inputs: set it in '
                                      "the maker's tool")
     context.machine.note('home-switch', f'{label} = {polarity:X}h', axis=name)

@@ -17,7 +17,7 @@ import threading
 import time
 from typing import NamedTuple
 
-from facade_manipulator.commissioning.bus import read_number, ToolBus
+from facade_manipulator.commissioning.bus import ToolBus
 from facade_manipulator.commissioning.scan import only_drive
 from facade_manipulator.drives.canopen import NmtCommand
 from facade_manipulator.drives.cia402 import (
@@ -184,7 +184,7 @@ class Motion:
         drive = only_drive(self._bus, carriage.axis, carriage.name, eds=profile.eds)
         self._bus.reset(node_id)
         self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
-        here = carriage.axis.to_metres(read_number(drive, POSITION, signed=True))
+        here = carriage.axis.to_metres(drive.read_number(POSITION, signed=True))
         settings = replace(SETTINGS, heartbeat_timeout=HEARTBEAT_TIMEOUT)
         write_objects(drive, [
             *object_writes(profile, carriage.limited(here, self.window), settings),

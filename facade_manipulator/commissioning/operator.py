@@ -25,10 +25,10 @@ class Operator:
         self._console.print(text)
 
     def table(self, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
-        """Print a table."""
+        """Print a table; None is an empty cell."""
         table = Table(*columns)
         for row in rows:
-            table.add_row(*(str(cell) for cell in row))
+            table.add_row(*('' if cell is None else str(cell) for cell in row))
         self._console.print(table)
 
     def agree(self, action: str) -> None:

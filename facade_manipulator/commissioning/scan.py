@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 from canopen import lss
 
-from facade_manipulator.commissioning.bus import read_number, ToolBus
+from facade_manipulator.commissioning.bus import NODE_IDS, number_or_none, ToolBus
 from facade_manipulator.drives.canopen import (
     Frame,
     heartbeat_cob_id,
-    MASTER_NODE_ID,
+    SDO_FRAME_LENGTH,
     sdo_request_cob_id,
     sdo_response_cob_id,
     SdoChannel,
@@ -22,12 +22,10 @@ from facade_manipulator.drives.canopen import (
 from facade_manipulator.drives.cia402 import AxisSettings, fitting_profile
 from facade_manipulator.errors import DriveError, DriveIdentityError
 
-NODE_IDS = range(1, MASTER_NODE_ID)
 _PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
-_UPLOAD, _ANSWERED = 0x40, 0x43
+_UPLOAD, _ANSWERED = 0x40, b'\x43'
 _REQUEST = struct.Struct('<BHB4x')
-_RESPONSE = struct.Struct('<BHBI')
 _SERIAL = (0x1018, 4)
 DRIVE_TYPE = 402
 
@@ -79,9 +77,8 @@ def _ask(bus: ToolBus, node_ids: Iterable[int]) -> list[Frame]:
 
 def _serial(data: bytes) -> int:
     """Return the serial number of an answer, 0 for a drive that has none."""
-    if len(data) != _RESPONSE.size or data[0] != _ANSWERED:
-        return 0
-    return _RESPONSE.unpack(data)[3]
+    is_number = len(data) == SDO_FRAME_LENGTH and data.startswith(_ANSWERED)
+    return int.from_bytes(data[4:], 'little') if is_number else 0
 
 
 def _describe(bus: ToolBus, node_id: int, serials: tuple[int, ...]) -> Node:
@@ -91,7 +88,8 @@ def _describe(bus: ToolBus, node_id: int, serials: tuple[int, ...]) -> Node:
         return Node(node_id, serials, state)
     drive = bus.objects(node_id)
     return Node(node_id, serials, state, _text(drive, 0x1008), _text(drive, 0x100A),
-                _number(drive, 0x1000, 0), _number(drive, 0x1018, 1), _number(drive, 0x1018, 2))
+                number_or_none(drive, 0x1000), number_or_none(drive, 0x1018, 1),
+                number_or_none(drive, 0x1018, 2))
 
 
 def _text(drive: SdoChannel, index: int) -> str:
@@ -99,13 +97,6 @@ def _text(drive: SdoChannel, index: int) -> str:
         return drive.read(index, 0).decode('latin-1').strip('\0 ')
     except DriveError:
         return ''
-
-
-def _number(drive: SdoChannel, index: int, subindex: int) -> int | None:
-    try:
-        return read_number(drive, index, subindex)
-    except DriveError:
-        return None
 
 
 def has_unconfigured(bus: ToolBus) -> bool:

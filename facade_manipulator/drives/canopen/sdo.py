@@ -115,6 +115,10 @@ class SdoChannel(canopen.sdo.SdoClient):
         """
         return self._repeat(index, subindex, lambda: self.upload(index, subindex))
 
+    def read_number(self, index: int, subindex: int = 0, signed: bool = False) -> int:
+        """Read an object that is a number; raises what `read` does."""
+        return int.from_bytes(self.read(index, subindex), 'little', signed=signed)
+
     def write(self, index: int, subindex: int, data: bytes) -> None:
         """
         Write an object and wait for the confirmation.

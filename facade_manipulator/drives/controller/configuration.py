@@ -14,11 +14,13 @@ IEC 61800-7-201 (CiA 402-2): the objects 6xxxh.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
 
 from facade_manipulator.drives.canopen import (
+    DISABLED,
     MASTER_NODE_ID,
     NO_REMOTE,
     Pdo,
@@ -78,16 +80,13 @@ def quantities(
     motor = replace(axis, velocity_unit=motor_speed_unit or axis.velocity_unit)
     ends = sorted(axis.to_counts(end) for end in (
         axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin))
-    speed = {
-        name: axis.magnitude_to_units(value) for name, value in (
-            ('quick_stop_deceleration', axis.stop_deceleration),
-            ('max_velocity', axis.max_speed),
-            ('max_acceleration', axis.max_acceleration),
-            ('homing_switch_speed', axis.homing_speed),
-            ('homing_zero_speed', axis.homing_zero_speed),
-            ('homing_acceleration', axis.homing_acceleration))}
     return {
-        **speed,
+        'quick_stop_deceleration': axis.magnitude_to_units(axis.stop_deceleration),
+        'max_velocity': axis.magnitude_to_units(axis.max_speed),
+        'max_acceleration': axis.magnitude_to_units(axis.max_acceleration),
+        'homing_switch_speed': axis.magnitude_to_units(axis.homing_speed),
+        'homing_zero_speed': axis.magnitude_to_units(axis.homing_zero_speed),
+        'homing_acceleration': axis.magnitude_to_units(axis.homing_acceleration),
         'max_motor_speed': motor.magnitude_to_units(axis.max_speed),
         'master_heartbeat': MASTER_NODE_ID << 16 | _milliseconds(settings.heartbeat_timeout),
         'heartbeat_time': _milliseconds(settings.heartbeat_period),
@@ -129,40 +128,31 @@ def object_writes(
 
 def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = PDO_MAP) -> list[Write]:
     """Return the writes of a PDO map: the unused ones off, each used one set up in order."""
-    unused = [write for pdo in unused_pdos(pdos) for write in _off(pdo, node_id)]
+    # only the bit that says off is compared: a drive may keep a COB-ID of its own in there
+    unused = [Write(*write, required=False, compared=DISABLED)
+              for pdo in unused_pdos(pdos) for write in pdo.disable_writes(node_id)]
     return unused + [write for pdo in pdos for write in _set_up(pdo, node_id, rate)]
-
-
-def _off(pdo: Pdo, node_id: int) -> list[Write]:
-    """Only the bit that says off is compared: a drive may keep a COB-ID of its own in there."""
-    return [
-        Write(*write, required=False, compared=1 << 31) for write in pdo.disable_writes(node_id)]
 
 
 def _set_up(pdo: Pdo, node_id: int, rate: int) -> Iterator[Write]:
     """Of an object that is written twice only the last value can be read back."""
-    writes = pdo.configure_writes(node_id)
-    last = {(write.index, write.subindex): number for number, write in enumerate(writes)}
-    for number, (index, subindex, value, size) in enumerate(writes):
-        is_communication = index == pdo.communication_index
-        if is_communication and subindex == 2:
-            value = transmission_type(pdo, rate)
-        bits = _LARGEST_UNSIGNED & ~(NO_REMOTE if is_communication and subindex == 1 else 0)
-        final = last[index, subindex] == number
-        yield Write(index, subindex, value, size, compared=bits if final else 0)
+    writes = replace(pdo, transmission=transmission_type(pdo, rate)).configure_writes(node_id)
+    last = {write[:2]: number for number, write in enumerate(writes)}
+    for number, write in enumerate(writes):
+        is_cob_id = write[:2] == (pdo.communication_index, 1)
+        bits = _LARGEST_UNSIGNED & ~(NO_REMOTE if is_cob_id else 0)
+        yield Write(*write, compared=bits if last[write[:2]] == number else 0)
 
 
 def read_identity(drive: SdoChannel) -> Identity:
     """Read what a drive says it is; of the identity only the vendor must be there (CiA 301)."""
-    device_type, vendor_id = (
-        int.from_bytes(drive.read(index, subindex), 'little')
-        for index, subindex in ((0x1000, 0), (0x1018, 1)))
-    return Identity(device_type, vendor_id, *(_read_optional(drive, 0x1018, n) for n in (2, 4)))
+    return Identity(drive.read_number(0x1000), drive.read_number(0x1018, 1),
+                    *(_read_optional(drive, 0x1018, n) for n in (2, 4)))
 
 
 def _read_optional(drive: SdoChannel, index: int, subindex: int) -> int | None:
     try:
-        return int.from_bytes(drive.read(index, subindex), 'little')
+        return drive.read_number(index, subindex)
     except SdoAbortError as error:
         if not error.is_absent:
             raise
@@ -238,16 +228,18 @@ def write_objects(drive: SdoChannel, writes: list[Write]) -> list[str]:
             drive.write(write.index, write.subindex, _encoded(drive, write))
         except DriveObjectError as error:
             rejections.setdefault((write.index, write.subindex), str(error))
-    found = compare_objects(drive, writes)
-    _require_no(found.lacking + [
-        f'{message}: {rejections[key]}' if (key := write[:2]) in rejections else message
-        for write, message in found.different])
-    return [f'{drive.name} has no object {write}, which is optional' for write in found.skipped]
+    skipped = verify_objects(drive, writes, rejections)
+    return [f'{drive.name} has no object {write}, which is optional' for write in skipped]
 
 
-def verify_objects(drive: SdoChannel, writes: list[Write]) -> None:
+def verify_objects(
+    drive: SdoChannel, writes: list[Write],
+    rejections: Mapping[tuple[int, int], str] = MappingProxyType({}),
+) -> list[Write]:
     """
-    Read objects and compare them with what was written.
+    Compare objects with what was written; return the optional ones it lacks.
+
+    `rejections` has what the drive said when it was written, by index and subindex.
 
     Raises
     ------
@@ -258,7 +250,12 @@ def verify_objects(drive: SdoChannel, writes: list[Write]) -> None:
 
     """
     found = compare_objects(drive, writes)
-    _require_no(found.lacking + [message for _, message in found.different])
+    problems = found.lacking + [
+        f'{message}: {rejections[key]}' if (key := write[:2]) in rejections else message
+        for write, message in found.different]
+    if problems:
+        raise DriveObjectError('; '.join(problems))
+    return found.skipped
 
 
 class Deviations(NamedTuple):
@@ -285,22 +282,14 @@ def compare_objects(drive: SdoChannel, writes: list[Write]) -> Deviations:
         if not write.compared:
             continue
         try:
-            difference = _difference(drive, write)
-        except SdoAbortError as error:
-            if error.is_absent and not write.required:
+            if difference := _difference(drive, write):
+                found.different.append((write, difference))
+        except DriveObjectError as error:
+            if isinstance(error, SdoAbortError) and error.is_absent and not write.required:
                 found.skipped.append(write)
             else:
                 found.lacking.append(str(error))
-        except DriveObjectError as error:
-            found.lacking.append(str(error))
-        else:
-            found.different.extend([(write, difference)] if difference else [])
     return found
-
-
-def _require_no(problems: list[str]) -> None:
-    if problems:
-        raise DriveObjectError('; '.join(problems))
 
 
 def _encoded(drive: SdoChannel, write: Write) -> bytes:

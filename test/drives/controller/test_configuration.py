@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.canopen.pdo import PDO_MAP, RPDO1, TPDO1
-from facade_manipulator.drives.canopen.sdo import SdoAbortError
+from facade_manipulator.drives.canopen.sdo import SdoAbortError, SdoChannel
 from facade_manipulator.drives.cia402.profile import load_profile, QUANTITIES
 from facade_manipulator.drives.cia402.settings import AxisSettings, check_axes, DEFAULT_AXES
 from facade_manipulator.drives.controller.configuration import (
@@ -50,6 +50,8 @@ class Objects:
     def read(self, index: int, subindex: int) -> bytes:
         self._require(index, subindex)
         return self.kept.get((index, subindex), self.values.get((index, subindex), bytes(4)))
+
+    read_number = SdoChannel.read_number
 
     def write(self, index: int, subindex: int, data: bytes) -> None:
         self._require(index, subindex)
