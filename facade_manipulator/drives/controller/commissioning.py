@@ -13,7 +13,7 @@ CiA 301: network management, boot-up protocol, heartbeat protocol.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 import threading
 import time
@@ -30,6 +30,7 @@ from facade_manipulator.drives.cia402 import DriveProfile
 from facade_manipulator.drives.controller.configuration import (
     check_identity,
     compare_objects,
+    Identity,
     object_writes,
     pdo_writes,
     read_identity,
@@ -133,9 +134,8 @@ class Commissioning:
 
     def _configure_once(self) -> list[str]:
         self._reset()
-        for drive in self._drives:
-            self._command(NmtCommand.ENTER_PRE_OPERATIONAL, drive)
-        self._check_identities()
+        self._command(NmtCommand.ENTER_PRE_OPERATIONAL, self._drives)
+        self._of_each(self._check_identity)
         notes = self._of_each(self._write)
         self._start()
         return [note for of_drive in notes for note in of_drive]
@@ -181,15 +181,14 @@ class Commissioning:
 
         """
         self._leave_stopped()
-        self._check_identities()
+        self._of_each(self._check_identity)
         self._of_each(self._verify)
         self._start()
 
     def _leave_stopped(self) -> None:
         """Make nodes that somebody has stopped pre-operational: stopped ones have no SDO."""
-        for drive in self._drives:
-            if drive.monitor.nmt_state == NmtState.STOPPED:
-                self._command(NmtCommand.ENTER_PRE_OPERATIONAL, drive)
+        self._command(NmtCommand.ENTER_PRE_OPERATIONAL, [
+            drive for drive in self._drives if drive.monitor.nmt_state == NmtState.STOPPED])
         self._wait(lambda m: m.nmt_state != NmtState.STOPPED, self._settings.step_timeout,
                    'stays in the NMT state stopped, as its heartbeat says')
 
@@ -215,9 +214,8 @@ class Commissioning:
 
     def _inspect_identity(self, drive: Drive) -> str:
         begun = time.monotonic()
-        found = read_identity(drive.objects)
+        found = self._identity(drive)
         elapsed = (time.monotonic() - begun) / len(found)
-        check_identity(drive.monitor.name, found, drive.monitor.axis, self._serials)
         return (f'{drive.monitor.title} is vendor {found.vendor_id}, product '
                 f'{found.product_code}, serial number {found.serial_number}; it answers an SDO '
                 f'within {1e3 * elapsed:.1f} ms')
@@ -236,11 +234,6 @@ class Commissioning:
         return (f'{drive.monitor.title} has all objects; configure will change '
                 f'{len(found.different)} of them: {objects or "none"}')
 
-    @property
-    def _serials(self) -> dict[int, str]:
-        """Axes by configured serial number."""
-        return {drive.monitor.axis.serial_number: drive.monitor.name for drive in self._drives}
-
     def _verify(self, drive: Drive) -> None:
         """Prove the objects: a drive that has lost them has restarted, and lost its position."""
         try:
@@ -254,19 +247,19 @@ class Commissioning:
             drive.monitor.boot_ups = drive.monitor.error_code = 0
         if not self._settings.reset_nodes:
             return
-        for drive in self._drives:
-            self._command(NmtCommand.RESET_NODE, drive)
+        self._command(NmtCommand.RESET_NODE, self._drives)
         self._wait(lambda m: m.boot_ups > 0, self._settings.boot_timeout,
                    'sent no boot-up message after its reset: check its power, its node id and '
                    'the bit rate of the bus')
 
-    def _check_identities(self) -> None:
-        self._of_each(self._check_identity)
-
     def _check_identity(self, drive: Drive) -> None:
+        drive.monitor.serial_number = self._identity(drive).serial_number
+
+    def _identity(self, drive: Drive) -> Identity:
+        serials = {one.monitor.axis.serial_number: one.monitor.name for one in self._drives}
         found = read_identity(drive.objects)
-        check_identity(drive.monitor.name, found, drive.monitor.axis, self._serials)
-        drive.monitor.serial_number = found.serial_number
+        check_identity(drive.monitor.name, found, drive.monitor.axis, serials)
+        return found
 
     def _write(self, drive: Drive) -> list[str]:
         notes = write_objects(drive.objects, self._writes(drive))
@@ -282,16 +275,16 @@ class Commissioning:
                 + pdo_writes(axis.node_id, self._settings.rate, drive.profile.pdos))
 
     def _start(self) -> None:
-        for drive in self._drives:
-            self._command(NmtCommand.START, drive)
+        self._command(NmtCommand.START, self._drives)
         since = time.monotonic()
         self._wait(lambda m: (m.nmt_state == NmtState.OPERATIONAL
                               and (m.heartbeat_time or 0.0) >= since),
                    self._settings.step_timeout,
                    'did not confirm by its heartbeat that it is operational')
 
-    def _command(self, command: NmtCommand, drive: Drive) -> None:
-        send_nmt(self._bus, command, drive.monitor.axis.node_id)
+    def _command(self, command: NmtCommand, drives: Iterable[Drive]) -> None:
+        for drive in drives:
+            send_nmt(self._bus, command, drive.monitor.axis.node_id)
 
     def _wait(
         self, condition: Callable[[AxisMonitor], bool], timeout: float, failure: str

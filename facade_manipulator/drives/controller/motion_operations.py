@@ -24,8 +24,7 @@ class Activate(Operation):
         group = self.group
         self.require_allowed()
         if group.phase is Phase.OFF:
-            self._require_homed()
-            self._require_inside()
+            self._require_ready()
         group.enable(now)
         return None
 
@@ -35,13 +34,12 @@ class Activate(Operation):
         done = self.session.has_done(Phase.RUNNING)
         return 'The drives are powered and follow setpoints.' if done else None
 
-    def _require_homed(self) -> None:
+    def _require_ready(self) -> None:
+        """Check that the carriages are homed, and where they may be."""
         unhomed = self.session.unhomed
         if unhomed:
             raise DriveStateError(
                 f'activate is not possible, {" and ".join(unhomed)} must be homed')
-
-    def _require_inside(self) -> None:
         positions = self.session.positions()
         try:
             require_inside(self.session.axes, positions)

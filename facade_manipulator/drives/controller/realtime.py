@@ -7,6 +7,7 @@ without.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import ctypes
 import gc
 import math
@@ -26,12 +27,28 @@ FULL_EVERY = 10
 
 def request_realtime(settings: ControllerSettings) -> list[str]:
     """Ask for what the settings say for the calling thread; return what was rejected."""
-    requests = (
-        (settings.realtime_priority > 0, _schedule, settings.realtime_priority),
-        (settings.cpu >= 0, _bind, settings.cpu),
-        (settings.lock_memory, _lock_memory, None),
-    )
-    return [message for wanted, ask, value in requests if wanted for message in ask(value)]
+    return list(_rejections(settings.realtime_priority, settings.cpu, settings.lock_memory))
+
+
+def _rejections(priority: int, cpu: int, lock_memory: bool) -> Iterator[str]:
+    """Ask for SCHED_FIFO, not for the threads that this one starts: they have no deadline."""
+    try:
+        if priority > 0:
+            os.sched_setscheduler(
+                0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except OSError as error:
+        yield (f'SCHED_FIFO with priority {priority} is rejected ({error.strerror}): it needs '
+               f'{PERMISSION}')
+    try:
+        if cpu >= 0:
+            os.sched_setaffinity(0, {cpu})
+    except (OSError, ValueError) as error:
+        yield (f'the control thread cannot be bound to CPU {cpu} ({error}): this machine has '
+               f'{os.cpu_count()} CPUs')
+    if lock_memory and ctypes.CDLL(None, use_errno=True).mlockall(_MCL_CURRENT | _MCL_FUTURE):
+        reason = os.strerror(ctypes.get_errno())
+        yield (f'the memory cannot be locked ({reason}): grant it with "@realtime - memlock '
+               'unlimited" in /etc/security/limits.d')
 
 
 def describe_scheduling() -> str:
@@ -42,35 +59,6 @@ def describe_scheduling() -> str:
                 f'{os.sched_getparam(0).sched_priority}')
     return ('the control loop runs without real-time scheduling: other programs can hold it up '
             f'until the drives stop; set controller.realtime_priority, which needs {PERMISSION}')
-
-
-def _schedule(priority: int) -> list[str]:
-    """Ask for SCHED_FIFO, not for the threads that this one starts: they have no deadline."""
-    try:
-        os.sched_setscheduler(
-            0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
-    except OSError as error:
-        return [f'SCHED_FIFO with priority {priority} is rejected ({error.strerror}): it needs '
-                f'{PERMISSION}']
-    return []
-
-
-def _bind(cpu: int) -> list[str]:
-    try:
-        os.sched_setaffinity(0, {cpu})
-    except (OSError, ValueError) as error:
-        return [f'the control thread cannot be bound to CPU {cpu} ({error}): this machine has '
-                f'{os.cpu_count()} CPUs']
-    return []
-
-
-def _lock_memory(_: None) -> list[str]:
-    library = ctypes.CDLL(None, use_errno=True)
-    if library.mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0:
-        return []
-    reason = os.strerror(ctypes.get_errno())
-    return [f'the memory cannot be locked ({reason}): grant it with "@realtime - memlock '
-            'unlimited" in /etc/security/limits.d']
 
 
 class Collector:

@@ -144,7 +144,7 @@ class ClearFaults(Operation):
             if self._job.done() and self.group.phase is Phase.STOPPED:
                 self._reset(now)
         elif session.is_stopped:
-            raise DriveFaultError(f'The faults remain: {self._latest().message}')
+            raise DriveFaultError(f'The faults remain: {self.group.causes[-1].message}')
         return f'The faults are cleared ({self._cause.message}).' if session.is_off else None
 
     def _reset(self, now: float) -> None:
@@ -156,10 +156,6 @@ class ClearFaults(Operation):
             self.group.stop(cause, now)
             raise DriveFaultError(f'The faults remain: {cause.message}') from error
         self.group.reset(now)
-
-    def _latest(self) -> Cause:
-        group = self.group
-        return group.further_causes[-1] if group.further_causes else group.cause
 
 
 class SelfTest(Operation):
