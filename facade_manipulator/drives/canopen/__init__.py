@@ -21,7 +21,6 @@ from facade_manipulator.drives.canopen.emergency import (
     encode_emergency,
     fault,
     is_error_reset,
-    Reaction,
 )
 from facade_manipulator.drives.canopen.link import BusSettings, open_bus
 from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
@@ -82,7 +81,6 @@ __all__ = [
     'pdo',
     'PDO_MAP',
     'PumpedNetwork',
-    'Reaction',
     'SDO_FRAME_LENGTH',
     'sdo_request_cob_id',
     'sdo_response_cob_id',

@@ -20,7 +20,6 @@ from facade_manipulator.drives.canopen import (
     Pdo,
     pdo,
     PDO_MAP,
-    Reaction,
 )
 from facade_manipulator.drives.cia402 import (
     AxisCommand,
@@ -283,11 +282,11 @@ class AxisMonitor:
     def _receive_error(self, code: int) -> Cause | None:
         self.error_code = code
         meaning = fault(code)
-        if meaning.home_again:
+        if meaning.loses_position:
             self.distrust()
         return self._supervised(
             f'{self.title}: {describe(code)}', remedy=meaning.remedy,
-            home_again=meaning.home_again, cut_power=meaning.reaction is Reaction.DISABLE_ALL)
+            home_again=meaning.loses_position, cut_power=meaning.loses_position)
 
     def receive_heartbeat(self, frame: Frame) -> Cause | None:
         """Receive a heartbeat or boot-up message; return why all must stop, if they must."""

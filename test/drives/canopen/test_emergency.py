@@ -9,7 +9,6 @@ from facade_manipulator.drives.canopen.emergency import (
     encode_emergency,
     fault,
     is_error_reset,
-    Reaction,
 )
 from facade_manipulator.errors import InputError
 
@@ -36,14 +35,12 @@ def test_a_code_is_described_by_its_narrowest_row(code, words):
 
 @pytest.mark.parametrize('code', [0x7380, 0x738F, 0x7392, 0xFF02])
 def test_a_lost_position_disables_all_and_asks_for_homing(code):
-    meaning = fault(code)
-    assert meaning.reaction is Reaction.DISABLE_ALL and meaning.home_again
+    assert fault(code).loses_position
 
 
 @given(CODES.filter(lambda code: code not in (0x7392, 0xFF02) and code & 0xFFF0 != 0x7380))
 def test_any_other_fault_stops_all_and_keeps_the_home_position(code):
-    meaning = fault(code)
-    assert meaning.reaction is Reaction.QUICK_STOP_ALL and not meaning.home_again
+    assert not fault(code).loses_position
 
 
 @given(CODES)
