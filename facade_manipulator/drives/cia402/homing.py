@@ -10,8 +10,6 @@ Whatever the method: a drive that says success somewhere else than at its home p
 
 from __future__ import annotations
 
-from enum import Enum
-
 from facade_manipulator.drives.cia402.axis import Feedback
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, Status
@@ -23,14 +21,6 @@ SETTLING_CYCLES = 5
 HOME_TOLERANCE = 2  # counts, where the drive takes the present position as home
 HOME_NOISE = 0.001  # m, where it looks for a switch or a stop
 METHODS_AT_PRESENT_POSITION = frozenset({35, 37})
-
-
-class HomingState(Enum):
-    """How far the homing of one axis is."""
-
-    WAITING = 'waiting'
-    UNDER_WAY = 'under way'
-    HOMED = 'homed'
 
 
 class AxisHoming:
@@ -54,7 +44,7 @@ class AxisHoming:
         self.name = name
         self.rank = rank
         self._needs_no_motion = method in METHODS_AT_PRESENT_POSITION
-        self.state = HomingState.WAITING
+        self.homed = False
         self._timeout = timeout
         self._started: float | None = None
         self._cycles = self._cycles_elsewhere = 0
@@ -77,15 +67,16 @@ class AxisHoming:
             It takes too long.
 
         """
-        if self.state is HomingState.HOMED:
+        if self.homed:
             return 0
-        self._begin(now)
+        if self._started is None:
+            self._started = now
         self._cycles += 1
         if self._has_succeeded(feedback):
             if feedback.home_error:
                 self._wait_for_position(feedback)
                 return Controlword.HOMING_START
-            self.state = HomingState.HOMED
+            self.homed = True
             return 0
         self._require_progress(feedback.statusword, now)
         return Controlword.HOMING_START
@@ -105,11 +96,6 @@ class AxisHoming:
             raise DriveFaultError(
                 f'{self.name}: homing ended {feedback.home_error:+.4g} m from the configured '
                 'home_position: check homing method and home offset of the drive (607Ch)')
-
-    def _begin(self, now: float) -> None:
-        if self._started is None:
-            self._started = now
-            self.state = HomingState.UNDER_WAY
 
     def _require_progress(self, statusword: int, now: float) -> None:
         if statusword & Status.HOMING_ERROR and self._cycles > SETTLING_CYCLES:
@@ -138,7 +124,7 @@ class HomingSequence:
     @property
     def homed(self) -> tuple[bool, ...]:
         """Return which axes are homed."""
-        return tuple(axis.state is HomingState.HOMED for axis in self.axes)
+        return tuple(axis.homed for axis in self.axes)
 
     @property
     def done(self) -> bool:
@@ -148,8 +134,7 @@ class HomingSequence:
     @property
     def due(self) -> int | None:
         """Rank whose turn it is; None when every axis is homed."""
-        return min(
-            (axis.rank for axis in self.axes if axis.state is not HomingState.HOMED), default=None)
+        return min((axis.rank for axis in self.axes if not axis.homed), default=None)
 
     def advance(self, number: int, feedback: Feedback, now: float) -> int:
         """

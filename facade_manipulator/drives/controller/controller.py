@@ -189,7 +189,9 @@ class DriveController:
         while self._requests and not self._closed:
             operation, future = self._requests.popleft()
             try:
-                self._require_free(operation)
+                if self._operation is not None and not operation.interrupts:
+                    raise DriveStateError(f'{operation.name} is not possible while '
+                                          f'{self._operation.name} is under way')
                 message = operation.begin(time.monotonic())
             except ManipulatorError as error:
                 future.set_exception(self._with_next_step(error))
@@ -204,12 +206,6 @@ class DriveController:
             self._operation, self._future = operation, future
             if message is not None:
                 self._succeed(message)
-
-    def _require_free(self, request: Operation) -> None:
-        present = self._operation
-        if present is not None and not request.interrupts:
-            raise DriveStateError(
-                f'{request.name} is not possible while {present.name} is under way')
 
     def _poll(self, now: float) -> None:
         try:

@@ -140,20 +140,27 @@ class CycleClock:
             return stamp
         return self.smooth_stamp + periods * self.period + JITTER_SHARE * error
 
-    def _close(self, now: float) -> bool:
-        """Count the cycle at its step; return whether the step is early enough."""
+    def finish(self, now: float) -> bool:
+        """Close the cycle at its step; return whether commands come in time, or SYNC waits."""
         age = now - self.sync_time
         late = age > COMMANDS_DUE * self.period
+        in_time = self._sync_waits or not late
         self.is_open = False
         self._cycles += 1
         self._incomplete += self._answers < self._drives
         self._late += late
         self._bins[bisect_right(LATENESS_BOUNDS, age)] += 1
         self._worst = max(self._worst, age)
-        return not late
+        self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
+        if in_time:
+            self._note_command()
+        if self._sync_waits:
+            self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
+        self.next_event = self._next_sync
+        return in_time
 
-    def _command(self) -> None:
-        """Note that commands are sent now, and how many periods went by without."""
+    def _note_command(self) -> None:
+        """Note how many periods went by without commands before those that are sent now."""
         before, self._commanded = self._commanded, self.sync_time
         periods = 1 if before is None else round((self.sync_time - before) / self.period)
         self.held = max(0, periods - 1) * self.period
@@ -182,13 +189,6 @@ class SyncProducer(CycleClock):
         self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
             self._next_sync + self.period, time + COMMANDS_DUE * self.period)
         self._open(time, stamp)
-
-    def finish(self, now: float) -> bool:
-        """Close the cycle at its step; commands are always in time for a SYNC that waits."""
-        self._close(now)
-        self._command()
-        self.next_event = self._next_sync = max(self._next_sync, now + MIN_GAP * self.period)
-        return True
 
 
 class SyncConsumer(CycleClock):
@@ -228,12 +228,3 @@ class SyncConsumer(CycleClock):
         self._skipped += 1
         self._next_sync = time + SYNC_OVERDUE * self.period
         self._open(time, stamp)
-
-    def finish(self, now: float) -> bool:
-        """Close the cycle at its step; return whether commands still come in time."""
-        in_time = self._close(now)
-        self.next_event = self._next_sync
-        if in_time:
-            self._command()
-        self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
-        return in_time

@@ -186,18 +186,11 @@ class Targets:
         self.choose(group.phase, group.commands[0], actual, latch_time)
         return group.commands
 
-    def track(self, command: AxisCommand, actual: tuple[int, ...]) -> None:
-        """Keep the targets at the carriages until the drives are enabled in the cyclic mode."""
-        self.positions = None
-        enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
-        if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
-            self.counts = actual
-
     def choose(
         self, phase: Phase, command: AxisCommand, actual: tuple[int, ...], latch_time: float
     ) -> None:
         """
-        Choose the targets of a cycle.
+        Choose the targets of a cycle; they are the carriages until the drives are enabled.
 
         Parameters
         ----------
@@ -218,7 +211,10 @@ class Targets:
         """
         before, self._phase = self._phase, phase
         if phase not in FOLLOWING_PHASES:
-            self.track(command, actual)
+            self.positions = None
+            enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
+            if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
+                self.counts = actual
             return
         if before not in FOLLOWING_PHASES or (before, phase) == (Phase.HALTED, Phase.RUNNING):
             self._initialise(actual)

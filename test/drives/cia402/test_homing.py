@@ -6,7 +6,6 @@ from facade_manipulator.drives.cia402.axis import Feedback
 from facade_manipulator.drives.cia402.homing import (
     AxisHoming,
     HomingSequence,
-    HomingState,
     SETTLING_CYCLES,
 )
 from facade_manipulator.drives.cia402.states import Controlword, Status
@@ -31,7 +30,7 @@ def test_success_at_another_position_than_the_home_position_is_a_failure(method)
     homing.watch(Feedback(IDLE))
     with pytest.raises(DriveFaultError, match=r'q1: homing ended \+0.1 m from the configured'):
         run(homing, [UNDER_WAY] + [SUCCESS] * (SETTLING_CYCLES + 1), home_error=0.1)
-    assert homing.state is HomingState.UNDER_WAY
+    assert not homing.homed
 
 
 def test_a_position_that_follows_the_success_a_cycle_later_is_waited_for():
@@ -39,7 +38,7 @@ def test_a_position_that_follows_the_success_a_cycle_later_is_waited_for():
     homing.watch(Feedback(IDLE))
     run(homing, [UNDER_WAY, SUCCESS], home_error=0.1)
     assert run(homing, [SUCCESS]) == [0]
-    assert homing.state is HomingState.HOMED
+    assert homing.homed
 
 
 def test_homing_raises_bit_4_until_the_drive_reports_success():
@@ -47,16 +46,16 @@ def test_homing_raises_bit_4_until_the_drive_reports_success():
     homing.watch(Feedback(IDLE))
     assert run(homing, [IDLE, UNDER_WAY, UNDER_WAY, SUCCESS, SUCCESS]) == [
         START, START, START, 0, 0]
-    assert homing.state is HomingState.HOMED
+    assert homing.homed
 
 
 def test_success_left_over_from_an_earlier_homing_does_not_count():
     homing = AxisHoming('q1', timeout=1.0)
     homing.watch(Feedback(SUCCESS))
     assert run(homing, [SUCCESS, SUCCESS, UNDER_WAY]) == [START] * 3
-    assert homing.state is HomingState.UNDER_WAY
+    assert not homing.homed
     assert homing.advance(Feedback(SUCCESS), 0.1) == 0
-    assert homing.state is HomingState.HOMED
+    assert homing.homed
 
 
 def test_a_drive_that_never_takes_the_old_success_back_runs_into_the_time_out():
@@ -74,7 +73,7 @@ def test_a_method_without_motion_may_be_over_before_anybody_sees_the_bit_clear(m
     for cycle in range(SETTLING_CYCLES):
         assert homing.advance(Feedback(SUCCESS), 0.01 * cycle) == START
     assert homing.advance(Feedback(SUCCESS), 0.1) == 0
-    assert homing.state is HomingState.HOMED
+    assert homing.homed
 
 
 def test_a_method_without_motion_is_not_over_while_the_position_is_another():
@@ -91,14 +90,14 @@ def test_half_a_success_is_none(word):
     homing.watch(Feedback(IDLE))
     homing.advance(Feedback(UNDER_WAY), 0.0)
     homing.advance(Feedback(word), 0.01)
-    assert homing.state is HomingState.UNDER_WAY
+    assert not homing.homed
 
 
 def test_an_error_left_over_from_an_earlier_homing_is_given_time_to_go():
     homing = AxisHoming('q1', timeout=1.0)
     homing.watch(Feedback(FAILED))
     run(homing, [FAILED] * (SETTLING_CYCLES - 1) + [UNDER_WAY, SUCCESS])
-    assert homing.state is HomingState.HOMED
+    assert homing.homed
 
 
 def test_a_homing_error_is_told_with_the_statusword():
@@ -134,9 +133,9 @@ def test_no_sequence_of_statuswords_counts_as_homed_without_the_bit_seen_clear(w
     try:
         run(homing, words)
     except ManipulatorError:
-        assert homing.state is HomingState.UNDER_WAY
+        assert not homing.homed
         return
-    if homing.state is HomingState.HOMED:
+    if homing.homed:
         attained = [bool(word & Status.HOMING_ATTAINED) for word in [before, *words]]
         assert False in attained
         assert any(word & (SUCCESS & ~0x27 | Status.HOMING_ERROR) == SUCCESS & ~0x27
