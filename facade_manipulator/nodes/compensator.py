@@ -172,7 +172,8 @@ class CompensatorNode(Node):
         self.create_service(SetBool, 'compensator/enable', self._enable)
         offer_trigger(self, 'compensator/tare', self._tare)
         offer_trigger(self, 'compensator/hold', self._hold)
-        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self._diagnostics = DiagnosticsPublisher(
+            self, lambda: self._report.components(node_time(self), self._rejections.values()))
         steady_timer(self, 1.0 / rate, self._update)
         steady_timer(self, REPORT_PERIOD, self._say)
 
@@ -317,9 +318,6 @@ class CompensatorNode(Node):
         self._goal = now, self._compensator.hold(now)
         self._progress.end(HOLD)
         return f'the head stays on the wall at {millimetres(self._goal[1])}'
-
-    def _components(self) -> list[DiagnosticStatus]:
-        return self._report.components(node_time(self), self._rejections.values())
 
 
 main = partial(run, lambda: [CompensatorNode()])

@@ -301,7 +301,7 @@ class DriverNode(ManagedNode):
         outcome = snapshot.outcome(), self._last_failure
         if outcome != self._published_outcome:
             self._published_outcome = outcome
-            self._diagnostics.publish_change()
+            self._diagnostics.publish()
 
     def _log_stop(self, snapshot: ControllerSnapshot) -> None:
         is_stopped = snapshot.state in (ControllerState.STOPPED, ControllerState.LOST)

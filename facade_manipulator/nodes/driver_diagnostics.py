@@ -119,20 +119,18 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
         'missed': axis.missed,
     }
     serial = '' if axis.serial_number is None else str(axis.serial_number)
+    return diagnostic_status(axis.name, *_axis_outcome(axis), values, serial)
+
+
+def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:
     if axis.is_silent:
-        return diagnostic_status(axis.name, 'stale', _silent(axis), values, serial)
+        before = '' if axis.state is None else f'; before: {_words(axis.state)}'
+        return 'stale', f'silent: what stands here is old{before}'
     if axis.state in FAULTS:
-        message = axis.error or 'in fault, the drive sent no error code'
-        return diagnostic_status(axis.name, 'error', message, values, serial)
+        return 'error', axis.error or 'in fault, the drive sent no error code'
     if axis.state is None:
-        return diagnostic_status(axis.name, 'stale', 'nothing received yet', values, serial)
-    message = _words(axis.state) + ('' if axis.homed else ', not homed')
-    return diagnostic_status(axis.name, 'ok', message, values, serial)
-
-
-def _silent(axis: AxisSnapshot) -> str:
-    before = '' if axis.state is None else f'; before: {_words(axis.state)}'
-    return f'silent: what stands here is old{before}'
+        return 'stale', 'nothing received yet'
+    return 'ok', _words(axis.state) + ('' if axis.homed else ', not homed')
 
 
 def _words(state: State) -> str:

@@ -37,7 +37,7 @@ from facade_manipulator.ros import (
     node_time,
     offer_trigger,
     pose_message,
-    pose_stamped,
+    PoseStream,
     Rejections,
     RELIABLE,
     run,
@@ -98,7 +98,7 @@ class GondolaSimulatorNode(Node):
         self._disturbance = self.create_publisher(
             PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
         self._head, self._error, self._uncompensated = (
-            self.create_publisher(PoseStamped, f'gondola_simulator/{name}', RELIABLE)
+            PoseStream(self, f'gondola_simulator/{name}', FACADE, RELIABLE)
             for name in ('head_pose', 'wall_error', 'uncompensated_error'))
         self._wrench = self.create_publisher(
             WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
@@ -128,16 +128,16 @@ class GondolaSimulatorNode(Node):
                 message.name, message.position, 'joint_states position'))
             head = self._mechanism.forward_kinematics(carriages)
             wrench = self._gondola.advance(time, head)
-            self._publish_sample(self._wall.measure(time, carriages), wrench)
+            sample = self._wall.measure(time, carriages)
+            self._publish_sample(sample)
+            self._publish_sensors(sample, wrench)
             self._publish_loads(time, head, wrench)
 
-    def _publish_sample(self, sample: WallSample, wrench: Wrench) -> None:
-        time = sample.time
-        self._head.publish(pose_stamped(FACADE, time, sample.head))
+    def _publish_sample(self, sample: WallSample) -> None:
+        self._head.publish(sample.time, sample.head)
         if sample.error is not None:
-            self._error.publish(pose_stamped(FACADE, time, sample.error))
-            self._uncompensated.publish(pose_stamped(FACADE, time, sample.uncompensated))
-        self._publish_sensors(sample, wrench)
+            self._error.publish(sample.time, sample.error)
+            self._uncompensated.publish(sample.time, sample.uncompensated)
 
     def _publish_loads(self, time: float, head: Pose, wrench: Wrench) -> None:
         """Publish what the wall does to the carriages, for simulated drives to feel."""

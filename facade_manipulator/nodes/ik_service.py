@@ -100,7 +100,7 @@ class IkServiceNode(Node):
         self._contact = ContactView(self, self.geometry)
         self._linkage = LinkageView(self, self.geometry)
         self._workspace = WorkspaceMap(self, self.geometry, lambda: self._head)
-        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        self._diagnostics = DiagnosticsPublisher(self, lambda: [self._outcome_status()])
         self._publish_outcome()
 
     def _change_settings(self, settings: GoalSettings) -> None:
@@ -211,7 +211,7 @@ class IkServiceNode(Node):
         if self._outcome() != self._published_outcome:
             self._published_outcome = self._outcome()
             self._status.publish(self._outcome_status())
-            self._diagnostics.publish_change()
+            self._diagnostics.publish()
 
     def _outcome(self) -> tuple[str, str]:
         """Return level and message of what the machine does with the goals."""
@@ -230,9 +230,6 @@ class IkServiceNode(Node):
     def _outcome_status(self) -> DiagnosticStatus:
         values = {'setpoints': self._setpoint_count, **self._rejections.values()}
         return diagnostic_status('goal', *self._outcome(), values)
-
-    def _components(self) -> list[DiagnosticStatus]:
-        return [self._outcome_status()]
 
 
 def _actuator_pose(header, point: Carriages) -> PoseStamped:

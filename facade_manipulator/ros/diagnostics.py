@@ -119,30 +119,15 @@ class DiagnosticsPublisher:
         self._name = node.get_fully_qualified_name().lstrip('/')
         self._components = components
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
-        self._summary: list[tuple[str, bytes, str]] = []
         steady_timer(node, PERIOD, self.publish)
 
     def publish(self) -> None:
         """Publish the present status."""
-        self._send(self._components())
-
-    def publish_change(self) -> None:
-        """Publish if a component's level or message is another than last published."""
-        components = self._components()
-        if _summary(components) != self._summary:
-            self._send(components)
-
-    def _send(self, components: list[DiagnosticStatus]) -> None:
-        self._summary = _summary(components)
-        for item in components:
+        message = DiagnosticArray(status=self._components())
+        for item in message.status:
             item.name = f'{self._name}: {item.name}'
-        message = DiagnosticArray(status=components)
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
-
-
-def _summary(components: list[DiagnosticStatus]) -> list[tuple[str, bytes, str]]:
-    return [(item.name, item.level, item.message) for item in components]
 
 
 class RepeatedLog:
