@@ -11,6 +11,7 @@ from facade_manipulator.ros.conversions import (
     node_time,
     pose_codec,
     pose_message,
+    pose_stamped,
     PoseStream,
     setpoint_codec,
     stamp,
@@ -31,8 +32,9 @@ from facade_manipulator.ros.diagnostics import (
     LEVELS,
     rejection_status,
     Rejections,
+    stamp_text,
 )
-from facade_manipulator.ros.known_parameters import accept_old_names
+from facade_manipulator.ros.known_parameters import accept_old_names, require_known_parameters
 from facade_manipulator.ros.lifecycle import (
     Deferred,
     DeferredReplies,
@@ -72,16 +74,19 @@ __all__ = [
     'ParameterReader',
     'pose_codec',
     'pose_message',
+    'pose_stamped',
     'PoseStream',
     'RECENT',
     'reject_simulated_time',
     'rejection_status',
     'Rejections',
     'RELIABLE',
+    'require_known_parameters',
     'run',
     'setpoint_codec',
     'SoftwareStop',
     'stamp',
+    'stamp_text',
     'states_codec',
     'steady_timer',
     'Transforms',
