@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterable
 import math
 import sys
 import time
@@ -73,7 +74,7 @@ class Observer:
 
     def __init__(self, client: ManipulatorClient) -> None:
         self.client = client
-        self.poses: dict[str, Pose] = {}
+        self.poses: dict[str, Pose | None] = {}  # None where there is none to be shown
         self.joints: JointState | None = None
         self._received_at: dict[str, float] = {}
         for topic in POSES.keys() - {GOAL_STATUS}:
@@ -89,15 +90,13 @@ class Observer:
             try:
                 self.poses[topic] = planar_pose(message.pose, topic)
             except ManipulatorError:
-                self.poses.pop(topic, None)  # the node that rejects it says why
+                self.poses[topic] = None  # the node that rejects it says why
 
         node.create_subscription(PoseStamped, topic, receive, PROFILES.get(topic, RELIABLE))
 
     def _receive_goal(self, status: DiagnosticStatus) -> None:
         self._received_at[GOAL_STATUS] = math.inf  # a goal stays until another is followed
-        self.poses.pop(GOAL_STATUS, None)
-        if (goal := followed_goal(status)) is not None:
-            self.poses[GOAL_STATUS] = goal
+        self.poses[GOAL_STATUS] = followed_goal(status)
 
     def _receive_joints(self, message: JointState) -> None:
         self._received_at['joint_states'] = time.monotonic()
@@ -132,26 +131,22 @@ def render(observer: Observer, headline: str) -> Group:
 
 
 def _pose_table(observer: Observer) -> Table:
-    table = _table('pose', '>x [mm]', '>y [mm]', '>θ [°]')
-    for topic, title in POSES.items():
-        pose = observer.poses.get(topic)
-        if pose is not None and not observer.is_old(topic):
-            table.add_row(title, f'{1e3 * pose.x:+.1f}', f'{1e3 * pose.y:+.1f}',
-                          f'{math.degrees(pose.theta):+.2f}')
-    return table
+    return _table(('pose', '>x [mm]', '>y [mm]', '>θ [°]'), (
+        (title, f'{1e3 * pose.x:+.1f}', f'{1e3 * pose.y:+.1f}', f'{math.degrees(pose.theta):+.2f}')
+        for topic, title in POSES.items()
+        if (pose := observer.poses.get(topic)) is not None and not observer.is_old(topic)))
 
 
 def _carriage_table(observer: Observer) -> Table:
-    table = _table(
-        'carriage', '>position [mm]', '>speed [mm/s]', '>force [N]', '>lag [mm]', 'drive')
-    for name in CARRIAGES:
-        component = observer.client.component(f'driver: {name}')
-        lag = _number(observer.value(f'driver: {name}', 'following error [m]'))
-        table.add_row(
-            name, *_motion(observer, name), '-' if lag is None else f'{1e3 * lag:+.2f}',
-            Text('no diagnostics yet', style='magenta') if component is None
-            else _message(observer, component))
-    return table
+    return _table(
+        ('carriage', '>position [mm]', '>speed [mm/s]', '>force [N]', '>lag [mm]', 'drive'),
+        ((name, *_motion(observer, name), _lag(observer, name), _message(
+            observer, observer.client.component(f'driver: {name}'))) for name in CARRIAGES))
+
+
+def _lag(observer: Observer, name: str) -> str:
+    lag = _number(observer.value(f'driver: {name}', 'following error [m]'))
+    return '-' if lag is None else f'{1e3 * lag:+.2f}'
 
 
 def _motion(observer: Observer, name: str) -> tuple[str, str, str]:
@@ -164,20 +159,18 @@ def _motion(observer: Observer, name: str) -> tuple[str, str, str]:
 
 
 def _component_table(observer: Observer) -> Table:
-    table = _table('component', 'state', 'so far')
     components = observer.client.components
     others = sorted(set(components) - set(DETAILS) - {f'driver: {name}' for name in CARRIAGES})
-    for name in (*DETAILS, *others):
-        if name in components:
-            component = components[name]
-            table.add_row(name, _message(observer, component), _details(name, component))
-    return table
+    return _table(('component', 'state', 'so far'), (
+        (name, _message(observer, components[name]), _details(name, components[name]))
+        for name in (*DETAILS, *others) if name in components))
 
 
-def _message(observer: Observer, component: Component) -> Text:
-    """Return what a component says of itself, or that it has fallen silent."""
-    age = observer.client.age(component)
-    if age > SILENT_AFTER:
+def _message(observer: Observer, component: Component | None) -> Text:
+    """Return what a component says of itself, or that it says nothing yet or any more."""
+    if component is None:
+        return Text('no diagnostics yet', style='magenta')
+    if (age := observer.client.age(component)) > SILENT_AFTER:
         return Text(f'silent for {age:.0f} s', style=SILENT_STYLE)
     status = component.status
     return Text(status.message, style=LEVEL_STYLES.get(status.level, ''))
@@ -203,13 +196,14 @@ def _number(value: str | None) -> float | None:
         return None
 
 
-def _table(*names: str) -> Table:
+def _table(names: Iterable[str], rows: Iterable[Iterable[str | Text]]) -> Table:
     """Return a table with a line under its head; ``>`` before a name: numbers, to the right."""
     table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0), show_edge=False)
-    for name in names:
-        justify = 'right' if name.startswith('>') else 'left'
-        # Text: a unit in brackets would be taken for markup
-        table.add_column(Text(name.removeprefix('>')), justify=justify)
+    for name in names:  # Text: a unit in brackets would be taken for markup
+        table.add_column(Text(name.removeprefix('>')),
+                         justify='right' if name.startswith('>') else 'left')
+    for row in rows:
+        table.add_row(*row)
     return table
 
 
