@@ -18,19 +18,21 @@ from facade_manipulator.calibration.estimator_fit import (
     report_estimator,
     SOUGHT,
 )
-from facade_manipulator.calibration.findings import (
+from facade_manipulator.calibration.geometry_fit import (
     check_accuracy,
     cross_check,
     draw_accuracy,
-    report,
+    identify,
+    Measurements,
+    MOST_OUTLIERS,
+    report_geometry,
 )
-from facade_manipulator.calibration.geometry_fit import identify, Measurements, MOST_OUTLIERS
 from facade_manipulator.calibration.recorded import (
     HEAD_ON_WALL,
     read_estimator_recording,
     read_touches,
 )
-from facade_manipulator.calibration.tables import parse_table, read_table
+from facade_manipulator.calibration.tables import read_table
 from facade_manipulator.calibration.unknowns import (
     AXES,
     BACKLASH,
@@ -89,7 +91,7 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
     measurements = _measurements(options.measurements)
     found = identify(geometry, unknowns, measurements, noise)
     check_accuracy(found, measurements, noise)
-    print(*report(found, cross_check(geometry, unknowns, measurements, noise)), sep='\n')
+    print(*report_geometry(found, cross_check(geometry, unknowns, measurements, noise)), sep='\n')
     _check_outliers(found.outliers, options)
     if options.picture is not None:
         with file_errors(options.picture):
@@ -179,11 +181,7 @@ def _check_outliers(outliers: Sequence, options: argparse.Namespace) -> None:
 def _measurements(path: Path | None) -> Measurements:
     if path is None:
         raise CalibrationError('name a file of measurements, - to type them, or --plan a file')
-    optional = (*AXES, 'direction')
-    if str(path) == '-':
-        table = parse_table('the table typed', sys.stdin, CARRIAGES, optional)
-    else:
-        table = read_table(path, CARRIAGES, optional)
+    table = read_table(path, CARRIAGES, (*AXES, 'direction'))
     directions = np.nan_to_num(table[:, 6:])
     wrong = np.flatnonzero(~np.isin(directions, (-1.0, 0.0, 1.0)))
     if len(wrong):

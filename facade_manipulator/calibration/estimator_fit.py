@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.calibration.robust_fit import robust_fit
+from facade_manipulator.calibration.robust_fit import rms, robust_fit, robust_scatter
 from facade_manipulator.calibration.unknowns import AXES, heads, UNITS
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
@@ -182,9 +182,8 @@ class _Fit(NamedTuple):
                 np.zeros(len(tolerances)), tolerances, values[self.free])
             values = with_free(found)
             remains = self.misses(values)
-            noise = np.maximum(
-                1.4826 * np.ma.median(np.abs(remains), axis=0).filled(0.0), 1e-9)
-        residual = np.ma.sqrt((remains ** 2).mean(axis=0)).filled(np.nan)
+            noise = np.maximum(robust_scatter(remains).filled(0.0), 1e-9)
+        residual = rms(remains)
         _check_agreement(residual, self.published(self.times).std(axis=0))
         deviations = self._deviations(rates, (remains / noise).filled(0.0))
         _check_shown(deviations)

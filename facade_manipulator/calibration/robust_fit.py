@@ -48,6 +48,11 @@ def robust_fit(
     return expected + tolerances * found.x, found.jac[:-len(tolerances)]
 
 
-def robust_scatter(misses: np.ndarray) -> float:
-    """Return the standard deviation of values about 0, whatever a few of them are."""
-    return 1.4826 * float(np.median(np.abs(misses)))
+def robust_scatter(misses: np.ndarray) -> np.ndarray:
+    """Return the standard deviations of columns about 0, whatever a few of their values are."""
+    return 1.4826 * np.ma.median(np.ma.abs(misses), axis=0)
+
+
+def rms(values: np.ndarray) -> np.ndarray:
+    """Return the root mean square of each column's numbers; NaN where it has none."""
+    return np.ma.sqrt((np.ma.masked_invalid(values) ** 2).mean(axis=0)).filled(np.nan)

@@ -6,17 +6,19 @@ from collections.abc import Iterable, Sequence
 import csv
 import math
 from pathlib import Path
+import sys
 
 import numpy as np
 
 from facade_manipulator.errors import CalibrationError
 
+TYPED = Path('-')
 UNITS = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': math.pi / 180.0}
 
 
 def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
     """
-    Read columns of a CSV file; others are passed over.
+    Read columns of a CSV file, ``-`` for what is typed; others are passed over.
 
     A column is named plainly, in m, rad or s, or with its unit: ``x_mm``, ``theta_deg``. Between
     columns is a comma, or a semicolon as some spreadsheets write it, with decimal commas then.
@@ -24,17 +26,19 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
     Returns SI units, shape (n, len(required) + len(optional)), NaN where nothing is written: cells
     of optional columns may be empty. Raises a CalibrationError that names file, line and column.
     """
+    if path == TYPED:
+        return _parse('the table typed', sys.stdin, required, optional)
     try:
         with path.open(newline='', encoding='utf-8-sig') as file:
-            return parse_table(str(path), file, required, optional)
+            return _parse(str(path), file, required, optional)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CalibrationError(f'{path} cannot be read: {error}') from error
 
 
-def parse_table(
-    name: str, lines: Iterable[str], required: Sequence[str], optional: Sequence[str] = ()
+def _parse(
+    name: str, lines: Iterable[str], required: Sequence[str], optional: Sequence[str]
 ) -> np.ndarray:
-    """Read a table from its lines, as `read_table`; `name` stands in messages."""
+    """Read a table from its lines; the name stands in messages."""
     numbered = {number: line for number, line in enumerate(lines, 1) if not line.startswith('#')}
     numbers, rows_text = list(numbered), list(numbered.values())
     delimiter = ';' if rows_text and ';' in rows_text[0] else ','

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from facade_manipulator.errors import LimitError, ParameterError
+from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
 from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, mechanism_of, Pose
 
 STEP = 1e-6
@@ -48,9 +48,9 @@ class Unknown(NamedTuple):
         return self.field if self.index is None else f'{self.field}.{self.index}'
 
     @property
-    def is_angle(self) -> bool:
-        """Whether it is in rad."""
-        return self.field == 'rail_angle' or self.name == 'tool.2'
+    def unit(self) -> tuple[str, float]:
+        """In which people read it, and the factor from SI."""
+        return UNITS[2 if self.field == 'rail_angle' or self.name == 'tool.2' else 0]
 
 
 UNKNOWNS = (
@@ -157,6 +157,13 @@ def heads(geometry: Geometry, carriages: np.ndarray) -> np.ndarray:
         except LimitError:
             continue
     return out
+
+
+def require_closed(joined: np.ndarray, carriages: np.ndarray) -> None:
+    """Raise a CalibrationError that names the first row, from 1, of which `heads` has no pose."""
+    for row in np.flatnonzero(np.isnan(joined).any(axis=1)):
+        q = ', '.join(f'{value:g}' for value in carriages[row, :3])
+        raise CalibrationError(f'row {row + 1}: the links do not close at ({q}) m')
 
 
 def sensitivity(

@@ -10,7 +10,7 @@ import numpy as np
 
 from facade_manipulator.calibration.geometry_fit import OUTLIER
 from facade_manipulator.calibration.robust_fit import HUBER, robust_scatter
-from facade_manipulator.calibration.unknowns import heads
+from facade_manipulator.calibration.unknowns import heads, require_closed
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import compose, Geometry, Pose
 from facade_manipulator.prediction import EstimateSettings
@@ -40,9 +40,7 @@ def touched_points(geometry: Geometry, carriages: np.ndarray, rails: np.ndarray)
     the links do not close at a row.
     """
     seen = heads(geometry, carriages)
-    if np.isnan(seen).any():
-        row = int(np.argmax(np.isnan(seen).any(axis=1)))
-        raise CalibrationError(f'row {row + 1}: the links do not close there')
+    require_closed(seen, carriages)
     return np.array([
         compose(Pose(*rail), Pose(*head))[:2]
         for rail, head in zip(np.nan_to_num(rails).tolist(), seen.tolist(), strict=True)])
