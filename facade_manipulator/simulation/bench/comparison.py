@@ -26,7 +26,7 @@ PREDICTIONS = {  # as people read them, colour and mark in the picture, from wor
     'held': ('last estimate', '#e69f00', 'v'),
     'acceleration': ('constant acceleration', '#009e73', '^'),
     BEFORE: ('before', '#cc79a7', 'D'),
-    LEARNT: ('learnt continuation', WITH, 'o'),
+    LEARNT: ('learnt with tones', WITH, 'o'),
     'bound': ('Cramér–Rao bound', '#000000', '|'),
     'oracle': ('oracle', '#d55e00', 'x'),
     'known': ('disturbance known', '#56b4e9', '+'),
