@@ -185,8 +185,8 @@ def exchange():
     Answers(bus())
     ours = can_bus(bus())
     decoders = {base + n: decode for n in NODES for base, decode in (
-        (0x180, pdo.TPDO1.unpack), (0x280, pdo.TPDO2.unpack), (0x380, pdo.TPDO3.unpack),
-        (0x700, bytes))}
+        (0x180, pdo.TPDO1.codec.unpack), (0x280, pdo.TPDO2.codec.unpack),
+        (0x380, pdo.TPDO3.codec.unpack), (0x700, bytes))}
     seen = deque(maxlen=len(NODES))
     ours.listen_to(tuple(decoders))
     if KERNEL_SYNC:

@@ -43,7 +43,7 @@ def encode_rpdo1(controlword: int, mode: int, target_counts: int) -> bytes:
 
 
 def decode_rpdo1(data: bytes) -> TargetFrame:
-    return TargetFrame._make(RPDO1.unpack(data))
+    return TargetFrame._make(RPDO1.codec.unpack(data))
 
 
 def encode_tpdo1(statusword: int, mode: int, position_counts: int) -> bytes:
@@ -51,12 +51,12 @@ def encode_tpdo1(statusword: int, mode: int, position_counts: int) -> bytes:
 
 
 def decode_tpdo1(data: bytes) -> StatusFrame:
-    return StatusFrame._make(TPDO1.unpack(data))
+    return StatusFrame._make(TPDO1.codec.unpack(data))
 
 
 def decode_tpdo2(data: bytes) -> MotionFrame:
-    return MotionFrame._make(TPDO2.unpack(data))
+    return MotionFrame._make(TPDO2.codec.unpack(data))
 
 
 def decode_tpdo3(data: bytes) -> ConditionFrame:
-    return ConditionFrame._make(TPDO3.unpack(data))
+    return ConditionFrame._make(TPDO3.codec.unpack(data))

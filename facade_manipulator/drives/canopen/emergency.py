@@ -13,8 +13,6 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from facade_manipulator.errors import InputError
-
 _REMOVE = 'remove the cause'
 _BUS = 'check wiring and termination of the bus'
 _MASTER = _BUS + ', and the load of this computer if its control loop was late'
@@ -115,17 +113,5 @@ def encode_emergency(emergency: Emergency) -> bytes:
 
 
 def decode_emergency(data: bytes) -> Emergency:
-    """
-    Read an emergency message.
-
-    Raises
-    ------
-    InputError
-        It does not have eight bytes.
-
-    """
-    try:
-        return Emergency(*_STRUCT.unpack(data))
-    except struct.error:
-        raise InputError(
-            'length', f'an emergency message has {len(data)} bytes, not {_STRUCT.size}') from None
+    """Read the eight bytes of an emergency message."""
+    return Emergency(*_STRUCT.unpack(data))

@@ -12,13 +12,11 @@ CiA 301, process data objects: communication parameters 1400h/1800h, mapping 160
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 import struct
 from typing import NamedTuple
-
-from facade_manipulator.errors import InputError
 
 NMT_COB_ID = 0x000
 SYNC_COB_ID = 0x080
@@ -107,10 +105,6 @@ class Pdo:
         """Return whether any of some objects is in it."""
         return not indices.isdisjoint(self.indices)
 
-    def encode(self, values: Mapping[int, int]) -> bytes:
-        """Build the data bytes of values by their objects' indices, each within its range."""
-        return self.codec.pack(*[values[index] for index in self.indices])
-
     @property
     def communication_index(self) -> int:
         """Index of the communication parameter."""
@@ -155,22 +149,6 @@ class Pdo:
             ObjectWrite(self.communication_index, 2, self.transmission, 1),
             ObjectWrite(self.communication_index, 1, self.cob_id_entry(node_id), 4),
         ]
-
-    def unpack(self, data: bytes) -> tuple[int, ...]:
-        """
-        Return the values in a frame's data bytes.
-
-        Raises
-        ------
-        InputError
-            The frame is too short or too long.
-
-        """
-        try:
-            return self.codec.unpack(data)
-        except struct.error:
-            raise InputError(
-                'length', f'{self.name} has {len(data)} bytes, not {self.codec.size}') from None
 
 
 RPDO1 = Pdo('RPDO1', 1, False, 1, (

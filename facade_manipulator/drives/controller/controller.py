@@ -164,8 +164,8 @@ class DriveController:
             now = self._idle()
         else:
             now = session.exchange.turn()
-        if session.forbidden:
-            session.enforce_stop()
+        if session.forbidden and session.is_powered and session.exchange is not None:
+            session.exchange.stop_for(Cause(session.forbidden))
         if session.lost is not None:
             session.watch_recovery(now)
         if self._operation is not None:

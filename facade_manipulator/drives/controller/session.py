@@ -16,7 +16,6 @@ import can
 
 from facade_manipulator.drives.canopen import (
     can_bus,
-    CanBus,
     Condition,
     NmtCommand,
     sdo_request_cob_id,
@@ -168,11 +167,6 @@ class Session:
         """Return whether all drives have confirmed that they have no power."""
         return self.has_done(Phase.OFF)
 
-    def enforce_stop(self) -> None:
-        """Stop what has power while nothing may; another thread has forbidden it."""
-        if self.is_powered and self.exchange is not None:
-            self.exchange.stop_for(Cause(self.forbidden))
-
     def has_done(self, phase: Phase) -> bool:
         """Return whether all drives are where a phase wants them."""
         return self.group is not None and self.group.phase is phase and self.group.is_settled
@@ -189,7 +183,10 @@ class Session:
             Why it cannot be opened.
 
         """
-        bus = self._open_bus()
+        try:
+            bus = can_bus(self._bus.open())
+        except (can.CanError, OSError, ValueError) as error:
+            raise BusError(f'the CAN bus cannot be opened: {error}') from error
         if self.settings.own_garbage_collection:
             self.collector.start()  # its first, full collection takes longer than a heartbeat
         exchange = CyclicExchange(bus, self.monitors, self.settings, self.targets)
@@ -199,12 +196,6 @@ class Session:
             for monitor, profile in zip(self.monitors, self._profiles, strict=True))
         self.commissioning = Commissioning(bus, drives, self.settings, exchange.is_closing)
         self.exchange = exchange
-
-    def _open_bus(self) -> CanBus:
-        try:
-            return can_bus(self._bus.open())
-        except (can.CanError, OSError, ValueError) as error:
-            raise BusError(f'the CAN bus cannot be opened: {error}') from error
 
     def start_cycle(self, now: float) -> None:
         """Let the cycle run, with all drives switched off."""

@@ -10,7 +10,6 @@ from facade_manipulator.drives.canopen.emergency import (
     fault,
     is_error_reset,
 )
-from facade_manipulator.errors import InputError
 
 CODES = st.integers(0, 0xFFFF)
 
@@ -60,9 +59,3 @@ def test_a_missed_heartbeat_of_the_master_may_be_the_bus_or_this_computer():
 
 def test_an_emergency_message_has_the_bytes_of_cia_301():
     assert encode_emergency(Emergency(0x8611, 0x21)) == bytes.fromhex('1186210000000000')
-
-
-@given(st.binary(max_size=12).filter(lambda data: len(data) != 8))
-def test_a_message_of_wrong_length_is_rejected(data):
-    with pytest.raises(InputError, match='bytes'):
-        decode_emergency(data)

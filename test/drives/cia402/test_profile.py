@@ -161,7 +161,7 @@ def test_an_object_of_no_use_keeps_its_place_in_a_constant_mapping(tmp_path):
     rpdo, tpdo = load_profile('mine', tmp_path).pdos
     assert (rpdo.number, rpdo.is_transmitted, rpdo.communication_index) == (3, False, 0x1402)
     assert tpdo.content[0].mapping == 0x20000308
-    assert tpdo.unpack(bytes([9, 0x37, 2, 8, 1, 0, 0, 0])) == (9, 0x237, 8, 1)
+    assert tpdo.codec.unpack(bytes([9, 0x37, 2, 8, 1, 0, 0, 0])) == (9, 0x237, 8, 1)
 
 
 @pytest.mark.parametrize('changes, message', [

@@ -27,21 +27,21 @@ def monitor():
 def answer(monitor, time, position, velocity=SPEED):
     """Let the drive answer a SYNC; return why all must stop."""
     counts, speed = AXIS.to_counts(position), AXIS.to_counts(velocity)
-    cause = monitor.receive_tpdo(TPDO1, TPDO1.encode({
-        0x6041: OPERATION_ENABLED, 0x6061: Mode.CYCLIC_SYNCHRONOUS_POSITION, 0x6064: counts}),
+    cause = monitor.receive_tpdo(TPDO1, TPDO1.codec.pack(
+        OPERATION_ENABLED, Mode.CYCLIC_SYNCHRONOUS_POSITION, counts),
         time, time)
     return cause or monitor.receive_tpdo(
-        TPDO2, TPDO2.encode({0x606C: speed, 0x60F4: 0}), time, time)
+        TPDO2, TPDO2.codec.pack(speed, 0), time, time)
 
 
 def test_an_answer_is_complete_with_all_that_comes_with_each_sync(monitor):
     """Else the following error of one cycle is compared with another drive's of the next."""
     answer(monitor, T, 0.0)
     monitor.end_cycle()
-    status = TPDO1.encode({0x6041: 0, 0x6061: 0, 0x6064: 0})
+    status = bytes(TPDO1.codec.size)
     monitor.receive_tpdo(TPDO1, status, 2 * T, 2 * T)
     assert monitor.answered == T
-    monitor.receive_tpdo(TPDO2, TPDO2.encode({0x606C: 0, 0x60F4: 0}), 2 * T, 2 * T)
+    monitor.receive_tpdo(TPDO2, bytes(TPDO2.codec.size), 2 * T, 2 * T)
     assert monitor.answered == 2 * T
 
 
@@ -49,7 +49,7 @@ def test_an_answer_is_complete_with_all_that_comes_with_each_sync(monitor):
 def test_a_fast_cycle_waits_for_nothing_that_comes_more_seldom(rate):
     settings = ControllerSettings(rate=rate)
     monitor = AxisMonitor('q1', AXIS, settings)
-    status = TPDO1.encode({0x6041: 0, 0x6061: 0, 0x6064: 0})
+    status = bytes(TPDO1.codec.size)
     monitor.receive_tpdo(TPDO1, status, settings.period, settings.period)
     assert monitor.answered == settings.period
 
