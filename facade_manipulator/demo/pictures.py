@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from matplotlib.figure import Figure
 import numpy as np
 
@@ -21,7 +19,7 @@ from facade_manipulator.simulation.pictures import (
     HIGHEST,
     label,
     LOWEST,
-    save,
+    new_figure,
     TITLES,
     WITH,
     WITHOUT,
@@ -30,13 +28,13 @@ from facade_manipulator.simulation.pictures import (
 TOO_SHORT = 'too short for figures: no goal stood long enough'
 
 
-def draw_time_courses(path: Path, course: TimeCourse, axes: dict[str, dict]) -> None:
+def time_courses(course: TimeCourse, axes: dict[str, dict]) -> Figure:
     """
     Draw the error on the wall over the run, with and without, and alone on a scale of its own.
 
     It is that from the head's path to the goal; with the summary's figures.
     """
-    figure = Figure(figsize=(13, 9), layout='constrained')
+    figure = new_figure(13, 9, 'How far the head is from where it should be on the wall', 13.0)
     panels = figure.subplots(3, 2, sharex=True, width_ratios=(1.2, 1.0))
     without, errors = course.carried(course.references), course.heads - course.references
     for i, (pair, result) in enumerate(zip(panels, axes.values(), strict=True)):
@@ -56,16 +54,15 @@ def draw_time_courses(path: Path, course: TimeCourse, axes: dict[str, dict]) -> 
                   frameon=False)
     for panel in panels[-1]:
         panel.set_xlabel('time since the first goal [s]')
-    figure.suptitle('How far the head is from where it should be on the wall', fontsize=13)
-    save(figure, path)
+    return figure
 
 
-def draw_spectrum(path: Path, course: TimeCourse) -> None:
+def spectrum(course: TimeCourse) -> Figure:
     """Draw amplitudes and attenuation against the frequency, of each axis."""
     times = np.linspace(course.times[0], course.times[-1], len(course.times))
     settled = np.interp(times, course.times, course.settled) > 0.5
     swaying = course.carried(course.goals.mean(axis=0))  # a goal's step makes it no jump
-    figure = Figure(figsize=(13, 7), layout='constrained')
+    figure = new_figure(13, 7, 'The disturbance, and what remains of it while goals stand')
     panels = figure.subplots(2, 3, sharex=True, sharey='row')
     for i, title in enumerate(TITLES):
         (frequencies, present), (_, without), (_, error) = (
@@ -83,14 +80,12 @@ def draw_spectrum(path: Path, course: TimeCourse) -> None:
         label(panels[1, i], 'frequency [Hz]', 'attenuation [dB]')
     for panel in panels.flat:
         panel.label_outer()
-    figure.suptitle(
-        'The disturbance, and what remains of it while goals stand')
-    save(figure, path)
+    return figure
 
 
-def draw_paths(path: Path, course: TimeCourse) -> None:
+def paths(course: TimeCourse) -> Figure:
     """Draw the path on the wall, and the errors alone, which are too small to see on it."""
-    figure = Figure(figsize=(13, 7), layout='constrained')
+    figure = new_figure(13, 7, 'The path of the head on the wall')
     wide, *close = figure.subplot_mosaic(
         [['wide', 'wide'], ['without', 'with']], height_ratios=(1.0, 1.1)).values()
     wide.plot(*(1e3 * course.heads[:, :2].T), color=WITH, lw=0.5, alpha=0.5,
@@ -107,15 +102,14 @@ def draw_paths(path: Path, course: TimeCourse) -> None:
         panel.set_aspect('equal', adjustable='datalim')
         panel.set_title(title, fontsize=10)
         label(panel, 'error in x [mm]', 'error in y [mm]')
-    figure.suptitle('The path of the head on the wall')
-    save(figure, path)
+    return figure
 
 
-def draw_pressing(
-    path: Path, course: TimeCourse, times: np.ndarray, forces: np.ndarray, desired: float | None
-) -> None:
+def pressing(
+    course: TimeCourse, times: np.ndarray, forces: np.ndarray, desired: float | None
+) -> Figure:
     """Draw force on the wall, gondola and its yaw together over the newest minutes of the run."""
-    figure = Figure(figsize=(10, 7), layout='constrained')
+    figure = new_figure(10, 7, 'The head presses on the wall')
     panel, gondola = figure.subplots(2, 1, sharex=True)
     draw_force(panel, times, forces, desired)
     draw_gondola(gondola, course.times, np.array(course.rails()))
@@ -125,8 +119,7 @@ def draw_pressing(
     panel.set_title(f'mean {forces.mean():.3g} N, greatest {forces.max():.3g} N, without contact '
                     f'for {100.0 * np.mean(forces <= 0.0):.2g} % of the time',
                     loc='left', fontsize=10)
-    figure.suptitle('The head presses on the wall')
-    save(figure, path)
+    return figure
 
 
 def _figures(result: dict[str, float | None], i: int) -> str:

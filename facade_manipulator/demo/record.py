@@ -23,20 +23,9 @@ NEWEST = 30000  # samples kept whole: 5 min at 100 Hz
 THINNED = 8000
 LONGEST_WAIT = 50  # moments whose parts have not all arrived
 GOAL_STEP = 1e-6
-
-
-class RunSample(NamedTuple):
-    """
-    One moment: stamp [s], head on the wall, its error, and the error without compensation.
-
-    `reference` is where on its path to the goal the head should be; the goal where none is known.
-    """
-
-    time: float
-    head: Pose
-    error: Pose
-    uncompensated: Pose
-    reference: Pose
+# A moment: stamp [s], then x, y and θ of the head on the wall, of its error, of the error without
+# compensation, and of where on its path to the goal the head should be.
+Row = tuple[float, ...]
 
 
 class TimeCourse(NamedTuple):
@@ -94,9 +83,8 @@ class Recorder:
     def __init__(self, node: Node, settling_time: float) -> None:
         self._settling_time = settling_time
         self._waiting: dict[float, dict[str, Pose]] = {}
-        self._begin: float | None = None
         self._is_complete = False
-        self._newest: deque[RunSample] = deque(maxlen=NEWEST)
+        self._newest: deque[Row] = deque(maxlen=NEWEST)
         self._whole = Thinned()
         self._wrenches: deque[tuple[float, Wrench]] = deque(maxlen=NEWEST)
         self._references: TimedBuffer[Pose] = TimedBuffer()
@@ -125,42 +113,41 @@ class Recorder:
         course = self.newest()
         if not len(course.times):
             return np.empty(0), np.empty(0)
-        wrenches = [(time - self._begin, wrench) for time, wrench in self._wrenches
-                    if 0.0 <= time - self._begin <= course.times[-1]]
+        begin = self._begin()
+        wrenches = [(time - begin, wrench) for time, wrench in self._wrenches
+                    if 0.0 <= time - begin <= course.times[-1]]
         times = np.array([time for time, _ in wrenches])
         yaws = np.interp(times, course.times, course.heads[:, 2])
         return times, np.array([
             Facade.force_on_wall(Pose(0.0, 0.0, yaw), wrench)
             for yaw, (_, wrench) in zip(yaws, wrenches, strict=True)])
 
-    def _course(self, samples: Iterable[RunSample]) -> TimeCourse:
-        rows = list(samples)
-        times = np.array([sample.time for sample in rows]) - (self._begin or 0.0)
-        heads, errors, uncompensated, references = (
-            np.array([getattr(sample, part) for sample in rows]).reshape(-1, 3)
-            for part in RunSample._fields[1:])
+    def _begin(self) -> float:
+        return self._whole.items[0][0] if self._whole.items else 0.0
+
+    def _course(self, rows: Iterable[Row]) -> TimeCourse:
+        columns = np.array(list(rows)).reshape(-1, 13)
+        times = columns[:, 0] - self._begin()
+        heads, errors, uncompensated, references = np.split(columns[:, 1:], 4, axis=1)
         return TimeCourse(times, heads, errors, uncompensated, references,
                           settled(times, heads - errors, self._settling_time))
 
     def _receive(self, part: str, message: PoseStamped) -> None:
+        if self._is_complete:
+            return
         time = seconds(message.header.stamp)
         parts = self._waiting.setdefault(time, {})
         parts[part] = planar_pose(message.pose, part)
         if len(parts) == len(PARTS):
             head, error, uncompensated = (parts[name] for name in PARTS)
-            self._add(RunSample(time, head, error, uncompensated,
-                                self._reference(time) or subtract(head, error)))
+            # the goal where no path to it is known
+            reference = self._reference(time) or subtract(head, error)
+            row = time, *head, *error, *uncompensated, *reference
+            self._newest.append(row)
+            self._whole.append(row)
             del self._waiting[time]
         elif len(self._waiting) > LONGEST_WAIT:
             del self._waiting[next(iter(self._waiting))]
-
-    def _add(self, sample: RunSample) -> None:
-        if self._is_complete:
-            return
-        if self._begin is None:
-            self._begin = sample.time
-        self._newest.append(sample)
-        self._whole.append(sample)
 
     def _receive_reference(self, message: PoseStamped) -> None:
         self._references.append(

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 import json
 from pathlib import Path
 from typing import Any
 
-from facade_manipulator.demo.record import Recorder
+from facade_manipulator.demo.record import Recorder, TimeCourse
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.nodes.monitor import Observer
@@ -79,14 +79,15 @@ def draw(
     """
     # matplotlib comes in here, so that the nodes' start does not wait for it
     from facade_manipulator.demo import animation
+    from facade_manipulator.simulation.pictures import save
 
     course = recorder.newest()
     if len(course.times) < LEAST_SAMPLES:
         return
-    for done, (name, picture) in enumerate(_pictures(recorder, summary, scenario).items()):
-        yield 0.1 * done
+    for done, (name, figure) in enumerate(_figures(recorder, course, summary, scenario), 1):
         with atomic_write(folder / name) as draft:
-            picture(draft)
+            save(figure, draft)
+        yield 0.1 * done
     images = []
     for image in animation.frames(course, geometry, scenario.facade):
         images.append(image)
@@ -96,24 +97,18 @@ def draw(
     yield 1.0
 
 
-def _pictures(
-    recorder: Recorder, summary: dict, scenario: Scenario
-) -> dict[str, Callable[[Path], None]]:
-    """Return what draws each picture into a file, by its name."""
+def _figures(
+    recorder: Recorder, course: TimeCourse, summary: dict, scenario: Scenario
+) -> Iterator[tuple[str, Any]]:
+    """Yield the name and the figure of each picture."""
     from facade_manipulator.demo import pictures
 
-    course = recorder.newest()
+    yield TIME_COURSES, pictures.time_courses(recorder.entire(), summary['axes'])
+    yield SPECTRUM, pictures.spectrum(course)
+    yield PATH, pictures.paths(course)
     times, forces = recorder.forces()
-    drawings = {
-        TIME_COURSES: lambda draft: pictures.draw_time_courses(
-            draft, recorder.entire(), summary['axes']),
-        SPECTRUM: lambda draft: pictures.draw_spectrum(draft, course),
-        PATH: lambda draft: pictures.draw_paths(draft, course),
-    }
     if len(times):
-        drawings[FORCE] = lambda draft: pictures.draw_pressing(
-            draft, course, times, forces, _desired(scenario))
-    return drawings
+        yield FORCE, pictures.pressing(course, times, forces, _desired(scenario))
 
 
 def _desired(scenario: Scenario) -> float | None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import heapq
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction import estimator_motion
+from facade_manipulator.parameters import inherited, parameter, settings
+from facade_manipulator.prediction import EstimateSettings, estimator_motion
 from facade_manipulator.simulation.motion import Motion
 
 
@@ -36,15 +35,9 @@ class EstimatorSettings:
     silent_from: float = parameter(
         0.0, 'When a silence begins, counted from the start', unit='s', minimum=0.0)
     silent_for: float = parameter(0.0, 'How long it lasts', unit='s', minimum=0.0)
-    mounting: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), 'Where the estimator is mounted on the rail: x, y, yaw',
-        unit='m, m, rad', minimum=-20.0, maximum=20.0, elements=('x', 'y', 'yaw'))
-    axes: float = parameter(
-        0.0, 'Angle from the axes of facade to those of x and y', unit='rad',
-        minimum=-math.pi, maximum=math.pi)
-    stamp_error: float = parameter(
-        0.0, 'How much later than the motion the stamps are', unit='s', minimum=-0.5,
-        maximum=0.5)
+    mounting: tuple[float, ...] = inherited(EstimateSettings, 'mounting', (0.0, 0.0, 0.0))
+    axes: float = inherited(EstimateSettings, 'axes', 0.0)
+    stamp_error: float = inherited(EstimateSettings, 'delay', 0.0)
     seed: int = parameter(1, 'Seed of noise, jitter and losses', minimum=0)
 
     def __post_init__(self) -> None:

@@ -1,14 +1,21 @@
-"""Made-up machines: geometries with errors as a shop leaves them, and measurements of them."""
+"""Made-up machines with errors as a shop leaves them, and what is measured and recorded."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 
 import numpy as np
 
-from facade_manipulator.calibration import head_at
-from facade_manipulator.kinematics import Geometry, mechanism_of
+from facade_manipulator.calibration import EstimatorRecording, head_at
+from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
+from facade_manipulator.simulation.motion import Motion
+
+DURATION, DRAIN = 120.0, 1.0  # s, of a recording; after which what was measured last has come
+RATE = 50.0  # Hz, of joints and wall
+CAMERA_NOISE = (1e-3, 1e-3, 1e-3)  # m, m, rad, of the wall
 
 
 @settings
@@ -59,3 +66,32 @@ def measure_heads(
     heads = [head_at(mechanism, *row) for row in carriages.tolist()]
     noise = [shop.position_noise, shop.position_noise, shop.angle_noise]
     return np.array(heads) + noise * random.standard_normal((len(heads), 3))
+
+
+def wandering(time: float) -> Pose:
+    """Return a head that wipes to and fro along the rail."""
+    return Pose(0.05 * math.sin(0.7 * time), 0.25, 0.0)
+
+
+def record_estimator(
+    motion: Motion, settings: EstimatorSettings, geometry: Geometry, head: Motion = wandering
+) -> EstimatorRecording:
+    """
+    Record a gondola that moves and a head that is measured on the wall.
+
+    The head moves in the rail's frame. Raises a LimitError if the machine cannot take a pose of
+    the head.
+    """
+    estimator, mechanism = SimulatedEstimator(settings, motion, 0.0), mechanism_of(geometry)
+    random = np.random.default_rng(settings.seed + 1)
+    times = np.arange(0.0, DURATION, 1.0 / RATE).tolist()
+    heads = [head(time) for time in times]
+    joints = [(time, *mechanism.inverse_kinematics(pose))
+              for time, pose in zip(times, heads, strict=True)]
+    wall = np.array([(time, *compose(motion(time), pose))
+                     for time, pose in zip(times, heads, strict=True)])
+    wall[:, 1:] += CAMERA_NOISE * random.standard_normal((len(times), 3))
+    published = sorted(estimator.advance(DURATION + DRAIN), key=lambda delivery: delivery.stamp)
+    return EstimatorRecording(
+        np.array([(delivery.stamp, *delivery.pose) for delivery in published]),
+        np.array(joints), wall)

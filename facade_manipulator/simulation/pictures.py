@@ -24,6 +24,13 @@ BANDS_PER_DECADE = 12
 LEAST_SHARE = 0.01  # of the largest amplitude: where there is no disturbance there is no ratio
 
 
+def new_figure(width: float, height: float, title: str, size: float = 12.0) -> Figure:
+    """Return an empty figure of a size in inches under a title of a size in points."""
+    figure = Figure(figsize=(width, height), layout='constrained')
+    figure.suptitle(title, fontsize=size)
+    return figure
+
+
 def draw_course(panel: Axes, times: np.ndarray, without: np.ndarray, error: np.ndarray) -> None:
     """Draw one axis of the disturbance and of the error against the time [s]."""
     panel.plot(times, without, color=WITHOUT, lw=1.0, label='without compensation')

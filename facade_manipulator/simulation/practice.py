@@ -20,13 +20,15 @@ import numpy as np
 from facade_manipulator.errors import CalibrationError, exit_status
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose
 from facade_manipulator.simulation.estimator import EstimatorSettings
-from facade_manipulator.simulation.estimator_recording import record_estimator, wandering
-from facade_manipulator.simulation.machines import make_machine, measure_heads, ShopSettings
+from facade_manipulator.simulation.machines import (
+    make_machine,
+    measure_heads,
+    record_estimator,
+    ShopSettings,
+)
 from facade_manipulator.simulation.sway import Sway, SwaySettings
 
 ERRORS = ('link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool')
-DURATION = 120.0  # s
-CAMERA_NOISE = (1e-3, 1e-3, 1e-3)  # m, m, rad
 TOUCHES, TOUCH_NOISE = (-0.2, -0.1, 0.0, 0.1, 0.2), 5e-4  # m
 HEAD = ('x', 'y', 'theta')
 
@@ -79,8 +81,7 @@ def _measure(
 
 
 def _record(folder: Path, machine: Geometry, estimator: EstimatorSettings) -> None:
-    recording = record_estimator(
-        Sway(SwaySettings()).at, wandering, estimator, machine, DURATION, CAMERA_NOISE)
+    recording = record_estimator(Sway(SwaySettings()).at, estimator, machine)
     columns = {'disturbance': HEAD, 'joints': Carriages._fields, 'wall': HEAD}
     for name, table in recording._asdict().items():
         _write(folder / f'{name}.csv', ('time', *columns[name]), table.round(7).tolist())

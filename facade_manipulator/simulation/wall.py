@@ -92,10 +92,8 @@ class WallMeasurement:
             AXES, self._squares.T.tolist(), strict=True)}, 'samples': self.count}
 
     def _axis(self, *squares: float) -> dict[str, float | int | None]:
-        if not self.count:
-            return {'disturbance_rms': None, 'residual_rms': None, 'attenuation_db': None,
-                    'samples': 0}
-        disturbance, residual = (math.sqrt(square / self.count) for square in squares)
+        disturbance, residual = (
+            math.sqrt(square / self.count) if self.count else None for square in squares)
         attenuation = (
             20.0 * math.log10(disturbance / residual) if disturbance and residual else None)
         return {'disturbance_rms': disturbance, 'residual_rms': residual,

@@ -59,14 +59,7 @@ class Requirements:
             raise ParameterError(
                 f'length_sum = {self.length_sum:g} m conflicts with link_range and '
                 f'platform_range, which allow {least:g} m to {greatest:g} m')
-        if 2.0 * self.carriage_gap >= self.stroke_length:
-            raise ParameterError(
-                f'carriage_gap = {self.carriage_gap:g} m leaves no room for three carriages '
-                f'on a stroke of {self.stroke_length:g} m')
-        if self.carriage_gap >= self.platform_range[0]:
-            raise ParameterError(
-                f'carriage_gap = {self.carriage_gap:g} m is not below the least b of '
-                f'{self.platform_range[0]:g} m')
+        self.geometry(self.link_range[0], self.platform_range[0])  # has rules of its own
 
     def geometry(self, length: float, half: float) -> Geometry:
         """Return a design as a geometry, its stroke about zero."""

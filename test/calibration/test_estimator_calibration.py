@@ -13,7 +13,7 @@ from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import compose, Geometry, Pose, relative
 from facade_manipulator.prediction import EstimateSettings
 from facade_manipulator.simulation.estimator import EstimatorSettings
-from facade_manipulator.simulation.estimator_recording import record_estimator
+from facade_manipulator.simulation.machines import record_estimator
 from facade_manipulator.simulation.sway import Sway, SwaySettings
 
 GEOMETRY = Geometry()
@@ -37,7 +37,7 @@ def values(found):
 
 def record(mounting=MOUNTING, delay=0.02, seed=1, head=wandering, motion=BREEZE.at, **changes):
     settings = EstimatorSettings(mounting=mounting, stamp_error=delay, seed=seed, **changes)
-    return record_estimator(motion, head, settings, GEOMETRY, 120.0, NOISE)
+    return record_estimator(motion, settings, GEOMETRY, head)
 
 
 @pytest.mark.long

@@ -11,10 +11,10 @@ from facade_manipulator.compensation.correction import CorrectionSettings
 from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.simulation.bench.__main__ import run_scenario
-from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, START
+from facade_manipulator.simulation.closed_loop import ClosedLoop, START
 from facade_manipulator.simulation.estimator import EstimatorSettings
 from facade_manipulator.simulation.facade import Facade
-from facade_manipulator.simulation.scenario import load_scenario
+from facade_manipulator.simulation.scenario import load_scenario, Scenario
 from facade_manipulator.simulation.sway import Sway, SwaySettings
 
 HEAD = Pose(0.0, 0.2498, 0.0)
@@ -23,8 +23,7 @@ STROKES = (GOAL, Pose(0.12, 0.25, 0.0), Pose(-0.12, 0.265, math.radians(3.0)))
 
 
 def loop(**changes):
-    return ClosedLoop(
-        Geometry(), LoopSettings()._replace(**changes), Sway(SwaySettings()).at, HEAD)
+    return ClosedLoop(Geometry(), Scenario(**changes), Sway(SwaySettings()).at, HEAD)
 
 
 def test_the_default_wind_is_attenuated_while_the_head_cleans():
@@ -45,7 +44,7 @@ MADE = Geometry(
 
 
 def residual(known, made):
-    run = ClosedLoop(known, LoopSettings(), Sway(SwaySettings()).at, HEAD, made)
+    run = ClosedLoop(known, Scenario(), Sway(SwaySettings()).at, HEAD, made)
     run.run(1.0)
     run.send_goal(GOAL)
     run.run(8.0)
@@ -90,7 +89,8 @@ def test_no_transition_makes_the_head_jump(event):
 
 
 def test_slower_drives_than_assumed_cost_some_attenuation_but_no_stability():
-    run = loop(drive_lag=0.03)
+    run = loop()
+    run.drive_lag = 0.03
     run.send_goal(GOAL)
     run.run(15.0)
     assert run.wall.report()['axes']['x']['attenuation_db'] > 30.0

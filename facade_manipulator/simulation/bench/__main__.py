@@ -35,7 +35,7 @@ from facade_manipulator.simulation.bench.plain import (
     HeldPrediction,
     HORIZON,
 )
-from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopSettings, LoopStep
+from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopStep, PERIOD
 from facade_manipulator.simulation.facade import Facade
 from facade_manipulator.simulation.motion import Motion
 from facade_manipulator.simulation.oracle import KnownDisturbance, limits
@@ -63,7 +63,7 @@ class Run(NamedTuple):
     def go_on(self, duration: float) -> None:
         """Run for a time [s]."""
         predictor = self.loop.compensator.correction.predictor
-        for _ in range(round(duration / self.loop.settings.period)):
+        for _ in range(round(duration / PERIOD)):
             self.steps.append(self.loop.step())
             if isinstance(predictor, DisturbancePredictor) and predictor.stamp is not None:
                 time = predictor.stamp + HORIZON
@@ -92,10 +92,7 @@ def run_scenario(
     The machine is what the geometry says, or another that was made.
     """
     mission = scenario.mission
-    settings = LoopSettings(
-        scenario.compensator, scenario.estimator, scenario.wall, scenario.facade,
-        scenario.gondola, scenario.force_sensor)
-    loop = ClosedLoop(geometry or Geometry(), settings, motion or scenario.motion(),
+    loop = ClosedLoop(geometry or Geometry(), scenario, motion or scenario.motion(),
                       _begin(scenario), made)
     if predictor is not None:
         loop.compensator.correction.predictor = predictor

@@ -30,17 +30,20 @@ from facade_manipulator.calibration import (
 )
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.simulation.bench.__main__ import run_scenario
-from facade_manipulator.simulation.estimator_recording import record_estimator, wandering
-from facade_manipulator.simulation.machines import make_machine, measure_heads, ShopSettings
+from facade_manipulator.simulation.machines import (
+    make_machine,
+    measure_heads,
+    record_estimator,
+    ShopSettings,
+)
 from facade_manipulator.simulation.scenario import load_scenario
 from facade_manipulator.simulation.sway import Sway
 from facade_manipulator.simulation.wall import AXES, SCALES, UNITS
 
-DRAWING = Geometry()
+DRAWING, SHOP = Geometry(), ShopSettings()
+SEED = 1
 POSES = 24
 HELD_OUT = 60
-RECORDED = 120.0  # s
-WALL_NOISE = (1e-3, 1e-3, 1e-3)  # m, m, rad, of a camera
 # errors as large as a machine has, all at once
 MADE = Geometry(link_errors=(5e-4, -5e-4), carriage_offsets=(1e-3, -1e-3, 0.0),
                 rail_angle=math.radians(0.2))
@@ -62,16 +65,16 @@ class Trial(NamedTuple):
         return float((np.abs(self.deviations) < 3.0).mean())
 
 
-def try_machines(machines: int, seed: int = 1, shop: ShopSettings | None = None) -> Trial:
+def try_machines(machines: int) -> Trial:
     """Make, measure and calibrate machines."""
-    shop, random = shop or ShopSettings(), np.random.default_rng(seed)
+    random = np.random.default_rng(SEED)
     poses, permitted = plan(DRAWING, UNKNOWNS, POSES), candidates(DRAWING)
     rows, blamed = [], 0
     for _ in range(machines):
-        made = make_machine(DRAWING, shop, random)
+        made = make_machine(DRAWING, SHOP, random)
         held = permitted[random.choice(len(permitted), HELD_OUT, replace=False)]
         found = identify(
-            DRAWING, UNKNOWNS, Measurements(poses, measure_heads(made, poses, shop, random)))
+            DRAWING, UNKNOWNS, Measurements(poses, measure_heads(made, poses, SHOP, random)))
         blamed += len(found.outliers)
         truth = heads(made, held)
         rows.append((
@@ -99,7 +102,7 @@ def trial_table(trial: Trial) -> list[str]:
     return lines
 
 
-def try_estimators(count: int, seed: int = 1) -> np.ndarray:
+def try_estimators(count: int) -> np.ndarray:
     """
     Mount estimators somewhere and find them by two minutes of a breeze.
 
@@ -109,14 +112,13 @@ def try_estimators(count: int, seed: int = 1) -> np.ndarray:
         Found less true: x, y, yaw and delay [m, m, rad, s].
 
     """
-    scenario, random, rows = load_scenario('breeze'), np.random.default_rng(seed), []
+    scenario, random, rows = load_scenario('breeze'), np.random.default_rng(SEED), []
     for number in range(count):
         mounting = (*random.uniform(-1.0, 1.0, 2).tolist(), random.normal(0.0, 0.02))
         delay = random.uniform(-0.05, 0.05)
-        found = fit_estimator(DRAWING, record_estimator(
-            Sway(scenario.sway).at, wandering,
-            replace(scenario.estimator, mounting=mounting, stamp_error=delay, seed=seed + number),
-            DRAWING, RECORDED, WALL_NOISE)).settings
+        found = fit_estimator(DRAWING, record_estimator(Sway(scenario.sway).at, replace(
+            scenario.estimator, mounting=mounting, stamp_error=delay, seed=SEED + number,
+        ), DRAWING)).settings
         rows.append(np.subtract((*found.mounting, found.delay), (*mounting, delay)))
     return np.array(rows)
 
@@ -128,15 +130,15 @@ def estimator_table(errors: np.ndarray) -> list[str]:
             f'{math.degrees(most[2]):.3f} deg, {1e3 * most[3]:.2f} ms']
 
 
-def residuals(seed: int = 1) -> dict[str, list[float]]:
+def residuals() -> dict[str, list[float]]:
     """Return the RMS of the head on the wall in a breeze [m, m, rad], by what is known."""
-    scenario, random, shop = load_scenario('breeze'), np.random.default_rng(seed), ShopSettings()
+    scenario, random = load_scenario('breeze'), np.random.default_rng(SEED)
     mounted = scenario._replace(estimator=replace(scenario.estimator, **MOUNTED))
     poses = plan(DRAWING, UNKNOWNS, POSES)
     known = identify(DRAWING, UNKNOWNS, Measurements(
-        poses, measure_heads(MADE, poses, shop, random))).geometry
-    estimate = fit_estimator(known, record_estimator(
-        Sway(scenario.sway).at, wandering, mounted.estimator, MADE, RECORDED, WALL_NOISE)).settings
+        poses, measure_heads(MADE, poses, SHOP, random))).geometry
+    estimate = fit_estimator(
+        known, record_estimator(Sway(scenario.sway).at, mounted.estimator, MADE)).settings
     calibrated = mounted._replace(compensator=mounted.compensator._replace(estimate=estimate))
     runs = {'not calibrated': (mounted, DRAWING, MADE), 'calibrated': (calibrated, known, MADE),
             'ideal': (scenario, DRAWING, DRAWING)}

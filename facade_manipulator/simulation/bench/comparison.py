@@ -10,10 +10,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from facade_manipulator.simulation.pictures import (
     label,
+    new_figure,
     plain_ticks,
     save,
     WITH,
@@ -94,7 +93,7 @@ def draw_comparison(
 
     Scales lead to the units of the titles of the axes.
     """
-    figure = Figure(figsize=(13, 2.0 + 0.35 * len(cases)), layout='constrained')
+    figure = new_figure(13, 2.0 + 0.35 * len(cases), title)
     panels = figure.subplots(1, len(titles), sharey=True)
     for axis, (panel, text) in enumerate(zip(panels, titles, strict=True)):
         for name, (legend, colour, mark) in PREDICTIONS.items():
@@ -112,5 +111,4 @@ def draw_comparison(
         panel.margins(x=0.05)
     figure.legend(*panels[0].get_legend_handles_labels(), loc='outside lower center',
                   ncols=len(PREDICTIONS), fontsize=9, frameon=False)
-    figure.suptitle(title)
     save(figure, path)

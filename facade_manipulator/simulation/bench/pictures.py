@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 from pathlib import Path
+from typing import Any
 
 from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
@@ -25,6 +26,7 @@ from facade_manipulator.simulation.pictures import (
     draw_path,
     draw_spectra,
     label,
+    new_figure,
     plain_ticks,
     save,
     TITLES,
@@ -50,7 +52,7 @@ def draw_scenario(path: Path, name: str, steps: Sequence[LoopStep], pressed: flo
         np.array([getattr(step.sample, part) for step in steps])
         for part in ('head', 'error', 'uncompensated'))
     settled = np.array([step.sample.settled for step in steps])
-    figure = Figure(figsize=(13, 9), layout='constrained')
+    figure = new_figure(13, 9, name)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.6, 1.0))
     for i, title in enumerate(TITLES):
         panel = figure.add_subplot(grid[i, 0])
@@ -66,45 +68,45 @@ def draw_scenario(path: Path, name: str, steps: Sequence[LoopStep], pressed: flo
     draw_spectra(figure.add_subplot(grid[1, 1]), frequencies, without, error,
                  'amplitude of x [mm]')
     _draw_hold(figure, grid[2, 1], times, steps, pressed)
-    figure.suptitle(name)
     save(figure, path)
 
 
 def draw_sweep(path: Path, sweep: Sequence[dict]) -> None:
     """Draw the residual over the frequency as a share of the disturbance."""
-    figure = Figure(figsize=(8, 5), layout='constrained')
-    panel = figure.add_subplot()
-    frequencies = [item['frequency_hz'] for item in sweep]
-    for axis, title in zip(AXES, TITLES, strict=True):
-        panel.loglog(frequencies, [100.0 * item[axis] for item in sweep], marker='o', ms=4,
-                     label=title.split(' [')[0])
-    plain_ticks(panel.xaxis)
-    plain_ticks(panel.yaxis)
-    panel.axhline(100.0, color=WITHOUT, ls='--', lw=1.0)
-    panel.legend()
-    label(panel, 'frequency [Hz]', 'residual [% of the disturbance, RMS]')
-    figure.suptitle('Sines of one frequency along all axes')
-    save(figure, path)
+    _draw_lines(
+        path, 'Sines of one frequency along all axes', [item['frequency_hz'] for item in sweep],
+        {title.split(' [')[0]: [100.0 * item[axis] for item in sweep]
+         for axis, title in zip(AXES, TITLES, strict=True)}, 100.0,
+        ('frequency [Hz]', 'residual [% of the disturbance, RMS]'), marker='o', ms=4)
 
 
 def draw_forces(path: Path) -> None:
     """Draw the most that a gondola can press with against the length of its cables."""
-    figure = Figure(figsize=(8, 5), layout='constrained')
-    panel = figure.add_subplot()
     lengths = np.geomspace(5.0, 150.0, 100)
-    for stiffness, lever in GUIDES:
-        forces = [_most_force(SuspensionSettings(
-            mass=500.0, cable_length=length, guide_stiffness=stiffness, guide_lever=lever))
-            for length in lengths]
-        panel.loglog(lengths, forces, label=(
-            f'guide {stiffness:g} N/m at ±{lever:g} m' if stiffness else 'no guide'))
+    _draw_lines(
+        path, f'500 kg: pushed back by {1e3 * PUSH_BACK:g} mm or turned by {YAW:g}° '
+        f'at {1e3 * BESIDE:g} mm beside the middle', lengths,
+        {f'guide {stiffness:g} N/m at ±{lever:g} m' if stiffness else 'no guide': [
+            _most_force(SuspensionSettings(mass=500.0, cable_length=length,
+                                           guide_stiffness=stiffness, guide_lever=lever))
+            for length in lengths] for stiffness, lever in GUIDES}, 30.0,
+        ('free length of the cables [m]', 'force on the wall [N]'))
+
+
+def _draw_lines(
+    path: Path, title: str, x: Sequence[float], lines: dict[str, Sequence[float]], level: float,
+    names: tuple[str, str], **look: Any,
+) -> None:
+    """Draw lines over x, by their names in the legend, and a level, all to logarithmic scales."""
+    figure = new_figure(8, 5, title)
+    panel = figure.add_subplot()
+    for name, y in lines.items():
+        panel.loglog(x, y, label=name, **look)
     plain_ticks(panel.xaxis)
     plain_ticks(panel.yaxis)
-    panel.axhline(30.0, color=WITHOUT, ls='--', lw=1.0)
+    panel.axhline(level, color=WITHOUT, ls='--', lw=1.0)
     panel.legend()
-    label(panel, 'free length of the cables [m]', 'force on the wall [N]')
-    figure.suptitle(f'500 kg: pushed back by {1e3 * PUSH_BACK:g} mm or turned by {YAW:g}° '
-                    f'at {1e3 * BESIDE:g} mm beside the middle')
+    label(panel, *names)
     save(figure, path)
 
 
