@@ -38,12 +38,11 @@ from facade_manipulator.simulation.bench.comparison import (  # noqa: E402
     put_beside,
     WITHOUT_ANY,
 )
-from facade_manipulator.simulation.estimator import EstimatorSettings  # noqa: E402
 from facade_manipulator.simulation.gondola import GondolaSettings  # noqa: E402
-from facade_manipulator.simulation.motion import Motion  # noqa: E402
+from facade_manipulator.simulation.motion import Motion, SwaySettings  # noqa: E402
 from facade_manipulator.simulation.oracle import limits  # noqa: E402
 from facade_manipulator.simulation.scenario import MissionSettings  # noqa: E402
-from facade_manipulator.simulation.sway import SwaySettings  # noqa: E402
+from facade_manipulator.simulation.sensors import EstimatorSettings  # noqa: E402
 from facade_manipulator.simulation.wind import Wind, WindSettings  # noqa: E402
 
 DEVIATIONS = np.array((1e-3, 1e-3, 1.75e-3))  # m, m, rad: of the estimates' noise

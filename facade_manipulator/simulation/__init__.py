@@ -6,15 +6,14 @@ the head and its error on the wall. `simulation.bench` measures the compensation
 draws (`simulation.pictures`) is imported by those alone who draw.
 """
 
-from facade_manipulator.simulation.estimator import Delivery, SimulatedEstimator
 from facade_manipulator.simulation.facade import Facade, FacadeSettings
-from facade_manipulator.simulation.force_sensor import ForceSensor
 from facade_manipulator.simulation.reaction import carriage_loads, PressedGondola
 from facade_manipulator.simulation.scenario import (
     compensator_parameters,
     load_scenario,
     Scenario,
 )
+from facade_manipulator.simulation.sensors import Delivery, ForceSensor, SimulatedEstimator
 from facade_manipulator.simulation.wall import AXES, SCALES, UNITS, WallMeasurement, WallSample
 
 __all__ = [

@@ -23,12 +23,11 @@ from facade_manipulator.motion import (
     SetpointStream,
     StreamSettings,
 )
-from facade_manipulator.simulation.estimator import SimulatedEstimator
 from facade_manipulator.simulation.facade import Facade
-from facade_manipulator.simulation.force_sensor import ForceSensor
 from facade_manipulator.simulation.motion import Motion
 from facade_manipulator.simulation.reaction import PressedGondola
 from facade_manipulator.simulation.scenario import Scenario
+from facade_manipulator.simulation.sensors import ForceSensor, SimulatedEstimator
 from facade_manipulator.simulation.wall import WallMeasurement, WallSample
 
 START = 1000.0

@@ -10,8 +10,8 @@ import numpy as np
 from facade_manipulator.calibration import EstimatorRecording, head_at
 from facade_manipulator.kinematics import compose, Geometry, mechanism_of, Pose
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
 from facade_manipulator.simulation.motion import Motion
+from facade_manipulator.simulation.sensors import EstimatorSettings, SimulatedEstimator
 
 DURATION, DRAIN = 120.0, 1.0  # s, of a recording; after which what was measured last has come
 RATE = 50.0  # Hz, of joints and wall

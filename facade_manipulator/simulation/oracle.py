@@ -27,9 +27,8 @@ import numpy as np
 from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.simulation.closed_loop import START
 from facade_manipulator.simulation.gondola import GondolaSettings, modes, wind_forces
-from facade_manipulator.simulation.motion import Motion
+from facade_manipulator.simulation.motion import Motion, Sway, SwaySettings
 from facade_manipulator.simulation.scenario import Scenario
-from facade_manipulator.simulation.sway import Sway, SwaySettings
 from facade_manipulator.simulation.wind import (
     HIGHEST_FREQUENCY,
     LOWEST_FREQUENCY,

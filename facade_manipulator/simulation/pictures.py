@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
@@ -168,5 +167,4 @@ def plain_ticks(axis: Axis) -> None:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure as PNG, whatever the name's ending."""
-    with matplotlib.rc_context():
-        figure.savefig(path, dpi=DOTS_PER_INCH, format='png')
+    figure.savefig(path, dpi=DOTS_PER_INCH, format='png')

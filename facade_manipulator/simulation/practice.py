@@ -19,14 +19,14 @@ import numpy as np
 
 from facade_manipulator.errors import CalibrationError, exit_status
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose
-from facade_manipulator.simulation.estimator import EstimatorSettings
 from facade_manipulator.simulation.machines import (
     make_machine,
     measure_heads,
     record_estimator,
     ShopSettings,
 )
-from facade_manipulator.simulation.sway import Sway, SwaySettings
+from facade_manipulator.simulation.motion import Sway, SwaySettings
+from facade_manipulator.simulation.sensors import EstimatorSettings
 
 ERRORS = ('link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool')
 TOUCHES, TOUCH_NOISE = (-0.2, -0.1, 0.0, 0.1, 0.2), 5e-4  # m

@@ -19,13 +19,10 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.resources import config_path
-from facade_manipulator.simulation.estimator import EstimatorSettings
 from facade_manipulator.simulation.facade import FacadeSettings
-from facade_manipulator.simulation.force_sensor import ForceSensorSettings
 from facade_manipulator.simulation.gondola import Gondola, GondolaSettings
-from facade_manipulator.simulation.motion import Motion
-from facade_manipulator.simulation.recording import load_recording
-from facade_manipulator.simulation.sway import Sway, SwaySettings
+from facade_manipulator.simulation.motion import load_recording, Motion, Sway, SwaySettings
+from facade_manipulator.simulation.sensors import EstimatorSettings, ForceSensorSettings
 from facade_manipulator.simulation.wall import WallSettings
 from facade_manipulator.simulation.wind import WindSettings
 

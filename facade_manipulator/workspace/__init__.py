@@ -11,11 +11,11 @@ from facade_manipulator.workspace.limits import Interval, theta_max, x_interval,
 from facade_manipulator.workspace.maps import (
     branch_map,
     conditioning_map,
+    lci_grid,
     pose_map,
     PoseMap,
     x_intervals,
 )
-from facade_manipulator.workspace.occupancy import lci_grid
 from facade_manipulator.workspace.volume import measure, union_area, Workspace
 
 __all__ = [

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -103,19 +102,13 @@ def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Wort
 
 def _amplification(mechanism: Mechanism, pose: Pose, inverse: np.ndarray) -> np.ndarray:
     """Return how the head moves with q1, q2, q3, l1, l2, b1 and b2, shape (3, 7)."""
-    carriages = np.array(mechanism.inverse_kinematics(pose))
-    wanted = [(np.array(longer.inverse_kinematics(pose)) - carriages) / STEP
-              for longer in _longer(mechanism.geometry)]
-    return np.hstack([inverse, -inverse @ np.array(wanted).T])
-
-
-@lru_cache(maxsize=1)
-def _longer(geometry: Geometry) -> list[Mechanism]:
-    """Return the mechanism with l1, with l2, with b1 and with b2 longer by a step."""
-    return [
+    carriages, geometry = mechanism.inverse_kinematics(pose), mechanism.geometry
+    longer = [
         mechanism_of(replace(geometry, **{
             field: tuple(np.add(getattr(geometry, field), side).tolist())}))
         for field in ('link_errors', 'platform_errors') for side in STEP * np.eye(2)]
+    wanted = [np.subtract(one.inverse_kinematics(pose), carriages) / STEP for one in longer]
+    return np.hstack([inverse, -inverse @ np.array(wanted).T])
 
 
 def _ellipse(demand: np.ndarray, limit: float) -> tuple[float, float, float]:

@@ -6,10 +6,6 @@ Only the figures import this module, and matplotlib is imported with it: the nod
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
@@ -23,21 +19,12 @@ BLACK, GREY, PALE = '#000000', '#777777', '#D9D9D9'
 MILLIMETRES = 1e3
 X_LABEL, Y_LABEL, THETA_LABEL = 'x along the rail [mm]', 'y from the rail [mm]', 'θ [deg]'
 
-_STYLE = {
+STYLE = {
     'font.size': 9.0, 'axes.titlesize': 9.5, 'axes.labelsize': 9.0, 'legend.fontsize': 8.0,
     'axes.spines.top': False, 'axes.spines.right': False, 'axes.grid': False,
     'axes.linewidth': 0.8, 'lines.linewidth': 1.6, 'legend.frameon': False,
     'figure.dpi': 150, 'savefig.dpi': 150, 'font.family': 'DejaVu Sans',
 }
-
-
-@contextmanager
-def style() -> Iterator[None]:
-    """Draw in the study's style, whatever the user's own settings."""
-    with matplotlib.rc_context():
-        matplotlib.rcdefaults()
-        matplotlib.rcParams.update(_STYLE)
-        yield
 
 
 def figure(width: float, height: float, title: str, layout: str = 'constrained') -> Figure:

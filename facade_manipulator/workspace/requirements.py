@@ -96,17 +96,18 @@ def y_travel(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.nda
     return upper - lower
 
 
-def theta_peak(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.ndarray:
+def theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:
     """Return the greatest |θ| that is reachable at some y before N = 0 [rad]."""
     designs = np.stack([np.ravel(length), np.ravel(half)])[..., None]
     return np.concatenate([
-        _theta_peak(*designs[:, start:start + _BLOCK], need.carriage_gap)
+        _theta_peak(*designs[:, start:start + _BLOCK], gap)
         for start in range(0, designs.shape[1], _BLOCK)]).reshape(np.shape(length))
 
 
 REQUIREMENTS = (
     Requirement('min_y_travel', 'm', y_travel, 1e-4, beside=('min_conditioning',)),
-    Requirement('min_theta', 'rad', theta_peak, 1e-3),
+    Requirement('min_theta', 'rad', lambda length, half, need: theta_peak(
+        length, half, need.carriage_gap), 1e-3),
 )
 
 

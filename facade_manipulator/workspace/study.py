@@ -28,6 +28,9 @@ from facade_manipulator.workspace.tables import PARTS, Study
 
 REPORT = Path('workspace_report')
 BAD_INPUT = 2
+GOOD = ('threshold', 'characteristic_length')  # what of the requirements says what is good
+OPTIONS = {'link_length': 'l', 'platform_half_length': 'b', 'carriage_gap': 'gap',
+           'length_sum': 'sum', 'force': 'drive-force', 'speed': 'drive-speed'}
 EXAMPLES = """
 examples:
   workspace_study                          everything, into workspace_report/
@@ -67,8 +70,8 @@ def _run(options: argparse.Namespace) -> None:
     with ExitStack() as stack:
         draft = stack.enter_context(folder(options.figures)) if options.figures else None
         content = stack.enter_context(json_file(options.json)) if options.json else {}
-        content['inputs'] = {**asdict(geometry), 'threshold': options.threshold,
-                             'characteristic_length': options.characteristic_length}
+        content['inputs'] = {**asdict(geometry), 'threshold': study.need.threshold,
+                             'characteristic_length': study.need.characteristic_length}
         # Wide enough for every column where the output is no terminal.
         console = Console(width=None if sys.stdout.isatty() else 120)
         for name in parts:
@@ -84,28 +87,30 @@ def _run(options: argparse.Namespace) -> None:
 
 
 def _draw(draft: Path, study: Study) -> None:
-    from facade_manipulator.workspace.drawing import style
+    from matplotlib import style
+
+    from facade_manipulator.workspace.drawing import STYLE
     from facade_manipulator.workspace.figures import FIGURES
 
-    with style(), progress_bar('figures', len(FIGURES)) as tick:
+    with style.context(STYLE, after_reset=True), progress_bar('figures', len(FIGURES)) as tick:
         for name, draw in FIGURES.items():
             draw(study).savefig(draft / name)
             tick()
 
 
 def _geometry(options: argparse.Namespace) -> Geometry:
-    given = {name: value for name, value in vars(options).items() if value is not None}
-    if options.parameters is None:
-        return settings_from(Geometry, given | {'stroke': _stroke(options.stroke)})
-    if given.keys() & {'link_length', 'platform_half_length', 'stroke'}:
-        raise ParameterError('--parameters has the lengths: --l, --b and --stroke have no use')
-    return read_settings(options.parameters, ALL_NODES, 'geometry', Geometry)
+    given = vars(options)
+    if options.parameters is not None:
+        if given.keys() & {'link_length', 'platform_half_length', 'stroke'}:
+            raise ParameterError('--parameters has the lengths: --l, --b and --stroke have no use')
+        return read_settings(options.parameters, ALL_NODES, 'geometry', Geometry)
+    if 'stroke' in given:
+        given = given | {'stroke': _stroke(options.stroke)}
+    return settings_from(Geometry, given, carriage_gap=0.0)
 
 
-def _stroke(values: list[float] | None) -> tuple[float, float]:
+def _stroke(values: list[float]) -> tuple[float, ...]:
     """Return the stroke from its length, about zero, or from its two ends."""
-    if not values:
-        return Geometry().stroke
     if len(values) > 2:
         raise ParameterError(f'--stroke has {len(values)} values: give its length, or both ends')
     if len(values) == 1 and not values[0] > 0.0:
@@ -116,7 +121,7 @@ def _stroke(values: list[float] | None) -> tuple[float, float]:
 def _requirements(options: argparse.Namespace, stroke_length: float) -> Requirements:
     given = vars(options) | {'stroke_length': stroke_length}
     if options.optimise is None:
-        given = {name: given[name] for name in ('threshold', 'characteristic_length')}
+        given = {name: given[name] for name in GOOD if name in given}
     return settings_from(Requirements, given)
 
 
@@ -125,56 +130,44 @@ def _parser() -> argparse.ArgumentParser:
         prog='workspace_study', description=__doc__.strip().splitlines()[0], epilog=EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parts = parser.add_argument_group('what to study (everything, if none is given)')
-    for name, text in (
-            ('table2', 'Table 2 of the paper beside its figures'),
-            ('summary', 'ranges, areas, volume and shares of one design'),
-            ('ranges', 'greatest theta and x over y'),
-            ('accuracy', 'error, stiffness, pressing force and ellipses over y'),
-            ('singularity',
-             'share of the workspace beyond N = 0; of one design with --l and --b')):
-        parts.add_argument(f'--{name}', action='store_true', default=None, help=text)
+    for name, part in PARTS.items():
+        if name != 'optimise':
+            parts.add_argument(f'--{name}', action='store_true', default=None, help=part.__doc__)
     parts.add_argument('--optimise', nargs='*', metavar='OBJECTIVE',
                        help=f'best l and b for {", ".join(OBJECTIVES)} (all, if none is named)')
     parts.add_argument('--figures', nargs='?', type=Path, const=REPORT, metavar='DIR',
                        help=f'draw the figures into DIR (default {REPORT}/)')
     parts.add_argument('--json', type=Path, metavar='FILE', help='write the numbers to FILE')
     design = parser.add_argument_group('the design')
-    design.add_argument('--l', dest='link_length', type=float, metavar='M',
-                        help='length of the links [m] (default 0.352)')
-    design.add_argument('--b', dest='platform_half_length', type=float, metavar='M',
-                        help='half the length of the platform [m] (default 0.348)')
-    _add_settings(design, Requirements, {
-        'carriage_gap': '--gap', 'threshold': '--threshold',
-        'characteristic_length': '--characteristic-length'})
+    _add_settings(design, Geometry, 'link_length', 'platform_half_length')
+    _add_settings(design, Requirements, 'carriage_gap', *GOOD)
     design.add_argument('--parameters', type=Path, metavar='YAML',
                         help='parameter file of a machine, for all of these lengths; --accuracy '
                              'goes by its errors too')
-    design.add_argument('--stroke', type=float, nargs='+', metavar='M',
+    design.add_argument('--stroke', type=float, nargs='+', metavar='M', default=argparse.SUPPRESS,
                         help='stroke of the carriages [m]: its length, or both ends (default 1; '
                              '--table2: 1.005)')
     design.add_argument('--y', type=float, nargs='+', action='extend',
                         help='distances from the rail for --ranges and --accuracy [m] '
                              '(default every 10 mm)')
-    _add_settings(parser.add_argument_group('what --accuracy assumes'), DriveTrain, {
-        'carriage_error': '--carriage-error', 'length_error': '--length-error',
-        'screw_stiffness': '--screw-stiffness', 'link_stiffness': '--link-stiffness',
-        'force': '--drive-force', 'speed': '--drive-speed'})
-    _add_settings(parser.add_argument_group('what --optimise requires'), Requirements, {
-        'length_sum': '--sum', 'link_range': '--link-range', 'platform_range': '--platform-range',
-        'min_y_travel': '--min-y-travel', 'min_theta': '--min-theta',
-        'min_conditioning': '--min-conditioning'})
+    _add_settings(parser.add_argument_group('what --accuracy assumes'), DriveTrain,
+                  *parameter_fields(DriveTrain))
+    _add_settings(parser.add_argument_group('what --optimise requires'), Requirements,
+                  'length_sum', 'link_range', 'platform_range', 'min_y_travel', 'min_theta',
+                  'min_conditioning')
     return parser
 
 
-def _add_settings(group: argparse._ArgumentGroup, cls: type, names: dict[str, str]) -> None:
-    """Add an option for each of some fields of settings."""
-    for field, name in names.items():
-        item = parameter_fields(cls)[field]
+def _add_settings(group: argparse._ArgumentGroup, cls: type, *names: str) -> None:
+    """Add an option for each of some fields of settings; without it the field has its default."""
+    for name in names:
+        item = parameter_fields(cls)[name]
         info, is_range = item.metadata[METADATA_KEY], isinstance(item.default, tuple)
         unit = f' [{info.unit}]' if info.unit else ''
         default = ' '.join(f'{value:g}' for value in np.atleast_1d(item.default))
         group.add_argument(
-            name, dest=field, type=float, nargs=2 if is_range else None, default=item.default,
+            '--' + OPTIONS.get(name, name.replace('_', '-')), dest=name, type=float,
+            nargs=2 if is_range else None, default=argparse.SUPPRESS,
             metavar=('MIN', 'MAX') if is_range else info.unit.upper() or 'INDEX',
             help=f'{info.description}{unit} (default {default})')
 

@@ -8,7 +8,6 @@ from dataclasses import asdict
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
 from rich.table import Table
 from rich.text import Text
 
@@ -63,8 +62,8 @@ def lengths(geometry: Geometry) -> str:
 
 
 def table_of_cases(study: Study, options: argparse.Namespace) -> Part:
-    """Table 2 of the paper: its figures, ours and the difference."""
-    stroke_length = study.geometry.stroke_length if options.stroke else STROKE_LENGTH
+    """Table 2 of the paper beside its figures."""
+    stroke_length = study.geometry.stroke_length if 'stroke' in options else STROKE_LENGTH
     rows = table2(stroke_length)
     return 'table2', rows, _table(
         f'Table 2 with Q = {_mm(stroke_length)} mm: good-condition ratio and areas [m2]',
@@ -81,7 +80,7 @@ def _case(row: dict, paper: dict) -> tuple[str, ...]:
 
 
 def summary(study: Study, options: argparse.Namespace) -> Part:
-    """One design in a dozen numbers."""
+    """Ranges, areas, volume and shares of one design."""
     found = summarise(study.geometry, study.need.threshold, study.need.characteristic_length)
     return 'summary', found, _table(study.title('Workspace'), ('quantity', 'value', 'unit'), (
         (words, f'{found[key] * factor:.5g}', unit) for key, words, factor, unit in SUMMARY))
@@ -102,10 +101,9 @@ def summarise(
         raise ParameterError(
             f'the workspace is empty: stroke {geometry.stroke_length:g} m and carriage_gap '
             f'{geometry.carriage_gap:g} m leave no pose')
-    peak = theta_peak(*(np.array([length]) for length in design[:2]),
-                      Requirements(carriage_gap=geometry.carriage_gap))
     return {
-        'y_min': float(lower), 'y_max': float(upper), 'theta_max': float(peak[0]),
+        'y_min': float(lower), 'y_max': float(upper),
+        'theta_max': float(theta_peak(*design[:2], geometry.carriage_gap)),
         'area_section': float(section_area(*design)),
         'good_area_section': float(section_area(*design, threshold, characteristic_length)),
         'area_union': union_area(geometry), 'volume': of.volume, 'good_volume': of.good,
@@ -114,7 +112,7 @@ def summarise(
 
 
 def ranges(study: Study, options: argparse.Namespace) -> Part:
-    """How far the head turns and, at θ = 0, travels at every distance from the rail."""
+    """Greatest theta and x over y."""
     rows = [_range(study.geometry, y) for y in options.y or _distances(study.geometry)]
     return 'ranges', rows, _table(
         study.title('Ranges'), ('y [mm]', 'theta max [deg]', 'x max at theta = 0 [mm]'), (
@@ -143,7 +141,7 @@ def _distances(geometry: Geometry) -> list[float]:
 
 
 def accuracy(study: Study, options: argparse.Namespace) -> Part:
-    """Accuracy, stiffness, force and speed of the head at every distance."""
+    """Error, stiffness, pressing force and ellipses over y."""
     head = mechanism_of(study.geometry).head
     rows = worth_rows(
         study.geometry,
@@ -167,9 +165,9 @@ def _worth(row: Worth) -> tuple[str, ...]:
 
 
 def singularity(study: Study, options: argparse.Namespace) -> Part:
-    """Share of the workspace beyond N = 0, of one design or of those of the paper's line."""
+    """Share of the workspace beyond N = 0; of one design with --l and --b."""
     geometry = study.geometry
-    chosen = options.link_length is not None or options.platform_half_length is not None
+    chosen = 'link_length' in options or 'platform_half_length' in options
     designs = [geometry] if chosen else studied_designs(geometry.stroke, geometry.carriage_gap)
     rows = [{'l': design.link_length, 'b': design.platform_half_length,
              'share': beyond_share(design)} for design in designs]
@@ -192,6 +190,7 @@ def optimum(study: Study, options: argparse.Namespace) -> Part:
           '; '.join(one.active) or 'none: an inner optimum') for one in optima))
 
 
+# their docstrings are the options' help
 PARTS: dict[str, Callable[[Study, argparse.Namespace], Part]] = {
     'table2': table_of_cases,
     'summary': summary,

@@ -12,9 +12,9 @@ from facade_manipulator.calibration.__main__ import main
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import compose, Geometry, Pose, relative
 from facade_manipulator.prediction import EstimateSettings
-from facade_manipulator.simulation.estimator import EstimatorSettings
 from facade_manipulator.simulation.machines import record_estimator
-from facade_manipulator.simulation.sway import Sway, SwaySettings
+from facade_manipulator.simulation.motion import Sway, SwaySettings
+from facade_manipulator.simulation.sensors import EstimatorSettings
 
 GEOMETRY = Geometry()
 BREEZE = Sway(SwaySettings())

@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.kinematics import inverse_kinematics, Pose
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.ros.runtime import LATCHED, RELIABLE
-from facade_manipulator.workspace.occupancy import lci_grid
+from facade_manipulator.workspace.maps import lci_grid
 
 
 @pytest.fixture

@@ -12,10 +12,10 @@ from facade_manipulator.compensation.pressing import PressMode
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.simulation.bench.__main__ import run_scenario
 from facade_manipulator.simulation.closed_loop import ClosedLoop, START
-from facade_manipulator.simulation.estimator import EstimatorSettings
 from facade_manipulator.simulation.facade import Facade
+from facade_manipulator.simulation.motion import Sway, SwaySettings
 from facade_manipulator.simulation.scenario import load_scenario, Scenario
-from facade_manipulator.simulation.sway import Sway, SwaySettings
+from facade_manipulator.simulation.sensors import EstimatorSettings
 
 HEAD = Pose(0.0, 0.2498, 0.0)
 GOAL = Pose(0.0, 0.25, 0.0)

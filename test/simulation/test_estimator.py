@@ -5,7 +5,7 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.simulation.estimator import EstimatorSettings, SimulatedEstimator
+from facade_manipulator.simulation.sensors import EstimatorSettings, SimulatedEstimator
 
 
 def motion(time):

@@ -5,7 +5,7 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Wrench
-from facade_manipulator.simulation.force_sensor import ForceSensor, ForceSensorSettings
+from facade_manipulator.simulation.sensors import ForceSensor, ForceSensorSettings
 
 PERIOD = 0.01
 

@@ -11,6 +11,7 @@ from scipy.optimize import least_squares
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.prediction import DisturbancePredictor, PredictionSettings
 from facade_manipulator.simulation.gondola import Gondola, GondolaSettings
+from facade_manipulator.simulation.motion import Sway, SwaySettings
 from facade_manipulator.simulation.oracle import (
     covariance,
     FREQUENCY_DEVIATION,
@@ -20,7 +21,6 @@ from facade_manipulator.simulation.oracle import (
     wind_law,
 )
 from facade_manipulator.simulation.scenario import load_scenario, MissionSettings, Scenario
-from facade_manipulator.simulation.sway import Sway, SwaySettings
 from facade_manipulator.simulation.wind import WindSettings
 
 INTERVAL, HORIZON, NOISE = 0.02, 0.12, 1e-3

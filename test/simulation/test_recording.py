@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import ManipulatorError
-from facade_manipulator.simulation.recording import load_recording, Recording
+from facade_manipulator.simulation.motion import load_recording, Recording
 
 TIMES = np.arange(0.0, 10.0, 0.02)
 POSES = np.column_stack([0.1 * np.sin(TIMES), 0.01 * np.cos(TIMES), 0.02 * np.sin(2 * TIMES)])

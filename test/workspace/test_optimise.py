@@ -49,8 +49,7 @@ def test_the_optimum_beats_every_design_of_the_sweep():
 def test_a_requirement_that_binds_is_met_and_named():
     asked = math.radians(25.0)
     found = optimise('area', Requirements(min_theta=asked))
-    reached = theta_peak(np.array([found.link_length]), np.array([found.platform_half_length]),
-                         Requirements())[0]
+    reached = theta_peak(found.link_length, found.platform_half_length, 0.0)
     assert reached == pytest.approx(asked, abs=1e-4) and reached >= asked - 1e-9
     assert found.active == ('l + b = 0.7 m', 'min_theta = 0.4363 rad')
 
@@ -63,8 +62,8 @@ def test_the_peak_angle_is_that_of_the_limits(length, half, gap):
     geometry = Geometry(length, half, carriage_gap=gap)
     lower, upper = y_range(geometry)
     peak = max(theta_max(geometry, y) for y in np.linspace(lower, upper, 4000)[1:-1])
-    found = theta_peak(np.array([length]), np.array([half]), Requirements(carriage_gap=gap))
-    assert peak - 1e-6 <= found[0] <= peak + 4e-4  # the kink lies between two of the 4000
+    found = theta_peak(length, half, gap)
+    assert peak - 1e-6 <= found <= peak + 4e-4  # the kink lies between two of the 4000
 
 
 def test_the_range_of_y_is_that_of_the_limits():

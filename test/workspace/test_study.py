@@ -72,6 +72,11 @@ def test_the_optimum_says_what_holds_it(tmp_path, capsys):
     assert 'l + b = 0.7 m' in capsys.readouterr().out
 
 
+def test_a_design_is_summed_up_with_a_gap_that_the_optimisers_box_has_no_room_for(tmp_path):
+    summary = numbers(tmp_path, '--summary', '--gap', 0.3)['summary']
+    assert summary['y_min'] == pytest.approx(math.sqrt(0.352 ** 2 - 0.048 ** 2))
+
+
 def test_tables_show_their_units(capsys):
     assert run('--table2', '--summary') == 0
     shown = capsys.readouterr().out

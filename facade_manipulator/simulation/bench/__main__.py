@@ -37,11 +37,10 @@ from facade_manipulator.simulation.bench.plain import (
 )
 from facade_manipulator.simulation.closed_loop import ClosedLoop, LoopStep, PERIOD
 from facade_manipulator.simulation.facade import Facade
-from facade_manipulator.simulation.motion import Motion
+from facade_manipulator.simulation.motion import Motion, Sway, SwaySettings
 from facade_manipulator.simulation.oracle import KnownDisturbance, limits
 from facade_manipulator.simulation.pictures import TITLES
 from facade_manipulator.simulation.scenario import load_scenario, Scenario, scenario_names
-from facade_manipulator.simulation.sway import Sway, SwaySettings
 from facade_manipulator.simulation.wall import AXES, SCALES
 
 HEAD_START = 1.0

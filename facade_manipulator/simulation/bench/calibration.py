@@ -36,8 +36,8 @@ from facade_manipulator.simulation.machines import (
     record_estimator,
     ShopSettings,
 )
+from facade_manipulator.simulation.motion import Sway
 from facade_manipulator.simulation.scenario import load_scenario
-from facade_manipulator.simulation.sway import Sway
 from facade_manipulator.simulation.wall import AXES, SCALES, UNITS
 
 DRAWING, SHOP = Geometry(), ShopSettings()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.simulation.sway import Sway, SwaySettings
+from facade_manipulator.simulation.motion import Sway, SwaySettings
 
 
 def test_the_default_wind_has_the_amplitudes_of_the_demo():
