@@ -8,7 +8,7 @@ from facade_manipulator.drives.cia402 import (
     HomingSequence,
     Phase,
 )
-from facade_manipulator.drives.controller.operation import Operation
+from facade_manipulator.drives.controller.operation import Course, Operation
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import require_inside
 from facade_manipulator.errors import DriveFaultError, DriveStateError, ManipulatorError
@@ -19,20 +19,15 @@ class Activate(Operation):
 
     state = ControllerState.ACTIVATING
 
-    def begin(self, now: float) -> str | None:
-        """Check that the carriages may be powered where they are."""
+    def run(self, now: float) -> Course:
+        """Check that the carriages may be powered where they are; power them."""
         group = self.group
         self.require_allowed()
         if group.phase is Phase.OFF:
             self._require_ready()
         group.enable(now)
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Wait until targets are followed."""
-        self.require_not_stopped()
-        done = self.session.has_done(Phase.RUNNING)
-        return 'The drives are powered and follow setpoints.' if done else None
+        yield from self.until(Phase.RUNNING)
+        return 'The drives are powered and follow setpoints.'
 
     def _require_ready(self) -> None:
         """Check that the carriages are homed, and where they may be."""
@@ -55,15 +50,11 @@ class Deactivate(Operation):
 
     state = ControllerState.DEACTIVATING
 
-    def begin(self, now: float) -> str | None:
-        """Begin to ramp down."""
+    def run(self, now: float) -> Course:
+        """Ramp down and wait until the power is off."""
         self.group.disable(now)
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Wait until the power is off."""
-        self.require_not_stopped()
-        return 'The carriages stand still; the power is off.' if self.session.is_off else None
+        yield from self.until(Phase.OFF)
+        return 'The carriages stand still; the power is off.'
 
 
 class Halt(Operation):
@@ -71,22 +62,17 @@ class Halt(Operation):
 
     state = ControllerState.HALTING
     interrupts = True
-    _given_up = 'The activation'
 
-    def begin(self, now: float) -> str | None:
-        """Begin to ramp down; where nothing is commanded to move, nothing is cancelled."""
-        if self.group.phase is Phase.HOMING:
-            self._given_up = 'Homing'
+    def run(self, now: float) -> Course:
+        """Ramp down; where nothing is commanded to move, nothing is cancelled."""
+        given_up = 'Homing' if self.group.phase is Phase.HOMING else 'The activation'
         self.interrupts = self.group.halt(now)
-        return None if self.interrupts else 'The power is off or going off: nothing moves on.'
-
-    def poll(self, now: float) -> str | None:
-        """Wait until nothing moves."""
-        self.require_not_stopped()
+        if not self.interrupts:
+            return 'The power is off or going off: nothing moves on.'
+        yield from self.until(Phase.HALTED, Phase.OFF)
         if self.session.is_off:
-            return f'{self._given_up} is given up; the power is off.'
-        done = self.session.has_done(Phase.HALTED)
-        return 'The carriages stand still and hold.' if done else None
+            return f'{given_up} is given up; the power is off.'
+        return 'The carriages stand still and hold.'
 
 
 class Home(Operation):
@@ -94,10 +80,9 @@ class Home(Operation):
 
     state = ControllerState.HOMING
 
-    def begin(self, now: float) -> str | None:
-        """Power on in homing mode."""
-        session = self.session
-        group = self.group
+    def run(self, now: float) -> Course:
+        """Power on in homing mode, and wait until the power is off again."""
+        session, group = self.session, self.group
         self.require_allowed()
         session.positions()
         sequence = HomingSequence(tuple(
@@ -106,13 +91,11 @@ class Home(Operation):
         group.home(sequence, now)
         for monitor in session.monitors:
             monitor.begin_homing()
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Wait until the power is off again."""
-        if self.session.is_stopped:
-            raise DriveFaultError(f'{self.group.cause.message}. {self._conclude()}')
-        return self._conclude() if self.session.is_off else None
+        while not session.is_off:
+            yield
+            if session.is_stopped:
+                raise DriveFaultError(f'{group.cause.message}. {self._conclude()}')
+        return self._conclude()
 
     def _conclude(self) -> str:
         """Note which axes are homed, not before their positions have settled, and report."""

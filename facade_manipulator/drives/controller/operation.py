@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from concurrent.futures import Future
 from typing import Any, ClassVar
 
-from facade_manipulator.drives.cia402 import Group
+from facade_manipulator.drives.cia402 import Group, Phase
 from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
@@ -15,13 +16,15 @@ from facade_manipulator.errors import (
     ManipulatorError,
 )
 
+Course = Generator[None, float, Any]
+
 
 class Operation:
     """
     A request under way, in the control thread.
 
-    `begin` and `poll` raise a ManipulatorError with the message for the operator; the message
-    of a success is what they return.
+    `run` does it from begin to end: ``now = yield`` waits for the next cycle, what it returns is
+    the message of a success, a ManipulatorError has that of a failure.
 
     Parameters
     ----------
@@ -35,6 +38,7 @@ class Operation:
 
     def __init__(self, session: Session) -> None:
         self.session = session
+        self._course: Course | None = None
 
     @property
     def name(self) -> str:
@@ -56,11 +60,22 @@ class Operation:
             raise DriveStateError(f'{self.name} is not possible, the drives are not configured')
         return self.session.group
 
-    def begin(self, now: float) -> str | None:
-        """Begin; return the message if there is nothing to do."""
+    def run(self, now: float) -> Course:
+        """Do what is asked for, from a time on [s]."""
+        raise NotImplementedError
 
-    def poll(self, now: float) -> str | None:
-        """Return the message once it is done, None until then."""
+    def begin(self, now: float) -> Any:
+        """Begin; return the message if there is nothing to do."""
+        self._course = self.run(now)
+        return self.poll(None)
+
+    def poll(self, now: float | None) -> Any:
+        """Go on; return the message once it is done, None until then."""
+        try:
+            self._course.send(now)
+        except StopIteration as end:
+            return end.value
+        return None
 
     def give_up(self) -> None:
         """Tidy up after a failure."""
@@ -79,18 +94,20 @@ class Operation:
             raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}; '
                                   'wait until whoever set it takes it back')
 
-    def require_not_stopped(self) -> None:
+    def until(self, *phases: Phase) -> Course:
         """
-        Raise why the drives were stopped meanwhile.
+        Wait until all drives are where one of some phases wants them.
 
         Raises
         ------
         DriveFaultError
-            They are stopped.
+            Why they were stopped meanwhile.
 
         """
-        if self.session.is_stopped:
-            raise DriveFaultError(self.group.cause.message)
+        while not any(map(self.session.has_done, phases)):
+            yield
+            if self.session.is_stopped:
+                raise DriveFaultError(self.group.cause.message)
 
 
 def result_of(job: Future) -> Any:

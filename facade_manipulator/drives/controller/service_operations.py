@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from facade_manipulator.drives.canopen import Condition
 from facade_manipulator.drives.cia402 import Cause, CONFIGURE_REMEDY, Phase
 from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.operation import Operation, result_of
+from facade_manipulator.drives.controller.operation import Course, Operation, result_of
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
     BusError,
@@ -28,58 +28,43 @@ class Configure(Operation):
     """Open the bus, check and configure the drives, start the cycle."""
 
     state = ControllerState.CONFIGURING
-    _job: Future | None = None
-    _deadline = 0.0
 
-    def begin(self, now: float) -> str | None:
-        """Open the bus and listen: another master's drives are not ours to reset."""
-        session = self.session
+    def run(self, now: float) -> Course:
+        """Listen before the first word: another master's drives are not ours to reset."""
+        session, settings = self.session, self.session.settings
         if session.exchange is not None or session.lost is not None:
             raise DriveStateError('configure is not possible, the drives are configured already')
         session.open()
-        self._deadline = now + LISTEN_PERIODS * session.settings.heartbeat_period
-        return None
+        end = now + LISTEN_PERIODS * settings.heartbeat_period
+        while session.exchange.read_until < end:
+            now = yield
+        session.exchange.require_sole_master()
+        session.exchange.transmits = True
+        job = session.worker.submit(session.commissioning.configure)
+        while not job.done():
+            now = yield
+        session.notes = self._notes(job)
+        session.exchange.require_sole_master()
+        session.start_cycle(now)
+        end = now + settings.step_timeout + SLOWEST * settings.period
+        while not session.is_stopped:
+            silent = [f'{name} of {one.title}'
+                      for one in session.monitors for name in sorted(one.silent_tpdos)]
+            if silent and now > end:
+                raise DriveTimeoutError(
+                    f'{", ".join(silent)} did not come in answer to SYNC: '
+                    'correct pdos in the profile of the drive')
+            if not silent and session.is_off:
+                return f'The drives on {session.bus_name} are configured; the power is off.'
+            now = yield
+        if session.group.needs_configuration:
+            raise DriveTimeoutError(session.group.cause.message)
+        return f'The drives are configured, but stopped: {session.group.cause.message}.'
 
-    def _listen(self) -> None:
-        """Let the worker begin if nobody else commands the drives."""
-        session = self.session
-        if session.exchange.read_until >= self._deadline:
-            session.exchange.require_sole_master()
-            session.exchange.transmits = True
-            self._job = session.worker.submit(session.commissioning.configure)
-
-    def poll(self, now: float) -> str | None:
-        """Start the cycle when the worker is done, then wait for the drives' answers."""
-        session = self.session
-        if self._job is None:
-            self._listen()
-            return None
-        if not self._job.done():
-            return None
-        if session.group is None:
-            session.notes = self._notes()
-            session.exchange.require_sole_master()
-            session.start_cycle(now)
-            settings = session.settings
-            self._deadline = now + settings.step_timeout + SLOWEST * settings.period
-        if session.is_stopped:
-            if session.group.needs_configuration:
-                raise DriveTimeoutError(session.group.cause.message)
-            return f'The drives are configured, but stopped: {session.group.cause.message}.'
-        silent = [f'{name} of {one.title}'
-                  for one in session.monitors for name in sorted(one.silent_tpdos)]
-        if silent and now > self._deadline:
-            raise DriveTimeoutError(
-                f'{", ".join(silent)} did not come in answer to SYNC: '
-                'correct pdos in the profile of the drive')
-        if silent or not session.is_off:
-            return None
-        return f'The drives on {session.bus_name} are configured; the power is off.'
-
-    def _notes(self) -> tuple[str, ...]:
+    def _notes(self, job: Future) -> tuple[str, ...]:
         """Return what the worker found; a drive that is silent may be on another bus."""
         try:
-            return tuple(result_of(self._job))
+            return tuple(result_of(job))
         except DriveTimeoutError as error:
             raise DriveTimeoutError(f'{error}. The bus is {self.session.bus_name}') from error
 
@@ -92,24 +77,20 @@ class Cleanup(Operation):
     """Take the power off for good and close the bus."""
 
     state = ControllerState.CLEANING_UP
-    _deadline = 0.0
 
-    def begin(self, now: float) -> str | None:
-        """Command power off."""
-        if self.session.lost is not None:
-            self.session.close()
+    def run(self, now: float) -> Course:
+        """Close once the drives have confirmed that their power is off, or had the time to."""
+        session = self.session
+        if session.lost is not None:
+            session.close()
             return 'The bus was lost; the drives have stopped by themselves.'
         if self.group.is_powered:
             raise DriveStateError('cleanup is not possible while the drives have power')
         self.group.cut_power(now)
-        self._deadline = now + STOP_AND_CUT * self.session.settings.step_timeout
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Close once the drives have confirmed, or had the time to."""
-        if not self.session.has_done(Phase.STOPPED) and now < self._deadline:
-            return None
-        self.session.close()
+        end = now + STOP_AND_CUT * session.settings.step_timeout
+        while not session.has_done(Phase.STOPPED) and now < end:
+            now = yield
+        session.close()
         return 'The drives have no power and the bus is closed.'
 
 
@@ -118,44 +99,34 @@ class ClearFaults(Operation):
 
     state = ControllerState.CLEARING
     name = 'clear_faults'
-    _job: Future | None = None
-    _cause: Cause | None = None
 
-    def begin(self, now: float) -> str | None:
-        """Let the worker prove that the drives are still as they were configured."""
-        session = self.session
-        self._cause = self.group.cause
-        if self.group.phase is Phase.HALTED:
-            self.group.enable(now)
+    def run(self, now: float) -> Course:
+        """Let the worker prove that the drives are still as they were configured, then reset."""
+        session, group = self.session, self.group
+        cause = group.cause
+        if group.phase is Phase.HALTED:
+            group.enable(now)
             return 'The halt is ended; the drives follow setpoints.'
-        if self._cause is None:
+        if cause is None:
             return 'There is no fault to clear.'
         if session.lost is not None:
             raise BusError(
                 f'clear_faults is not possible, the bus is lost: {session.lost.message}')
-        self.group.require_resettable(now)
-        self._job = session.worker.submit(session.commissioning.check_again)
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Reset when the check has passed; wait until the drives have taken it."""
-        session = self.session
-        if self._job is not None:
-            if self._job.done() and self.group.phase is Phase.STOPPED:
-                self._reset(now)
-        elif session.is_stopped:
-            raise DriveFaultError(f'The faults remain: {self.group.causes[-1].message}')
-        return f'The faults are cleared ({self._cause.message}).' if session.is_off else None
-
-    def _reset(self, now: float) -> None:
-        job, self._job = self._job, None
+        group.require_resettable(now)
+        job = session.worker.submit(session.commissioning.check_again)
+        while not (job.done() and group.phase is Phase.STOPPED):
+            now = yield
         try:
             result_of(job)
         except DriveError as error:
-            cause = Cause(str(error), CONFIGURE_REMEDY, configure_again=True)
-            self.group.stop(cause, now)
-            raise DriveFaultError(f'The faults remain: {cause.message}') from error
-        self.group.reset(now)
+            group.stop(Cause(str(error), CONFIGURE_REMEDY, configure_again=True), now)
+            raise DriveFaultError(f'The faults remain: {error}') from error
+        group.reset(now)
+        while not session.is_off:
+            yield
+            if session.is_stopped:
+                raise DriveFaultError(f'The faults remain: {group.causes[-1].message}')
+        return f'The faults are cleared ({cause.message}).'
 
 
 class SelfTest(Operation):
@@ -163,10 +134,9 @@ class SelfTest(Operation):
 
     state = ControllerState.TESTING
     name = 'self_test'
-    _job: Future | None = None
     _is_first = False
 
-    def begin(self, now: float) -> None:
+    def run(self, now: float) -> Course:
         """Let the worker ask the drives; on a bus that is not open, for this test alone."""
         session = self.session
         if session.is_powered:
@@ -176,14 +146,10 @@ class SelfTest(Operation):
         self._is_first = session.exchange is None
         if self._is_first:
             session.open()
-        self._job = session.worker.submit(
-            session.commissioning.inspect, not self._is_first)
-
-    def poll(self, now: float) -> list[Finding] | None:
-        """Add what this side knows to what the drives said."""
-        if not self._job.done():
-            return None
-        findings = [*result_of(self._job), self._bus(), self._cycle(), self._stop()]
+        job = session.worker.submit(session.commissioning.inspect, not self._is_first)
+        while not job.done():
+            yield
+        findings = [*result_of(job), self._bus(), self._cycle(), self._stop()]
         self.give_up()
         return findings
 
@@ -219,36 +185,27 @@ class Close(Operation):
 
     state = ControllerState.CLEANING_UP
     interrupts = outlives_bus = True
-    _deadline = 0.0
-    _cutting = False
 
-    def begin(self, now: float) -> str | None:
-        """Begin to power off."""
+    def run(self, now: float) -> Course:
+        """Power off, and take the power once the carriages stand still."""
         session = self.session
-        if session.group is None or session.lost is not None:
-            return self._finish()
-        self._deadline = now + CLOSING_TIMEOUT
-        if session.is_powered:
+        end = now + CLOSING_TIMEOUT
+        if self._has_drives and session.is_powered:
             try:
                 session.group.disable(now)
             except DriveStateError:
                 session.group.stop(Cause('the drive controller is being closed'), now)
-        return None
-
-    def poll(self, now: float) -> str | None:
-        """Take the power off once the carriages stand still."""
-        session = self.session
-        late = now > self._deadline
-        if session.group is None or session.lost is not None:
-            return self._finish()
-        if not self._cutting and (session.group.phase in (Phase.OFF, Phase.STOPPED) or late):
-            self._cutting = True
-            self._deadline = now + STOP_AND_CUT * session.settings.step_timeout
+        while self._has_drives and now <= end and (
+                session.group.phase not in (Phase.OFF, Phase.STOPPED)):
+            now = yield
+        if self._has_drives:
             session.group.cut_power(now)
-        elif self._cutting and (session.has_done(Phase.STOPPED) or late):
-            return self._finish()
-        return None
-
-    def _finish(self) -> str:
-        self.session.close()
+            end = now + STOP_AND_CUT * session.settings.step_timeout
+        while self._has_drives and now <= end and not session.has_done(Phase.STOPPED):
+            now = yield
+        session.close()
         return 'The drive controller is closed.'
+
+    @property
+    def _has_drives(self) -> bool:
+        return self.session.group is not None and self.session.lost is None
