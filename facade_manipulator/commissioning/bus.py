@@ -14,32 +14,27 @@ from facade_manipulator.drives.canopen import (
     can_bus,
     CanBus,
     Frame,
-    heartbeat_cob_id,
-    MASTER_NODE_ID,
-    NMT_COB_ID,
     NmtCommand,
     NmtState,
     open_bus,
     Patience,
     pdo,
     PumpedNetwork,
-    sdo_request_cob_id,
     SdoChannel,
-    SYNC_COB_ID,
 )
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, DriveTimeoutError
 
 LISTENING_TIME = 0.6  # s: the longest period of a driver's heartbeat, and something
 BOOT_TIMEOUT = 5.0  # s
 _RECEIVING = 0.05
-NODE_IDS = range(1, MASTER_NODE_ID)
+NODE_IDS = range(1, pdo.MASTER_NODE_ID)
 # what only a master sends
 _ONLY_MASTERS = {
-    heartbeat_cob_id(MASTER_NODE_ID): f'the heartbeat of node {MASTER_NODE_ID}',
-    SYNC_COB_ID: 'SYNC',
-    NMT_COB_ID: 'an NMT command',
+    pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID): f'the heartbeat of node {pdo.MASTER_NODE_ID}',
+    pdo.SYNC_COB_ID: 'SYNC',
+    pdo.NMT_COB_ID: 'an NMT command',
     **{pdo.RPDO1.cob_id(node_id): 'process data for a drive' for node_id in NODE_IDS},
-    **{sdo_request_cob_id(node_id): 'an SDO request' for node_id in NODE_IDS},
+    **{pdo.sdo_request_cob_id(node_id): 'an SDO request' for node_id in NODE_IDS},
 }
 STORING = Patience(timeout=5.0, attempts=1)  # a second attempt would store what is there then
 
@@ -98,7 +93,7 @@ class ToolBus:
 
     def command(self, command: NmtCommand, node_id: int = 0) -> None:
         """Send a network management command; to all nodes by default."""
-        self.send(NMT_COB_ID, bytes([command, node_id]))
+        self.send(pdo.NMT_COB_ID, bytes([command, node_id]))
 
     def collect(self, duration: float) -> list[Frame]:
         """Wait and return all frames that were received meanwhile."""
@@ -135,7 +130,7 @@ class ToolBus:
 
     def reset(self, node_id: int) -> None:
         """Reset a drive and wait until it is back; raises a DriveTimeoutError if it is not."""
-        self.latest.pop(heartbeat_cob_id(node_id), None)
+        self.latest.pop(pdo.heartbeat_cob_id(node_id), None)
         self.command(NmtCommand.RESET_NODE, node_id)
         if not self.wait_for(lambda: self.nmt_state(node_id) is not None, BOOT_TIMEOUT):
             raise DriveTimeoutError(
@@ -153,7 +148,7 @@ class ToolBus:
 
     def nmt_state(self, node_id: int) -> NmtState | None:
         """Return the state that a node's newest heartbeat names, None for none."""
-        beat = self.latest.get(heartbeat_cob_id(node_id))
+        beat = self.latest.get(pdo.heartbeat_cob_id(node_id))
         number = beat.data[0] & 0x7F if beat is not None and beat.data else None
         return NmtState(number) if number in set(NmtState) else None
 

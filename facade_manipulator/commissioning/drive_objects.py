@@ -19,7 +19,7 @@ from canopen import export_od, import_od, ObjectDictionary
 from canopen.objectdictionary import ODVariable
 
 from facade_manipulator.commissioning.bus import STORING, ToolBus
-from facade_manipulator.drives.canopen import DISABLED, SdoAbortError, SdoChannel
+from facade_manipulator.drives.canopen import pdo, SdoAbortError, SdoChannel
 from facade_manipulator.errors import CommissioningError, DriveError, file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 
@@ -188,7 +188,7 @@ def _in_order(
         values = {key: _value_for(node_id, wanted, key) for key in sorted(wanted.values)
                   if key[0] & ~_MAPPING == index}
         switch, count = (index, 1), (index + _MAPPING, 0)
-        yield switch, values[switch] | DISABLED
+        yield switch, values[switch] | pdo.DISABLED
         if count in values:
             yield count, 0
         for key in values:

@@ -11,14 +11,7 @@ from typing import NamedTuple
 from canopen import lss
 
 from facade_manipulator.commissioning.bus import NODE_IDS, number_or_none, ToolBus
-from facade_manipulator.drives.canopen import (
-    Frame,
-    heartbeat_cob_id,
-    SDO_FRAME_LENGTH,
-    sdo_request_cob_id,
-    sdo_response_cob_id,
-    SdoChannel,
-)
+from facade_manipulator.drives.canopen import Frame, pdo, SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.drives.cia402 import AxisSettings, fitting_profile
 from facade_manipulator.errors import DriveError, DriveIdentityError
 
@@ -59,9 +52,9 @@ def scan(bus: ToolBus) -> list[Node]:
     """Ask all node ids at once, then each that answered for what it is."""
     answers = defaultdict(list)
     for frame in _ask(bus, NODE_IDS):
-        if sdo_response_cob_id(0) < frame.cob_id <= sdo_response_cob_id(127):
-            answers[frame.cob_id - sdo_response_cob_id(0)].append(_serial(frame.data))
-    beating = {node_id for node_id in NODE_IDS if heartbeat_cob_id(node_id) in bus.latest}
+        if pdo.sdo_response_cob_id(0) < frame.cob_id <= pdo.sdo_response_cob_id(127):
+            answers[frame.cob_id - pdo.sdo_response_cob_id(0)].append(_serial(frame.data))
+    beating = {node_id for node_id in NODE_IDS if pdo.heartbeat_cob_id(node_id) in bus.latest}
     return [_describe(bus, node_id, tuple(answers.get(node_id, ())))
             for node_id in sorted(answers.keys() | beating)]
 
@@ -70,7 +63,7 @@ def _ask(bus: ToolBus, node_ids: Iterable[int]) -> list[Frame]:
     """Ask for serial numbers; return what comes then."""
     bus.collect(0.0)
     for node_id in node_ids:
-        bus.send(sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
+        bus.send(pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
         time.sleep(_PACE)
     return bus.received_since(_ANSWER)
 
@@ -133,7 +126,7 @@ def only_drive(bus: ToolBus, axis: AxisSettings, name: str, **details: object) -
     """Return the objects of an axis's drive; a DriveIdentityError if more than one answers."""
     node_id = axis.node_id
     answers = [frame for frame in _ask(bus, [node_id])
-               if frame.cob_id == sdo_response_cob_id(node_id)]
+               if frame.cob_id == pdo.sdo_response_cob_id(node_id)]
     if len(answers) > 1:
         raise DriveIdentityError(
             f'{len(answers)} drives answer as {name} (node {node_id}): nothing was done; '

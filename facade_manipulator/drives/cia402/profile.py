@@ -13,14 +13,7 @@ from typing import Any, NamedTuple
 
 import yaml
 
-from facade_manipulator.drives.canopen import (
-    KNOWN_OBJECTS,
-    make_pdo,
-    MappedObject,
-    Pdo,
-    pdo,
-    PDO_MAP,
-)
+from facade_manipulator.drives.canopen import Pdo, pdo
 from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
@@ -85,7 +78,7 @@ class DriveProfile:
     objects: tuple[ProfileObject, ...]  #: what is written at configure, in this order
     #: whose drives these are (1018h:1); None for no particular maker's
     vendor_id: int | None = None
-    pdos: tuple[Pdo, ...] = PDO_MAP  #: the process data in use
+    pdos: tuple[Pdo, ...] = pdo.PDO_MAP  #: the process data in use
 
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object that takes a quantity, None if none does."""
@@ -153,7 +146,7 @@ def _profile(name: str, path: Path, data: Any) -> DriveProfile:
         objects=tuple(_object(item) for item in data['objects']),
         vendor_id=_integer('vendor_id', data['vendor_id'], 0, 2**32 - 1)
         if 'vendor_id' in data else None,
-        pdos=_pdos(data['pdos']) if 'pdos' in data else PDO_MAP,
+        pdos=_pdos(data['pdos']) if 'pdos' in data else pdo.PDO_MAP,
     )
 
 
@@ -189,7 +182,7 @@ def _pdos(data: Any) -> tuple[Pdo, ...]:
     """Return the PDOs of a table; together they must carry what no drive can do without."""
     _check_keys('pdos', data, {f'{direction}PDO{n}' for direction in 'RT' for n in range(1, 5)})
     pdos = tuple(
-        make_pdo(name, tuple(_mapped(name, item) for item in content))
+        pdo.make_pdo(name, tuple(_mapped(name, item) for item in content))
         for name, content in data.items())
     for one in pdos:
         if one.codec.size > MOST_BYTES:
@@ -201,21 +194,22 @@ def _pdos(data: Any) -> tuple[Pdo, ...]:
     return pdos
 
 
-def _mapped(name: str, data: Any) -> MappedObject:
+def _mapped(name: str, data: Any) -> pdo.MappedObject:
     """Return an object in a PDO: a known one by its index, any other one with its length."""
     if isinstance(data, dict):
         _check_keys(f'an object of {name}', data, {'index', 'subindex', 'bits'})
         if data['bits'] not in _CODES:
             raise ValueError(f'an object of {name} has {data["bits"]} bits, not 8, 16 or 32')
-        return MappedObject(
+        return pdo.MappedObject(
             _integer('index', data['index'], 0x1000, 0xFFFF),
             _integer('subindex', data['subindex'], 0, 254), _CODES[data['bits']])
-    known = [index for index in KNOWN_OBJECTS if (index in pdo.COMMANDS) == name.startswith('R')]
+    known = [index for index in pdo.KNOWN_OBJECTS
+             if (index in pdo.COMMANDS) == name.startswith('R')]
     if data not in known:
         raise ValueError(
             f'{name} carries {data!r}, which is none of '
             f'{", ".join(f"0x{index:04X}" for index in known)}: state index, subindex and bits')
-    return KNOWN_OBJECTS[data]
+    return pdo.KNOWN_OBJECTS[data]
 
 
 def _quirks(data: Any) -> Quirks:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from facade_manipulator.drives.canopen import MASTER_NODE_ID
+from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameters import parameter, settings
@@ -26,7 +26,8 @@ class AxisSettings(AxisScale):
 
     velocity_unit: str = 'counts_per_second'  # the drive's profile says it, not the operator
     node_id: int = parameter(
-        1, 'CANopen node id of the drive', minimum=1, maximum=MASTER_NODE_ID - 1, read_only=True)
+        1, 'CANopen node id of the drive', minimum=1, maximum=pdo.MASTER_NODE_ID - 1,
+        read_only=True)
     profile: str = parameter(
         'simulated', 'Drive type: name of a file in config/drives', read_only=True)
     vendor_id: int = parameter(

@@ -13,8 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from math import ceil
 
-from facade_manipulator.drives.canopen import Pdo, PDO_MAP
-from facade_manipulator.drives.canopen import pdo as process_data
+from facade_manipulator.drives.canopen import Pdo, pdo
 from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
@@ -32,7 +31,7 @@ def frame_bits(length: int) -> int:
     return 8 * length + 47 + (34 + 8 * length - 1) // 4
 
 
-def transmission_type(pdo: Pdo, rate: int) -> int:
+def transmission_type(one: Pdo, rate: int) -> int:
     """
     Return every how many SYNCs a PDO is sent.
 
@@ -40,15 +39,15 @@ def transmission_type(pdo: Pdo, rate: int) -> int:
     velocity and condition are then sent at about 50 Hz and 10 Hz.
 
     """
-    is_needed = not pdo.is_transmitted or pdo.carries(process_data.STATUS)
+    is_needed = not one.is_transmitted or one.carries(pdo.STATUS)
     if rate <= _HIGHEST_FULL_RATE or is_needed:
-        return pdo.transmission
-    return ceil(rate / _REDUCED_RATES[pdo.carries(process_data.MOTION)])
+        return one.transmission
+    return ceil(rate / _REDUCED_RATES[one.carries(pdo.MOTION)])
 
 
 def check_bus_load(
     settings: ControllerSettings, bitrate: int,
-    maps: tuple[Iterable[Pdo], ...] = (PDO_MAP,) * len(AXIS_NAMES),
+    maps: tuple[Iterable[Pdo], ...] = (pdo.PDO_MAP,) * len(AXIS_NAMES),
 ) -> float:
     """
     Return the worst-case share of the bus that the cyclic traffic takes.
@@ -62,8 +61,8 @@ def check_bus_load(
 
     """
     answers = sum(
-        frame_bits(pdo.codec.size) / transmission_type(pdo, settings.rate)
-        for pdos in maps for pdo in pdos)
+        frame_bits(one.codec.size) / transmission_type(one, settings.rate)
+        for pdos in maps for one in pdos)
     cyclic = settings.rate * (frame_bits(0) + answers)
     heartbeats = (len(maps) + 1) / settings.heartbeat_period * frame_bits(_HEARTBEAT_BYTES)
     sdo = min(settings.rate, _FASTEST_SDO) * 2 * frame_bits(_SDO_BYTES)

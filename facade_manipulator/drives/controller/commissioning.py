@@ -19,13 +19,7 @@ import threading
 import time
 from typing import NamedTuple, TypeVar
 
-from facade_manipulator.drives.canopen import (
-    CanBus,
-    NMT_COB_ID,
-    NmtCommand,
-    NmtState,
-    SdoChannel,
-)
+from facade_manipulator.drives.canopen import CanBus, NmtCommand, NmtState, pdo, SdoChannel
 from facade_manipulator.drives.cia402 import DriveProfile
 from facade_manipulator.drives.controller.configuration import (
     check_identity,
@@ -59,7 +53,7 @@ def _limit_time(drive: Drive) -> None:
 
 def send_nmt(bus: CanBus, command: NmtCommand, node_id: int) -> None:
     """Send a network management command to one node."""
-    bus.send(NMT_COB_ID, bytes([command, node_id]))
+    bus.send(pdo.NMT_COB_ID, bytes([command, node_id]))
 
 
 class Finding(NamedTuple):

@@ -19,16 +19,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen import (
-    DISABLED,
-    MASTER_NODE_ID,
-    NO_REMOTE,
-    Pdo,
-    PDO_MAP,
-    SdoAbortError,
-    SdoChannel,
-    unused_pdos,
-)
+from facade_manipulator.drives.canopen import Pdo, pdo, SdoAbortError, SdoChannel
 from facade_manipulator.drives.cia402 import AxisSettings, DriveProfile
 from facade_manipulator.drives.controller.bus_load import transmission_type
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -88,7 +79,7 @@ def quantities(
         'homing_zero_speed': axis.magnitude_to_units(axis.homing_zero_speed),
         'homing_acceleration': axis.magnitude_to_units(axis.homing_acceleration),
         'max_motor_speed': motor.magnitude_to_units(axis.max_speed),
-        'master_heartbeat': MASTER_NODE_ID << 16 | _milliseconds(settings.heartbeat_timeout),
+        'master_heartbeat': pdo.MASTER_NODE_ID << 16 | _milliseconds(settings.heartbeat_timeout),
         'heartbeat_time': _milliseconds(settings.heartbeat_period),
         'following_error_window': abs(axis.to_counts(axis.following_error_window)),
         'following_error_time': _milliseconds(axis.following_error_time),
@@ -126,21 +117,21 @@ def object_writes(
         for item in profile.objects]
 
 
-def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = PDO_MAP) -> list[Write]:
+def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = pdo.PDO_MAP) -> list[Write]:
     """Return the writes of a PDO map: the unused ones off, each used one set up in order."""
     # only the bit that says off is compared: a drive may keep a COB-ID of its own in there
-    unused = [Write(*write, required=False, compared=DISABLED)
-              for pdo in unused_pdos(pdos) for write in pdo.disable_writes(node_id)]
-    return unused + [write for pdo in pdos for write in _set_up(pdo, node_id, rate)]
+    unused = [Write(*write, required=False, compared=pdo.DISABLED)
+              for one in pdo.unused_pdos(pdos) for write in one.disable_writes(node_id)]
+    return unused + [write for one in pdos for write in _set_up(one, node_id, rate)]
 
 
-def _set_up(pdo: Pdo, node_id: int, rate: int) -> Iterator[Write]:
+def _set_up(one: Pdo, node_id: int, rate: int) -> Iterator[Write]:
     """Of an object that is written twice only the last value can be read back."""
-    writes = replace(pdo, transmission=transmission_type(pdo, rate)).configure_writes(node_id)
+    writes = replace(one, transmission=transmission_type(one, rate)).configure_writes(node_id)
     last = {write[:2]: number for number, write in enumerate(writes)}
     for number, write in enumerate(writes):
-        is_cob_id = write[:2] == (pdo.communication_index, 1)
-        bits = _LARGEST_UNSIGNED & ~(NO_REMOTE if is_cob_id else 0)
+        is_cob_id = write[:2] == (one.communication_index, 1)
+        bits = _LARGEST_UNSIGNED & ~(pdo.NO_REMOTE if is_cob_id else 0)
         yield Write(*write, compared=bits if last[write[:2]] == number else 0)
 
 

@@ -19,7 +19,6 @@ from facade_manipulator.drives.canopen import (
     NmtState,
     Pdo,
     pdo,
-    PDO_MAP,
 )
 from facade_manipulator.drives.cia402 import (
     AxisCommand,
@@ -81,7 +80,7 @@ class AxisMonitor:
 
     def __init__(
         self, name: str, axis: AxisSettings, settings: ControllerSettings,
-        pdos: tuple[Pdo, ...] = PDO_MAP,
+        pdos: tuple[Pdo, ...] = pdo.PDO_MAP,
     ) -> None:
         self.name = name
         self.axis = axis

@@ -14,13 +14,7 @@ import time
 
 import can
 
-from facade_manipulator.drives.canopen import (
-    can_bus,
-    Condition,
-    NmtCommand,
-    sdo_request_cob_id,
-    SdoChannel,
-)
+from facade_manipulator.drives.canopen import can_bus, Condition, NmtCommand, pdo, SdoChannel
 from facade_manipulator.drives.cia402 import (
     AXIS_NAMES,
     AxisSettings,
@@ -224,7 +218,7 @@ class Session:
             for axis in self.axes:
                 send_nmt(self.exchange.bus, NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
                 self.exchange.bus.send(
-                    sdo_request_cob_id(axis.node_id), FORGET_MASTER_HEARTBEAT)
+                    pdo.sdo_request_cob_id(axis.node_id), FORGET_MASTER_HEARTBEAT)
         except BusError:
             pass  # the drives notice the missing heartbeat by themselves
 

@@ -17,7 +17,7 @@ import random
 
 from canopen import SdoAbortedError
 
-from facade_manipulator.drives.canopen import heartbeat_cob_id
+from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.simulated.objects import INVALID_VALUE, ObjectStore
 from facade_manipulator.parameters import parameter, settings
 
@@ -96,7 +96,7 @@ class HeartbeatConsumer:
         """COB-ID of the watched heartbeat, None if none is watched."""
         entry = self._values[0x1016, 1]
         node, time_out = entry >> 16 & 0xFF, entry & 0xFFFF
-        return heartbeat_cob_id(node) if time_out and 0 < node < 0x80 else None
+        return pdo.heartbeat_cob_id(node) if time_out and 0 < node < 0x80 else None
 
     def receive(self, now: float) -> bool:
         """Note a heartbeat; return whether the master had counted as dead."""

@@ -18,7 +18,7 @@ import struct
 from canopen import SdoAbortedError
 from canopen.objectdictionary import datatypes
 
-from facade_manipulator.drives.canopen import DISABLED
+from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.simulated import objects
 from facade_manipulator.drives.simulated.objects import Key, ObjectStore
 
@@ -123,7 +123,7 @@ class ProcessData:
 
     def _write_cob_id(self, communication: int, value: int) -> None:
         before = self._store.values[communication, 1]
-        moved = (before ^ value) & 0x7FF and not (before | value) & DISABLED
+        moved = (before ^ value) & 0x7FF and not (before | value) & pdo.DISABLED
         if moved or value & _EXTENDED:
             raise SdoAbortedError(objects.INVALID_VALUE)
         self._compiled = False
@@ -151,7 +151,7 @@ class ProcessData:
         self._check_entry(mapping, value)
 
     def _require_disabled(self, communication: int) -> None:
-        if not self._store.values[communication, 1] & DISABLED:
+        if not self._store.values[communication, 1] & pdo.DISABLED:
             raise SdoAbortedError(objects.WRONG_STATE)
 
     def _check_entry(self, mapping: int, entry: int) -> None:
@@ -193,7 +193,7 @@ class ProcessData:
 
     def _is_on(self, communication: int, mapping: int) -> bool:
         values = self._store.values
-        return not values[communication, 1] & DISABLED and values[mapping, 0] > 0
+        return not values[communication, 1] & pdo.DISABLED and values[mapping, 0] > 0
 
     def _keys(self, mapping: int) -> tuple[Key, ...]:
         values = self._store.values
