@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.calibration.robust_fit import rms, robust_fit, robust_scatter
+from facade_manipulator.calibration.tables import at_times
 from facade_manipulator.calibration.unknowns import AXES, heads, UNITS
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
@@ -87,8 +88,7 @@ def fit_estimator(
         raise ParameterError(f'{unknown[0]} is none of {", ".join(SOUGHT)}')
     disturbance, joints, wall = _in_common(recording)
     times = wall[:, 0]
-    head = heads(geometry, np.column_stack([
-        np.interp(times, joints[:, 0], joints[:, k]) for k in (1, 2, 3)]))
+    head = heads(geometry, at_times(joints, times))
     if np.isnan(head).any():
         raise CalibrationError(
             f'joints: {times[np.isnan(head).any(axis=1)][0]:.2f} s after the first disturbance '
@@ -145,7 +145,7 @@ def _smoothed(disturbance: np.ndarray) -> Curve:
     stamps = disturbance[:, 0]
     step = float(np.median(np.diff(stamps)))
     grid = np.arange(stamps[0], stamps[-1], step)
-    even = np.column_stack([np.interp(grid, stamps, disturbance[:, k]) for k in (1, 2, 3)])
+    even = at_times(disturbance, grid)
     window = max(5, 2 * int(0.5 * SMOOTHING / step) + 1)
     smooth = savgol_filter(even, window, 3, axis=0)
     of_noise = (even - smooth).std(axis=0) * np.linalg.norm(

@@ -10,6 +10,7 @@ import numpy as np
 
 from facade_manipulator.blackbox import read_recording, RecordedRun
 from facade_manipulator.calibration.estimator_fit import EstimatorRecording
+from facade_manipulator.calibration.tables import at_times
 from facade_manipulator.errors import CalibrationError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import (
@@ -41,7 +42,7 @@ def read_estimator_recording(path: Path, head_topic: str = HEAD_ON_WALL) -> Esti
         return EstimatorRecording(*tables, _table(run, path, head_topic, _place))
     reference = _table(run, path, 'compensator/reference', _place)
     offset = _table(run, path, LATERAL_OFFSET, lambda message: [message.point.x])
-    x, theta = (np.interp(offset[:, 0], reference[:, 0], reference[:, k]) for k in (1, 3))
+    x, _, theta = at_times(reference, offset[:, 0]).T
     wall = np.full((len(offset), 4), np.nan)
     wall[:, 0], wall[:, 1] = offset[:, 0], x - offset[:, 1] / np.cos(theta)
     return EstimatorRecording(*tables, wall)
@@ -80,8 +81,8 @@ def read_touches(path: Path, estimate: EstimateSettings) -> TouchRecording:
     if not len(touching):
         raise CalibrationError(f'{path}: the head did not touch the wall with {TOUCH:g} N')
     times = touching[:, 0]
-    return TouchRecording(times, -touching[:, 2], *(np.column_stack([
-        np.interp(times, table[:, 0], table[:, k]) for k in (1, 2, 3)]) for table in tables))
+    return TouchRecording(
+        times, -touching[:, 2], *(at_times(table, times) for table in tables))
 
 
 def _estimates(run: RecordedRun) -> str:

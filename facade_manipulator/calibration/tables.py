@@ -35,6 +35,11 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
         raise CalibrationError(f'{path} cannot be read: {error}') from error
 
 
+def at_times(table: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return what the columns after the first, the time, are at other times, shape (n, k)."""
+    return np.column_stack([np.interp(times, table[:, 0], column) for column in table[:, 1:].T])
+
+
 def _parse(
     name: str, lines: Iterable[str], required: Sequence[str], optional: Sequence[str]
 ) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from heapq import merge
 from typing import Any, NamedTuple
 
@@ -83,7 +84,8 @@ def replay_poses(run: RecordedRun) -> Comparison:
     pairs = []
     for now, topic, message in _in_order(run, ticks):
         if topic:
-            _attempt(lambda: INPUTS[topic](compensator, now, message), rejections)  # noqa: B023
+            with _noted(rejections):
+                INPUTS[topic](compensator, now, message)
             continue
         corrected = compensator.update(now)
         if corrected is not None:
@@ -102,10 +104,10 @@ def replay_setpoints(run: RecordedRun) -> Comparison:
     pairs = []
     for _, message in run.topics['corrected_pose']:
         time = seconds(message.header.stamp)
-        setpoint = _attempt(
-            lambda: stream.setpoint(time, _corrected(message)), rejections)  # noqa: B023
-        if setpoint is not None and _key(message) in recorded:
-            pairs.append((time, recorded[_key(message)], setpoint.position))
+        with _noted(rejections):
+            setpoint = stream.setpoint(time, _corrected(message))
+            if _key(message) in recorded:
+                pairs.append((time, recorded[_key(message)], setpoint.position))
     return Comparison.of(pairs, run.begin, rejections)
 
 
@@ -147,9 +149,10 @@ def _in_order(
     return merge(*streams, ticks, key=lambda item: item[0])
 
 
-def _attempt(action: Callable[[], Any], rejections: list[str]) -> Any:
+@contextmanager
+def _noted(rejections: list[str]) -> Iterator[None]:
+    """Note what the block rejects, and go on after it."""
     try:
-        return action()
+        yield
     except ManipulatorError as error:
         rejections.append(str(error))
-        return None
