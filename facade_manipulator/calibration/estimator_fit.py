@@ -10,36 +10,31 @@ looked for: only axes that are those of `facade` part these from the yaw of the 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.calibration.robust_fit import rms, robust_fit, robust_scatter
 from facade_manipulator.calibration.tables import at_times
-from facade_manipulator.calibration.unknowns import AXES, heads, UNITS
+from facade_manipulator.calibration.unknowns import (
+    AXES,
+    DEG,
+    heads,
+    UNITS,
+    Unknown,
+    values_of,
+    with_values,
+)
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.prediction import EstimateSettings
 
-
-class Sought(NamedTuple):
-    """A number that may be looked for."""
-
-    words: str
-    unit: str
-    factor: float  #: from SI to that unit
-    accepted: float  #: greatest deviation with which it counts as found [m, rad or s]
-    tolerance: float  #: what is known without a recording [m, rad or s]
-
-
-DEGREES = 180.0 / np.pi
 SOUGHT = {
-    'x': Sought('x of the mounting', 'mm', 1e3, 0.02, 20.0),
-    'y': Sought('y of the mounting', 'mm', 1e3, 0.02, 20.0),
-    'yaw': Sought('yaw of the mounting', 'deg', DEGREES, 0.005, 0.5),
-    'delay': Sought('delay', 'ms', 1e3, 0.01, 0.5),
-    'axes': Sought('angle of the axes', 'deg', DEGREES, 0.005, np.pi),
+    'x': Unknown('mounting', 0, 'x of the mounting', 20.0, accepted=0.02),
+    'y': Unknown('mounting', 1, 'y of the mounting', 20.0, accepted=0.02),
+    'yaw': Unknown('mounting', 2, 'yaw of the mounting', 0.5, DEG, 0.005),
+    'delay': Unknown('delay', None, 'delay', 0.5, ('ms', 1e3), 0.01),
+    'axes': Unknown('axes', None, 'angle of the axes', np.pi, DEG, 0.005),
 }
 DEFAULT = ('x', 'y', 'yaw', 'delay')
 # after these, x and y of the second measurement's origin and the turn of its axes
@@ -166,7 +161,7 @@ class _Fit(NamedTuple):
     free: list[int]
 
     def solve(self, present: EstimateSettings) -> EstimatorFit:
-        values = np.array([*_present(present), 0.0, 0.0, 0.0])
+        values = np.append(values_of(present, SOUGHT.values()), [0.0, 0.0, 0.0])
         values[ORIGIN] = np.nan_to_num(
             np.ma.masked_invalid(self.misses(values)).mean(axis=0).filled(0.0)[:2])
         noise, tolerances = np.full(3, 1e-2), TOLERANCES[self.free]
@@ -187,9 +182,9 @@ class _Fit(NamedTuple):
         _check_agreement(residual, self.published(self.times).std(axis=0))
         deviations = self._deviations(rates, (remains / noise).filled(0.0))
         _check_shown(deviations)
-        *mounting, delay, axes = values[:len(SOUGHT)].tolist()
-        return EstimatorFit(replace(present, mounting=tuple(mounting), delay=delay, axes=axes),
-                            deviations, float(values[TURN]), residual)
+        return EstimatorFit(
+            with_values(present, SOUGHT.values(), values[:len(SOUGHT)]), deviations,
+            float(values[TURN]), residual)
 
     def misses(self, values: np.ndarray) -> np.ma.MaskedArray:
         """Return measured less expected on the wall, shape (m, 3); masked where not measured."""
@@ -206,11 +201,6 @@ class _Fit(NamedTuple):
         names = dict(enumerate(SOUGHT))
         return {names[k]: float(deviation) for k, deviation in zip(
             self.free, deviations, strict=True) if k in names}
-
-
-def _present(settings: EstimateSettings) -> tuple[float, ...]:
-    """Return the numbers of `SOUGHT`."""
-    return *settings.mounting, settings.delay, settings.axes
 
 
 def _expected(values: np.ndarray, published: np.ndarray, head: np.ndarray) -> np.ndarray:
@@ -248,9 +238,9 @@ def _check_agreement(residual: np.ndarray, motion: np.ndarray) -> None:
 
 
 def _check_shown(deviations: dict[str, float]) -> None:
-    blind = [f'{sought.words} (+- {deviation * sought.factor:.3g} {sought.unit})'
+    blind = [f'{SOUGHT[name].words} (+- {deviation * factor:.3g} {unit})'
              for name, deviation in deviations.items()
-             for sought in [SOUGHT[name]] if deviation > sought.accepted]
+             for unit, factor in [SOUGHT[name].unit] if deviation > SOUGHT[name].accepted]
     if blind:
         shown = [name for name, deviation in deviations.items()
                  if deviation <= SOUGHT[name].accepted]
@@ -263,10 +253,10 @@ def _check_shown(deviations: dict[str, float]) -> None:
 def report_estimator(found: EstimatorFit) -> list[str]:
     """Return what was found, line by line."""
     lines = [
-        f'{sought.words:20s} {value * sought.factor:+9.2f} +- '
-        f'{found.deviations[name] * sought.factor:.2f} {sought.unit}'
-        for (name, sought), value in zip(SOUGHT.items(), _present(found.settings), strict=True)
-        if name in found.deviations]
+        f'{SOUGHT[name].words:20s} {value * factor:+9.2f} +- {deviation * factor:.2f} {unit}'
+        for name, deviation in found.deviations.items()
+        for value in values_of(found.settings, [SOUGHT[name]])
+        for unit, factor in [SOUGHT[name].unit]]
     lines += [f'{axis} of the head: {value * factor:.2f} {unit} RMS remain'
               for axis, value, (unit, factor) in zip(AXES, found.residual, UNITS, strict=True)
               if np.isfinite(value)]

@@ -1,38 +1,45 @@
-"""What a calibration of the geometry may look for: the errors of a machine as one vector."""
+"""What a calibration may look for, as one vector: the errors of a machine first of all."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
 from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, mechanism_of, Pose
+from facade_manipulator.parameters import as_fields
 
 STEP = 1e-6
 AXES = ('x', 'y', 'theta')  # of the head
-UNITS = (('mm', 1e3), ('mm', 1e3), ('deg', 180.0 / np.pi))  # as people read them, from SI
+MM, DEG = ('mm', 1e3), ('deg', 180.0 / np.pi)  # as people read them, from SI
+UNITS = MM, MM, DEG  # of the head
+Settings = TypeVar('Settings')
 
 
 class Unknown(NamedTuple):
     """
-    One number of a Geometry.
+    One number of settings, such as a Geometry.
 
     Parameters
     ----------
     field : str
-        Field of `Geometry`.
+        Field of the settings.
     index : int or None
         Element of that field.
     words : str
         What it is, for a technician.
     tolerance : float
-        Standard deviation with which the drawing states it [m or rad].
+        Standard deviation with which it is known beforehand [m, rad or s].
+    unit : tuple of str and float
+        In which people read it, and the factor from SI.
+    accepted : float
+        Greatest standard deviation with which it counts as found [m, rad or s].
     least : float
-        Least value [m or rad].
+        Least value [m, rad or s].
 
     """
 
@@ -40,17 +47,14 @@ class Unknown(NamedTuple):
     index: int | None
     words: str
     tolerance: float
+    unit: tuple[str, float] = MM
+    accepted: float = math.inf
     least: float = -math.inf
 
     @property
     def name(self) -> str:
         """Name as on the command line: ``link_errors.0``."""
         return self.field if self.index is None else f'{self.field}.{self.index}'
-
-    @property
-    def unit(self) -> tuple[str, float]:
-        """In which people read it, and the factor from SI."""
-        return UNITS[2 if self.field == 'rail_angle' or self.name == 'tool.2' else 0]
 
 
 UNKNOWNS = (
@@ -61,10 +65,10 @@ UNKNOWNS = (
     Unknown('carriage_offsets', 0, 'offset of carriage q1', 5e-3),
     Unknown('carriage_offsets', 1, 'offset of carriage q2', 5e-3),
     Unknown('carriage_offsets', 2, 'offset of carriage q3', 5e-3),
-    Unknown('rail_angle', None, 'angle of the rail', 0.02),
+    Unknown('rail_angle', None, 'angle of the rail', 0.02, DEG),
     Unknown('tool', 0, 'x of the head on the platform', 5e-3),
     Unknown('tool', 1, 'y of the head on the platform', 5e-3),
-    Unknown('tool', 2, 'angle of the head on the platform', 0.02),
+    Unknown('tool', 2, 'angle of the head on the platform', 0.02, DEG),
 )
 BACKLASH = tuple(
     Unknown('backlash', k, f'backlash of the screw of {name}', 2e-4, least=0.0)
@@ -109,25 +113,25 @@ def unknowns_named(names: Sequence[str]) -> tuple[Unknown, ...]:
     return tuple(u for u in UNKNOWNS if not names or u.name in names or u.field in names)
 
 
-def values_of(geometry: Geometry, unknowns: Sequence[Unknown]) -> np.ndarray:
-    """Return what a geometry says of unknowns, shape (m,)."""
+def values_of(settings: Any, unknowns: Iterable[Unknown]) -> np.ndarray:
+    """Return what settings say of unknowns, shape (m,)."""
     return np.array([
         value if u.index is None else value[u.index]
-        for u in unknowns for value in [getattr(geometry, u.field)]])
+        for u in unknowns for value in [getattr(settings, u.field)]])
 
 
 def with_values(
-    geometry: Geometry, unknowns: Sequence[Unknown], values: Sequence[float]
-) -> Geometry:
-    """Return a geometry with other values of unknowns."""
+    settings: Settings, unknowns: Iterable[Unknown], values: Iterable[float]
+) -> Settings:
+    """Return settings with other values of unknowns."""
     fields: dict[str, float | list[float]] = {}
     for unknown, value in zip(unknowns, values, strict=True):
         if unknown.index is None:
             fields[unknown.field] = float(value)
         else:
-            fields.setdefault(unknown.field, list(getattr(geometry, unknown.field)))
+            fields.setdefault(unknown.field, list(getattr(settings, unknown.field)))
             fields[unknown.field][unknown.index] = float(value)
-    return replace(geometry, **fields)
+    return replace(settings, **as_fields(fields))
 
 
 def head_at(
