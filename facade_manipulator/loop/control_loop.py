@@ -123,7 +123,8 @@ class ControlLoop:
             setup.controller, setup.axes,
             BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate, str(setup.bus)),
             MechanismChecks(
-                self.follower, guard, HomingGuard(setup.geometry), _measured_guard(setup))))
+                self.follower, guard, HomingGuard(setup.geometry), measured_guard(
+                    setup.geometry, max(axis.limit_margin for axis in setup.axes)))))
         self.simulator = _simulate(setup) if setup.simulate_drives else None
         self._setup = setup
         self._channel = channel
@@ -262,10 +263,6 @@ def unpack_state(snapshot: tuple, status: tuple) -> tuple[ControllerSnapshot, St
         state=ControllerState(plain.state),
         axes=tuple([AxisSnapshot(*axis) for axis in plain.axes]),
         cycle=CycleStatistics(*plain.cycle), bus=BusStatistics(*plain.bus)), StreamStatus(*status)
-
-
-def _measured_guard(setup: LoopSetup) -> MechanismGuard:
-    return measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes))
 
 
 def _simulate(setup: LoopSetup) -> DriveSimulator:

@@ -308,8 +308,6 @@ class SetpointFollower:
         return self._limiter.advance(self.motion, state)
 
     def _require_finite(self, setpoint: Setpoint) -> None:
-        if all(map(math.isfinite, setpoint.position + setpoint.velocity)):
-            return
         for name, values, unit in (
             ('position', setpoint.position, 'm'), ('velocity', setpoint.velocity, 'm/s'),
         ):

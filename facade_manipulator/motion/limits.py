@@ -203,12 +203,7 @@ class PathLimiter:
         plan.current_acceleration = [
             math.copysign(most, a) if most < abs(a) < most * (1.0 + ROUNDING) else a
             for a in acceleration]
-        try:
-            result = self._planner.calculate(plan, trajectory)
-        except RuckigError as error:
-            raise ManipulatorError(f'no path inside the motion limits: {error}') from None
-        if result not in (Result.Working, Result.Finished):
-            raise ManipulatorError(f'no path inside the motion limits: {result}')
+        calculate(self._planner, plan, trajectory)
 
     def _continues(self, relative: tuple[Triple, ...], frame: Triple) -> bool:
         """Return whether the present motion is the planned one: a new plan would bend the path."""
@@ -270,6 +265,16 @@ class PathLimiter:
         fastest = _greatest(velocity)
         share = min(1.0, FEED_FORWARD_SHARE * self.speed / fastest) if fastest else 1.0
         return tuple(share * v for v in velocity)
+
+
+def calculate(planner: Ruckig, plan: InputParameter, trajectory: Trajectory) -> None:
+    """Calculate the trajectory of a plan, or raise a ManipulatorError: there is none."""
+    try:
+        result = planner.calculate(plan, trajectory)
+    except RuckigError as error:
+        raise ManipulatorError(f'no path inside the motion limits: {error}') from None
+    if result not in (Result.Working, Result.Finished):
+        raise ManipulatorError(f'no path inside the motion limits: {result}')
 
 
 def _plan(limits: MotionLimits, interface: ControlInterface) -> InputParameter:

@@ -6,15 +6,7 @@ from contextlib import suppress
 import math
 from typing import NamedTuple
 
-from ruckig import (
-    ControlInterface,
-    InputParameter,
-    Result,
-    Ruckig,
-    RuckigError,
-    Synchronization,
-    Trajectory,
-)
+from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
@@ -25,6 +17,7 @@ from facade_manipulator.kinematics import (
     ZERO_POSE,
     ZERO_TWIST,
 )
+from facade_manipulator.motion.limits import calculate
 from facade_manipulator.parameters import parameter, settings
 
 UNITS = 'm, rad'
@@ -118,12 +111,11 @@ class ReferencePath:
         self._limit(displacement)
         for synchronization in (Synchronization.Phase, Synchronization.TimeIfNecessary):
             plan.synchronization = synchronization
-            with suppress(RuckigError):  # met where the remainder of a path is 1e-14
-                if self._planner.calculate(plan, trajectory) in (
-                        Result.Working, Result.Finished):
-                    self._trajectory, self._start = trajectory, time
-                    self._end = _motion(trajectory, trajectory.duration)
-                    return
+            with suppress(ManipulatorError):  # met where the remainder of a path is 1e-14
+                calculate(self._planner, plan, trajectory)
+                self._trajectory, self._start = trajectory, time
+                self._end = _motion(trajectory, trajectory.duration)
+                return
         raise ManipulatorError(f'no jerk-limited path {where}')
 
     def retarget(self, time: float, goal: Pose) -> None:

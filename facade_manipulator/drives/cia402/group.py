@@ -248,12 +248,10 @@ class Group:
         self.is_settled = done and not failures
         for number, error in failures:
             self._fail(number, error, now)
-        if self.is_settled and self._may_proceed(phase):
+        may_proceed = len(self._plan) > 1 and (phase is not Phase.HOMING or self.homing.done)
+        if self.is_settled and may_proceed:
             self._proceed(now)
         return self._commands(bits)
-
-    def _may_proceed(self, phase: Phase) -> bool:
-        return len(self._plan) > 1 and (phase is not Phase.HOMING or self.homing.done)
 
     def _proceed(self, now: float) -> None:
         self._begin(self._plan[1:], now)

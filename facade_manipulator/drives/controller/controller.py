@@ -55,7 +55,6 @@ NEXT_STEPS = {
          ControllerState.HALTING, ControllerState.DEACTIVATING, ControllerState.CLEARING,
          ControllerState.TESTING, ControllerState.CLEANING_UP), 'wait until that is done'),
 }
-_NO_TARGETS = (None, None, None)
 REQUESTS: dict[str, type[Operation]] = {
     'configure': service_operations.Configure,
     'cleanup': service_operations.Cleanup,
@@ -279,7 +278,7 @@ class DriveController:
         snapshot = ControllerSnapshot(
             state, None,
             tuple([one.snapshot(target, now) for one, target in zip(
-                session.monitors, session.targets.positions or _NO_TARGETS, strict=True)]),
+                session.monitors, session.targets.positions, strict=True)]),
             group.causes if group is not None else (), self._next_step(state),
             self._rejected + session.notes,
             bus_error=lost.message if lost is not None else '', bus_load=session.bus_load)

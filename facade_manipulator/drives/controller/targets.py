@@ -38,6 +38,7 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 
+_NO_TARGETS = (None, None, None)
 _AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
 ROUNDING = 1e-9
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
@@ -101,8 +102,8 @@ class Targets:
     ----------
     counts : tuple of int
         The targets last chosen.
-    positions : tuple of float or None
-        The same [m] while the drives follow, else None.
+    positions : tuple of float or of None
+        The same [m] while the drives follow, else None each.
 
     """
 
@@ -112,7 +113,7 @@ class Targets:
     ) -> None:
         self.mechanism = mechanism
         self.counts: tuple[int, ...] = (0,) * len(axes)
-        self.positions: Triple | None = None
+        self.positions: Triple | tuple[None, ...] = _NO_TARGETS
         self._axes = axes
         self._largest_steps = tuple(
             STEP_MARGIN * axis.max_speed * settings.period for axis in axes)
@@ -211,7 +212,7 @@ class Targets:
         """
         before, self._phase = self._phase, phase
         if phase not in FOLLOWING_PHASES:
-            self.positions = None
+            self.positions = _NO_TARGETS
             enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
             if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
                 self.counts = actual

@@ -53,7 +53,7 @@ def test_without_power_the_targets_are_where_the_carriages_are():
     for counts in (0, 500, -900):
         one.choose(Phase.OFF, OFF, elsewhere(counts), 0.0)
         assert one.counts == elsewhere(counts)
-        assert one.positions is None
+        assert one.positions == (None,) * 3
 
 
 def test_the_targets_stay_where_the_power_found_the_carriages():
