@@ -168,7 +168,6 @@ class ControlLoop:
         self.controller.close()
         if self.simulator is not None:
             self.simulator.stop()
-            self.simulator.bus.shutdown()
         self._channel.close()
 
     # --- from the node
@@ -266,7 +265,7 @@ def unpack_state(snapshot: tuple, status: tuple) -> tuple[ControllerSnapshot, St
 
 
 def _simulate(setup: LoopSetup) -> DriveSimulator:
-    simulator = DriveSimulator(open_bus(setup.bus), simulated_drives(setup.axes))
+    simulator = DriveSimulator(lambda: open_bus(setup.bus), simulated_drives(setup.axes))
     simulator.start()
     return simulator
 

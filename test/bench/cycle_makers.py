@@ -268,7 +268,7 @@ class Driver:
         guard = MechanismGuard(Geometry())
         self.follower = SetpointFollower(
             StreamSettings(), MotionLimits(), settings.period, guard)
-        simulator = DriveSimulator(bus(), simulated_drives(DEFAULT_AXES))
+        simulator = DriveSimulator(bus, simulated_drives(DEFAULT_AXES))
         simulator.start()
         self.controller = DriveController(Session(
             settings, DEFAULT_AXES, BusAccess(bus), MechanismChecks(self.follower, guard)))
@@ -277,7 +277,6 @@ class Driver:
             self.controller.request(request).result(PATIENCE)
         Answers(bus())  # takes over from drives that cost as much as the driver
         simulator.stop()
-        simulator.bus.shutdown()
         threading.Thread(target=stream, args=(self.follower,), daemon=True).start()
         time.sleep(0.3)
         self.thread = next(one for one in threading.enumerate() if one.name == 'drive control')

@@ -28,9 +28,9 @@ class CommissionRig:
         self.parameters = folder / 'machine.yaml'
         bus = bus or BusSettings(channel=f'commission {next(_numbers)}')
         self.interface, self.channel = bus.interface, bus.channel
-        self._bus = can.Bus(interface=bus.interface, channel=bus.channel)
         self.drives = make_drives(_parser().parse_args(options))
-        self.simulator = DriveSimulator(self._bus, self.drives)
+        self.simulator = DriveSimulator(
+            lambda: can.Bus(interface=bus.interface, channel=bus.channel), self.drives)
         self.simulator.start()
         wait_until(lambda: all(
             drive.nmt_state is not NmtState.INITIALISING or drive.node_id == 255
@@ -38,7 +38,6 @@ class CommissionRig:
 
     def close(self) -> None:
         self.simulator.stop()
-        self._bus.shutdown()
 
     def run(self, *arguments: str, yes: bool = True) -> int:
         """Run a command; return its exit status."""

@@ -76,9 +76,8 @@ class Rig:
         self.source = source or Source(settings.period)
         self.buses = []
         self.bus_is_missing = False
-        self._bus = self._new_bus()
         self.drives = drives or simulated_drives(axes)
-        self.simulator = DriveSimulator(self._bus, self.drives)
+        self.simulator = DriveSimulator(self._new_bus, self.drives)
         self.listener = self._new_bus()
         self.simulator.start()
         wait_until(lambda: NmtState.INITIALISING not in {d.nmt_state for d in self.drives},
@@ -99,8 +98,7 @@ class Rig:
     def close(self) -> None:
         self.controller.close()
         self.simulator.stop()
-        for bus in (self._bus, self.listener):
-            bus.shutdown()
+        self.listener.shutdown()
 
     def do(self, *names: str) -> str:
         for name in names:

@@ -93,8 +93,7 @@ class World:
             StreamSettings(), MotionLimits(), self.settings.period, self.guard,
             fastest_near(Geometry(), separation))
         self.drives = simulated_drives(axes)
-        self._drives_end = VirtualBus(self.channel)
-        self._simulator = DriveSimulator(self._drives_end, self.drives)
+        self._simulator = DriveSimulator(lambda: VirtualBus(self.channel), self.drives)
         self._simulator.start()
         self.controller = DriveController(Session(
             self.settings, axes, BusAccess(self._open),
@@ -109,7 +108,6 @@ class World:
         try:
             self.controller.close()
             self._simulator.stop()
-            self._drives_end.shutdown()
         finally:
             self.time.__exit__()
             self._patches.undo()

@@ -56,15 +56,10 @@ def _reject(message: str, status: int) -> int:
 def _simulate(options: argparse.Namespace, stopping: threading.Event) -> None:
     drives = make_drives(options)
     bus = BusSettings(**_chosen(options, BusSettings))
-    simulator = DriveSimulator(open_bus(bus), drives, reopen=lambda: open_bus(bus))
-    try:
-        with simulator:
-            nodes = ', '.join(str(drive.node_id) for drive in drives)
-            print(f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}',
-                  flush=True)
-            stopping.wait()
-    finally:
-        simulator.bus.shutdown()
+    with DriveSimulator(lambda: open_bus(bus), drives):
+        nodes = ', '.join(str(drive.node_id) for drive in drives)
+        print(f'drive_simulator: nodes {nodes} on {bus.interface} {bus.channel}', flush=True)
+        stopping.wait()
 
 
 def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:

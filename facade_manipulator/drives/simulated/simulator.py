@@ -9,7 +9,7 @@ import time
 
 import can
 
-from facade_manipulator.drives.canopen import can_bus
+from facade_manipulator.drives.canopen import can_bus, CanBus
 from facade_manipulator.drives.canopen import Frame as ReceivedFrame
 from facade_manipulator.drives.simulated.drive import SimulatedDrive
 from facade_manipulator.drives.simulated.network import Frame
@@ -25,41 +25,43 @@ class DriveSimulator:
 
     Parameters
     ----------
-    bus : can.BusABC
-        Where they live. It stays the caller's to shut down; with `reopen` it is shut down after
-        an error, and the caller shuts down what `bus` is then.
+    open_bus : callable
+        Returns the bus where they live, or raises a BusError; called again after an error.
     drives : sequence of SimulatedDrive
         The drives.
-    reopen : callable, optional
-        Returns a new bus after the old one has failed, or raises a BusError.
 
     Attributes
     ----------
-    bus : can.BusABC
-        The bus in use.
     bus_errors : int
         How often sending or receiving has failed.
 
     """
 
     def __init__(
-        self, bus: can.BusABC, drives: Sequence[SimulatedDrive],
-        reopen: Callable[[], can.BusABC] | None = None,
+        self, open_bus: Callable[[], can.BusABC], drives: Sequence[SimulatedDrive]
     ) -> None:
-        self.bus, self._frames = bus, can_bus(bus)
+        self._open_bus = open_bus
+        self._bus: CanBus | None = None
         self._drives = tuple(drives)
-        self._reopen = reopen
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._thread: threading.Thread | None = None
         self._pause = 0.0
         self._retry = 0.0
-        self._is_closed = False
         self.bus_errors = 0
 
     def start(self) -> None:
-        """Give the drives power: they boot."""
+        """
+        Give the drives power: they boot.
+
+        Raises
+        ------
+        BusError
+            The bus cannot be opened.
+
+        """
         if self._thread is None:
+            self._bus = can_bus(self._open_bus())
             self._stopping.clear()
             self._thread = threading.Thread(target=self._run, name='drive simulator', daemon=True)
             self._thread.start()
@@ -70,6 +72,7 @@ class DriveSimulator:
         thread, self._thread = self._thread, None
         if thread is not None:
             thread.join()
+            self._close_bus()
 
     def __enter__(self) -> DriveSimulator:
         self.start()
@@ -123,8 +126,8 @@ class DriveSimulator:
             self._stopping.wait(min(wait, self._retry - now))
             return None
         try:
-            self._reopen_if_closed()
-            received = self._frames.receive(wait)
+            bus = self._bus = self._bus or can_bus(self._open_bus())
+            received = bus.receive(wait)
         except BusError:
             self._note_error()
             return None
@@ -132,26 +135,21 @@ class DriveSimulator:
             self._pause = 0.0
         return received
 
-    def _reopen_if_closed(self) -> None:
-        if self._is_closed and self._reopen is not None:
-            self.bus = self._reopen()
-            self._frames = can_bus(self.bus)
-            self._is_closed = False
-
     def _send(self, frames: list[Frame], now: float) -> None:
-        if time.monotonic() < self._retry:
-            return  # nobody would receive it
-        for cob_id, data in frames:
-            try:
-                self._frames.send(cob_id, data, now)
-            except BusError:
-                self._note_error()
-                return  # the rest of them would only fail as well
+        bus = self._bus
+        try:
+            for cob_id, data in frames if bus else ():
+                bus.send(cob_id, data, now)
+        except BusError:
+            self._note_error()
 
     def _note_error(self) -> None:
         self.bus_errors += 1
         self._pause = min(max(2.0 * self._pause, _FIRST_PAUSE), _LONGEST_PAUSE)
         self._retry = time.monotonic() + self._pause
-        if self._reopen is not None and not self._is_closed:
-            self._is_closed = True
-            self._frames.close()
+        self._close_bus()
+
+    def _close_bus(self) -> None:
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.close()

@@ -64,7 +64,7 @@ def test_a_simulated_drive_that_is_starved_says_where_it_was_at_the_sync(rig, be
     rig.do('configure', 'home', 'activate')
     rig.cycles(50)
     rig.frames()
-    frames, pauses = rig.simulator._frames, itertools.cycle([STARVED, *[0.0] * 50])
+    frames, pauses = rig.simulator._bus, itertools.cycle([STARVED, *[0.0] * 50])
     call = getattr(frames, before)
     setattr(frames, before, lambda *what: (time.sleep(next(pauses)), call(*what))[1])
     rig.cycles(40)
