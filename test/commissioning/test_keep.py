@@ -64,7 +64,7 @@ def test_the_backup_of_one_drive_makes_another_like_it_but_for_the_node_id(rig):
 def test_power_lost_while_storing_says_what_is_known(rig, capsys):
     rig.run('backup', 'q1')
     change(rig, 0, RAMP, 77)
-    rig.drives[0].loses_power_when_storing = True
+    rig.drives[0].objects.writers[0x1010, 1] = lambda _: rig.drives[0].reboot()
     assert rig.run('restore', 'q1', str(rig.folder / 'machine.q1.dcf')) == 1
     assert 'stopped answering while it stored' in capsys.readouterr().err
 

@@ -1,25 +1,21 @@
 """
-What is between a simulated drive and the network: heartbeats, error history, lost frames.
+What a simulated drive keeps of its network: the master's heartbeat and the history of errors.
 
 References
 ----------
-CiA 301, heartbeat producer and consumer, emergency object, objects 1001h and 1003h.
+CiA 301, heartbeat consumer, emergency object, objects 1001h and 1003h.
 
 """
 
 from __future__ import annotations
 
 from collections import deque
-import heapq
-from itertools import count
 import math
-import random
 
 from canopen import SdoAbortedError
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.simulated.objects import INVALID_VALUE, ObjectStore
-from facade_manipulator.parameters import parameter, settings
 
 # which bit of the error register 1001 a code sets besides the generic one; narrow masks first
 _ERROR_REGISTER = (
@@ -33,40 +29,6 @@ _ERROR_REGISTER = (
     (0xFF00, 0xFF00, 0x80),
 )
 _GENERIC_ERROR = 0x01
-
-Frame = tuple[int, bytes]
-
-
-class HeartbeatProducer:
-    """
-    When the next heartbeat is due, as 1017 says.
-
-    Attributes
-    ----------
-    deadline : float
-        When it is due; infinity if none is.
-
-    """
-
-    def __init__(self, store: ObjectStore) -> None:
-        self._values = store.values
-        self.deadline = math.inf
-
-    def restart(self, now: float) -> None:
-        """Begin to count, one period from now."""
-        period = self._values[0x1017, 0] * 1e-3
-        self.deadline = now + period if period > 0.0 else math.inf
-
-    def is_due(self, now: float) -> bool:
-        """Return whether a heartbeat is due now; if so, set the next one."""
-        if now < self.deadline:
-            return False
-        late = now - self.deadline
-        self.restart(now)
-        period = self._values[0x1017, 0] * 1e-3
-        if late < period:
-            self.deadline -= late  # keeps the rate although each poll comes a little late
-        return True
 
 
 class HeartbeatConsumer:
@@ -187,68 +149,3 @@ def _register(code: int) -> int:
         if code & mask == value:
             return bit | _GENERIC_ERROR
     return _GENERIC_ERROR
-
-
-@settings
-class FrameLoss:
-    """How badly frames travel; the default is a perfect bus."""
-
-    dropped: float = parameter(
-        0.0, 'Share of the frames that are lost', minimum=0.0, maximum=1.0)
-    doubled: float = parameter(
-        0.0, 'Share of the frames that come twice', minimum=0.0, maximum=1.0)
-    delayed: float = parameter(
-        0.0, 'Share of the frames that come late, so that later ones overtake them',
-        minimum=0.0, maximum=1.0)
-    delay: float = parameter(
-        0.005, 'Longest delay of a late frame', unit='s', minimum=0.0, maximum=10.0)
-    seed: int = parameter(0, 'Seed of the chance', minimum=0)
-
-
-class FrameFilter:
-    """
-    A bus of bad quality, in one direction.
-
-    Parameters
-    ----------
-    loss : FrameLoss
-        How bad it is.
-
-    """
-
-    def __init__(self, loss: FrameLoss | None = None) -> None:
-        self.set(loss or FrameLoss())
-
-    def set(self, loss: FrameLoss) -> None:
-        """Make the bus better or worse; what is in transit is lost."""
-        self._loss = loss
-        self._is_perfect = loss.dropped == loss.doubled == loss.delayed == 0.0
-        self._random = random.Random(loss.seed)
-        self._late: list[tuple[float, int, Frame]] = []
-        self._count = count()
-
-    @property
-    def deadline(self) -> float:
-        """When the next late frame arrives; infinity if none is in transit."""
-        return self._late[0][0] if self._late else math.inf
-
-    def carry(self, frames: list[Frame], now: float) -> list[Frame]:
-        """Return what arrives now, of `frames` sent now and of those that were late."""
-        if self._is_perfect:
-            return frames
-        arrived = [frame for sent in frames for frame in self._send(sent, now)]
-        while self._late and self._late[0][0] <= now:
-            arrived.append(heapq.heappop(self._late)[2])
-        return arrived
-
-    def _send(self, frame: Frame, now: float) -> list[Frame]:
-        loss, chance = self._loss, self._random.random
-        if chance() < loss.dropped:
-            return []
-        frames = [frame, frame] if chance() < loss.doubled else [frame]
-        if chance() >= loss.delayed:
-            return frames
-        for late in frames:
-            arrival = now + loss.delay * chance()
-            heapq.heappush(self._late, (arrival, next(self._count), late))
-        return []

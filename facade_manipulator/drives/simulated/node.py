@@ -28,17 +28,12 @@ from facade_manipulator.drives.simulated.axis import SimulatedAxis
 from facade_manipulator.drives.simulated.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.drives.simulated.network import (
     ErrorHistory,
-    Frame,
-    FrameFilter,
-    FrameLoss,
     HeartbeatConsumer,
-    HeartbeatProducer,
 )
 from facade_manipulator.drives.simulated.objects import (
     COMMUNICATION_OBJECTS,
     ObjectServer,
     ObjectStore,
-    STORE,
 )
 from facade_manipulator.drives.simulated.pdo import ProcessData
 from facade_manipulator.errors import ParameterError
@@ -48,6 +43,7 @@ PDO_TOO_SHORT = 0x8210
 
 _MOTION_PERIOD = 0.02  # s: how often a drive that moves wants to be called without a SYNC
 
+Frame = tuple[int, bytes]
 Route = Callable[[int, bytes], None]
 
 
@@ -79,8 +75,6 @@ class SimulatedNode:
         Its number, 1 to 127, or 255 until LSS gives it one: then it is silent.
     lss : LssSlave
         The node id that it stores.
-    loses_power_when_storing : bool
-        Fault injection: 1010h leaves it empty.
     objects, axis
         The parameters.
     errors : ErrorHistory
@@ -110,20 +104,16 @@ class SimulatedNode:
         self._outbox: list[Frame] = []
         self.now = 0.0
         self._known_routes: dict[int, Route] | None = None
-        self.is_silent = self.is_deaf = self.loses_power_when_storing = False
-        self._sending, self._receiving = FrameFilter(), FrameFilter()
+        self.is_silent = self.is_deaf = False
         self._sdo = ObjectServer(node_id, objects, self)
-        self._keep = objects.writers[STORE]
         self._pdo = ProcessData(
             objects, self.send_message, lambda: report(PDO_TOO_SHORT),
             event_driven=not quirks.pdo_only_on_sync)
-        self._producer = HeartbeatProducer(objects)
         self._consumer = HeartbeatConsumer(objects)
         objects.writers.update({
             (0x1005, 0): self._forget_routes,
             (0x1016, 1): self._watch_master,
             (0x1017, 0): self._restart_heartbeat,
-            STORE: self._store,
         })
         self.reboot()
 
@@ -148,55 +138,40 @@ class SimulatedNode:
             What the drive sends.
 
         """
-        if cob_id not in self._routes and self._receiving.deadline > now:
+        route = self._routes.get(cob_id)
+        if route is None:
             return []
         self.now = max(now, self.now)
-        arrived = [] if self.is_deaf else self._receiving.carry([(cob_id, data)], now)
-        for frame in arrived:
-            self._dispatch(*frame)
+        if not self.is_deaf and self._boot_at == math.inf:
+            self.axis.advance(self.now)
+            route(cob_id, data)
         return self.advance(now)
 
     def advance(self, now: float) -> list[Frame]:
         """Let time pass; return what the drive sends: boot-up, heartbeat, emergencies, TPDOs."""
         self.now = now = max(now, self.now)
-        self._arrive_late(now)
         if now >= self._boot_at:
             self._boot()
         self.axis.advance(now)
         if self._consumer.is_overdue(now):
             self._report(HEARTBEAT_LOST)
-        if self._producer.is_due(now):
-            self.send_message(pdo.heartbeat_cob_id(self.node_id), bytes([self.nmt_state]))
+        if now >= self._heartbeat_at:
+            self._send_heartbeat(now)
         if self.nmt_state is NmtState.OPERATIONAL:
             self._pdo.poll(now)
-        return self._flush(now)
+        frames, self._outbox = self._outbox, []
+        return [] if self.is_silent or self._boot_at < math.inf else frames
 
     @property
     def deadline(self) -> float:
         """When `advance` must be called at the latest, if no frame comes before."""
         moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
-        return min(self._boot_at, self._producer.deadline, self._consumer.deadline, moving,
-                   self._pdo.deadline, self._sending.deadline, self._receiving.deadline)
-
-    def _arrive_late(self, now: float) -> None:
-        if self._receiving.deadline <= now:
-            for frame in self._receiving.carry([], now):
-                self._dispatch(*frame)
-
-    def _flush(self, now: float) -> list[Frame]:
-        frames, self._outbox = self._outbox, []
-        is_off = self.is_silent or self._boot_at < math.inf
-        return [] if is_off else self._sending.carry(frames, now)
+        return min(self._boot_at, self._heartbeat_at, self._consumer.deadline, moving,
+                   self._pdo.deadline)
 
     def send_message(self, cob_id: int, data: bytes) -> None:
         """Put a frame into the outbox."""
         self._outbox.append((cob_id, bytes(data)))
-
-    def _dispatch(self, cob_id: int, data: bytes) -> None:
-        route = self._routes.get(cob_id)
-        if route is not None and self._boot_at == math.inf:
-            self.axis.advance(self.now)
-            route(cob_id, data)
 
     @property
     def _routes(self) -> dict[int, Route]:
@@ -248,12 +223,6 @@ class SimulatedNode:
                 and self.lss.pending != UNCONFIGURED):
             self._restart()
 
-    def _store(self, signature: int) -> None:
-        self._keep(signature)
-        if self.loses_power_when_storing:
-            self.objects.stored.clear()
-            self.reboot()
-
     # --- network management
 
     def reboot(self) -> None:
@@ -296,7 +265,7 @@ class SimulatedNode:
         self._boot_at = self.now + self._boot_time
         if self.lss.pending != self.node_id:
             self._take_node_id(self.lss.pending)
-        self._producer.deadline = math.inf
+        self._heartbeat_at = math.inf
         self._consumer.forget()
         self._pdo.forget()
         self.nmt_state = NmtState.INITIALISING
@@ -317,7 +286,7 @@ class SimulatedNode:
         self.send_message(pdo.heartbeat_cob_id(self.node_id), bytes([NmtState.INITIALISING]))
         self._enter_nmt(NmtState.OPERATIONAL if self._boots_operational
                         else NmtState.PRE_OPERATIONAL)
-        self._producer.restart(self.now)
+        self._restart_heartbeat(self.objects.values[0x1017, 0])
         self.axis.boot()
 
     def _watch_master(self, value: int) -> None:
@@ -325,7 +294,14 @@ class SimulatedNode:
         self._forget_routes()
 
     def _restart_heartbeat(self, period: int) -> None:
-        self._producer.deadline = self.now + period * 1e-3 if period else math.inf
+        self._heartbeat_at = self.now + period * 1e-3 if period else math.inf
+
+    def _send_heartbeat(self, now: float) -> None:
+        self.send_message(pdo.heartbeat_cob_id(self.node_id), bytes([self.nmt_state]))
+        late, period = now - self._heartbeat_at, self.objects.values[0x1017, 0]
+        self._restart_heartbeat(period)
+        if late < period * 1e-3:
+            self._heartbeat_at -= late  # keeps the rate although each poll comes a little late
 
     def stop_heartbeat(self) -> None:
         """Send no heartbeat any more, and everything else as before."""
@@ -341,10 +317,3 @@ class SimulatedNode:
             if not entry & pdo.DISABLED:
                 message = Emergency(self.errors.code, self.errors.register)
                 self.send_message(entry & 0x7FF, encode_emergency(message))
-
-    def set_frame_loss(
-        self, sending: FrameLoss | None = None, receiving: FrameLoss | None = None
-    ) -> None:
-        """Let frames get lost, late or doubled; None makes a direction perfect again."""
-        self._sending.set(sending or FrameLoss())
-        self._receiving.set(receiving or FrameLoss())

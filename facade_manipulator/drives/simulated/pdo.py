@@ -16,53 +16,34 @@ import math
 import struct
 
 from canopen import SdoAbortedError
-from canopen.objectdictionary import datatypes
+from canopen.objectdictionary import ODVariable
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.simulated import objects
 from facade_manipulator.drives.simulated.objects import Key, ObjectStore
 
-RPDO_PARAMETERS = tuple((0x1400 + k, 0x1600 + k) for k in range(4))
-TPDO_PARAMETERS = tuple((0x1800 + k, 0x1A00 + k) for k in range(4))
-
+_RECEIVE, _TRANSMIT = range(0x1400, 0x1404), range(0x1800, 0x1804)  # communication parameters
+_MAPPING = 0x200  # from one to its mapping parameter
 _EXTENDED = 1 << 29
 _SYNCHRONOUS = range(241)  # transmission types that a SYNC triggers
 _EVENT = (254, 255)
-_CODES = {
-    datatypes.INTEGER8: 'b', datatypes.UNSIGNED8: 'B', datatypes.INTEGER16: 'h',
-    datatypes.UNSIGNED16: 'H', datatypes.INTEGER32: 'i', datatypes.UNSIGNED32: 'I',
-}
 
 Send = Callable[[int, bytes], None]
 
 
 @dataclass
-class _Receive:
-    """An RPDO that is switched on."""
-
-    codec: struct.Struct
-    keys: tuple[Key, ...]
-    waits_for_sync: bool
-    data: bytes | None = None
-
-
-@dataclass
-class _Transmit:
-    """A TPDO that is switched on."""
+class _Pdo:
+    """A PDO that is switched on."""
 
     cob_id: int
+    keys: tuple[Key, ...]
     codec: struct.Struct
-    sources: tuple[Callable[[], int], ...]
     transmission: int
-    inhibit: float
-    timer: float
+    inhibit: float  #: [s]
+    timer: float  #: [s]
+    data: bytes | None = None  #: what was received and waits, or was sent last
     syncs: int = 0
-    data: bytes | None = None
     sent: float = -math.inf
-
-    def pack(self) -> bytes:
-        """Return the present values."""
-        return self.codec.pack(*[source() for source in self.sources])
 
     def is_due_at_sync(self, data: bytes) -> bool:
         """Count a SYNC; return whether this one is to be answered."""
@@ -109,8 +90,8 @@ class ProcessData:
         self._event_driven = event_driven
         self.deadline = math.inf
         self.forget()
-        for communication, mapping in RPDO_PARAMETERS + TPDO_PARAMETERS:
-            self._guard(communication, mapping)
+        for communication in (*_RECEIVE, *_TRANSMIT):
+            self._guard(communication, communication + _MAPPING)
 
     def _guard(self, communication: int, mapping: int) -> None:
         writers = self._store.writers
@@ -165,8 +146,8 @@ class ProcessData:
     def forget(self) -> None:
         """Drop what is waiting for a SYNC, as on leaving NMT Operational or after a reset."""
         self._compiled = False
-        self._receive: dict[int, _Receive] = {}
-        self._transmit: list[_Transmit] = []
+        self._receive: dict[int, _Pdo] = {}
+        self._transmit: list[_Pdo] = []
         self.deadline = math.inf
 
     @property
@@ -176,51 +157,29 @@ class ProcessData:
         return tuple(self._receive)
 
     def _compile(self) -> None:
-        if self._compiled:
-            return
-        self._compiled = True
+        if not self._compiled:
+            self._compiled = True
+            self._receive = {one.cob_id: one for one in self._switched_on(_RECEIVE)}
+            self._transmit = self._switched_on(_TRANSMIT)
+
+    def _switched_on(self, parameters: range) -> list[_Pdo]:
         values = self._store.values
-        self._receive = {
-            values[communication, 1] & 0x7FF: self._receiver(communication, mapping)
-            for communication, mapping in RPDO_PARAMETERS
-            if self._is_on(communication, mapping)
-        }
-        self._transmit = [
-            self._transmitter(communication, mapping)
-            for communication, mapping in TPDO_PARAMETERS
-            if self._is_on(communication, mapping)
-        ]
+        return [
+            self._make(values[index, 1] & 0x7FF, index, index + _MAPPING) for index in parameters
+            if not values[index, 1] & pdo.DISABLED and values[index + _MAPPING, 0] > 0]
 
-    def _is_on(self, communication: int, mapping: int) -> bool:
-        values = self._store.values
-        return not values[communication, 1] & pdo.DISABLED and values[mapping, 0] > 0
-
-    def _keys(self, mapping: int) -> tuple[Key, ...]:
-        values = self._store.values
-        return tuple(_mapped(values[mapping, n]) for n in range(1, values[mapping, 0] + 1))
-
-    def _codec(self, keys: tuple[Key, ...]) -> struct.Struct:
-        codes = [_CODES[self._store.variables[key].data_type] for key in keys]
-        return struct.Struct('<' + ''.join(codes))
-
-    def _receiver(self, communication: int, mapping: int) -> _Receive:
-        keys = self._keys(mapping)
-        synchronous = self._store.values[communication, 2] in _SYNCHRONOUS
-        return _Receive(self._codec(keys), keys, synchronous)
-
-    def _transmitter(self, communication: int, mapping: int) -> _Transmit:
-        values, keys = self._store.values, self._keys(mapping)
-        timer = values[communication, 5]
-        return _Transmit(
-            cob_id=values[communication, 1] & 0x7FF,
-            codec=self._codec(keys),
-            sources=tuple(self._source(key) for key in keys),
-            transmission=values[communication, 2],
-            inhibit=values[communication, 3] * 1e-4,
+    def _make(self, cob_id: int, communication: int, mapping: int) -> _Pdo:
+        values, variables = self._store.values, self._store.variables
+        keys = tuple(_mapped(values[mapping, n]) for n in range(1, values[mapping, 0] + 1))
+        codes = [ODVariable.STRUCT_TYPES[variables[key].data_type].format[-1] for key in keys]
+        timer = values.get((communication, 5))
+        return _Pdo(
+            cob_id, keys, struct.Struct('<' + ''.join(codes)), values[communication, 2],
+            inhibit=values.get((communication, 3), 0) * 1e-4,
             timer=timer * 1e-3 if timer else math.inf)
 
-    def _source(self, key: Key) -> Callable[[], int]:
-        return self._store.readers.get(key) or partial(self._store.values.__getitem__, key)
+    def _pack(self, tpdo: _Pdo) -> bytes:
+        return tpdo.codec.pack(*map(self._store.read, tpdo.keys))
 
     def receive(self, cob_id: int, data: bytes) -> bool:
         """Take an RPDO; return whether it acted at once rather than waiting for a SYNC."""
@@ -230,16 +189,17 @@ class ProcessData:
             self._on_short_frame()
             return False
         rpdo.data = data[:rpdo.codec.size]
-        if not rpdo.waits_for_sync:
+        waits = rpdo.transmission in _SYNCHRONOUS
+        if not waits:
             self._apply(rpdo)
-        return not rpdo.waits_for_sync
+        return not waits
 
     def answer_sync(self, now: float) -> None:
         """Send the TPDOs that a SYNC asks for, with the values of this instant."""
         self._compile()
         for tpdo in self._transmit:
             if tpdo.transmission in _SYNCHRONOUS:
-                data = tpdo.pack()
+                data = self._pack(tpdo)
                 if tpdo.is_due_at_sync(data):
                     self._transmit_frame(tpdo, data, now)
 
@@ -249,7 +209,7 @@ class ProcessData:
             if rpdo.data is not None:
                 self._apply(rpdo)
 
-    def _apply(self, rpdo: _Receive) -> None:
+    def _apply(self, rpdo: _Pdo) -> None:
         pairs = zip(rpdo.keys, rpdo.codec.unpack(rpdo.data), strict=True)
         rpdo.data = None
         # the controlword last: it acts on the mode and the target that came with it
@@ -267,13 +227,13 @@ class ProcessData:
             if self._event_driven and tpdo.transmission in _EVENT:
                 self._poll_one(tpdo, now)
 
-    def _poll_one(self, tpdo: _Transmit, now: float) -> None:
-        data = tpdo.pack()
+    def _poll_one(self, tpdo: _Pdo, now: float) -> None:
+        data = self._pack(tpdo)
         if tpdo.due(data) <= now:
             self._transmit_frame(tpdo, data, now)
         self.deadline = min(self.deadline, tpdo.due(data))
 
-    def _transmit_frame(self, tpdo: _Transmit, data: bytes, now: float) -> None:
+    def _transmit_frame(self, tpdo: _Pdo, data: bytes, now: float) -> None:
         tpdo.data, tpdo.sent = data, now
         self._send(tpdo.cob_id, data)
 

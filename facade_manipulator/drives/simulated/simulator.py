@@ -12,7 +12,7 @@ import can
 from facade_manipulator.drives.canopen import can_bus, CanBus
 from facade_manipulator.drives.canopen import Frame as ReceivedFrame
 from facade_manipulator.drives.simulated.drive import SimulatedDrive
-from facade_manipulator.drives.simulated.network import Frame
+from facade_manipulator.drives.simulated.node import Frame
 from facade_manipulator.errors import BusError
 
 _LONGEST_WAIT = 0.1  # s: how long stopping may take when the bus is quiet

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 import random
 
+from bad_bus import put_on_bad_bus
 import can
 from drive_rig import at_rest, inactive, moving, SETTINGS, SITUATIONS, situations
 from frames import decode_rpdo1
@@ -14,7 +15,6 @@ from support import wait_until
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, State
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.simulated.network import FrameLoss
 from facade_manipulator.errors import ManipulatorError
 
 # --- the bus goes away
@@ -111,7 +111,7 @@ def restart_with_stored_objects(drives):
     stored = dict(drive.objects.values)
     drive.reboot()
     drive.objects.values.update(stored)
-    drive._producer.restart(drive.now)
+    drive._restart_heartbeat(drive.objects.values[0x1017, 0])
 
 
 def push(drives):
@@ -147,8 +147,8 @@ def test_frames_that_get_lost_late_or_doubled_never_command_out_of_limits(rig, k
     rig.frames()
     with rig.simulator.access() as drives:
         for drive in drives:
-            loss = FrameLoss(**{kind: share}, seed=drive.node_id)
-            drive.set_frame_loss(sending=loss, receiving=loss)
+            loss = {kind: share, 'seed': drive.node_id}
+            put_on_bad_bus(drive, sending=loss, receiving=loss)
     rig.cycles(30)
     last = {}
     for message in rig.frames():

@@ -79,8 +79,7 @@ def test_a_drive_whose_heartbeat_stops_is_missed(make_rig):
     rig = make_rig(settings=replace(SETTINGS, heartbeat_timeout=0.3))
     at_rest(rig)
     with rig.simulator.access() as drives:
-        drives[0].objects.values[0x1017, 0] = 0
-        drives[0]._producer.deadline = math.inf
+        drives[0].stop_heartbeat()
     rig.until_stopped()
     assert 'q1 (node 1) sent no heartbeat for' in rig.controller.snapshot().cause
     assert 'bound 300 ms' in rig.controller.snapshot().cause

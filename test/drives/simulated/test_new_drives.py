@@ -137,16 +137,6 @@ def test_storing_needs_its_signature(index):
     assert bench.write(index, 1, 1) == 0x08000020
 
 
-def test_power_lost_while_storing_leaves_a_silent_empty_drive():
-    bench = Bench().boot()
-    bench.write(0x6084, 0, 1234)
-    bench.write(0x1010, 1, SAVE)
-    bench.drive.loses_power_when_storing = True
-    request = bytes([0x23, 0x10, 0x10, 1]) + b'save'
-    assert bench.send(0x602, request) == []
-    assert bench.boot().read(0x6084) != 1234
-
-
 def test_the_firmware_is_what_the_settings_say():
     assert Bench(firmware_version='2.7').boot().read(0x100A) == '2.7'
 
