@@ -8,6 +8,7 @@ from frames import decode_tpdo1, decode_tpdo2, encode_rpdo1
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.emergency import decode_emergency
 from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.drives.simulated.drive import SimulatedDrive, SimulatedIdentity
@@ -39,12 +40,17 @@ CONFIGURATION = {
 class Bench:
     """A drive, its time, and every frame that it sent."""
 
-    def __init__(self, profile='simulated', node=NODE, scale=None, identity=None, **settings):
+    def __init__(
+        self, profile='simulated', identity=None, direction=1, start=0.0, **settings
+    ):
+        node = NODE
         self.node = node
         self.profile = load_profile(profile) if isinstance(profile, str) else profile
         self.drive = SimulatedDrive(
-            node, self.profile, scale, identity or SimulatedIdentity(1, 2, 3, 4),
-            SimulationSettings(**settings))
+            AxisSettings(node_id=node, direction=direction, home_position=start,
+                         lower_limit=-0.56, upper_limit=0.56),
+            SimulationSettings(**settings), self.profile)
+        self.drive.set_identity(identity or SimulatedIdentity(1, 2, 3, 4))
         self.now = 0.0
         self.sent = []
         self.controlword = 0

@@ -32,7 +32,7 @@ from facade_manipulator.drives.cia402 import (
     TRANSITIONS,
 )
 from facade_manipulator.drives.simulated.demand import SpeedRamp
-from facade_manipulator.drives.simulated.modes import MODES, Reference
+from facade_manipulator.drives.simulated.modes import MODES
 from facade_manipulator.drives.simulated.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.drives.simulated.objects import INVALID_VALUE, ObjectStore
 from facade_manipulator.drives.simulated.supervision import SimulatedSupervision
@@ -88,9 +88,8 @@ class SimulatedAxis:
             scale, velocity_unit=profile.motor_speed_unit).velocity_units_per_count
         self._report = report
         self._supervision = SimulatedSupervision(store, motor, report)
-        self.reference = Reference(motor)
-        self.modes = {mode: make(store, motor, self.reference, profile, self._units)
-                      for mode, make in MODES.items()}
+        self.modes = {
+            mode: make(store, motor, profile, self._units) for mode, make in MODES.items()}
         self.torque_off = False
         self._time = -math.inf
         self._attach(store)
@@ -98,16 +97,13 @@ class SimulatedAxis:
 
     def _attach(self, store: ObjectStore) -> None:
         store.readers.update({
-            (0x6041, 0): lambda: self.statusword,
             (0x6061, 0): lambda: self._mode,
-            (0x6062, 0): lambda: _int32(self._demand + self.reference.offset),
-            (0x6064, 0): lambda: _int32(self.reference.counts),
+            (0x6062, 0): lambda: _int32(self._demand + self._motor.offset),
+            (0x6064, 0): lambda: _int32(self._motor.counts),
             (0x606C, 0): lambda: _int32(self._motor.velocity * self._units),
             (0x6077, 0): lambda: round(self._motor.torque),
             (0x60F4, 0): lambda: _int32(self.following_error),
-            (0x60FD, 0): lambda: self._motor.inputs,
         })
-        store.writers[0x6040, 0] = self.control
         store.writers[0x6060, 0] = self._set_mode
         store.writers[0x6098, 0] = self._check_homing_method
 
@@ -119,7 +115,7 @@ class SimulatedAxis:
         self._mode = int(Mode.NONE)
         self._stop: SpeedRamp | None = None
         self._supervision.reset()
-        self.reference.forget()
+        self._motor.count_from_here()
         self.forget_home()
         self._demand = self._motor.position
 

@@ -13,12 +13,11 @@ CiA 301 and IEC 61800-7-201 (CiA 402-2).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 from facade_manipulator.drives.canopen import NmtState
 from facade_manipulator.drives.cia402 import (
-    AxisScale,
     AxisSettings,
     DriveProfile,
     load_profile,
@@ -29,6 +28,7 @@ from facade_manipulator.drives.simulated.axis import SAFE_TORQUE_OFF, SimulatedA
 from facade_manipulator.drives.simulated.motor import SimulatedMotor, SimulationSettings
 from facade_manipulator.drives.simulated.node import SimulatedNode
 from facade_manipulator.drives.simulated.objects import ObjectStore
+from facade_manipulator.errors import ParameterError
 
 POSITION_LOST = 0x7380
 _REVISION = 1
@@ -54,21 +54,18 @@ class SimulatedDrive(SimulatedNode):
 
     Parameters
     ----------
-    node_id : int
-        Its CANopen node, 1 to 127.
-    profile : DriveProfile
-        Drive type: object dictionary, homing methods, quirks, velocity unit.
-    scale : AxisScale
-        Motor, gear and screw that it drives; the velocity unit is the profile's.
-    identity : SimulatedIdentity
-        What 1018 says.
-    settings : SimulationSettings
+    axis : AxisSettings
+        Node id, drive type, motor, gear, screw and where the carriage stands at first. An
+        identity that it leaves open is made up: the serial number is then the node id.
+    settings : SimulationSettings, optional
         Rail, load, servo.
+    profile : DriveProfile, optional
+        Drive type in place of the axis's.
 
     Raises
     ------
     ParameterError
-        The node id is not one.
+        The carriage is not on the rail, or there is no such drive type.
 
     Attributes
     ----------
@@ -79,22 +76,29 @@ class SimulatedDrive(SimulatedNode):
     """
 
     def __init__(
-        self, node_id: int, profile: DriveProfile, scale: AxisScale | None = None,
-        identity: SimulatedIdentity | None = None, settings: SimulationSettings | None = None,
+        self, axis: AxisSettings, settings: SimulationSettings | None = None,
+        profile: DriveProfile | None = None,
     ) -> None:
-        settings = settings or SimulationSettings()
-        self._scale = replace(scale or AxisScale(), velocity_unit=profile.velocity_unit)
+        settings, profile = settings or SimulationSettings(), profile or load_profile(axis.profile)
+        if not settings.lower_stop <= axis.home_position <= settings.upper_stop:
+            raise ParameterError(
+                f'home_position = {axis.home_position:g} m is not between the simulated hard '
+                f'stops {settings.lower_stop:g} m and {settings.upper_stop:g} m')
+        self._scale = replace(axis, velocity_unit=profile.velocity_unit)
         self.motor = SimulatedMotor(settings, self._scale)
-        objects = ObjectStore(profile.eds, node_id, settings.missing_objects)
-        axis = SimulatedAxis(objects, self.motor, profile, self._scale, self._report_once)
-        self._control = objects.writers[0x6040, 0]
+        self.motor.place(axis.home_position)
+        objects = ObjectStore(profile.eds, axis.node_id, settings.missing_objects)
         objects.writers[0x6040, 0] = self._write_controlword
         objects.readers[0x6041, 0] = self._statusword
         objects.defaults[0x100A, 0] = settings.firmware_version
         objects.readers[0x60FD, 0] = lambda: self.motor.inputs ^ objects.values[0x3141, 2]
         objects.defaults[0x6076, 0] = round(self._scale.rated_torque * 1e6)
-        super().__init__(objects, axis, self._report_once, settings.boot_time, profile.quirks)
-        self.set_identity(identity or SimulatedIdentity())
+        super().__init__(
+            objects,
+            SimulatedAxis(objects, self.motor, profile, self._scale, self._report_once),
+            self._report_once, settings.boot_time, profile.quirks)
+        self.set_identity(SimulatedIdentity(
+            axis.vendor_id, axis.product_code, _REVISION, axis.serial_number or axis.node_id))
 
     @property
     def state(self) -> State:
@@ -109,7 +113,7 @@ class SimulatedDrive(SimulatedNode):
 
     def _write_controlword(self, controlword: int) -> None:
         resets = self.axis.is_reset_edge(controlword)
-        self._control(controlword)
+        self.axis.control(controlword)
         if resets:
             self._reset_errors()
 
@@ -162,7 +166,7 @@ class SimulatedDrive(SimulatedNode):
 
     def lose_position(self, slip: float = 0.0) -> None:
         """Let the encoder fail: error 7380 and counts that are wrong by `slip` in m."""
-        self.axis.reference.offset += self._scale.to_counts(slip)
+        self.motor.offset += self._scale.to_counts(slip)
         self.axis.forget_home()
         self.inject_fault(POSITION_LOST)
 
@@ -180,27 +184,5 @@ def _is_among(code: int, entries: tuple[tuple[int, int], ...]) -> bool:
 def simulated_drives(
     axes: Sequence[AxisSettings], settings: SimulationSettings | None = None
 ) -> list[SimulatedDrive]:
-    """
-    Make one drive for each axis, with its carriage at the axis's home position.
-
-    An identity that the axis leaves open is made up: the serial number is then the node id.
-
-    Parameters
-    ----------
-    axes : sequence of AxisSettings
-    settings : SimulationSettings, optional
-        Of all drives, but for the start position.
-
-    """
-    settings = settings or SimulationSettings()
-    return [
-        SimulatedDrive(
-            axis.node_id, load_profile(axis.profile), _scale(axis),
-            SimulatedIdentity(axis.vendor_id, axis.product_code, _REVISION,
-                     axis.serial_number or axis.node_id),
-            replace(settings, start_position=axis.home_position))
-        for axis in axes]
-
-
-def _scale(axis: AxisSettings) -> AxisScale:
-    return AxisScale(**{item.name: getattr(axis, item.name) for item in fields(AxisScale)})
+    """Make one drive for each axis, as `SimulatedDrive` does."""
+    return [SimulatedDrive(axis, settings) for axis in axes]

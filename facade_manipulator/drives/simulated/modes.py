@@ -25,43 +25,17 @@ from facade_manipulator.drives.simulated.objects import ObjectStore
 _MAX_PERIOD = 1.0  # s: an interpolation period beyond it is none that a servo uses
 
 
-class Reference:
-    """
-    Where the drive believes its zero to be.
-
-    Attributes
-    ----------
-    offset : int
-        Reported counts minus counts from the middle of the rail.
-
-    """
-
-    def __init__(self, motor: SimulatedMotor) -> None:
-        self._motor = motor
-        self.forget()
-
-    def forget(self) -> None:
-        """Start to count from zero here, as an incremental encoder does when it gets power."""
-        self.offset = -round(self._motor.position)
-
-    @property
-    def counts(self) -> int:
-        """Position actual value 6064."""
-        return round(self._motor.position) + self.offset
-
-
 class SimulatedMode:
-    """What all modes have: objects, motor and reference in, a position demand out."""
+    """What all modes have: objects and motor in, a position demand out."""
 
     _demand: Interpolator | PositionRamp | SpeedRamp
 
     def __init__(
-        self, store: ObjectStore, motor: SimulatedMotor, reference: Reference,
-        profile: DriveProfile, units_per_count: float,
+        self, store: ObjectStore, motor: SimulatedMotor, profile: DriveProfile,
+        units_per_count: float,
     ) -> None:
         self._values = store.values
         self._motor = motor
-        self._reference = reference
         self._profile = profile
         self._units = units_per_count
         self.enter()
@@ -96,7 +70,7 @@ class CyclicPosition(SimulatedMode):
         """Take the target position."""
         values = self._values
         period = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
-        target = values[0x607A, 0] - self._reference.offset
+        target = values[0x607A, 0] - self._motor.offset
         self._demand.latch(target, min(period, _MAX_PERIOD))
 
     def status(self) -> int:
@@ -122,14 +96,14 @@ class ProfilePosition(SimulatedMode):
 
     def _go(self, relative: bool) -> None:
         values, units = self._values, self._units
-        base = self._demand.target if relative else -self._reference.offset
+        base = self._demand.target if relative else -self._motor.offset
         speed = min(values[0x6081, 0], values[0x607F, 0])
         self._demand.go(self._within_limits(base + values[0x607A, 0]), speed / units,
                         values[0x6083, 0] / units, values[0x6084, 0] / units)
 
     def _within_limits(self, target: float) -> float:
         low, high = self._values[0x607D, 1], self._values[0x607D, 2]
-        offset = self._reference.offset
+        offset = self._motor.offset
         return min(max(target, low - offset), high - offset) if low < high else target
 
     def status(self) -> int:
@@ -210,7 +184,7 @@ class Homing(SimulatedMode):
         self._search = None
         self.attained = True
         at_home = self._profile.location('home_position') or (0x607C, 0)
-        self._reference.offset = self._values[at_home] - round(home)
+        self._motor.offset = self._values[at_home] - round(home)
 
     def _give_up_pushing(self) -> None:
         self._demand.position = self._motor.position

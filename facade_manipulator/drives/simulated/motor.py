@@ -26,9 +26,6 @@ _TORQUE_FILTER = 0.005  # s
 class SimulationSettings:
     """What a simulated axis is made of."""
 
-    start_position: float = parameter(
-        0.0, 'Where the carriage stands when the drive gets its power', unit='m',
-        minimum=-10.0, maximum=10.0)
     lag: float = parameter(
         0.005, 'Time constant with which the servo follows its demand', unit='s',
         minimum=0.0, maximum=1.0)
@@ -86,10 +83,6 @@ class SimulationSettings:
             if getattr(self, low) > getattr(self, high):
                 raise ParameterError(f'{low} = {getattr(self, low):g} m is above '
                                      f'{high} = {getattr(self, high):g} m')
-        if not self.lower_stop <= self.start_position <= self.upper_stop:
-            raise ParameterError(
-                f'start_position = {self.start_position:g} m is not between the hard stops '
-                f'{self.lower_stop:g} m and {self.upper_stop:g} m')
 
 
 class SimulatedMotor:
@@ -107,6 +100,8 @@ class SimulatedMotor:
     ----------
     position, velocity : float
         Of the motor, in counts and counts/s.
+    offset : int
+        Counts that the encoder reports minus counts from the middle of the rail.
     torque : float
         In thousandths of the rated torque.
     lag : float
@@ -139,7 +134,8 @@ class SimulatedMotor:
         self._bounce = settings.home_switch_bounce * self._per_metre / 2.0
         self._chance = random.Random(0)
         self.external_force = 0.0
-        self.place(settings.start_position)
+        self.place(0.0)
+        self.count_from_here()
 
     def _sorted(self, low: float, high: float) -> tuple[float, float]:
         factor = self._direction * self._per_metre
@@ -151,6 +147,15 @@ class SimulatedMotor:
         self.velocity = 0.0
         self.torque = 0.0
         self.is_limited = False
+
+    def count_from_here(self) -> None:
+        """Let the encoder start from zero, as an incremental one does when it gets power."""
+        self.offset = -round(self.position)
+
+    @property
+    def counts(self) -> int:
+        """What the encoder reports."""
+        return round(self.position) + self.offset
 
     @property
     def carriage_position(self) -> float:

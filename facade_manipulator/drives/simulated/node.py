@@ -36,7 +36,6 @@ from facade_manipulator.drives.simulated.objects import (
     ObjectStore,
 )
 from facade_manipulator.drives.simulated.pdo import ProcessData
-from facade_manipulator.errors import ParameterError
 
 HEARTBEAT_LOST = 0x8130
 PDO_TOO_SHORT = 0x8210
@@ -64,11 +63,6 @@ class SimulatedNode:
     quirks : Quirks
         Departures from CiA 301.
 
-    Raises
-    ------
-    ParameterError
-        The node id is not one.
-
     Attributes
     ----------
     node_id : int
@@ -93,8 +87,6 @@ class SimulatedNode:
         boot_time: float, quirks: Quirks,
     ) -> None:
         self.node_id = node_id = objects.node_id
-        if not 1 <= node_id <= pdo.MASTER_NODE_ID and node_id != UNCONFIGURED:
-            raise ParameterError(f'node id = {node_id} is not from 1 to {pdo.MASTER_NODE_ID}')
         self.lss = LssSlave(
             node_id, lambda: tuple(objects.values[0x1018, n] for n in range(1, 5)))
         self.objects, self.axis, self._report = objects, axis, report

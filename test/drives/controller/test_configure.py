@@ -8,7 +8,6 @@ import time
 from drive_rig import at_rest, inactive, SETTINGS
 import pytest
 
-from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller import commissioning
 from facade_manipulator.drives.controller.snapshot import ControllerState
@@ -64,10 +63,8 @@ def test_a_drive_with_another_identity_is_rejected(make_rig):
 def drives_without(index: int, number: int) -> list[SimulatedDrive]:
     """Return three drives of which one lacks an object."""
     drives = simulated_drives(DEFAULT_AXES)
-    axis = DEFAULT_AXES[number]
-    settings = SimulationSettings(start_position=axis.home_position, missing_objects=(index,))
     drives[number] = SimulatedDrive(
-        axis.node_id, load_profile(axis.profile), axis, settings=settings)
+        DEFAULT_AXES[number], SimulationSettings(missing_objects=(index,)))
     return drives
 
 

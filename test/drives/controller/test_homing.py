@@ -120,7 +120,7 @@ def test_a_drive_that_is_homed_at_another_place_than_configured_is_not_homed(rig
 
         def finish_elsewhere(position):
             finish(position)
-            drives[0].axis.reference.offset += 43_000
+            drives[0].motor.offset += 43_000
 
         homed_by._finish = finish_elsewhere
     with pytest.raises(DriveFaultError, match=r'q1: homing ended \+0.1 m from the configured'):

@@ -96,7 +96,7 @@ def test_a_drive_that_leaves_nmt_operational_stops_all(rig):
 def test_a_position_that_jumps_is_not_believed_and_asks_for_home(rig):
     at_rest(rig)
     with rig.simulator.access() as drives:
-        drives[2].axis.reference.offset += 40_000
+        drives[2].motor.offset += 40_000
     rig.until_stopped()
     assert 'q3 (node 3): the position has jumped by 0.09' in rig.controller.snapshot().cause
     off = {State.SWITCH_ON_DISABLED, State.FAULT}  # q3 may see its following error before that
@@ -109,7 +109,7 @@ def test_a_position_that_jumps_is_not_believed_and_asks_for_home(rig):
 def test_a_slip_of_the_encoder_at_standstill_is_not_believed(rig, slip):
     at_rest(rig)
     with rig.simulator.access() as drives:
-        drives[2].axis.reference.offset += round(slip * DEFAULT_AXES[2].counts_per_metre)
+        drives[2].motor.offset += round(slip * DEFAULT_AXES[2].counts_per_metre)
     rig.until_stopped()
     assert 'q3 (node 3): the position has jumped by' in rig.controller.snapshot().cause
     assert rig.controller.snapshot().unhomed == ('q3',)

@@ -13,7 +13,7 @@ import pytest
 from support import wait_until
 
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.simulated import __main__ as drive_simulator
 from facade_manipulator.drives.simulated.drive import SimulatedDrive
@@ -29,7 +29,7 @@ def message(cob_id, data=b'', **kind):
 
 
 def drives():
-    return [SimulatedDrive(node, load_profile('simulated')) for node in (1, 2, 3)]
+    return [SimulatedDrive(AxisSettings(node_id=node)) for node in (1, 2, 3)]
 
 
 class Listener:

@@ -19,6 +19,7 @@ import pytest
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.emergency import decode_emergency
 from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import (
     decode_command,
     decode_state,
@@ -422,10 +423,10 @@ def test_quirks_show():
     assert bench.status.statusword & 0x1000 == 0
 
 
-def test_a_drive_of_wrong_node_id_is_rejected():
-    for node_id in (0, 128, -1):
-        with pytest.raises(ParameterError, match=f'node id = {node_id}'):
-            SimulatedDrive(node_id, load_profile('simulated'))
+def test_a_carriage_beyond_the_hard_stops_is_rejected():
+    axis = AxisSettings(home_position=0.6, upper_limit=0.7)
+    with pytest.raises(ParameterError, match='home_position = 0.6 m is not between'):
+        SimulatedDrive(axis)
 
 
 def test_identity_is_zero_by_default_and_survives_a_reset():

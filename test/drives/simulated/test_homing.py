@@ -35,7 +35,7 @@ PLACES = {
 
 def homing(method, start=0.05, offset=12345, **settings):
     profile = 'epos4' if method in (23, 27, 33, 34) else 'simulated'
-    bench = Bench(profile, start_position=start, **settings)
+    bench = Bench(profile, start=start, **settings)
     unit = AxisScale(velocity_unit=bench.profile.velocity_unit).velocity_units_per_count
     speeds = {f'_{key}': round(value * CPM * unit) for key, value in {
         '609A': 1.0, '607F': 0.6, '6080': 0.6, '60C5': 6.0, '6085': 5.0}.items()}
@@ -177,7 +177,7 @@ def test_a_reboot_forgets_the_home():
 
 
 def test_homing_with_the_other_direction_mirrors_the_switches():
-    bench = Bench(scale=AxisScale(direction=-1), start_position=0.3)
+    bench = Bench(direction=-1, start=0.3)
     bench.configure(_6098=17).enable(Mode.HOMING)
     run(bench)
     # the drive's negative limit is at the rail's upper end

@@ -295,7 +295,7 @@ def test_rotor_gear_and_screw_are_accelerated_besides_the_carriage():
     (0.0, HELD), (0.05, 1.0), (-0.05, 2.0 * AxisScale().efficiency - 1.0)])
 def test_an_external_force_shows_in_the_torque_and_less_where_it_drives_the_motor(
         direction, speed, share):
-    bench = Bench(scale=AxisScale(direction=direction), coulomb_friction=0.0,
+    bench = Bench(direction=direction, coulomb_friction=0.0,
                   viscous_friction=0.0).configure().enable()
     bench.drive.motor.external_force = -20.0
     bench.move_at(direction * speed, 50)
@@ -303,7 +303,7 @@ def test_an_external_force_shows_in_the_torque_and_less_where_it_drives_the_moto
 
 
 def test_a_drive_of_the_other_direction_moves_the_carriage_the_other_way():
-    bench = Bench(scale=AxisScale(direction=-1), start_position=0.1).configure().enable()
+    bench = Bench(direction=-1, start=0.1).configure().enable()
     bench.move_at(0.1, 50).cycle(50)
     assert bench.status.position_counts == bench.target > 0
     assert bench.drive.motor.carriage_position == pytest.approx(0.1 - 0.05, abs=1e-5)
@@ -360,7 +360,6 @@ def test_a_speed_ramp_comes_to_rest_after_the_stopping_distance(speed, accelerat
 
 
 @pytest.mark.parametrize('change, words', [
-    ({'start_position': 0.6}, 'start_position = 0.6 m is not between'),
     ({'lower_switch': -0.6}, 'lower_stop = -0.56 m is above lower_switch = -0.6 m'),
     ({'lag': -0.1}, 'lag = -0.1 s is below'),
     ({'boot_time': math.nan}, 'boot_time')])

@@ -172,14 +172,14 @@ def test_the_home_switch_has_a_polarity_that_an_object_turns(opens, polarity, on
 
 
 def test_the_home_switch_bounces_at_its_edge_alone():
-    bench = Bench(home_switch_bounce=0.001, start_position=0.005).boot()
+    bench = Bench(home_switch_bounce=0.001, start=0.005).boot()
     assert {bench.read(0x60FD) & 4 for _ in range(20)} == {0, 4}
     bench.drive.motor.place(0.0)
     assert {bench.read(0x60FD) & 4 for _ in range(20)} == {4}
 
 
 def test_homing_finds_the_edge_of_a_switch_through_the_play():
-    bench = Bench(backlash=0.001, start_position=-0.54).configure(_6098=17).enable(Mode.HOMING)
+    bench = Bench(backlash=0.001, start=-0.54).configure(_6098=17).enable(Mode.HOMING)
     bench.command(0x10)
     bench.until(lambda: bench.status.statusword & 0x1400 == 0x1400)
     motor = bench.drive.motor
