@@ -41,16 +41,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         signal.signal(number, lambda *_: stopping.set())
     try:
         _simulate(options, stopping)
-    except BusError as error:
-        return _reject(str(error), BUS_ERROR)
     except ManipulatorError as error:
-        return _reject(str(error), USAGE_ERROR)
+        print(f'drive_simulator: {error}', file=sys.stderr)
+        return BUS_ERROR if isinstance(error, BusError) else USAGE_ERROR
     return 0
-
-
-def _reject(message: str, status: int) -> int:
-    print(f'drive_simulator: {message}', file=sys.stderr)
-    return status
 
 
 def _simulate(options: argparse.Namespace, stopping: threading.Event) -> None:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import math
-from typing import Any
 
 from canopen.lss import LssMaster
 
@@ -95,7 +94,6 @@ class SimulatedNode:
         self._boots_operational = quirks.boots_operational
         self._outbox: list[Frame] = []
         self.now = 0.0
-        self._known_routes: dict[int, Route] | None = None
         self.is_silent = self.is_deaf = False
         self._sdo = ObjectServer(node_id, objects, self)
         self._pdo = ProcessData(
@@ -103,8 +101,7 @@ class SimulatedNode:
             event_driven=not quirks.pdo_only_on_sync)
         self._consumer = HeartbeatConsumer(objects)
         objects.writers.update({
-            (0x1005, 0): self._forget_routes,
-            (0x1016, 1): self._watch_master,
+            (0x1016, 1): lambda value: self._consumer.forget(),
             (0x1017, 0): self._restart_heartbeat,
         })
         self.reboot()
@@ -130,7 +127,7 @@ class SimulatedNode:
             What the drive sends.
 
         """
-        route = self._routes.get(cob_id)
+        route = self._route(cob_id)
         if route is None:
             return []
         self.now = max(now, self.now)
@@ -165,28 +162,23 @@ class SimulatedNode:
         """Put a frame into the outbox."""
         self._outbox.append((cob_id, bytes(data)))
 
-    @property
-    def _routes(self) -> dict[int, Route]:
-        if self._known_routes is None:
-            self._known_routes = self._make_routes()
-        return self._known_routes
-
-    def _make_routes(self) -> dict[int, Route]:
-        routes: dict[int, Route] = {LssMaster.LSS_TX_COBID: self._on_lss}
+    def _route(self, cob_id: int) -> Route | None:
+        """Return what takes a frame, as NMT state and objects say, None if nothing does."""
+        if cob_id == LssMaster.LSS_TX_COBID:
+            return self._on_lss
         if self.node_id == UNCONFIGURED:
-            return routes
+            return None
+        if cob_id == pdo.NMT_COB_ID:
+            return self._on_nmt
+        if cob_id == self._consumer.cob_id:
+            return self._on_heartbeat
         if self.nmt_state is NmtState.OPERATIONAL:
-            routes.update(dict.fromkeys(self._pdo.cob_ids, self._on_rpdo))
-            routes[self.objects.values[0x1005, 0] & 0x7FF] = self._on_sync
-        if self.nmt_state is not NmtState.STOPPED:
-            routes[pdo.sdo_request_cob_id(self.node_id)] = self._on_sdo
-        if self._consumer.cob_id is not None:
-            routes[self._consumer.cob_id] = self._on_heartbeat
-        routes[pdo.NMT_COB_ID] = self._on_nmt
-        return routes
-
-    def _forget_routes(self, value: Any = None) -> None:
-        self._known_routes = None
+            if cob_id == self.objects.values[0x1005, 0] & 0x7FF:
+                return self._on_sync
+            if self._pdo.receives(cob_id):
+                return self._on_rpdo
+        is_request = cob_id == self._sdo.rx_cobid and self.nmt_state is not NmtState.STOPPED
+        return self._on_sdo if is_request else None
 
     def _on_sync(self, cob_id: int, data: bytes) -> None:
         if not data:
@@ -200,7 +192,6 @@ class SimulatedNode:
 
     def _on_sdo(self, cob_id: int, data: bytes) -> None:
         self._sdo.request(data)
-        self._forget_routes()  # it may have written a COB-ID
 
     def _on_heartbeat(self, cob_id: int, data: bytes) -> None:
         if len(data) == 1 and self._consumer.receive(self.now):
@@ -246,7 +237,6 @@ class SimulatedNode:
         if state is not self.nmt_state:
             self._pdo.forget()
         self.nmt_state = state
-        self._forget_routes()
 
     def _reset_communication(self) -> None:
         self.axis.lose_connection()
@@ -261,7 +251,6 @@ class SimulatedNode:
         self._consumer.forget()
         self._pdo.forget()
         self.nmt_state = NmtState.INITIALISING
-        self._forget_routes()
 
     def _take_node_id(self, node_id: int) -> None:
         self.node_id = node_id
@@ -280,10 +269,6 @@ class SimulatedNode:
                         else NmtState.PRE_OPERATIONAL)
         self._restart_heartbeat(self.objects.values[0x1017, 0])
         self.axis.boot()
-
-    def _watch_master(self, value: int) -> None:
-        self._consumer.forget()
-        self._forget_routes()
 
     def _restart_heartbeat(self, period: int) -> None:
         self._heartbeat_at = self.now + period * 1e-3 if period else math.inf

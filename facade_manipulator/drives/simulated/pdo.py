@@ -150,11 +150,10 @@ class ProcessData:
         self._transmit: list[_Pdo] = []
         self.deadline = math.inf
 
-    @property
-    def cob_ids(self) -> tuple[int, ...]:
-        """COB-IDs of the RPDOs that are switched on."""
+    def receives(self, cob_id: int) -> bool:
+        """Return whether an RPDO of this COB-ID is switched on."""
         self._compile()
-        return tuple(self._receive)
+        return cob_id in self._receive
 
     def _compile(self) -> None:
         if not self._compiled:
