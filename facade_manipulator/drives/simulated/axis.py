@@ -141,7 +141,7 @@ class SimulatedAxis:
         word = STATUSWORDS[self.state][1]
         word |= 0 if self.torque_off else Status.VOLTAGE_ENABLED
         word |= Status.INTERNAL_LIMIT * self._motor.is_limited
-        if self.state is State.OPERATION_ENABLED and self._mode in self.modes:
+        if self.state is State.OPERATION_ENABLED:
             word |= self.modes[self._mode].status()
         if self._supervision.is_late and self._mode != Mode.HOMING:
             word |= Status.FOLLOWING_ERROR
@@ -171,7 +171,7 @@ class SimulatedAxis:
         is_new, self._command = command is not self._command, command
         if self._permits(command, is_new):
             self._enter(TRANSITIONS.get((self.state, command), self.state))
-        if self.state is State.OPERATION_ENABLED and self._mode in self.modes:
+        if self.state is State.OPERATION_ENABLED:
             self.modes[self._mode].control(before, controlword)
 
     def _permits(self, command: DeviceCommand, is_new: bool) -> bool:
@@ -191,7 +191,7 @@ class SimulatedAxis:
         self._enter(TRANSITIONS.get((self.state, DeviceCommand.FAULT_RESET), self.state))
 
     def _set_mode(self, mode: int) -> None:
-        if mode != Mode.NONE and mode not in self.modes:
+        if mode not in self.modes:
             raise SdoAbortedError(INVALID_VALUE)
         if mode != self._mode:
             self._mode = mode
@@ -203,7 +203,7 @@ class SimulatedAxis:
 
     def latch(self) -> None:
         """Let a SYNC act: take the target position, in a mode that has one."""
-        if self.state is State.OPERATION_ENABLED and self._mode in self.modes:
+        if self.state is State.OPERATION_ENABLED:
             self.modes[self._mode].latch()
             if self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION:
                 self._supervision.check_target(self._values[0x607A, 0])
@@ -225,8 +225,7 @@ class SimulatedAxis:
 
     def _enter_mode(self) -> None:
         self._demand = self._motor.position
-        if self._mode in self.modes:
-            self.modes[self._mode].enter()
+        self.modes[self._mode].enter()
 
     def _begin_stop(self, option: int) -> None:
         ramp = self._values[(0x6084 if option in _SLOW_RAMP else 0x6085), 0] / self._units
@@ -291,16 +290,9 @@ class SimulatedAxis:
         if self.state not in POWERED_STATES:
             self._motor.coast(step)
             return
-        self._demand, speed = self._next_demand(step)
+        self._demand, speed = (self._stop or self.modes[self._mode]).step(step)
         self._motor.follow(self._demand, speed, step, speed_limit, acceleration_limit)
         self._supervise(step)
-
-    def _next_demand(self, step: float) -> tuple[float, float]:
-        if self._stop is not None:
-            return self._stop.step(step)
-        if self._mode in self.modes:
-            return self.modes[self._mode].step(step)
-        return self._demand, 0.0
 
     def _supervise(self, step: float) -> None:
         self._supervision.check_following(self._demand - self._motor.position, step)

@@ -19,9 +19,9 @@ UNCONFIGURED = 255
 _FULL_CHECK, _RESET_SCAN = 0, 0x80
 _ANSWERED = b'\0'
 _REJECTED = b'\x01'
-_INQUIRIES = {
-    lss.CS_INQUIRE_VENDOR_ID: 0, lss.CS_INQUIRE_PRODUCT_CODE: 1,
-    lss.CS_INQUIRE_REVISION_NUMBER: 2, lss.CS_INQUIRE_SERIAL_NUMBER: 3}
+_SELECTIONS = range(
+    lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID, lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER + 1)
+_INQUIRIES = range(lss.CS_INQUIRE_VENDOR_ID, lss.CS_INQUIRE_SERIAL_NUMBER + 1)
 _NUMBER = struct.Struct('<xI')
 _SCAN = struct.Struct('<xIBBB')
 
@@ -68,9 +68,8 @@ class LssSlave:
             return self._scan(data) if active == UNCONFIGURED and not self.is_selected else None
         elif command == lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE and active == UNCONFIGURED:
             return _message(lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE)
-        elif lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID <= command <= (
-                lss.CS_SWITCH_STATE_SELECTIVE_SERIAL_NUMBER):
-            return self._select(command - lss.CS_SWITCH_STATE_SELECTIVE_VENDOR_ID, data)
+        elif command in _SELECTIONS:
+            return self._select(_SELECTIONS.index(command), data)
         elif self.is_selected:
             return self._configure(command, data, active)
         return None
@@ -98,7 +97,8 @@ class LssSlave:
 
     def _configure(self, command: int, data: bytes, active: int) -> bytes | None:
         if command in _INQUIRIES:
-            return _message(command, struct.pack('<I', self._identity()[_INQUIRIES[command]]))
+            number = self._identity()[_INQUIRIES.index(command)]
+            return _message(command, struct.pack('<I', number))
         if command == lss.CS_INQUIRE_NODE_ID:
             return _message(command, bytes([active]))
         if command == lss.CS_CONFIGURE_NODE_ID:

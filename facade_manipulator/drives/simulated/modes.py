@@ -26,9 +26,7 @@ _MAX_PERIOD = 1.0  # s: an interpolation period beyond it is none that a servo u
 
 
 class SimulatedMode:
-    """What all modes have: objects and motor in, a position demand out."""
-
-    _demand: Interpolator | PositionRamp | SpeedRamp
+    """No mode: a demand that rests. The others move it as their objects say."""
 
     def __init__(
         self, store: ObjectStore, motor: SimulatedMotor, profile: DriveProfile,
@@ -42,7 +40,7 @@ class SimulatedMode:
 
     def enter(self) -> None:
         """Begin where the carriage is, at rest and with no target."""
-        raise NotImplementedError
+        self._demand: Interpolator | PositionRamp | SpeedRamp = Interpolator(self._motor.position)
 
     def control(self, before: int, controlword: int) -> None:
         """Take the mode's own bits of the controlword."""
@@ -56,15 +54,11 @@ class SimulatedMode:
 
     def status(self) -> int:
         """Return the mode's bits of the statusword."""
-        raise NotImplementedError
+        return 0
 
 
 class CyclicPosition(SimulatedMode):
     """Cyclic synchronous position: 607A is latched at each SYNC."""
-
-    def enter(self) -> None:
-        """Begin where the carriage is."""
-        self._demand = Interpolator(self._motor.position)
 
     def latch(self) -> None:
         """Take the target position."""
@@ -199,6 +193,7 @@ class Homing(SimulatedMode):
 
 
 MODES: dict[int, type[SimulatedMode]] = {
+    Mode.NONE: SimulatedMode,
     Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition,
     Mode.PROFILE_POSITION: ProfilePosition,
     Mode.HOMING: Homing,

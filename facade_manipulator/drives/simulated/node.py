@@ -24,11 +24,8 @@ from facade_manipulator.drives.canopen import (
 )
 from facade_manipulator.drives.cia402 import Quirks
 from facade_manipulator.drives.simulated.axis import SimulatedAxis
+from facade_manipulator.drives.simulated.errors import ErrorHistory
 from facade_manipulator.drives.simulated.lss import LssSlave, UNCONFIGURED
-from facade_manipulator.drives.simulated.network import (
-    ErrorHistory,
-    HeartbeatConsumer,
-)
 from facade_manipulator.drives.simulated.objects import (
     COMMUNICATION_OBJECTS,
     ObjectServer,
@@ -99,9 +96,8 @@ class SimulatedNode:
         self._pdo = ProcessData(
             objects, self.send_message, lambda: report(PDO_TOO_SHORT),
             event_driven=not quirks.pdo_only_on_sync)
-        self._consumer = HeartbeatConsumer(objects)
         objects.writers.update({
-            (0x1016, 1): lambda value: self._consumer.forget(),
+            (0x1016, 1): self._forget_master,
             (0x1017, 0): self._restart_heartbeat,
         })
         self.reboot()
@@ -142,7 +138,8 @@ class SimulatedNode:
         if now >= self._boot_at:
             self._boot()
         self.axis.advance(now)
-        if self._consumer.is_overdue(now):
+        if now >= self._master_due:
+            self._master_due, self._master_is_lost = math.inf, True
             self._report(HEARTBEAT_LOST)
         if now >= self._heartbeat_at:
             self._send_heartbeat(now)
@@ -155,7 +152,7 @@ class SimulatedNode:
     def deadline(self) -> float:
         """When `advance` must be called at the latest, if no frame comes before."""
         moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
-        return min(self._boot_at, self._heartbeat_at, self._consumer.deadline, moving,
+        return min(self._boot_at, self._heartbeat_at, self._master_due, moving,
                    self._pdo.deadline)
 
     def send_message(self, cob_id: int, data: bytes) -> None:
@@ -170,7 +167,7 @@ class SimulatedNode:
             return None
         if cob_id == pdo.NMT_COB_ID:
             return self._on_nmt
-        if cob_id == self._consumer.cob_id:
+        if cob_id == self._master_cob_id:
             return self._on_heartbeat
         if self.nmt_state is NmtState.OPERATIONAL:
             if cob_id == self.objects.values[0x1005, 0] & 0x7FF:
@@ -194,7 +191,11 @@ class SimulatedNode:
         self._sdo.request(data)
 
     def _on_heartbeat(self, cob_id: int, data: bytes) -> None:
-        if len(data) == 1 and self._consumer.receive(self.now):
+        if len(data) != 1:
+            return
+        self._master_due = self.now + (self.objects.values[0x1016, 1] & 0xFFFF) * 1e-3
+        if self._master_is_lost:
+            self._master_is_lost = False
             self.errors.discard(HEARTBEAT_LOST)
             self._announce()
 
@@ -248,7 +249,7 @@ class SimulatedNode:
         if self.lss.pending != self.node_id:
             self._take_node_id(self.lss.pending)
         self._heartbeat_at = math.inf
-        self._consumer.forget()
+        self._forget_master()
         self._pdo.forget()
         self.nmt_state = NmtState.INITIALISING
 
@@ -269,6 +270,17 @@ class SimulatedNode:
                         else NmtState.PRE_OPERATIONAL)
         self._restart_heartbeat(self.objects.values[0x1017, 0])
         self.axis.boot()
+
+    @property
+    def _master_cob_id(self) -> int | None:
+        """COB-ID of the heartbeat that 1016:01 lets it watch, None if none."""
+        entry = self.objects.values[0x1016, 1]
+        node, time_out = entry >> 16 & 0xFF, entry & 0xFFFF
+        return pdo.heartbeat_cob_id(node) if time_out and 0 < node < 0x80 else None
+
+    def _forget_master(self, value: int = 0) -> None:
+        """Watch no heartbeat until one has come."""
+        self._master_due, self._master_is_lost = math.inf, False
 
     def _restart_heartbeat(self, period: int) -> None:
         self._heartbeat_at = self.now + period * 1e-3 if period else math.inf

@@ -1,20 +1,18 @@
 """
-What a simulated drive keeps of its network: the master's heartbeat and the history of errors.
+The errors of a simulated drive, present and past.
 
 References
 ----------
-CiA 301, heartbeat consumer, emergency object, objects 1001h and 1003h.
+CiA 301, emergency object, objects 1001h and 1003h.
 
 """
 
 from __future__ import annotations
 
 from collections import deque
-import math
 
 from canopen import SdoAbortedError
 
-from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.simulated.objects import INVALID_VALUE, ObjectStore
 
 # which bit of the error register 1001 a code sets besides the generic one; narrow masks first
@@ -29,49 +27,6 @@ _ERROR_REGISTER = (
     (0xFF00, 0xFF00, 0x80),
 )
 _GENERIC_ERROR = 0x01
-
-
-class HeartbeatConsumer:
-    """
-    Watches the master's heartbeat, as 1016:01 says, from the first one on.
-
-    Attributes
-    ----------
-    deadline : float
-        When the master counts as dead; infinity before its first heartbeat.
-    lost : bool
-        Whether it counts as dead.
-
-    """
-
-    def __init__(self, store: ObjectStore) -> None:
-        self._values = store.values
-        self.forget()
-
-    def forget(self) -> None:
-        """Wait for a first heartbeat."""
-        self.deadline = math.inf
-        self.lost = False
-
-    @property
-    def cob_id(self) -> int | None:
-        """COB-ID of the watched heartbeat, None if none is watched."""
-        entry = self._values[0x1016, 1]
-        node, time_out = entry >> 16 & 0xFF, entry & 0xFFFF
-        return pdo.heartbeat_cob_id(node) if time_out and 0 < node < 0x80 else None
-
-    def receive(self, now: float) -> bool:
-        """Note a heartbeat; return whether the master had counted as dead."""
-        self.deadline = now + (self._values[0x1016, 1] & 0xFFFF) * 1e-3
-        was_lost, self.lost = self.lost, False
-        return was_lost
-
-    def is_overdue(self, now: float) -> bool:
-        """Return, once, that the master has died."""
-        if now < self.deadline:
-            return False
-        self.deadline, self.lost = math.inf, True
-        return True
 
 
 class ErrorHistory:
