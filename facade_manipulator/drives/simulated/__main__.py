@@ -66,24 +66,21 @@ def make_drives(options: argparse.Namespace) -> list[SimulatedDrive]:
         An option is out of range.
 
     """
-    scale = _chosen(options, AxisScale)
     settings = SimulationSettings(**_chosen(options, SimulationSettings))
+    common = _chosen(options, AxisSettings) | {
+        'lower_limit': settings.lower_stop, 'upper_limit': settings.upper_stop}
     count = len(options.node_ids)
-    axes = [
-        AxisSettings(**{
-            **scale, 'node_id': node_id, 'profile': options.profile, 'direction': direction,
-            'lead': lead,
-            'vendor_id': options.vendor_id, 'product_code': options.product_code,
-            'serial_number': serial, 'home_position': start,
-            'lower_limit': settings.lower_stop, 'upper_limit': settings.upper_stop})
+    drives = simulated_drives([
+        AxisSettings(**common | {
+            'node_id': node_id, 'direction': direction, 'lead': lead, 'serial_number': serial,
+            'home_position': start})
         for node_id, direction, lead, serial, start in zip(
             options.node_ids,
             _one_each('directions', options.directions, count),
             _one_each('leads', options.leads, count),
             _one_each('serial-numbers', _serial_numbers(options), count),
             _one_each('start-positions', options.start_positions, count), strict=True)
-    ]
-    drives = simulated_drives(axes, settings)
+    ], settings)
     for drive in drives if options.new else ():
         drive.lss.stored = options.new
         drive.reboot()

@@ -88,7 +88,6 @@ class ProcessData:
         self._send = send
         self._on_short_frame = on_short_frame
         self._event_driven = event_driven
-        self.deadline = math.inf
         self.forget()
         for communication in (*_RECEIVE, *_TRANSMIT):
             self._guard(communication, communication + _MAPPING)

@@ -120,12 +120,10 @@ def test_an_undefined_statusword_stops_all(rig):
     with rig.simulator.access() as drives:
         told = drives[0].objects.readers[0x6041, 0]
         drives[0].objects.readers[0x6041, 0] = lambda: 0x0025
-        drives[0]._pdo.forget()
     rig.until(ControllerState.STOPPED)
     assert 'q1: statusword 0x0025 names no state' in rig.all_causes
     with rig.simulator.access() as drives:
         drives[0].objects.readers[0x6041, 0] = told
-        drives[0]._pdo.forget()
 
 
 # --- somebody else commands the network
