@@ -16,7 +16,7 @@ BIT_RATES = (1_000_000, 500_000, 250_000, 125_000)
 _LISTENING = 1.0  # s
 
 
-def guess_bitrate(settings: BusSettings, operator: Operator, may_change: bool) -> int | None:
+def guess_bitrate(settings: BusSettings, operator: Operator, may_change: bool) -> None:
     """
     Listen at the usual bit rates, without a bit sent, and say where frames come.
 
@@ -27,7 +27,7 @@ def guess_bitrate(settings: BusSettings, operator: Operator, may_change: bool) -
         f'another bit rate than {settings.bitrate}.')
     if not may_change or settings.interface != 'socketcan':
         operator.say('commission scan --guess-bitrate, as root, tries the usual ones.')
-        return None
+        return
     operator.agree(f'{settings.channel} is set to listen-only at '
                    f'{", ".join(map(str, BIT_RATES))} bit/s, then back; the drives must be on: '
                    'switch their power off and on meanwhile, so that they send boot-ups.')
@@ -35,7 +35,6 @@ def guess_bitrate(settings: BusSettings, operator: Operator, may_change: bool) -
     set_link(settings.channel, found or settings.bitrate, listen_only=False)
     operator.say(f'Frames at {found} bit/s: --bitrate {found}, or set the drives to '
                  f'{settings.bitrate}.' if found else 'No frames at any of them.')
-    return found
 
 
 def find_bitrate(

@@ -95,13 +95,10 @@ class ToolBus:
         """Send a network management command; to all nodes by default."""
         self.send(pdo.NMT_COB_ID, bytes([command, node_id]))
 
-    def collect(self, duration: float) -> list[Frame]:
-        """Wait and return all frames that were received meanwhile."""
+    def collect(self, duration: float, ask: Callable[[], None] = lambda: None) -> list[Frame]:
+        """Ask for something, wait, and return all frames that were received meanwhile."""
         self._collected.clear()
-        return self.received_since(duration)
-
-    def received_since(self, duration: float) -> list[Frame]:
-        """Wait on, and return all frames since `collect` was last called."""
+        ask()
         time.sleep(duration)
         self.check()
         return list(self._collected)

@@ -43,12 +43,12 @@ class Snapshot(NamedTuple):
         """Return what the object dictionary says of an object."""
         return self.dictionary.get_variable(*key)
 
-    def neutral(self, key: Key) -> Any:
-        """Return a value without the node id that is in it; None for an object that is absent."""
+    def value(self, key: Key, node_id: int = 0) -> Any:
+        """Return a value with a node id in place of that in it; None for an absent object."""
         value = self.values.get(key)
         if value is None or not self.variable(key).relative:
             return value
-        return value - self.node_id
+        return value - self.node_id + node_id
 
 
 def variables(dictionary: ObjectDictionary) -> Iterator[ODVariable]:
@@ -138,7 +138,7 @@ def compare(here: Snapshot, there: Snapshot) -> list[Difference]:
     return [
         Difference(key, _name(here if key in here.values else there, key),
                    here.values.get(key), there.values.get(key))
-        for key in keys if here.neutral(key) != there.neutral(key)]
+        for key in keys if here.value(key) != there.value(key)]
 
 
 def _name(snapshot: Snapshot, key: Key) -> str:
@@ -155,7 +155,7 @@ def restore(drive: SdoChannel, wanted: Snapshot, present: Snapshot) -> int:
     reads it back otherwise or stops answering.
     """
     changes = {
-        difference.key: _value_for(drive.node_id, wanted, difference.key)
+        difference.key: wanted.value(difference.key, drive.node_id)
         for difference in compare(wanted, present)
         if difference.here is not None and difference.there is not None}
     done = 0
@@ -175,17 +175,12 @@ def restore(drive: SdoChannel, wanted: Snapshot, present: Snapshot) -> int:
     return len(changes)
 
 
-def _value_for(node_id: int, wanted: Snapshot, key: Key) -> Any:
-    value = wanted.values[key]
-    return value - wanted.node_id + node_id if wanted.variable(key).relative else value
-
-
 def _in_order(
     changes: dict[Key, Any], wanted: Snapshot, node_id: int
 ) -> Iterator[tuple[Key, Any]]:
     """Yield the writes; those of a PDO: off, no entries, entries, count, the rest, on."""
     for index in sorted({key[0] & ~_MAPPING for key in changes if key[0] in _PDOS}):
-        values = {key: _value_for(node_id, wanted, key) for key in sorted(wanted.values)
+        values = {key: wanted.value(key, node_id) for key in sorted(wanted.values)
                   if key[0] & ~_MAPPING == index}
         switch, count = (index, 1), (index + _MAPPING, 0)
         yield switch, values[switch] | pdo.DISABLED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import os
 import select
 import sys
@@ -59,7 +59,5 @@ def held_keys() -> Iterator[HeldKeys]:
     try:
         yield HeldKeys(descriptor)
     finally:
-        try:
+        with suppress(termios.error):  # the terminal is gone
             termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-        except termios.error:
-            pass  # the terminal is gone

@@ -49,8 +49,9 @@ class AxisDynamics(NamedTuple):
 
     @property
     def lag(self) -> float:
-        """Median lag of the slow sines [s]: what `drive_lag` is."""
-        return float(np.median([one.lag for one in self.responses if one.frequency <= 2.0]))
+        """Median lag of the slow sines, or of the slowest [s]: what `drive_lag` is."""
+        slow = max(2.0, min(one.frequency for one in self.responses))
+        return float(np.median([one.lag for one in self.responses if one.frequency <= slow]))
 
     @property
     def bandwidth(self) -> float | None:
@@ -154,8 +155,7 @@ def run_lag(context: Context) -> None:
         operator.say(f'! no picture: {missing_package(error)}')
     for name, one in found.items():
         machine.note('lag', ', '.join(_row(name, one)[1:]), axis=name)
-    warnings = unlike(found)
-    for warning in warnings:
+    for warning in unlike(found):
         operator.say(f'! {warning}')
     lag = round(float(np.mean([one.lag for one in found.values()])), 4)
     context.offer('controller', drive_lag=lag)

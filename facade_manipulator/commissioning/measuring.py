@@ -110,12 +110,9 @@ def run_lead(context: Context) -> None:
 
 def _number(text: str) -> float:
     try:
-        value = float(text.replace(',', '.').removesuffix('mm'))
+        return float(text.replace(',', '.').removesuffix('mm'))
     except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise CommissioningError(f'{text!r} is no number: nothing is written')
-    return value
+        raise CommissioningError(f'{text!r} is no number: nothing is written') from None
 
 
 def go(motion: Motion, goal: float, speed: float) -> float:

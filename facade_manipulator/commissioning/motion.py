@@ -294,10 +294,7 @@ def ended_by_signals() -> Iterator[None]:
         yield
         return
 
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, interrupt)
+    before = {number: signal.signal(number, signal.default_int_handler)
               for number in (signal.SIGHUP, signal.SIGTERM)}
     try:
         yield

@@ -61,11 +61,12 @@ def scan(bus: ToolBus) -> list[Node]:
 
 def _ask(bus: ToolBus, node_ids: Iterable[int]) -> list[Frame]:
     """Ask for serial numbers; return what comes then."""
-    bus.collect(0.0)
-    for node_id in node_ids:
-        bus.send(pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
-        time.sleep(_PACE)
-    return bus.received_since(_ANSWER)
+    def ask() -> None:
+        for node_id in node_ids:
+            bus.send(pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
+            time.sleep(_PACE)
+
+    return bus.collect(_ANSWER, ask)
 
 
 def _serial(data: bytes) -> int:
@@ -94,13 +95,12 @@ def _text(drive: SdoChannel, index: int) -> str:
 
 def has_unconfigured(bus: ToolBus) -> bool:
     """Return whether a drive without a node id answers (LSS, identify non-configured slaves)."""
-    bus.collect(0.0)
-    bus.send(lss.LssMaster.LSS_TX_COBID,
-             bytes([lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE]).ljust(8, b'\0'))
+    question = bytes([lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE]).ljust(8, b'\0')
     return any(
         frame.cob_id == lss.LssMaster.LSS_RX_COBID
         and frame.data[:1] == bytes([lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE])
-        for frame in bus.received_since(_ANSWER))
+        for frame in bus.collect(
+            _ANSWER, lambda: bus.send(lss.LssMaster.LSS_TX_COBID, question)))
 
 
 def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) -> Iterator[str]:

@@ -75,6 +75,11 @@ def test_the_bandwidth_is_where_the_gain_falls_to_three_decibels():
     assert axis(0.001).bandwidth is None
 
 
+def test_without_slow_sines_the_lag_is_that_of_the_slowest():
+    fast = axis(0.01)._replace(responses=axis(0.01).responses[1:])
+    assert fast.lag == 0.01
+
+
 def test_an_axis_unlike_the_others_is_named():
     found = {'q1': axis(0.005), 'q2': axis(0.005), 'q3': axis(0.02, coulomb=20.0)}
     warnings = unlike(found)

@@ -193,10 +193,9 @@ class Commissioning:
         Before drives are configured, only what they lack counts.
 
         """
-        inspect = self._inspect_objects if is_configured else self._inspect_new
-        return [finding for drive in self._drives for finding in (
-            self._find(drive, 'identity', self._inspect_identity),
-            self._find(drive, 'objects', inspect))]
+        looks = {'identity': self._inspect_identity,
+                 'objects': self._inspect_objects if is_configured else self._inspect_new}
+        return [self._find(drive, *look) for drive in self._drives for look in looks.items()]
 
     def _find(self, drive: Drive, what: str, look: Callable[[Drive], str]) -> Finding:
         name = f'{drive.monitor.name} {what}'

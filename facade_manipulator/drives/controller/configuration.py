@@ -284,7 +284,9 @@ def compare_objects(drive: SdoChannel, writes: list[Write]) -> Deviations:
 
 
 def _encoded(drive: SdoChannel, write: Write) -> bytes:
-    size = _size(drive, write)
+    # as the map or the EDS says, else as the drive answers
+    size = (write.size or drive.size(write.index, write.subindex)
+            or len(drive.read(write.index, write.subindex)))
     value = write.value % (1 << 8 * size)
     if value != write.value and value - (1 << 8 * size) != write.value:
         raise DriveObjectError(
@@ -303,12 +305,6 @@ def _difference(drive: SdoChannel, write: Write) -> str:
         return ''
     return (f'{drive.name} (node {drive.node_id}): object {write} reads back as {found} '
             f'({found:X}h) instead of {expected} ({expected:X}h)')
-
-
-def _size(drive: SdoChannel, write: Write) -> int:
-    """Bytes of an object: as the map or the EDS says, else as the drive answers."""
-    known = write.size or drive.size(write.index, write.subindex)
-    return known or len(drive.read(write.index, write.subindex))
 
 
 def _milliseconds(time: float) -> int:
