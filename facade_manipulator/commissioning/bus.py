@@ -28,14 +28,6 @@ LISTENING_TIME = 0.6  # s: the longest period of a driver's heartbeat, and somet
 BOOT_TIMEOUT = 5.0  # s
 _RECEIVING = 0.05
 NODE_IDS = range(1, pdo.MASTER_NODE_ID)
-# what only a master sends
-_ONLY_MASTERS = {
-    pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID): f'the heartbeat of node {pdo.MASTER_NODE_ID}',
-    pdo.SYNC_COB_ID: 'SYNC',
-    pdo.NMT_COB_ID: 'an NMT command',
-    **{pdo.RPDO1.cob_id(node_id): 'process data for a drive' for node_id in NODE_IDS},
-    **{pdo.sdo_request_cob_id(node_id): 'an SDO request' for node_id in NODE_IDS},
-}
 STORING = Patience(timeout=5.0, attempts=1)  # a second attempt would store what is there then
 
 
@@ -93,7 +85,8 @@ class ToolBus:
 
     def command(self, command: NmtCommand, node_id: int = 0) -> None:
         """Send a network management command; to all nodes by default."""
-        self.send(pdo.NMT_COB_ID, bytes([command, node_id]))
+        self.check()
+        self.frames.command(command, node_id)
 
     def collect(self, duration: float, ask: Callable[[], None] = lambda: None) -> list[Frame]:
         """Ask for something, wait, and return all frames that were received meanwhile."""
@@ -152,12 +145,11 @@ class ToolBus:
     def require_alone(self) -> None:
         """Listen whether a driver runs on this bus; raises a DriveStateError if one does."""
         received = {frame.cob_id for frame in self.collect(LISTENING_TIME)}
-        for cob_id, what in _ONLY_MASTERS.items():
+        for cob_id, (what, _) in pdo.frames_of_masters(NODE_IDS).items():
             if cob_id in received:
                 raise DriveStateError(
-                    f'{what} ({cob_id:03X}h) is on {self.frames}: a driver runs on this bus, or '
-                    'another tool, and two masters must not command one drive; end it, then try '
-                    'again')
+                    f'a driver runs on this bus, {self.frames}, or another tool: {what} was '
+                    'received, and two masters must not command one drive; end it, then try again')
 
 
 def number_or_none(drive: SdoChannel, index: int, subindex: int = 0) -> int | None:

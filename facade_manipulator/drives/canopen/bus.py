@@ -28,7 +28,8 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.virtual import VirtualBus
 
-from facade_manipulator.drives.canopen.pdo import SYNC_COB_ID
+from facade_manipulator.drives.canopen.nmt import NmtCommand
+from facade_manipulator.drives.canopen.pdo import NMT_COB_ID, SYNC_COB_ID
 from facade_manipulator.errors import BusError
 
 LATEST_STAMP_AGE = 10.0
@@ -214,6 +215,10 @@ class CanBus:
             timestamp=stamp, arbitration_id=cob_id, data=data, is_extended_id=False)
         message.data = data  # the virtual bus copies deeply: a bytearray costs it as much again
         self._bus.send(message)
+
+    def command(self, command: NmtCommand, node_id: int) -> None:
+        """Send a network management command to one node, 0 for all; raises what `send` does."""
+        self.send(NMT_COB_ID, bytes([command, node_id]))
 
     def start_sync(self, period: float) -> None:
         """

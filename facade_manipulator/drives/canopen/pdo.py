@@ -168,6 +168,18 @@ CONDITION_TRANSMISSION = 10
 _NUMBERS = range(1, 5)
 
 
+def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
+    """Return what only a master of some nodes sends, by COB-ID, and whether it commands drives."""
+    frames = {
+        heartbeat_cob_id(MASTER_NODE_ID): ('its heartbeat (77Fh)', True),
+        SYNC_COB_ID: ('SYNC (080h)', False),
+        NMT_COB_ID: ('an NMT command', False)}
+    for node in node_ids:
+        frames[RPDO1.cob_id(node)] = f'process data for node {node}', True
+        frames[sdo_request_cob_id(node)] = f'an SDO request to node {node}', False
+    return frames
+
+
 def make_pdo(name: str, content: tuple[MappedObject, ...]) -> Pdo:
     """Return the PDO of a name, such as ``'TPDO2'``, sent as often as its content asks for."""
     is_transmitted = name.startswith('T')

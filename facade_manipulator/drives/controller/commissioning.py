@@ -19,7 +19,7 @@ import threading
 import time
 from typing import NamedTuple, TypeVar
 
-from facade_manipulator.drives.canopen import CanBus, NmtCommand, NmtState, pdo, SdoChannel
+from facade_manipulator.drives.canopen import CanBus, NmtCommand, NmtState, SdoChannel
 from facade_manipulator.drives.cia402 import DriveProfile
 from facade_manipulator.drives.controller.configuration import (
     check_identity,
@@ -49,11 +49,6 @@ Result = TypeVar('Result')
 def _limit_time(drive: Drive) -> None:
     """Let a drive that answers for ever, or late each time, end as a silent one does."""
     drive.objects.deadline = time.monotonic() + TURN_TIMEOUT
-
-
-def send_nmt(bus: CanBus, command: NmtCommand, node_id: int) -> None:
-    """Send a network management command to one node."""
-    bus.send(pdo.NMT_COB_ID, bytes([command, node_id]))
 
 
 class Finding(NamedTuple):
@@ -277,7 +272,7 @@ class Commissioning:
 
     def _command(self, command: NmtCommand, drives: Iterable[Drive]) -> None:
         for drive in drives:
-            send_nmt(self._bus, command, drive.monitor.axis.node_id)
+            self._bus.command(command, drive.monitor.axis.node_id)
 
     def _wait(
         self, condition: Callable[[AxisMonitor], bool], timeout: float, failure: str

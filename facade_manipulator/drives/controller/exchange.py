@@ -34,7 +34,6 @@ from facade_manipulator.drives.cia402 import (
     Phase,
     STOPPED_PHASES,
 )
-from facade_manipulator.drives.controller.commissioning import send_nmt
 from facade_manipulator.drives.controller.cycle import SyncConsumer, SyncProducer
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -98,7 +97,7 @@ class CyclicExchange:
         self._pumped = self.read_until = time.monotonic()
         self._taken_out: set[str] = set()
         self._routes = self._make_routes()
-        self._only_masters = self._frames_of_masters()
+        self._only_masters = pdo.frames_of_masters(one.axis.node_id for one in monitors)
         bus.listen_to((*self._routes, *self._only_masters))
 
     @property
@@ -123,18 +122,6 @@ class CyclicExchange:
                 pdo.heartbeat_cob_id(node): (1, monitor.receive_heartbeat),
                 pdo.sdo_response_cob_id(node): (SDO_FRAME_LENGTH, self.network.feed)}
         return routes
-
-    def _frames_of_masters(self) -> dict[int, tuple[str, bool]]:
-        """Return what only a master sends, by COB-ID, and whether it competes with this one."""
-        frames = {
-            _MASTER_HEARTBEAT: ('its heartbeat (77Fh)', True),
-            pdo.SYNC_COB_ID: ('SYNC (080h)', False),
-            pdo.NMT_COB_ID: ('an NMT command', False)}
-        for monitor in self._monitors:
-            node = monitor.axis.node_id
-            frames[pdo.RPDO1.cob_id(node)] = f'process data for node {node}', True
-            frames[pdo.sdo_request_cob_id(node)] = f'an SDO request to node {node}', False
-        return frames
 
     def _dispatch(self, frame: Frame) -> None:
         length, receive = self._routes.get(frame.cob_id, (None, None))
@@ -359,5 +346,5 @@ class CyclicExchange:
         due = self.group.not_responding - self._taken_out
         for monitor in self._monitors:
             if monitor.name in due:
-                send_nmt(self.bus, NmtCommand.STOP, monitor.axis.node_id)
+                self.bus.command(NmtCommand.STOP, monitor.axis.node_id)
         self._taken_out = set(self.group.not_responding)

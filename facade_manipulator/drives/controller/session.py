@@ -27,7 +27,7 @@ from facade_manipulator.drives.cia402 import (
     Triple,
 )
 from facade_manipulator.drives.controller.bus_load import check_bus_load
-from facade_manipulator.drives.controller.commissioning import Commissioning, Drive, send_nmt
+from facade_manipulator.drives.controller.commissioning import Commissioning, Drive
 from facade_manipulator.drives.controller.configuration import object_writes
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.monitor import AxisMonitor
@@ -216,7 +216,7 @@ class Session:
         """Let the drives miss nobody from now on, so that none reports a lost master."""
         try:
             for axis in self.axes:
-                send_nmt(self.exchange.bus, NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
+                self.exchange.bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
                 self.exchange.bus.send(
                     pdo.sdo_request_cob_id(axis.node_id), FORGET_MASTER_HEARTBEAT)
         except BusError:
