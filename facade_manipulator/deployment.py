@@ -75,9 +75,9 @@ class InstalledFile(NamedTuple):
 
 def planned_files(options: argparse.Namespace) -> Iterator[InstalledFile]:
     """Yield what belongs on the disk for the services of one namespace."""
-    folders = _folders(options)
-    inside = folders if options.user else _folders(argparse.Namespace(user=False, root=Path('/')))
-    values = {'PYTHON': sys.executable, 'FOLDER': str(inside[ENVIRONMENT]),
+    folders = _folders(options.user, options.root)
+    there = _folders(options.user, Path('/'))  # on the computer that it is written for
+    values = {'PYTHON': sys.executable, 'FOLDER': str(there[ENVIRONMENT]),
               'USER': options.account}
     for source in sorted(config_path('deploy/systemd').iterdir()):
         yield InstalledFile(
@@ -92,13 +92,12 @@ def planned_files(options: argparse.Namespace) -> Iterator[InstalledFile]:
         config_path('manipulator.yaml').read_text('utf-8'), is_kept=True, is_compared=False)
 
 
-def _folders(options: argparse.Namespace) -> dict[str, Path]:
-    home = Path(os.environ.get('XDG_CONFIG_HOME') or Path.home() / '.config')
-    if options.user:
+def _folders(user: bool, root: Path) -> dict[str, Path]:
+    if user:
+        home = Path(os.environ.get('XDG_CONFIG_HOME') or Path.home() / '.config')
         return {UNITS: home / 'systemd/user', ENVIRONMENT: home / 'facade_manipulator'}
-    return {UNITS: options.root / 'etc/systemd/system',
-            NETWORK: options.root / 'etc/systemd/network',
-            ENVIRONMENT: options.root / 'etc/facade_manipulator'}
+    return {UNITS: root / 'etc/systemd/system', NETWORK: root / 'etc/systemd/network',
+            ENVIRONMENT: root / 'etc/facade_manipulator'}
 
 
 def _render(source: Path, values: dict[str, str], is_system: bool) -> str:
@@ -115,13 +114,14 @@ def _environment() -> str:
     return ''.join(f'{name}="{value}"\n' for name, value in zip(kept, quoted, strict=True))
 
 
-def verify_units(folder: Path, user: bool) -> str:
-    """Return what systemd says of the units in a folder; empty if they are right."""
+def verify_units(options: argparse.Namespace) -> str:
+    """Return what systemd says of the units on the disk; empty if they are right."""
     if shutil.which('systemd-analyze') is None:
         return 'systemd-analyze is not installed: the units could not be checked'
+    folder = _folders(options.user, options.root)[UNITS]
     done = subprocess.run(
         ['systemd-analyze', 'verify', '--man=no', '--generators=no',
-         *(['--user'] if user else []), *map(str, sorted(folder.glob('facade*@.*')))],
+         *(['--user'] if options.user else []), *map(str, sorted(folder.glob('facade*@.*')))],
         capture_output=True, text=True, check=False,
         env={**os.environ, 'SYSTEMD_UNIT_PATH': f'{folder}:'})
     ours = [line for line in done.stderr.splitlines() if 'facade' in line]
@@ -143,11 +143,10 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _check(files: list[InstalledFile], options: argparse.Namespace) -> int:
-    wrong = [f'{file.path} {difference}' for file in files if (difference := file.difference())]
-    if not wrong:
-        wrong = [complaint] if (complaint := verify_units(
-            _folders(options)[UNITS], options.user)) else []
-    print('\n'.join(wrong) or f'all {len(files)} files are in place, systemd accepts the units')
+    wrong = '\n'.join(
+        f'{file.path} {difference}' for file in files if (difference := file.difference()))
+    wrong = wrong or verify_units(options)
+    print(wrong or f'all {len(files)} files are in place, systemd accepts the units')
     return 1 if wrong else 0
 
 
@@ -155,8 +154,7 @@ def _install(files: list[InstalledFile], options: argparse.Namespace) -> int:
     for file in files:
         if file.write():
             print(f'written: {file.path}')
-    complaint = verify_units(_folders(options)[UNITS], options.user)
-    if complaint:
+    if complaint := verify_units(options):
         print(complaint, file=sys.stderr)
         return 1
     command = f'systemctl{" --user" if options.user else ""}'

@@ -70,14 +70,13 @@ class DeferredReplies:
         service.send_response = send
 
     def when_done(self, job: Future, action: Callable[[Future], Any]) -> None:
-        """Do something with a completed job in the executor."""
-        job.add_done_callback(lambda job: self._in_executor(lambda: action(job)))
+        """Do something with a job that any thread completes, in the node's executor."""
+        def in_executor(job: Future) -> None:
+            executor = self._node.executor
+            if executor is not None:  # else the node has ended, and its clients know
+                executor.create_task(action, job)  # a task wakes any kind of executor
 
-    def _in_executor(self, answer: Callable[[], None]) -> None:
-        """Run in the node's executor, from any thread: a task wakes any kind of executor."""
-        executor = self._node.executor
-        if executor is not None:  # else the node has ended, and its clients know
-            executor.create_task(answer)
+        job.add_done_callback(in_executor)
 
 
 class ManagedNode(LifecycleNode):
