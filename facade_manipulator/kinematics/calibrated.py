@@ -125,11 +125,12 @@ class CalibratedMechanism:
             min_conditioning)
         return driven
 
-    def check(self, carriages: Carriages) -> None:
-        """Check that the mechanism closes at carriage positions and may stand there."""
-        actual = self._checked_on_rail(carriages)
-        self._check_rail(actual, carriages)
-        self._assembled(actual)
+    def check(self, *path: Carriages) -> None:
+        """Check carriage positions in turn: that the mechanism closes and may stand there."""
+        for carriages in path:
+            actual = self._checked_on_rail(carriages)
+            self._check_rail(actual, carriages)
+            self._assembled(actual)
 
     def _platform_of(self, head: Pose) -> Pose:
         x, y, theta = head

@@ -66,9 +66,9 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     return _new_tuple(Pose, (q3, y, theta))
 
 
-def certify_carriages(geometry: Geometry, carriages: Carriages) -> None:
+def certify_carriages(geometry: Geometry, *path: Carriages) -> None:
     """
-    Check carriage positions [m]: the links close there, on the machine's branch.
+    Check carriage positions [m], one after another: the links close, on the machine's branch.
 
     How well the pose is conditioned is not asked.
 
@@ -78,14 +78,15 @@ def certify_carriages(geometry: Geometry, carriages: Carriages) -> None:
         As `certify`.
 
     """
-    q1, q2, q3 = carriages
-    if not isfinite(q1 + q2 + q3):
-        raise not_finite(carriages)
-    check_rail(geometry, q3 - q1, q2 - q3, q1, q2)
-    left, right, half = q1 - q3, q2 - q3, geometry.platform_half_length
-    y, sine, cosine = _close(geometry, left, right)  # in half the time that the pose takes
-    rise, span = half * sine, half * cosine
-    check_branch(branch_number((sine, cosine, y - rise, y + rise, left + span, span - right)))
+    half = geometry.platform_half_length
+    for q1, q2, q3 in path:
+        if not isfinite(q1 + q2 + q3):
+            raise not_finite(Carriages(q1, q2, q3))
+        check_rail(geometry, q3 - q1, q2 - q3, q1, q2)
+        left, right = q1 - q3, q2 - q3
+        y, sine, cosine = _close(geometry, left, right)  # in half the time that the pose takes
+        rise, span = half * sine, half * cosine
+        check_branch(branch_number((sine, cosine, y - rise, y + rise, left + span, span - right)))
 
 
 def on_rail(_: Geometry, carriages: Carriages) -> Carriages:

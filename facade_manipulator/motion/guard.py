@@ -12,7 +12,7 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.errors import CarriageGapError
-from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
+from facade_manipulator.kinematics import Geometry, mechanism_of
 
 ROUNDING = 1e-6  # m
 MARGIN = 0.003  # m, for what the speed lacks while the carriages slow down to it
@@ -40,7 +40,7 @@ class MechanismGuard:
         self._check = mechanism_of(replace(
             geometry, stroke=(least - tolerance, greatest + tolerance),
             carriage_gap=max(geometry.carriage_length, geometry.carriage_gap - tolerance))).check
-        self._passed: Carriages | None = None
+        self._passed: tuple[tuple[float, float, float], ...] = ()
 
     def __call__(self, *path: tuple[float, float, float]) -> None:
         """
@@ -54,10 +54,9 @@ class MechanismGuard:
             The limit they violate.
 
         """
-        for positions in path:
-            if positions != self._passed:  # whoever commands and whoever sends ask for the same
-                self._check(carriages := Carriages(*positions))
-                self._passed = carriages
+        if path != self._passed:  # whoever commands and whoever sends ask for the same
+            self._check(*path)
+            self._passed = tuple(map(tuple, path[-1:]))
 
 
 def measured_guard(geometry: Geometry, margin: float) -> MechanismGuard:

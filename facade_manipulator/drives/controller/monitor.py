@@ -116,7 +116,7 @@ class AxisMonitor:
         self._is_trusted = True
         self._speed = 0.0  # mean of the time between the last two positions [counts/s]
         self._time = 0.0  # of the last position
-        self._elapsed = settings.period  # between the last two [s]
+        self._period = self._elapsed = settings.period
         self._last_counts = 0  # when the bus was lost
         self._farthest: float | None = None  # m, from there
 
@@ -162,7 +162,7 @@ class AxisMonitor:
         if self.counts is not None and self._farthest is None:
             axis = self.axis
             speed = max(abs(self.measured.velocity or 0.0), abs(axis.to_metres(self._speed)))
-            silence = self._settings.heartbeat_timeout + self._settings.period
+            silence = self._settings.heartbeat_timeout + self._period
             braking = speed ** 2 / (2.0 * axis.stop_deceleration)
             self._farthest = speed * silence + braking + JUMP_NOISE
             self._last_counts = self.counts
@@ -224,9 +224,9 @@ class AxisMonitor:
         a silence it must be where it could have come to rest. Else it is no longer trusted.
         """
         before, self.counts = self.counts, self._values[POSITION]
-        elapsed, self._time = max(time - self._time, self._settings.period), time
+        elapsed, self._time = max(time - self._time, self._period), time
         if before is None:
-            self._speed, self._elapsed = 0.0, self._settings.period
+            self._speed, self._elapsed = 0.0, self._period
             return self._compare_with_last()
         earlier, self._elapsed = self._elapsed, elapsed
         expected, self._speed = self._speed * elapsed, (self.counts - before) / elapsed
@@ -234,12 +234,12 @@ class AxisMonitor:
             self._values[VELOCITY] = round(self._speed * self.axis.velocity_units_per_count)
         if not self.homed:
             return None
-        axis = self.axis
-        acceleration = max(axis.max_acceleration, axis.stop_deceleration)
-        jump = abs(axis.to_metres(self.counts - before - expected))
+        acceleration = max(self.axis.max_acceleration, self.axis.stop_deceleration)
+        metres = self.axis.si_per_unit.position
+        jump = abs(metres * (self.counts - before - expected))
         bound = (  # both speeds are the means of their times
             JUMP_NOISE + JUMP_MARGIN * acceleration * 0.5 * (earlier + elapsed) * elapsed
-            + JUMP_JITTER * abs(axis.to_metres(expected)))
+            + JUMP_JITTER * abs(metres * expected))
         if jump <= bound:
             return None
         return self._lose_position(
@@ -324,7 +324,7 @@ class AxisMonitor:
         return Feedback(
             values.get(STATUSWORD, 0), mode,
             measured.velocity is not None and abs(measured.velocity) < REST_SPEED,
-            self.error_code, home_error(self.axis, self.counts or 0, self._settings.period)
+            self.error_code, home_error(self.axis, self.counts or 0, self._period)
             if mode == Mode.HOMING else 0.0, self.missed_in_a_row)
 
     def silence(self, now: float) -> Cause | None:
