@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import ctypes
 import os
 from pathlib import Path
@@ -70,11 +71,9 @@ def _end(process: subprocess.Popen) -> None:
     for sign, patience in PATIENCE:
         if process.poll() is None:
             os.killpg(process.pid, sign)
-        try:
+        with suppress(subprocess.TimeoutExpired):
             process.wait(patience)
             return
-        except subprocess.TimeoutExpired:
-            continue
 
 
 def _die_with_parent() -> None:

@@ -31,12 +31,11 @@ def summary_lines(summary: dict, scenario: Scenario) -> list[str]:
     """Return the figures of a run, and which axes give way in its scenario."""
     lines = [f'{"":8}{"uncompensated":>16}{"compensated":>16}{"attenuation":>14}   (RMS)']
     for axis, result in summary['axes'].items():
-        unit, scale = getattr(UNITS, axis), getattr(SCALES, axis)
-        lines.append(f'{axis:8}' + ''.join(
-            f'{_cell(value, factor, name):>{width}}' for value, factor, name, width in (
-                (result['disturbance_rms'], scale, unit, 16),
-                (result['residual_rms'], scale, unit, 16),
-                (result['attenuation_db'], 1.0, 'dB', 14))))
+        without, error = (
+            _cell(result[name], getattr(SCALES, axis), getattr(UNITS, axis))
+            for name in ('disturbance_rms', 'residual_rms'))
+        attenuation = _cell(result['attenuation_db'], 1.0, 'dB')
+        lines.append(f'{axis:8}{without:>16}{error:>16}{attenuation:>14}')
     lines.append(
         f'{summary["bus_cycles"]} bus cycles, {summary["missed_cycles"]} missed, '
         f'{summary["drive_faults"]} drive faults, {summary["rejected_goals"]} goals rejected')

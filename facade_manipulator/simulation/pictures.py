@@ -120,8 +120,7 @@ def draw_spectra(
     for spectrum, colour, text in (
             (without, WITHOUT, 'without compensation'), (error, WITH, 'error on the wall')):
         panel.loglog(frequencies, spectrum, color=colour, lw=1.0, label=text)
-    panel.set_xlim(LOWEST, HIGHEST)
-    panel.set_ylim(1e-4, 1e3)
+    panel.set(xlim=(LOWEST, HIGHEST), ylim=(1e-4, 1e3))
     panel.legend(fontsize=8)
     label(panel, 'frequency [Hz]', what)
 
@@ -152,8 +151,7 @@ def draw_gondola(panel: Axes, times: np.ndarray, rails: np.ndarray) -> None:
 
 def label(panel: Axes, x: str, y: str) -> None:
     """Name both axes of a plot, units included."""
-    panel.set_xlabel(x)
-    panel.set_ylabel(y)
+    panel.set(xlabel=x, ylabel=y)
     panel.grid(alpha=0.3)
     panel.margins(x=0.01)
 

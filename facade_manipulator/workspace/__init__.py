@@ -9,8 +9,6 @@ time.
 from facade_manipulator.workspace.gcw import count_poses, Grid, PoseCount
 from facade_manipulator.workspace.limits import Interval, theta_max, x_interval, y_range
 from facade_manipulator.workspace.maps import (
-    branch_map,
-    conditioning_map,
     lci_grid,
     pose_map,
     PoseMap,
@@ -19,8 +17,6 @@ from facade_manipulator.workspace.maps import (
 from facade_manipulator.workspace.volume import measure, union_area, Workspace
 
 __all__ = [
-    'branch_map',
-    'conditioning_map',
     'count_poses',
     'Grid',
     'Interval',

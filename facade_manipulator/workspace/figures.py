@@ -83,16 +83,15 @@ def figure_8(study: Study) -> Figure:
     made = figure(10.0, 3.7, 'Figure 8: the cases of Table 2, section θ = 0 and union over θ')
     grid = made.subplots(2, 3, sharex=True, sharey=True)
     unit = study.need.characteristic_length
-    maps = [_section_map(case_geometry(row.link_length, row.platform_half_length), unit)
-            for row in PAPER]
+    geometries = [case_geometry(row.link_length, row.platform_half_length) for row in PAPER]
+    maps = [_section_map(geometry, unit) for geometry in geometries]
     scale = Normalize(0.0, max(np.nanmax(values) for _, _, values in maps))
-    for axes, row, section in zip(grid.flat, PAPER, maps, strict=False):
-        geometry = case_geometry(row.link_length, row.platform_half_length)
+    for axes, geometry, section in zip(grid.flat, geometries, maps, strict=False):
         _draw_section(axes, section, scale)
         _draw_union(axes, geometry)
         ratio = count_poses(geometry).ratio
-        label(axes, X_LABEL, Y_LABEL, f'l = {row.link_length * MILLIMETRES:.0f}, b = '
-              f'{row.platform_half_length * MILLIMETRES:.0f} mm: ratio {ratio:.3f}')
+        label(axes, X_LABEL, Y_LABEL, f'l = {geometry.link_length * MILLIMETRES:.0f}, b = '
+              f'{geometry.platform_half_length * MILLIMETRES:.0f} mm: ratio {ratio:.3f}')
         axes.set_yticks([0, 100, 200, 300])
         axes.label_outer()
     _legend_panel(grid.flat[5])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
@@ -25,9 +27,8 @@ from facade_manipulator.workspace.drawing import (
 )
 from facade_manipulator.workspace.gcw import case_geometry
 from facade_manipulator.workspace.limits import theta_max, y_range
-from facade_manipulator.workspace.maps import branch_map
+from facade_manipulator.workspace.maps import pose_map
 from facade_manipulator.workspace.optimise import OBJECTIVES
-from facade_manipulator.workspace.requirements import Requirements
 from facade_manipulator.workspace.singularities import beyond_share, serial_curve
 from facade_manipulator.workspace.tables import Study
 
@@ -52,8 +53,9 @@ def figure_singularity(study: Study) -> Figure:
         geometry = case_geometry(one, 0.7 - one)
         theta = np.linspace(-0.999, 0.999, 800) * np.arcsin(one / (0.7 - one))
         y = np.linspace(1e-6, one, 500)
-        right.contour(np.degrees(theta), y * MILLIMETRES, branch_map(geometry, y[:, None], theta),
-                      [0.0], colors=colour, linewidths=1.6)
+        right.contour(np.degrees(theta), y * MILLIMETRES,
+                      pose_map(geometry, y[:, None], theta).number, [0.0], colors=colour,
+                      linewidths=1.6)
         right.plot([], [], color=colour, label=f'l = {one * MILLIMETRES:.0f} mm')
         right.plot(np.degrees(theta), serial_curve(geometry, theta) * MILLIMETRES,
                    color=colour, linewidth=0.9, linestyle=':')
@@ -68,9 +70,8 @@ def figure_optimum(study: Study) -> Figure:
     """Plot every objective along l + b = 700 mm, its greatest value marked."""
     made = figure(10.0, 6.0, 'Merit of the designs with l + b = 700 mm, '
                   f'Q = {study.geometry.stroke_length * MILLIMETRES:.0f} mm')
-    need = Requirements(
-        stroke_length=study.geometry.stroke_length, carriage_gap=study.geometry.carriage_gap,
-        threshold=study.need.threshold, characteristic_length=study.need.characteristic_length)
+    need = replace(study.need, stroke_length=study.geometry.stroke_length,
+                   carriage_gap=study.geometry.carriage_gap)
     length = np.linspace(0.15, 0.4, 251)
     grid = made.subplots(2, 2, sharex=True)
     for axes, merit in zip(grid.flat, OBJECTIVES.values(), strict=True):

@@ -66,22 +66,9 @@ def x_intervals(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[n
     """
     Return the ends (lower, upper) of the reachable x [m] by reach, order, gap and stroke.
 
-    NaN where there is none. Poses beyond N = 0 are among them: ask `branch_map`.
+    NaN where there is none. Poses beyond N = 0 are among them: ask `pose_map`.
     """
     return intervals_of(geometry, link_arrays(geometry, y, theta))
-
-
-def conditioning_map(
-    geometry: Geometry, y: np.ndarray, theta: np.ndarray, characteristic_length: float = 1.0
-) -> np.ndarray:
-    """Local conditioning index of every (y, θ) within reach, NaN elsewhere."""
-    check_characteristic_length(characteristic_length)
-    return index_of(geometry, link_arrays(geometry, y, theta), characteristic_length)
-
-
-def branch_map(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> np.ndarray:
-    """N of `kinematics.parallel_singularity` [m²] of every (y, θ) within reach, NaN elsewhere."""
-    return branch_number(link_arrays(geometry, y, theta))
 
 
 def pose_map(

@@ -17,9 +17,6 @@ from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.workspace.limits import regular_y
 from facade_manipulator.workspace.volume import measure
 
-STUDIED_SUM = 0.7  # l + b of the paper's cases [m]
-STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)
-
 
 class Configuration(NamedTuple):
     """A configuration worth drawing: name, what it shows, geometry, pose."""
@@ -51,12 +48,6 @@ def parallel_curves(geometry: Geometry, theta: np.ndarray) -> tuple[np.ndarray, 
 def beyond_share(geometry: Geometry) -> float:
     """Measure the share of the workspace by reach, order, gap and stroke that has N ≤ 0."""
     return measure(geometry, 0.0, theta_nodes=512, y_cells=256).beyond_share
-
-
-def studied_designs(stroke: tuple[float, float], gap: float) -> list[Geometry]:
-    """Return designs along l + b = 0.7 m."""
-    return [Geometry(length, round(STUDIED_SUM - length, 9), stroke, gap)
-            for length in STUDIED_LENGTHS]
 
 
 def configurations() -> tuple[Configuration, ...]:

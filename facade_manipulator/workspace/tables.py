@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import math
 from typing import Any, NamedTuple
 
@@ -20,13 +20,15 @@ from facade_manipulator.workspace.optimise import OBJECTIVES, optimise, sweep_si
 from facade_manipulator.workspace.output import progress_bar
 from facade_manipulator.workspace.requirements import Requirements, theta_peak
 from facade_manipulator.workspace.section import section_area, section_bounds
-from facade_manipulator.workspace.singularities import beyond_share, studied_designs
+from facade_manipulator.workspace.singularities import beyond_share
 from facade_manipulator.workspace.volume import measure, union_area
 
 AREA_NOTE = (
     'The ratios are those of the paper to its three digits. Its areas are not: it states neither '
     'the stroke nor what its area is. Section and union are areas for one common stroke, tuned '
     'to nothing.')
+STUDIED_SUM = 0.7  # l + b of the paper's cases [m]
+STUDIED_LENGTHS = (0.15, 0.2, 0.25, 0.3, 0.34, 0.349, 0.35, 0.352)
 WORDS = ('objective', 'quantity', 'unit', 'active')  # columns of words, not of numbers
 SUMMARY = (  # key, words, factor, unit
     ('y_min', 'least y at theta = 0', 1e3, 'mm'),
@@ -168,7 +170,9 @@ def singularity(study: Study, options: argparse.Namespace) -> Part:
     """Share of the workspace beyond N = 0; of one design with --l and --b."""
     geometry = study.geometry
     chosen = 'link_length' in options or 'platform_half_length' in options
-    designs = [geometry] if chosen else studied_designs(geometry.stroke, geometry.carriage_gap)
+    designs = [geometry] if chosen else [
+        replace(geometry, link_length=length, platform_half_length=round(STUDIED_SUM - length, 9))
+        for length in STUDIED_LENGTHS]
     rows = [{'l': design.link_length, 'b': design.platform_half_length,
              'share': beyond_share(design)} for design in designs]
     return 'beyond_parallel_singularity', rows, _table(

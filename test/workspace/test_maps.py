@@ -18,8 +18,6 @@ from facade_manipulator.kinematics import (
     Pose,
 )
 from facade_manipulator.workspace import (
-    branch_map,
-    conditioning_map,
     lci_grid,
     pose_map,
     x_interval,
@@ -47,10 +45,6 @@ def test_maps_are_the_scalar_functions_pose_by_pose(geometry, y, theta):
             scalar(local_conditioning_index, geometry, pose, 0.348), rel=1e-9, nan_ok=True)
         assert of.number[row, column] == pytest.approx(
             scalar(parallel_singularity, geometry, pose), abs=1e-12, nan_ok=True)
-    assert np.array_equal(of.index, conditioning_map(
-        geometry, np.array(y)[:, None], theta, 0.348), equal_nan=True)
-    assert np.array_equal(of.number, branch_map(
-        geometry, np.array(y)[:, None], theta), equal_nan=True)
     assert np.array_equal(of.lower, x_intervals(
         geometry, np.array(y)[:, None], theta)[0], equal_nan=True)
     assert (of.width >= 0.0).all()
@@ -70,7 +64,7 @@ def test_the_interval_of_a_map_is_that_of_the_limits_where_certify_agrees(geomet
 @pytest.mark.parametrize('length', [0.0, -1.0, math.nan])
 def test_a_map_needs_a_characteristic_length(length):
     with pytest.raises(ParameterError, match='characteristic_length'):
-        conditioning_map(DESIGN, 0.2, 0.0, length)
+        pose_map(DESIGN, 0.2, 0.0, length)
 
 
 @given(st.sampled_from(GEOMETRIES), st.floats(-0.6, 0.6), st.floats(0.004, 0.03))
