@@ -87,25 +87,23 @@ def information(
 
 def choose(rows: np.ndarray, count: int) -> list[int]:
     """Choose rows of `information`, all different, greedily and then by exchange (Fedorov)."""
-    total, chosen = np.eye(rows.shape[2]), []
+    chosen: list[int] = []
     for _ in range(min(count, len(rows))):
-        chosen.append(_best(rows, total, chosen))
-        total += rows[chosen[-1]].T @ rows[chosen[-1]]
+        chosen.append(_best(rows, chosen))
     for _ in range(EXCHANGES):
         before = sorted(chosen)
         for old in list(chosen):
-            total -= rows[old].T @ rows[old]
             chosen.remove(old)
-            chosen.append(_best(rows, total, chosen))
-            total += rows[chosen[-1]].T @ rows[chosen[-1]]
+            chosen.append(_best(rows, chosen))
         if sorted(chosen) == before:
             break
     return chosen
 
 
-def _best(rows: np.ndarray, total: np.ndarray, chosen: list[int]) -> int:
+def _best(rows: np.ndarray, chosen: list[int]) -> int:
     """Return the row that raises the determinant most: det(I + R C Rᵀ)."""
-    gains = np.eye(rows.shape[1]) + rows @ np.linalg.inv(total) @ rows.transpose(0, 2, 1)
+    known = np.vstack([np.eye(rows.shape[2]), *rows[chosen]])
+    gains = np.eye(rows.shape[1]) + rows @ np.linalg.inv(known.T @ known) @ rows.transpose(0, 2, 1)
     growth = np.linalg.slogdet(gains)[1]
     growth[chosen] = -np.inf
     return int(np.argmax(growth))
