@@ -217,6 +217,11 @@ def _parser() -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=text)
         command.set_defaults(run=run)
         add(command)
+        command.add_argument('--parameters', type=Path, metavar='YAML',
+                             default=config_path('manipulator.yaml'),
+                             help='parameter file of the machine (default the installed one)')
+        command.add_argument('--output', type=Path, metavar='YAML',
+                             help='write a copy of it with what was found')
     return made
 
 
@@ -243,7 +248,6 @@ def _add_geometry(command: argparse.ArgumentParser) -> None:
                          metavar=('MM', 'DEG'),
                          help='standard deviation of the measurements (default 0.1 0.02)')
     _add_outliers(command)
-    _add_files(command)
     command.add_argument('--picture', type=Path, metavar='PNG',
                          help='draw how far the head was off and how well it is known')
 
@@ -263,7 +267,6 @@ def _add_estimator(command: argparse.ArgumentParser) -> None:
             ('joints', 'time, q1, q2, q3 of joint_states'),
             ('wall', 'time, x, y, theta of the head on the wall; cells may be empty')):
         command.add_argument(f'--{name}', type=Path, metavar='CSV', help=text)
-    _add_files(command)
 
 
 def _add_wall(command: argparse.ArgumentParser) -> None:
@@ -278,20 +281,11 @@ def _add_wall(command: argparse.ArgumentParser) -> None:
     command.add_argument('--noise', type=float, default=1.0, metavar='MM',
                          help='standard deviation of a touch (default 1)')
     _add_outliers(command)
-    _add_files(command)
 
 
 def _add_outliers(command: argparse.ArgumentParser) -> None:
     command.add_argument('--drop-outliers', action='store_true',
                          help='write although some measurements contradict the rest')
-
-
-def _add_files(command: argparse.ArgumentParser) -> None:
-    command.add_argument('--parameters', type=Path, metavar='YAML',
-                         default=config_path('manipulator.yaml'),
-                         help='parameter file of the machine (default the installed one)')
-    command.add_argument('--output', type=Path, metavar='YAML',
-                         help='write a copy of it with what was found')
 
 
 if __name__ == '__main__':
