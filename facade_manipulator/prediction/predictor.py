@@ -10,6 +10,7 @@ are outliers.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from itertools import cycle
 import math
 
@@ -18,13 +19,7 @@ import numpy as np
 from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.continuation import Continuation, Sample
-from facade_manipulator.prediction.filters import (
-    ACCELERATION,
-    BANDWIDTHS,
-    FEATURES,
-    FilterBank,
-    LEVEL,
-)
+from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, FilterBank, LEVEL
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
 
@@ -151,10 +146,7 @@ class DisturbancePredictor:
         self._tones = Tones(axes)
         self._values, self._mean, self._peak, self._bend, self._suspicions = np.zeros((5, axes))
         self._known = noise * (self._interval * ACCELERATION_NOISE)
-        self._weights = np.zeros((axes, FEATURES, len(HORIZONS)))
-        self._variances, self._share, self._trust = np.zeros((3, axes, len(HORIZONS)))
-        for continuation in self._continuations:
-            self._solve(continuation, noise)
+        self._solve(self._continuations, noise)
 
     def _follow(
         self, stamp: float, interval: float, measured: np.ndarray, noise: np.ndarray
@@ -220,16 +212,15 @@ class DisturbancePredictor:
         learner, axis = next(self._turns)
         self._tones.fit(axis, noise[axis])
         learner.learn(noise)
-        self._solve(learner, noise)
+        self._solve([learner], noise)
 
-    def _solve(self, learner: Continuation, noise: np.ndarray) -> None:
-        """Take what one group of horizons has learnt, and how well it did."""
-        learner.solve(
-            PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain)
-        self._weights[..., learner.chosen] = learner.weights
-        self._variances[:, learner.chosen] = learner.variances
-        self._share[:, learner.chosen] = learner.share
-        self._trust[:, learner.chosen] = learner.trust
+    def _solve(self, learners: Iterable[Continuation], noise: np.ndarray) -> None:
+        """Take what some groups of horizons have learnt, and how well they did."""
+        for learner in learners:
+            learner.solve(PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain)
+        self._weights, self._variances, self._share, self._trust = (
+            np.concatenate([getattr(one, part) for one in self._continuations], axis=-1)
+            for part in ('weights', 'variances', 'share', 'trust'))
 
     def _room(self, interval: float, full: np.ndarray) -> np.ndarray:
         """Return the share of a motion that bends sharply which is compensated, (axes, 1)."""
