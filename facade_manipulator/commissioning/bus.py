@@ -78,13 +78,8 @@ class ToolBus:
         if self._error is not None:
             raise self._error
 
-    def send(self, cob_id: int, data: bytes = b'') -> None:
-        """Send a frame; raises a BusError when the bus was lost."""
-        self.check()
-        self.frames.send(cob_id, data)
-
     def command(self, command: NmtCommand, node_id: int = 0) -> None:
-        """Send a network management command; to all nodes by default."""
+        """Send a network management command, to all nodes by default; raises a BusError."""
         self.check()
         self.frames.command(command, node_id)
 

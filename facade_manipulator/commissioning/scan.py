@@ -63,7 +63,7 @@ def _ask(bus: ToolBus, node_ids: Iterable[int]) -> list[Frame]:
     """Ask for serial numbers; return what comes then."""
     def ask() -> None:
         for node_id in node_ids:
-            bus.send(pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
+            bus.frames.send(pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
             time.sleep(_PACE)
 
     return bus.collect(_ANSWER, ask)
@@ -100,7 +100,7 @@ def has_unconfigured(bus: ToolBus) -> bool:
         frame.cob_id == lss.LssMaster.LSS_RX_COBID
         and frame.data[:1] == bytes([lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE])
         for frame in bus.collect(
-            _ANSWER, lambda: bus.send(lss.LssMaster.LSS_TX_COBID, question)))
+            _ANSWER, lambda: bus.frames.send(lss.LssMaster.LSS_TX_COBID, question)))
 
 
 def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) -> Iterator[str]:

@@ -13,6 +13,7 @@ import pytest
 from support import wait_until
 
 from facade_manipulator.commissioning.motion import MAX_SPEED, Motion, Ramp
+from facade_manipulator.drives.canopen import NMT_TRANSITIONS, NmtCommand, NmtState
 from facade_manipulator.drives.cia402 import AxisSettings
 from facade_manipulator.drives.cia402.states import POWERED_STATES
 from facade_manipulator.errors import CommissioningError
@@ -202,8 +203,9 @@ def test_a_fault_of_one_drive_stops_all_with_what_it_is(rig, hand, capsys):
 
 
 @pytest.mark.parametrize(('cob_id', 'data', 'message'), [
-    (0x701, bytes(1), 'q1 has restarted'), (0x81, b'\x10\x23' + bytes(6), 'motor current is too')])
-def test_what_a_drive_says_of_itself_stops_the_jog_before_its_state_does(
+    (0x701, bytes(1), 'q1 has restarted'), (0x81, b'\x10\x23' + bytes(6), 'motor current is too'),
+    (0x77F, b'\x05', 'another master is on the bus')])
+def test_what_a_drive_or_another_master_says_stops_the_jog_before_its_state_does(
         rig, hand, capsys, cob_id, data, message):
     def script():
         hand.key = b'd'
@@ -214,6 +216,12 @@ def test_what_a_drive_says_of_itself_stops_the_jog_before_its_state_does(
 
     assert jogging(rig, hand, script) == 1
     assert message in capsys.readouterr().err
+
+
+def test_a_drive_that_does_not_become_operational_is_not_powered(rig, hand, capsys, monkeypatch):
+    monkeypatch.setitem(NMT_TRANSITIONS, NmtCommand.START, NmtState.PRE_OPERATIONAL)
+    assert rig.run('jog', 'q1', '--links', 'uncoupled') == 1
+    assert 'node 1 did not confirm by its heartbeat' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(('displacement', 'message'), [
