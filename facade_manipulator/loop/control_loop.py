@@ -43,7 +43,7 @@ from facade_manipulator.motion import (
     fastest_near,
     HomingGuard,
     measured_guard,
-    MechanismGuard,
+    mechanism_guard,
     MotionLimits,
     Setpoint,
     SetpointFollower,
@@ -115,7 +115,7 @@ class ControlLoop:
 
     def __init__(self, setup: LoopSetup, channel: Channel) -> None:
         separation = setup.stopping(setup.limits).separation
-        guard = MechanismGuard(setup.geometry)
+        guard = mechanism_guard(setup.geometry)
         self.follower = SetpointFollower(
             setup.stream, setup.limits, setup.controller.period, guard,
             fastest_near(setup.geometry, separation))

@@ -8,14 +8,12 @@ speed, acceleration and jerk) and the guards that check the mechanism before a t
 
 from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
 from facade_manipulator.motion.guard import (
-    fastest_near,
     HomingGuard,
     measured_guard,
     MEASURED_SHARE,
-    MechanismGuard,
-    Separation,
+    mechanism_guard,
 )
-from facade_manipulator.motion.limits import MotionLimits, Triple
+from facade_manipulator.motion.limits import fastest_near, MotionLimits, Separation, Triple
 from facade_manipulator.motion.reference import (
     Approach,
     HeadMotion,
@@ -49,7 +47,7 @@ __all__ = [
     'least_distance',
     'measured_guard',
     'MEASURED_SHARE',
-    'MechanismGuard',
+    'mechanism_guard',
     'MotionLimits',
     'overshoot',
     'ReferencePath',

@@ -293,7 +293,7 @@ class SetpointFollower:
     def _checked_stop(self, motion: CarriageMotion) -> Iterator[PlannedState]:
         """Return the path to rest, or raise why it is not allowed."""
         stop = self._limiter.stop(motion)
-        # first the end, which most likely fails; last what is sent, and then checked once more
+        # first the end, which most likely fails; what is sent is checked once more before the bus
         self._check(*[position for position, _, _ in reversed(stop)], motion.position)
         return iter(stop)
 

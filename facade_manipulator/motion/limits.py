@@ -6,12 +6,13 @@ the time-optimal jerk-limited path, planned in the frame that moves with it (ruc
 duration for all three axes, so that the head turns no corner that the stream does not.
 
 What is limited is what a drive makes of the positions that it is sent once a period: their first,
-second and third differences.
+second and third differences. Near each other carriages are slower, so that none runs into a
+neighbour that stands dead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
 from typing import NamedTuple
 
@@ -26,6 +27,7 @@ from ruckig import (
 )
 
 from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.kinematics import Geometry, mechanism_of
 from facade_manipulator.parameters import parameter, settings
 
 Triple = tuple[float, float, float]
@@ -35,6 +37,7 @@ ZERO = (0.0, 0.0, 0.0)
 FEED_FORWARD_SHARE = 0.8  # of the speed limit: what remains is for catching up
 PLAN_TOLERANCE = 1e-9  # m, and per s and s²: such a motion is the one that was planned
 ROUNDING = 1e-9  # relative
+MARGIN = 0.003  # m, for what the speed lacks while the carriages slow down to it
 
 
 @settings
@@ -265,6 +268,54 @@ class PathLimiter:
         fastest = _greatest(velocity)
         share = min(1.0, FEED_FORWARD_SHARE * self.speed / fastest) if fastest else 1.0
         return tuple(share * v for v in velocity)
+
+
+class Separation(NamedTuple):
+    """
+    Speed and distance: how fast carriages may be where a neighbour may stand dead at once.
+
+    A dead drive that is silent is missed after `silence`. One that still answers is found by its
+    following error, or where the measured distance is below the least that is tolerated.
+    """
+
+    touching: float  #: distance at which neighbours touch [m]
+    deceleration: float  #: of the weakest brake [m/s²]
+    silence: float  #: how long the others go on until a silent drive is missed and they brake [s]
+    window: float  #: following error that is tolerated [m]
+    tracking: float  #: how long it may be beyond it [s]
+    tolerated: float  #: least distance as measured that is tolerated [m]
+    report: float  #: how long it may be below it until they brake [s]
+
+    def speed(self, distance: float) -> float:
+        """Return how fast neighbours may be at a distance [m], in m/s."""
+        seen = max(self._stopping_from(self.tolerated, self.report),
+                   self._stopping_from(distance - self.window, self.tracking))
+        return min(seen, self._stopping_from(distance, self.silence))
+
+    def distance(self, speed: float) -> float:
+        """Return the least distance at which neighbours may be as fast as a speed [m/s], in m."""
+        def needed(delay: float) -> float:
+            return self.touching + MARGIN + speed * delay + 0.5 * speed ** 2 / self.deceleration
+
+        is_seen = needed(self.report) <= self.tolerated
+        return max(needed(self.silence), 0.0 if is_seen else self.window + needed(self.tracking))
+
+    def _stopping_from(self, distance: float, delay: float) -> float:
+        """Return the speed from which a carriage just stops within a distance, after a delay."""
+        room = max(0.0, distance - self.touching - MARGIN)
+        late = self.deceleration * delay
+        return math.sqrt(late * late + 2.0 * self.deceleration * room) - late
+
+
+def fastest_near(geometry: Geometry, separation: Separation) -> Callable[[Triple], float]:
+    """Return what says how fast carriages may be [m/s] at positions (q1, q2, q3) [m]."""
+    on_rail = mechanism_of(geometry).on_rail
+
+    def fastest(positions: Triple) -> float:
+        q1, q2, q3 = on_rail(positions)
+        return separation.speed(min(q3 - q1, q2 - q3))
+
+    return fastest
 
 
 def calculate(planner: Ruckig, plan: InputParameter, trajectory: Trajectory) -> None:

@@ -17,7 +17,7 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
 from facade_manipulator.motion import (
     GoalSettings,
-    MechanismGuard,
+    mechanism_guard,
     MotionLimits,
     SetpointFollower,
     SetpointStream,
@@ -74,7 +74,7 @@ class ClosedLoop:
         self.wall = WallMeasurement(made or geometry, scenario.wall, self.gondola.at)
         self.rejections: list[str] = []
         self.follower = SetpointFollower(
-            StreamSettings(), MotionLimits(), PERIOD, MechanismGuard(geometry))
+            StreamSettings(), MotionLimits(), PERIOD, mechanism_guard(geometry))
         self._mechanism, self._made = mechanism_of(geometry), mechanism_of(made or geometry)
         self._sensor = ForceSensor(scenario.force_sensor)
         self._under_way: deque[LoopStep] = deque()

@@ -257,7 +257,7 @@ class Driver:
         from facade_manipulator.drives.simulated.simulator import DriveSimulator
         from facade_manipulator.kinematics import Geometry
         from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
-        from facade_manipulator.motion.guard import MechanismGuard
+        from facade_manipulator.motion.guard import mechanism_guard
         from facade_manipulator.motion.limits import MotionLimits
 
         # an object that a drive is asked for while it boots is asked for again
@@ -265,7 +265,7 @@ class Driver:
         settings = ControllerSettings(
             rate=RATE, boot_timeout=PATIENCE, max_missed_cycles=10,
             heartbeat_timeout=0.5)
-        guard = MechanismGuard(Geometry())
+        guard = mechanism_guard(Geometry())
         self.follower = SetpointFollower(
             StreamSettings(), MotionLimits(), settings.period, guard)
         simulator = DriveSimulator(bus, simulated_drives(DEFAULT_AXES))

@@ -21,7 +21,7 @@ from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion import Setpoint, SetpointFollower, StreamSettings
-from facade_manipulator.motion.guard import MechanismGuard
+from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.limits import MotionLimits
 
 # for tests: what a busy computer does is no fault
@@ -43,7 +43,7 @@ class StreamRig(Rig):
     """A rig whose targets come from a stream of setpoints, as in the driver."""
 
     def __init__(self, channel: str, settings=PATIENT, **details) -> None:
-        guard = MechanismGuard(Geometry())
+        guard = mechanism_guard(Geometry())
         self.follower = SetpointFollower(
             StreamSettings(), MotionLimits(), settings.period, guard)
         super().__init__(channel, settings=settings, source=self.follower,

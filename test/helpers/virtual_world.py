@@ -32,7 +32,7 @@ from facade_manipulator.loop import StoppingAnalysis
 from facade_manipulator.motion import (
     fastest_near,
     HomingGuard,
-    MechanismGuard,
+    mechanism_guard,
     MotionLimits,
     Setpoint,
     SetpointFollower,
@@ -84,7 +84,7 @@ class World:
         self.sent, self.errors = deque(), []
         self.channel, self.bus_is_down = f'world {next(_channels)}', False
         self.settings = settings or ControllerSettings(own_garbage_collection=False)
-        self.guard = MechanismGuard(Geometry())
+        self.guard = mechanism_guard(Geometry())
         separation = StoppingAnalysis(Geometry(), MotionLimits(), axes, self.settings).separation
         self._patches = pytest.MonkeyPatch()
         self._patches.setattr(group, 'RESET_WINDOW', RESET_WINDOW)
@@ -97,7 +97,7 @@ class World:
         self._simulator.start()
         self.controller = DriveController(Session(
             self.settings, axes, BusAccess(self._open),
-            MechanismChecks(self.follower, MechanismGuard(Geometry()), HomingGuard(Geometry()))))
+            MechanismChecks(self.follower, mechanism_guard(Geometry()), HomingGuard(Geometry()))))
         recover = self.controller._recover
         self.controller._recover = lambda error: (self.errors.append(error), recover(error))
         self.controller.observe = self._observe

@@ -24,7 +24,7 @@ from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveError, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import process as process_module
-from facade_manipulator.motion.guard import MechanismGuard
+from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.setpoints import Setpoint
 
 RAMP_TIME = 3.0  # s: bound of the way to rest and power off
@@ -92,7 +92,7 @@ def assert_orderly_end(bench, loop):
     watch = CommandWatch(bench.setup.axes, CONTROLLER.period)
     watch.take(frames)
     assert watch.enabling and not watch.complaints
-    guard = MechanismGuard(Geometry())
+    guard = mechanism_guard(Geometry())
     for positions in targets(frames):
         guard(positions)
     words = [decode_rpdo1(bytes(frame.data)).controlword for frame in frames

@@ -12,8 +12,7 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.stopping import StoppingAnalysis
-from facade_manipulator.motion.guard import fastest_near
-from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.motion.limits import fastest_near, MotionLimits
 from facade_manipulator.nodes.stopping import main, read_analysis
 from facade_manipulator.resources import config_path
 

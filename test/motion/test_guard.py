@@ -11,10 +11,10 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 from facade_manipulator.kinematics import certify, Geometry, mechanism_of, Pose
-from facade_manipulator.motion.guard import HomingGuard, measured_guard, MechanismGuard
+from facade_manipulator.motion.guard import HomingGuard, measured_guard, mechanism_guard
 
 GEOMETRY = Geometry()
-guard = MechanismGuard(GEOMETRY)
+guard = mechanism_guard(GEOMETRY)
 
 
 @given(st.floats(-0.5, 0.5), st.floats(0.01, 0.36), st.floats(-0.5, 0.5))
@@ -71,7 +71,7 @@ def test_a_path_is_rejected_for_the_first_position_that_alone_would_be(path):
 
 
 def test_what_passed_before_excuses_nothing_that_comes_after():
-    mutable, own = [-0.1, 0.1, 0.0], MechanismGuard(GEOMETRY)
+    mutable, own = [-0.1, 0.1, 0.0], mechanism_guard(GEOMETRY)
     own(mutable)
     mutable[0] = 0.3
     with pytest.raises(LimitError):
@@ -110,14 +110,14 @@ def test_every_pose_certified_for_the_machine_that_is_there_passes_its_guard(x, 
         carriages = mechanism_of(MADE).certify(Pose(x, y, theta))
     except LimitError:
         assume(False)
-    MechanismGuard(MADE)(tuple(carriages))
+    mechanism_guard(MADE)(tuple(carriages))
 
 
 def test_the_guard_knows_where_the_carriages_really_are():
     near = (-0.022, 0.1, 0.0)  # 22 mm apart by the drives, 18 mm on the rail
     guard(near)
     HomingGuard(GEOMETRY)(near, (True, False, True))
-    for check in (MechanismGuard(MADE), lambda q: HomingGuard(MADE)(q, (True, False, True))):
+    for check in (mechanism_guard(MADE), lambda q: HomingGuard(MADE)(q, (True, False, True))):
         with pytest.raises(CarriageGapError):
             check(near)
 

@@ -13,8 +13,12 @@ import pytest
 
 from facade_manipulator.errors import CarriageGapError, ManipulatorError
 from facade_manipulator.motion import Setpoint, SetpointFollower, StreamSettings
-from facade_manipulator.motion.guard import Separation
-from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
+from facade_manipulator.motion.limits import (
+    CarriageMotion,
+    MotionLimits,
+    PathLimiter,
+    Separation,
+)
 from facade_manipulator.motion.stopping import (
     Brake,
     highest_speed,
