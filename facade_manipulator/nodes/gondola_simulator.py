@@ -28,6 +28,7 @@ from facade_manipulator.messages import (
     VARIANCES,
 )
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.prediction import Estimate
 from facade_manipulator.ros import (
     accept_old_names,
     declare,
@@ -47,7 +48,6 @@ from facade_manipulator.ros import (
 )
 from facade_manipulator.simulation import (
     carriage_loads,
-    Delivery,
     Facade,
     ForceSensor,
     load_scenario,
@@ -112,8 +112,8 @@ class GondolaSimulatorNode(Node):
             self, 'gondola_simulator/report', lambda: json.dumps(self._wall.report()))
 
     def _deliver(self) -> None:
-        for delivery in self._estimator.advance(node_time(self)):
-            self._disturbance.publish(_estimate_message(delivery))
+        for estimate in self._estimator.advance(node_time(self)):
+            self._disturbance.publish(_estimate_message(estimate))
 
     def _receive_goal(self, message: PoseStamped) -> None:
         with self._rejections:
@@ -163,13 +163,13 @@ class GondolaSimulatorNode(Node):
             'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._rejections.values()})]
 
 
-def _estimate_message(delivery: Delivery) -> PoseWithCovarianceStamped:
+def _estimate_message(estimate: Estimate) -> PoseWithCovarianceStamped:
     message = PoseWithCovarianceStamped()
     message.header.frame_id = FACADE
-    message.header.stamp = stamp(delivery.stamp)
-    message.pose.pose = pose_message(delivery.pose)
+    message.header.stamp = stamp(estimate.stamp)
+    message.pose.pose = pose_message(estimate.pose)
     covariance = [0.0] * 36
-    for index, variance in zip(VARIANCES, delivery.variances, strict=True):
+    for index, variance in zip(VARIANCES, estimate.variances, strict=True):
         covariance[index] = variance
     message.pose.covariance = covariance
     return message

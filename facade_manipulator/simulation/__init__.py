@@ -13,14 +13,13 @@ from facade_manipulator.simulation.scenario import (
     load_scenario,
     Scenario,
 )
-from facade_manipulator.simulation.sensors import Delivery, ForceSensor, SimulatedEstimator
+from facade_manipulator.simulation.sensors import ForceSensor, SimulatedEstimator
 from facade_manipulator.simulation.wall import AXES, SCALES, UNITS, WallMeasurement, WallSample
 
 __all__ = [
     'AXES',
     'carriage_loads',
     'compensator_parameters',
-    'Delivery',
     'Facade',
     'FacadeSettings',
     'ForceSensor',

@@ -30,7 +30,7 @@ from facade_manipulator.simulation.sensors import EstimatorSettings
 
 ERRORS = ('link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool')
 TOUCHES, TOUCH_NOISE = (-0.2, -0.1, 0.0, 0.1, 0.2), 5e-4  # m
-HEAD = ('x', 'y', 'theta')
+HEAD = Pose._fields
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

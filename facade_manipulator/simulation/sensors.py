@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 import heapq
-from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.parameters import inherited, parameter, settings
-from facade_manipulator.prediction import EstimateSettings, estimator_motion
+from facade_manipulator.prediction import Estimate, EstimateSettings, estimator_motion, Variances
 from facade_manipulator.simulation.motion import Motion
 
 FAULTS = ('none', 'silent', 'stuck', 'jump', 'reversed', 'late')
@@ -49,17 +48,9 @@ class EstimatorSettings:
                 f'jitter = {self.jitter:g} s is above latency = {self.latency:g} s: estimates '
                 'would come from the future')
 
-    def variances(self) -> Pose:
+    def variances(self) -> Variances:
         """Return the variances of x, y and yaw."""
-        return Pose(self.position_noise ** 2, self.position_noise ** 2, self.yaw_noise ** 2)
-
-
-class Delivery(NamedTuple):
-    """An estimate as it comes: when it was taken [s] and what it says."""
-
-    stamp: float
-    pose: Pose
-    variances: Pose
+        return Variances(self.position_noise ** 2, self.position_noise ** 2, self.yaw_noise ** 2)
 
 
 class SimulatedEstimator:
@@ -74,7 +65,7 @@ class SimulatedEstimator:
         self._deviation = np.sqrt(np.array(settings.variances()))
         self._under_way: list[tuple[float, float, np.ndarray]] = []
 
-    def advance(self, now: float) -> list[Delivery]:
+    def advance(self, now: float) -> list[Estimate]:
         """Return the estimates that have come by now [s], in the order of their arrival."""
         while (stamp := self._start + self._taken / self._settings.rate) <= now:
             self._taken += 1
@@ -86,7 +77,7 @@ class SimulatedEstimator:
             motion = estimator_motion(
                 self._motion(stamp), Pose(*settings.mounting), settings.axes)
             pose = Pose(*(np.array(motion) + noise).tolist())
-            arrived.append(Delivery(stamp + settings.stamp_error, pose, settings.variances()))
+            arrived.append(Estimate(stamp + settings.stamp_error, pose, settings.variances()))
         return arrived
 
     def _receive(self, stamp: float) -> None:
