@@ -23,21 +23,20 @@ from facade_manipulator.messages import (
     carriages_from,
     END_EFFECTOR,
     FACADE,
+    planar_numbers,
     pose_in_frame,
     seconds,
-    VARIANCES,
 )
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction import Estimate
 from facade_manipulator.ros import (
     accept_old_names,
     declare,
     diagnostic_status,
     DiagnosticsPublisher,
+    estimate_codec,
     LATEST,
     node_time,
     offer_trigger,
-    pose_message,
     PoseStream,
     Rejections,
     RELIABLE,
@@ -95,6 +94,7 @@ class GondolaSimulatorNode(Node):
         steady_timer(self, DELIVERY_PERIOD, self._deliver)
 
     def _connect(self) -> None:
+        self._estimate_codec = estimate_codec('disturbance', FACADE)
         self._disturbance = self.create_publisher(
             PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
         self._head, self._error, self._uncompensated = (
@@ -113,7 +113,8 @@ class GondolaSimulatorNode(Node):
 
     def _deliver(self) -> None:
         for estimate in self._estimator.advance(node_time(self)):
-            self._disturbance.publish(_estimate_message(estimate))
+            self._disturbance.publish(self._estimate_codec.write(
+                estimate.stamp, (*planar_numbers(estimate.pose), *estimate.variances)))
 
     def _receive_goal(self, message: PoseStamped) -> None:
         with self._rejections:
@@ -161,18 +162,6 @@ class GondolaSimulatorNode(Node):
     def _components(self) -> list[DiagnosticStatus]:
         return [diagnostic_status(
             'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._rejections.values()})]
-
-
-def _estimate_message(estimate: Estimate) -> PoseWithCovarianceStamped:
-    message = PoseWithCovarianceStamped()
-    message.header.frame_id = FACADE
-    message.header.stamp = stamp(estimate.stamp)
-    message.pose.pose = pose_message(estimate.pose)
-    covariance = [0.0] * 36
-    for index, variance in zip(VARIANCES, estimate.variances, strict=True):
-        covariance[index] = variance
-    message.pose.covariance = covariance
-    return message
 
 
 main = partial(run, lambda: [GondolaSimulatorNode()])
