@@ -102,16 +102,14 @@ class InputError(ManipulatorError):
             'not_finite', f'{what} = {value}{suffix} is not a finite number')
 
     @staticmethod
-    def stale(what: str, age: float, bound: float) -> InputError:
-        """Return the rejection of what is older than its bound [s], ready to be raised."""
-        return InputError('stale', f'{what} is {age:.3f} s old, bound {bound:g} s')
-
-    @staticmethod
-    def from_future(what: str, lead: float, bound: float) -> InputError:
-        """Return the rejection of what was measured later than now [s], ready to be raised."""
-        return InputError(
-            'future', f'{what} is {lead:.3f} s from the future, bound {bound:g} s: are the '
-            'clocks synchronised?')
+    def unless_recent(what: str, age: float, oldest: float, lead: float) -> None:
+        """Reject what is older than a bound [s], or was measured farther in the future."""
+        if age > oldest:
+            raise InputError('stale', f'{what} is {age:.3f} s old, bound {oldest:g} s')
+        if -age > lead:
+            raise InputError(
+                'future', f'{what} is {-age:.3f} s from the future, bound {lead:g} s: are the '
+                'clocks synchronised?')
 
     @staticmethod
     def out_of_order(what: str, lateness: float) -> InputError:

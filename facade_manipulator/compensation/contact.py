@@ -243,10 +243,7 @@ class Contact:
         for name, value in values.items():
             if not math.isfinite(value):
                 raise InputError.not_finite(f'{what} {name}', value)
-        if now - stamp > longest_age:
-            raise InputError.stale(what, now - stamp, longest_age)
-        if stamp - now > FUTURE_TOLERANCE:
-            raise InputError.from_future(what, stamp - now, FUTURE_TOLERANCE)
+        InputError.unless_recent(what, now - stamp, longest_age, FUTURE_TOLERANCE)
         lateness = self._stamps.get(what, -math.inf) - stamp
         if 0.0 <= lateness <= CLOCK_STEP:
             raise InputError.out_of_order(what, lateness)

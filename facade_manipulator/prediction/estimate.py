@@ -109,16 +109,12 @@ class EstimateGate:
 
         """
         stamp -= self.settings.delay
-        age = now - stamp
         _check_values(pose)
         if tilt > self.settings.tilt:
             raise InputError(
                 'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
                 f'{self.settings.tilt:g} rad (estimate.tilt)')
-        if age > OLDEST_ESTIMATE:
-            raise InputError.stale('disturbance', age, OLDEST_ESTIMATE)
-        if age < -FUTURE_TOLERANCE:
-            raise InputError.from_future('disturbance', -age, FUTURE_TOLERANCE)
+        InputError.unless_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = None  # the clock was set back: its stamps mean nothing any more
         if self._last is not None:

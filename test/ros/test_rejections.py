@@ -11,7 +11,7 @@ def test_what_is_rejected_in_a_block_is_counted_and_goes_no_further(ros):
     rejections, reached = Rejections(ros.node('node')), []
     for _ in range(2):
         with rejections:
-            raise InputError.stale('setpoint', 0.3, 0.2)
+            raise InputError('stale', 'setpoint is 0.300 s old, bound 0.2 s')
         reached.append(True)
     with rejections:
         reached.append(True)
@@ -31,7 +31,7 @@ def test_an_error_of_another_kind_is_not_hidden(ros):
 def test_a_rejected_message_and_a_rejected_request_are_both_logged(ros, capfd):
     """Of a logger rclpy takes one severity alone from one line of code."""
     node = ros.add(ManagedNode('node'))
-    Rejections(node).add(InputError.stale('setpoint', 0.3, 0.2))
+    Rejections(node).add(InputError('stale', 'setpoint is 0.300 s old, bound 0.2 s'))
     node.report(False, 'home is not possible')
     said = capfd.readouterr().err
     assert '[WARN]' in said and '[ERROR]' in said
