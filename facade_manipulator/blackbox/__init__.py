@@ -12,15 +12,13 @@ from facade_manipulator.blackbox.can_frames import (
     messages_of,
 )
 from facade_manipulator.blackbox.recording import (
-    PARAMETERS,
     read_recording,
     Received,
     RecordedRun,
-    RecordedTopic,
-    SUMMARY,
     write_mcap,
+    write_recording,
 )
-from facade_manipulator.blackbox.ring import Arrivals, Kept, MessageRing
+from facade_manipulator.blackbox.ring import Arrivals, Kept, MessageRing, RecordedTopic
 from facade_manipulator.blackbox.settings import BlackBoxSettings
 from facade_manipulator.blackbox.shelf import Shelf
 from facade_manipulator.blackbox.trigger import RecordTrigger
@@ -35,12 +33,11 @@ __all__ = [
     'Kept',
     'MessageRing',
     'messages_of',
-    'PARAMETERS',
     'read_recording',
     'Received',
     'RecordedRun',
     'RecordTrigger',
     'Shelf',
-    'SUMMARY',
     'write_mcap',
+    'write_recording',
 ]

@@ -17,8 +17,7 @@ import socket
 import struct
 import threading
 
-from facade_manipulator.blackbox.recording import RecordedTopic
-from facade_manipulator.blackbox.ring import Arrivals, Kept
+from facade_manipulator.blackbox.ring import Arrivals, Kept, RecordedTopic
 
 CAN_TOPIC = RecordedTopic('can_frames', 'can_msgs/msg/Frame', """\
 std_msgs/Header header

@@ -15,8 +15,11 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from itertools import chain
 import json
+from operator import itemgetter
 from pathlib import Path
+import time
 from typing import Any, BinaryIO, NamedTuple
 
 from mcap.exceptions import McapError
@@ -25,7 +28,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
-from facade_manipulator.blackbox.ring import Kept
+from facade_manipulator.blackbox.can_frames import CAN_TOPIC, messages_of
+from facade_manipulator.blackbox.ring import Kept, RecordedTopic
 from facade_manipulator.errors import RecordError
 
 OF_THE_GRAPH = ('/diagnostics', '/parameter_events')  # topics of no namespace
@@ -34,12 +38,25 @@ _NANOSECONDS = 1e9
 CHUNK = 1 << 20  # byte: what a writer holds in memory before it is compressed
 
 
-class RecordedTopic(NamedTuple):
-    """A topic with its type."""
+def write_recording(
+    path: Path, topics: Iterable[RecordedTopic], kept: tuple[list[Kept], list[Kept]],
+    about: Mapping[str, str], parameters: Mapping[str, Mapping[str, Any]],
+) -> None:
+    """
+    Write a file; raises an OSError if that fails.
 
-    topic: str
-    type: str  #: as ``geometry_msgs/msg/PoseStamped``
-    definition: str  #: of the type and of all that it contains, as the schema encoding wants it
+    Kept are the last messages of topics and all since, as `MessageRing.copy` returns them. `about`
+    has ``reasons``, line by line, and ``namespace``; parameters are by node and name.
+    """
+    present = time.monotonic()
+    epoch, (before, newest) = time.time() - present, kept
+    begin = newest[0].time if newest else present
+    messages = chain.from_iterable(
+        messages_of(one) if one.topic == CAN_TOPIC.topic else (one,) for one in before + newest)
+    write_mcap(path, topics, sorted(messages, key=itemgetter(0)), epoch, {
+        SUMMARY: {**about, 'begin': f'{epoch + begin:.6f}'},
+        **{PARAMETERS + node: {name: json.dumps(value) for name, value in values.items()}
+           for node, values in parameters.items()}})
 
 
 def write_mcap(
@@ -59,9 +76,8 @@ def write_mcap(
             writer.add_metadata(name, dict(values))
         numbers = {topic.topic: _register(writer, topic) for topic in topics}
         for sequence, message in enumerate(messages):
-            time = max(0, round((epoch + message.time) * _NANOSECONDS))
-            writer.add_message(
-                numbers[message.topic], time, message.data, time, sequence)
+            stamp = max(0, round((epoch + message.time) * _NANOSECONDS))
+            writer.add_message(numbers[message.topic], stamp, message.data, stamp, sequence)
         writer.finish()
 
 
@@ -136,9 +152,9 @@ def _read(file: BinaryIO) -> RecordedRun:
                         factory.decoder_for(record.message_encoding, schemas[record.schema_id]))
                 case Message():
                     topic, decode = topics[record.channel_id]
-                    time = record.log_time / _NANOSECONDS
-                    run.topics[topic].append(Received(time, decode(record.data)))
-                    run.end = max(run.end, time)
+                    stamp = record.log_time / _NANOSECONDS
+                    run.topics[topic].append(Received(stamp, decode(record.data)))
+                    run.end = max(run.end, stamp)
     except Exception as error:  # damaged bytes raise whatever their decoder does
         run.damage = str(error) or type(error).__name__
     return run

@@ -17,6 +17,14 @@ class Kept(NamedTuple):
     data: bytes
 
 
+class RecordedTopic(NamedTuple):
+    """A topic with its type."""
+
+    topic: str
+    type: str  #: as ``geometry_msgs/msg/PoseStamped``
+    definition: str  #: of the type and of all that it contains, as the schema encoding wants it
+
+
 OVERHEAD = sys.getsizeof(Kept(0.0, '', b'')) + sys.getsizeof(0.0) + sys.getsizeof(b'') + 8
 
 

@@ -7,12 +7,9 @@ its own and only listens: whatever happens to it, the machine goes on.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from importlib.metadata import version
-from itertools import chain
-from operator import itemgetter
 import os
 from pathlib import Path
 import time
@@ -35,13 +32,10 @@ from facade_manipulator.blackbox import (
     CanListener,
     Kept,
     MessageRing,
-    messages_of,
-    PARAMETERS,
     RecordedTopic,
     RecordTrigger,
     Shelf,
-    SUMMARY,
-    write_mcap,
+    write_recording,
 )
 from facade_manipulator.messages import status_values
 from facade_manipulator.ros import (
@@ -209,18 +203,12 @@ class RecorderNode(Node):
         return self._job
 
     def _write(self, before: list[Kept], kept: list[Kept], reasons: tuple[str, ...]) -> Path:
-        now, present = time.time(), time.monotonic()
-        epoch = now - present
-        metadata = {
-            SUMMARY: {
-                'reasons': '\n'.join(reasons), 'namespace': self.get_namespace(),
-                'version': version(NAME),
-                'begin': f'{epoch + (kept[0].time if kept else present):.6f}'},
-            **{f'{PARAMETERS}{name}': reader.as_text()
-               for name, reader in self._readers.items() if reader.values}}
-        return self._shelf.write(now, partial(
-            write_mcap, topics=self._topics, messages=_in_order(chain(before, kept)), epoch=epoch,
-            metadata=metadata))
+        about = {'reasons': '\n'.join(reasons), 'namespace': self.get_namespace(),
+                 'version': version(NAME)}
+        parameters = {name: reader.values for name, reader in self._readers.items()
+                      if reader.values}
+        return self._shelf.write(time.time(), lambda path: write_recording(
+            path, self._topics, (before, kept), about, parameters))
 
     def _note(self, job: Future) -> None:
         error = job.exception()
@@ -261,13 +249,6 @@ class RecorderNode(Node):
             queue.close()
         if self._listener is not None:
             self._listener.close()
-
-
-def _in_order(kept: Iterable[Kept]) -> list[Kept]:
-    """Return all messages in the order of time, batches of CAN frames taken apart."""
-    return sorted(chain.from_iterable(
-        messages_of(one) if one.topic == CAN_TOPIC.topic else (one,) for one in kept),
-        key=itemgetter(0))
 
 
 main = partial(run, lambda: [RecorderNode()])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
-import json
 from pathlib import Path
 import re
 from typing import Any
@@ -101,10 +100,6 @@ class ParameterReader:
         """Note parameters that were declared or changed."""
         for parameter in (*event.new_parameters, *event.changed_parameters):
             self.values[parameter.name] = _plain(parameter_value_to_python(parameter.value))
-
-    def as_text(self) -> dict[str, str]:
-        """Return the values as JSON."""
-        return {name: json.dumps(value) for name, value in self.values.items()}
 
     def _read_names(self, answer: Future) -> None:
         names = answer.result().result.names
