@@ -11,6 +11,7 @@ CiA 306: electronic data sheet (EDS) and device configuration file (DCF).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -70,10 +71,8 @@ def take_snapshot(drive: SdoChannel, eds: Path) -> Snapshot:
         key = variable.index, variable.subindex
         wanted = variable.readable and variable.writable and key[0] not in _COMMANDS
         if wanted or key in IDENTITY:
-            try:
+            with suppress(SdoAbortError):
                 values[key] = variable.decode_raw(drive.read(*key))
-            except SdoAbortError:
-                continue
     return Snapshot(drive.name, drive.node_id, values, dictionary)
 
 

@@ -41,7 +41,7 @@ from facade_manipulator.drives.controller import (
 from facade_manipulator.errors import BusError, CommissioningError
 
 HEARTBEAT_TIMEOUT = 0.1  # s, after which the drives stop by themselves
-_MISSED = 5  # cycles, in 0.15 s at most
+_MISSED = 5  # cycles, which last 0.15 s at most: named before the heartbeat is missed here
 SETTINGS = ControllerSettings(
     rate=100, heartbeat_timeout=0.2, heartbeat_period=0.02, max_missed_cycles=_MISSED,
     hold_cycles=5)

@@ -31,9 +31,9 @@ def request_realtime(settings: ControllerSettings) -> list[str]:
 
 
 def _rejections(priority: int, cpu: int, lock_memory: bool) -> Iterator[str]:
-    """Ask for SCHED_FIFO, not for the threads that this one starts: they have no deadline."""
+    """Ask for each, and yield what was rejected."""
     try:
-        if priority > 0:
+        if priority > 0:  # not for the threads that this one starts: they have no deadline
             os.sched_setscheduler(
                 0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except OSError as error:
