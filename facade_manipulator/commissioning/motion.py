@@ -34,8 +34,7 @@ from facade_manipulator.drives.controller import (
     AxisMonitor,
     ControllerSettings,
     CyclicExchange,
-    object_writes,
-    pdo_writes,
+    drive_writes,
     write_objects,
 )
 from facade_manipulator.errors import BusError, CommissioningError
@@ -186,9 +185,8 @@ class Motion:
         self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
         here = carriage.axis.to_metres(drive.read_number(POSITION, signed=True))
         settings = replace(SETTINGS, heartbeat_timeout=HEARTBEAT_TIMEOUT)
-        write_objects(drive, [
-            *object_writes(profile, carriage.limited(here, self.window), settings),
-            *pdo_writes(node_id, SETTINGS.rate, profile.pdos)])
+        write_objects(
+            drive, drive_writes(profile, carriage.limited(here, self.window), settings))
         self._bus.start(node_id)
 
     def _run_until(self, phase: Phase) -> None:

@@ -6,11 +6,7 @@ requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for
 """
 
 from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.configuration import (
-    object_writes,
-    pdo_writes,
-    write_objects,
-)
+from facade_manipulator.drives.controller.configuration import drive_writes, write_objects
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.cycle import CycleStatistics, LATENESS_BOUNDS
 from facade_manipulator.drives.controller.exchange import CyclicExchange
@@ -36,12 +32,11 @@ __all__ = [
     'ControllerState',
     'CycleStatistics',
     'CyclicExchange',
+    'drive_writes',
     'DriveController',
     'Finding',
     'LATENESS_BOUNDS',
     'MechanismChecks',
-    'object_writes',
-    'pdo_writes',
     'POWERED_STATES',
     'Session',
     'write_objects',

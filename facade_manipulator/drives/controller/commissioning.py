@@ -24,9 +24,8 @@ from facade_manipulator.drives.cia402 import DriveProfile
 from facade_manipulator.drives.controller.configuration import (
     check_identity,
     compare_objects,
+    drive_writes,
     Identity,
-    object_writes,
-    pdo_writes,
     read_identity,
     verify_objects,
     write_objects,
@@ -258,9 +257,7 @@ class Commissioning:
         return notes
 
     def _writes(self, drive: Drive) -> list:
-        axis = drive.monitor.axis
-        return (object_writes(drive.profile, axis, self._settings)
-                + pdo_writes(axis.node_id, self._settings.rate, drive.profile.pdos))
+        return drive_writes(drive.profile, drive.monitor.axis, self._settings)
 
     def _start(self) -> None:
         self._command(NmtCommand.START, self._drives)

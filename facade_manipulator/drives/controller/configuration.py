@@ -92,6 +92,14 @@ def quantities(
     }
 
 
+def drive_writes(
+    profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
+) -> list[Write]:
+    """Return all that is written to a drive: `object_writes`, then `pdo_writes`."""
+    return (object_writes(profile, axis, settings)
+            + pdo_writes(axis.node_id, settings.rate, profile.pdos))
+
+
 def object_writes(
     profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
 ) -> list[Write]:
