@@ -44,19 +44,17 @@ def _parse(
     name: str, lines: Iterable[str], required: Sequence[str], optional: Sequence[str]
 ) -> np.ndarray:
     """Read a table from its lines; the name stands in messages."""
-    numbered = {number: line for number, line in enumerate(lines, 1) if not line.startswith('#')}
-    numbers, rows_text = list(numbered), list(numbered.values())
-    delimiter = ';' if rows_text and ';' in rows_text[0] else ','
+    lines = ['' if line.startswith('#') else line for line in lines]
+    delimiter = ';' if ';' in next(filter(str.strip, lines), '') else ','
     if delimiter == ';':
-        rows_text = [line.replace(',', '.') for line in rows_text]
-    reader = csv.DictReader(rows_text, delimiter=delimiter)
-    header = [column.strip() for column in reader.fieldnames or ()]
-    reader.fieldnames = header
+        lines = [line.replace(',', '.') for line in lines]
+    reader = csv.reader(lines, delimiter=delimiter)
+    filled = filter(None, reader)
+    header = [column.strip() for column in next(filled, [])]
     columns = [_column(name, header, column, column in required)
                for column in (*required, *optional)]
-    rows = [
-        [_cell(name, numbers[reader.line_num - 1], row, column, k < len(required))
-         for k, column in enumerate(columns)] for row in reader]
+    rows = [[_cell(name, reader.line_num, dict(zip(header, row, strict=False)), column,
+                   k < len(required)) for k, column in enumerate(columns)] for row in filled]
     if not rows:
         raise CalibrationError(f'{name} has no rows below its header')
     return np.array(rows, float)
