@@ -45,7 +45,7 @@ class Measurements(NamedTuple):
 
     def part(self, rows: np.ndarray | slice) -> Measurements:
         """Return some of the rows."""
-        return Measurements(self.carriages[rows], self.heads[rows])
+        return Measurements(*(table[rows] for table in self))
 
 
 class Identification(NamedTuple):
@@ -219,9 +219,7 @@ def cross_check(
             geometry, found.geometry)))
 
 
-def check_accuracy(
-    found: Identification, measurements: Measurements, noise: Noise
-) -> None:
+def check_accuracy(found: Identification, measurements: Measurements, noise: Noise) -> None:
     """
     Check that all over the workspace the head is known about as well as it was measured.
 
@@ -229,8 +227,7 @@ def check_accuracy(
     the poses cannot show.
     """
     measured = np.isfinite(measurements.heads).any(axis=0)
-    known = spread(
-        found.geometry, found.unknowns, found.covariance, candidates(found.geometry))
+    known = spread(found.geometry, found.unknowns, found.covariance, candidates(found.geometry))
     worst = measured * (known / noise.deviations).max(axis=0)
     if worst.max() > BLIND:
         axis = int(np.argmax(worst))
@@ -268,9 +265,7 @@ def report_geometry(found: Identification, held: HeldOut | None) -> list[str]:
     return lines
 
 
-def draw_accuracy(
-    path: Path, drawing: Geometry, found: Identification
-) -> None:
+def draw_accuracy(path: Path, drawing: Geometry, found: Identification) -> None:
     """Draw how far the head was off, and how well it is known now, over the workspace."""
     from matplotlib.figure import Figure
 
