@@ -325,10 +325,11 @@ class CyclicExchange:
         self._waits_for_sync = not self.clock.has_time(time.monotonic())
         if self._waits_for_sync:
             return
-        for monitor, command, counts in zip(
-                self._monitors, commands, self._targets.counts, strict=True):
-            for cob_id, data in monitor.encode(command, counts):
-                self._send(cob_id, data)
+        frames = [frame for one, command, counts in zip(
+            self._monitors, commands, self._targets.counts, strict=True)
+            for frame in one.encode(command, counts)]
+        for cob_id, data in frames:  # each is made before any is sent
+            self._send(cob_id, data)
 
     def _send(self, cob_id: int, data: bytes = b'') -> None:
         """Send a frame; a queue that is full now may be free in the next cycle."""
