@@ -41,9 +41,8 @@ from facade_manipulator.errors import BusError, CommissioningError
 
 HEARTBEAT_TIMEOUT = 0.1  # s, after which the drives stop by themselves
 _MISSED = 5  # cycles, which last 0.15 s at most: named before the heartbeat is missed here
-SETTINGS = ControllerSettings(
-    rate=100, heartbeat_timeout=0.2, heartbeat_period=0.02, max_missed_cycles=_MISSED,
-    hold_cycles=5)
+SETTINGS = ControllerSettings(  # a loop that is late for less than 0.1 s stops nothing
+    rate=100, heartbeat_timeout=0.2, heartbeat_period=0.02, max_missed_cycles=10, hold_cycles=5)
 PERIOD = SETTINGS.period
 MAX_SPEED = 0.05  # m/s, of anything that this tool moves
 ACCELERATION = 1.0  # m/s²
