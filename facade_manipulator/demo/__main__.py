@@ -66,7 +66,7 @@ class Demo:
         self.console = console
         self._interrupted = interrupted
         self._is_stopping = False
-        self.output = Path(options.output)
+        self.output = options.output
         self.scenario = load_scenario(options.scenario) if options.scenario else Scenario()
         self.processes = NodeProcesses(self.output)
         self.client = ManipulatorClient(
@@ -201,7 +201,7 @@ def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -
 
 def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
     """Write what the scenario asks of the compensator; `-p` would not beat manipulator.yaml."""
-    path = Path(options.output) / 'compensator.yaml'
+    path = options.output / 'compensator.yaml'
     values = {name: list(value) if isinstance(value, tuple) else value
               for name, value in compensator_parameters(scenario).items()}
     path.write_text(yaml.safe_dump({'/**/compensator': {'ros__parameters': values}}))
@@ -217,7 +217,7 @@ def _options(args: list[str] | None) -> argparse.Namespace:
                         help='wind and wall: a name in config/scenarios, or a file')
     parser.add_argument('--parameters', type=Path, default=config_path('manipulator.yaml'),
                         metavar='YAML', help='parameters of the nodes, such as a calibrated copy')
-    parser.add_argument('--output', default='demo_report', metavar='DIR',
+    parser.add_argument('--output', type=Path, default=Path('demo_report'), metavar='DIR',
                         help='folder of the report (default demo_report)')
     parser.add_argument('--namespace', default='demo', help='namespace of the nodes')
     return parser.parse_args(args)
@@ -236,7 +236,7 @@ def main(args: list[str] | None = None) -> int:
     console = Console(highlight=False, soft_wrap=True)
     os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     try:
-        Path(options.output).mkdir(parents=True, exist_ok=True)
+        options.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         print(f'{options.output} cannot be written: {error.strerror}', file=sys.stderr)
         return USAGE_ERROR

@@ -41,7 +41,6 @@ class LoopStep(NamedTuple):
     """One cycle: what was asked for, and the head on the wall when the drives got there."""
 
     corrected: CorrectedPose | None
-    command: Carriages
     actual: Carriages
     sample: WallSample
     wrench: Wrench  #: of the wall on the head
@@ -63,13 +62,11 @@ class ClosedLoop:
         self, geometry: Geometry, scenario: Scenario, motion: Motion, head: Pose,
         made: Geometry | None = None,
     ) -> None:
-        def disturbance(time: float) -> Pose:
-            return motion(time - START)
-
         self.scenario = scenario
         self.now = START  #: time of the next cycle [s]
         self.compensator = Compensator(geometry, scenario.compensator)
-        self.gondola = PressedGondola(disturbance, Facade(scenario.facade), scenario.gondola)
+        self.gondola = PressedGondola(
+            lambda time: motion(time - START), Facade(scenario.facade), scenario.gondola)
         self.estimator = SimulatedEstimator(scenario.estimator, self.gondola.at, START)
         self.wall = WallMeasurement(made or geometry, scenario.wall, self.gondola.at)
         self.rejections: list[str] = []
@@ -102,11 +99,10 @@ class ClosedLoop:
         if corrected is not None:
             self._attempt(self._add, now, corrected)
         reached = now + CYCLES_AHEAD * PERIOD
-        command = Carriages(*self.follower.sample(reached + ASSUMED_LAG))
-        self._move(command)
+        self._move(Carriages(*self.follower.sample(reached + ASSUMED_LAG)))
         wrench = self.gondola.advance(reached, self._made.forward_kinematics(self._actual))
         sample = self.wall.measure(reached, self._actual)
-        step = LoopStep(corrected, command, self._actual, sample, wrench,
+        step = LoopStep(corrected, self._actual, sample, wrench,
                         self._sensor.measure(reached, wrench), self.gondola.at(reached))
         self._under_way.append(step)
         self.now = now + PERIOD

@@ -74,9 +74,9 @@ class Run(NamedTuple):
         times, expected = np.array(list(self.expected)), np.array(list(self.expected.values()))
         came = [step.sample.time for step in self.steps]
         settled = np.interp(times, came, [step.sample.settled for step in self.steps]) == 1.0
+        rails = np.array([step.rail for step in self.steps])
         errors = expected[:, :3] - np.column_stack([
-            np.interp(times, came, axis)
-            for axis in zip(*(step.rail for step in self.steps), strict=True)])
+            np.interp(times, came, axis) for axis in rails.T])
         return (np.abs(errors) < 2.0 * expected[:, 3:])[settled].mean(axis=0).tolist()
 
 
@@ -164,12 +164,8 @@ def largest_step(steps: list[LoopStep]) -> dict[str, float]:
     return dict(zip(('x_mm', 'y_mm', 'theta_deg'), most.tolist(), strict=True))
 
 
-def sweep() -> list[dict]:
-    """Return the ratio of residual and disturbance of each axis over the frequency."""
-    return [_sweep_at(frequency) for frequency in SWEEP]
-
-
-def _sweep_at(frequency: float) -> dict:
+def ratios_at(frequency: float) -> dict:
+    """Return the ratio of residual and disturbance of each axis at a frequency [Hz]."""
     sines = {}
     for name, amplitude, phase in zip(
             ('x', 'y', 'yaw'), SWEEP_AMPLITUDE, (0.0, 1.0, 2.0), strict=True):
@@ -237,16 +233,18 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--scenario', action='append', help='a name or a file; all without it')
     parser.add_argument('--seeds', type=int, default=1, help='of gusts and noise, together')
     parser.add_argument('--before', type=Path, help='a compensation.json to be put beside')
-    parser.add_argument('--output', default='bench_report', help='folder of the report')
+    parser.add_argument('--output', type=Path, default=Path('bench_report'),
+                        help='folder of the report')
     options = parser.parse_args(args)
     try:
         scenarios = {
             name: load_scenario(name) for name in options.scenario or scenario_names()}
-        output = Path(options.output)
+        output = options.output
         output.mkdir(parents=True, exist_ok=True)
         results = {'scenarios': {
             name: _report(output, Path(name).stem, scenario, options.seeds)
-            for name, scenario in scenarios.items()}, 'sweep': sweep()}
+            for name, scenario in scenarios.items()},
+            'sweep': [ratios_at(frequency) for frequency in SWEEP]}
         if options.before:
             put_beside(results['scenarios'], json.loads(
                 options.before.read_text())['scenarios'])
