@@ -107,11 +107,7 @@ def _figures(
     yield SPECTRUM, pictures.spectrum(course)
     yield PATH, pictures.paths(course)
     times, forces = recorder.forces()
-    if len(times):
-        yield FORCE, pictures.pressing(course, times, forces, _desired(scenario))
-
-
-def _desired(scenario: Scenario) -> float | None:
-    """Return the force with which the head is to press [N], None if it does not give way."""
     impedance = scenario.compensator.impedance
-    return impedance.force if impedance.enabled else None
+    if len(times):
+        yield FORCE, pictures.pressing(
+            course, times, forces, impedance.force if impedance.enabled else None)
