@@ -47,19 +47,22 @@ Start = Callable[..., subprocess.Popen]
 
 def start_drives(start: Start) -> subprocess.Popen:
     """Start three simulated drives."""
-    process = start('facade_manipulator.drives.simulated', '--channel', CHANNEL,
-                    preexec_fn=as_drives)
-    wait_until(lambda: 'nodes 1, 2, 3' in process.log.read_text(), 'the drive simulator', 60.0)
-    return process
+    return begun(start('facade_manipulator.drives.simulated', '--channel', CHANNEL,
+                       preexec_fn=as_drives), 'nodes 1, 2, 3')
 
 
 def start_driver(start: Start, parameters: tuple[str, ...]) -> subprocess.Popen:
     """Start the driver."""
-    process = start(
+    return begun(start(
         'facade_manipulator.nodes.driver', '--ros-args', *DRIVER,
-        *(word for parameter in parameters for word in ('-p', parameter)), preexec_fn=as_driver)
-    wait_until(lambda: 'ready' in process.log.read_text() or process.poll() is not None,
-               'the driver', 60.0)
+        *(word for parameter in parameters for word in ('-p', parameter)),
+        preexec_fn=as_driver), 'ready')
+
+
+def begun(process: subprocess.Popen, words: str) -> subprocess.Popen:
+    """Return a process once it has said something; fail at once, with its log, if it ends."""
+    wait_until(lambda: words in process.log.read_text() or process.poll() is not None,
+               f'"{words}" in {process.log.name}', 60.0)
     assert process.poll() is None, process.log.read_text()
     return process
 
@@ -122,10 +125,11 @@ def come_down(client: ManipulatorClient) -> None:
     ways = {'active': client.deactivate, 'inactive': client.cleanup}
 
     def is_down() -> bool:
-        state = client.driver_state()
-        with suppress(ManipulatorError):  # it has left that state by itself: look again
+        with suppress(ManipulatorError):  # busy, or it has left that state by itself: look again
+            state = client.driver_state()
             ways.get(state, bool)()
-        return state == 'unconfigured'
+            return state == 'unconfigured'
+        return False
     client.wait_until(is_down, 'the driver to be unconfigured', 30.0)
 
 
