@@ -9,7 +9,7 @@ import time
 
 import can
 
-from facade_manipulator.drives.canopen import can_bus, CanBus
+from facade_manipulator.drives.canopen import BusCongestedError, can_bus, CanBus
 from facade_manipulator.drives.canopen import Frame as ReceivedFrame
 from facade_manipulator.drives.simulated.drive import SimulatedDrive
 from facade_manipulator.drives.simulated.node import Frame
@@ -128,8 +128,8 @@ class DriveSimulator:
         try:
             bus = self._bus = self._bus or can_bus(self._open_bus())
             received = bus.receive(wait)
-        except BusError:
-            self._note_error()
+        except BusError as error:
+            self._note_error(error)
             return None
         if received is not None:
             self._pause = 0.0
@@ -137,17 +137,20 @@ class DriveSimulator:
 
     def _send(self, frames: list[Frame], now: float) -> None:
         bus = self._bus
+        if bus is None or time.monotonic() < self._retry:
+            return  # nobody would receive it
         try:
-            for cob_id, data in frames if bus else ():
+            for cob_id, data in frames:
                 bus.send(cob_id, data, now)
-        except BusError:
-            self._note_error()
+        except BusError as error:
+            self._note_error(error)
 
-    def _note_error(self) -> None:
+    def _note_error(self, error: BusError) -> None:
         self.bus_errors += 1
         self._pause = min(max(2.0 * self._pause, _FIRST_PAUSE), _LONGEST_PAUSE)
         self._retry = time.monotonic() + self._pause
-        self._close_bus()
+        if not isinstance(error, BusCongestedError):  # what was received waits in the socket
+            self._close_bus()
 
     def _close_bus(self) -> None:
         bus, self._bus = self._bus, None

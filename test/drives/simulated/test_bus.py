@@ -1,5 +1,6 @@
 """Simulated drives on a real python-can bus, in their thread; and as a process of their own."""
 
+import errno
 import itertools
 from pathlib import Path
 import signal
@@ -174,6 +175,25 @@ def test_a_bus_that_goes_and_comes_back_is_used_again(channel, listener):
             listener.drain()
             return any(cob_id == 0x581 for cob_id, _ in listener.frames)
         wait_until(answers, 'an answer after the bus came back')
+
+
+def test_what_came_while_the_send_queue_was_full_is_answered_after(channel, listener):
+    class FullBus(can.interfaces.virtual.VirtualBus):
+        is_full = False
+
+        def send(self, frame):
+            if self.is_full:
+                raise can.CanOperationError('No buffer space available', errno.ENOBUFS)
+            super().send(frame)
+
+    with DriveSimulator(lambda: FullBus(channel), drives()) as simulator:
+        listener.wait_for((0x701, b'\x00'))
+        FullBus.is_full = True
+        listener.bus.send(message(0x601, bytes.fromhex('4000100000000000')))
+        wait_until(lambda: simulator.bus_errors, 'a full queue')
+        listener.bus.send(message(0x602, bytes.fromhex('4000100000000000')))
+        FullBus.is_full = False
+        listener.wait_for((0x582, bytes.fromhex('4300100092010200')))
 
 
 def test_time_passes_for_the_drives_while_the_bus_is_away(channel, listener):
