@@ -42,7 +42,8 @@ from facade_manipulator.errors import BusError, CommissioningError
 HEARTBEAT_TIMEOUT = 0.1  # s, after which the drives stop by themselves
 _MISSED = 5  # cycles, which last 0.15 s at most: named before the heartbeat is missed here
 SETTINGS = ControllerSettings(  # a loop that is late for less than 0.1 s stops nothing
-    rate=100, heartbeat_timeout=0.2, heartbeat_period=0.02, max_missed_cycles=10, hold_cycles=5)
+    rate=100, heartbeat_timeout=0.2, heartbeat_period=0.01, max_missed_cycles=10, hold_cycles=5)
+_OF_DRIVES = replace(SETTINGS, heartbeat_timeout=HEARTBEAT_TIMEOUT, heartbeat_period=0.05)
 PERIOD = SETTINGS.period
 MAX_SPEED = 0.05  # m/s, of anything that this tool moves
 ACCELERATION = 1.0  # m/s²
@@ -183,9 +184,8 @@ class Motion:
         self._bus.reset(node_id)
         self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
         here = carriage.axis.to_metres(drive.read_number(POSITION, signed=True))
-        settings = replace(SETTINGS, heartbeat_timeout=HEARTBEAT_TIMEOUT)
-        write_objects(
-            drive, drive_writes(profile, carriage.limited(here, self.window), settings))
+        limited = carriage.limited(here, self.window)
+        write_objects(drive, drive_writes(profile, limited, _OF_DRIVES))
         self._bus.start(node_id)
 
     def _run_until(self, phase: Phase) -> None:
