@@ -6,16 +6,18 @@ Everything that rclpy offers beyond its public interface is used in this package
 
 from facade_manipulator.ros.client import Component, ManipulatorClient
 from facade_manipulator.ros.clocks import reject_simulated_time, steady_timer
-from facade_manipulator.ros.conversions import (
+from facade_manipulator.ros.codec import (
     estimate_codec,
-    node_time,
     pose_codec,
+    setpoint_codec,
+    states_codec,
+)
+from facade_manipulator.ros.conversions import (
+    node_time,
     pose_message,
     pose_stamped,
     PoseStream,
-    setpoint_codec,
     stamp,
-    states_codec,
     Transforms,
     wrench_stamped,
 )

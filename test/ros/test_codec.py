@@ -13,15 +13,9 @@ from sensor_msgs.msg import JointState
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, seconds, VARIANCES
-from facade_manipulator.ros import conversions
-from facade_manipulator.ros.conversions import (
-    estimate_codec,
-    pose_codec,
-    pose_stamped,
-    setpoint_codec,
-    stamp,
-    states_codec,
-)
+from facade_manipulator.ros import codec
+from facade_manipulator.ros.codec import estimate_codec, pose_codec, setpoint_codec, states_codec
+from facade_manipulator.ros.conversions import pose_stamped, stamp
 
 STAMP = 12.5
 ARRAYS = ('position', 'velocity', 'effort')
@@ -79,7 +73,7 @@ def no_slow_way(monkeypatch):
     def reject(*_):
         raise AssertionError('went the slow way')
 
-    monkeypatch.setattr(conversions, 'deserialize_message', reject)
+    monkeypatch.setattr(codec, 'deserialize_message', reject)
 
 
 @given(st.data())
