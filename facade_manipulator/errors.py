@@ -102,21 +102,29 @@ class InputError(ManipulatorError):
             'not_finite', f'{what} = {value}{suffix} is not a finite number')
 
     @staticmethod
-    def unless_recent(what: str, age: float, oldest: float, lead: float) -> None:
-        """Reject what is older than a bound [s], or was measured farther in the future."""
-        if age > oldest:
-            raise InputError('stale', f'{what} is {age:.3f} s old, bound {oldest:g} s')
-        if -age > lead:
-            raise InputError(
-                'future', f'{what} is {-age:.3f} s from the future, bound {lead:g} s: are the '
-                'clocks synchronised?')
-
-    @staticmethod
     def out_of_order(what: str, lateness: float) -> InputError:
         """Return the rejection of what came after something newer [s], ready to be raised."""
         return InputError(
             'out_of_order', f'{what} is {lateness:.3f} s older than the one before, expected a '
             'newer one')
+
+
+def require_recent(what: str, age: float, oldest: float, lead: float) -> None:
+    """
+    Reject what is older than a bound [s], or was measured farther in the future than another.
+
+    Raises
+    ------
+    InputError
+        With reason ``'stale'`` or ``'future'``.
+
+    """
+    if age > oldest:
+        raise InputError('stale', f'{what} is {age:.3f} s old, bound {oldest:g} s')
+    if -age > lead:
+        raise InputError(
+            'future', f'{what} is {-age:.3f} s from the future, bound {lead:g} s: are the '
+            'clocks synchronised?')
 
 
 class CalibrationError(ManipulatorError):

@@ -7,7 +7,7 @@ import math
 from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.pressing import Pressing
-from facade_manipulator.errors import InputError
+from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import add, MotionState, Pose, Wrench
 from facade_manipulator.parameters import parameter, settings
 
@@ -243,7 +243,7 @@ class Contact:
         for name, value in values.items():
             if not math.isfinite(value):
                 raise InputError.not_finite(f'{what} {name}', value)
-        InputError.unless_recent(what, now - stamp, longest_age, FUTURE_TOLERANCE)
+        require_recent(what, now - stamp, longest_age, FUTURE_TOLERANCE)
         lateness = self._stamps.get(what, -math.inf) - stamp
         if 0.0 <= lateness <= CLOCK_STEP:
             raise InputError.out_of_order(what, lateness)

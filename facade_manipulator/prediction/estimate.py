@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
-from operator import attrgetter
 from typing import NamedTuple
 
-from facade_manipulator.errors import InputError
+from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.mounting import rail_pose, turned
@@ -20,7 +19,6 @@ FUTURE_TOLERANCE = 0.01  # s, lead of the estimator's clock: synchronised clocks
 JUMP = (0.03, 0.03, 0.03)  # m, m, rad
 FASTEST = 1.0  # m/s or rad/s, that a gondola moves: a real jump is accepted after a while
 LEAST_NOISE = 1e-4  # m or rad, standard deviation: below it a filter would trust nothing else
-MEANING = attrgetter('mounting', 'axes', 'delay')  # by what an estimate is of another motion
 LEARNING_PERIOD = 0.015  # s, well below what a gondola needs to move: 3 Hz lose 0.3 %
 
 
@@ -74,7 +72,7 @@ class EstimateGate:
 
     def change_settings(self, settings: EstimateSettings) -> bool:
         """Check by other bounds from now on; return whether estimates now mean another motion."""
-        is_another = MEANING(settings) != MEANING(self.settings)
+        is_another = _meaning(settings) != _meaning(self.settings)
         if is_another:
             self._last = None
         self.settings = settings
@@ -114,7 +112,7 @@ class EstimateGate:
             raise InputError(
                 'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
                 f'{self.settings.tilt:g} rad (estimate.tilt)')
-        InputError.unless_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
+        require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = None  # the clock was set back: its stamps mean nothing any more
         if self._last is not None:
@@ -134,6 +132,11 @@ class EstimateGate:
         mixed = math.sin(axes) ** 2 * (across - along)
         return Estimate(estimate.stamp, rail_pose(estimate.pose, self._mounting, axes), Variances(
             along + mixed + y * y * yaw, across - mixed + x * x * yaw, yaw))
+
+
+def _meaning(settings: EstimateSettings) -> tuple:
+    """Return by what an estimate is of another motion."""
+    return settings.mounting, settings.axes, settings.delay
 
 
 def _check_values(pose: Pose) -> None:
