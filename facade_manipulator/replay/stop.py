@@ -10,7 +10,12 @@ from typing import Any, NamedTuple
 
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.drives.canopen import BusSettings
-from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.cia402 import (
+    axis_defaults,
+    AXIS_NAMES,
+    AxisSettings,
+    load_profile,
+)
 from facade_manipulator.drives.controller import (
     ACTIVE_STATES,
     ControllerSettings,
@@ -25,7 +30,7 @@ from facade_manipulator.replay.poses import carriages, geometry_of
 
 PERIOD = 0.01  # s
 LEAD = 0.06  # s until the replay begins
-HOME_HERE = 37  # homing method: the present position is home
+HOME_HERE = 37, 35  # homing methods: the present position is home, 35 as older drives have it
 REQUEST_TIMEOUT = 30.0  # s
 AFTERMATH = 2.0  # s: how long after the recording a stop may still come
 SILENCE = 0.3  # s without a word of a drive while the others go on
@@ -175,10 +180,10 @@ def replay_stop(run: RecordedRun, duration: float) -> StopReplay:
     if not setpoints:
         raise RecordError(f'no joint_setpoints within {duration:g} s before the stop')
     begin = setpoints[0].time
+    setup = _setup(run, carriages(setpoints[0].message))
     faults = [fault for fault in drive_faults(run) if fault.time >= begin]
     rejections: list[str] = []
-    loop = LoopProcess(_setup(run, carriages(setpoints[0].message)),
-                       lambda _, message: rejections.append(message))
+    loop = LoopProcess(setup, lambda _, message: rejections.append(message))
     try:
         _power_on(loop)
         replayed = _play(
@@ -193,15 +198,22 @@ def _setup(run: RecordedRun, start: Sequence[float]) -> LoopSetup:
     geometry, values = geometry_of(run, 'driver'), run.parameters['driver']
     controller = replace(settings_from(ControllerSettings, values, 'controller'),
                          heartbeat_timeout=HEARTBEAT_TIMEOUT)
-    axes = tuple(
-        replace(settings_from(AxisSettings, values, name, **defaults), home_position=position,
-                homing_method=HOME_HERE)
-        for (name, defaults), position in zip(
-            axis_defaults(geometry.stroke).items(), start, strict=True))
     return LoopSetup(
-        geometry, controller, axes, BusSettings(interface='virtual'),
+        geometry, controller, drives_at_home(run, start), BusSettings(interface='virtual'),
         settings_from(StreamSettings, values, 'stream'),
         settings_from(MotionLimits, values, 'limits'), simulate_drives=True)
+
+
+def drives_at_home(run: RecordedRun, start: Sequence[float]) -> tuple[AxisSettings, ...]:
+    """Return the recorded settings of the axes, whose home is where they start [m]."""
+    defaults = axis_defaults(geometry_of(run, 'driver').stroke)
+    axes = (settings_from(AxisSettings, run.parameters['driver'], name, **own)
+            for name, own in defaults.items())
+    return tuple(
+        replace(axis, home_position=position, homing_method=next(
+            (method for method in HOME_HERE
+             if method in load_profile(axis.profile).homing_methods), axis.homing_method))
+        for axis, position in zip(axes, start, strict=True))
 
 
 def _actions(

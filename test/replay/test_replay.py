@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 import sys
 from types import SimpleNamespace as Message
 
 import numpy as np
 import pytest
 
+from facade_manipulator import config_path
 from facade_manipulator.blackbox import Kept, read_recording, Received, RecordedRun, write_mcap
 from facade_manipulator.blackbox.can_frames import CAN_TOPIC, frame_bytes
 from facade_manipulator.calibration import read_table
@@ -21,7 +23,13 @@ from facade_manipulator.replay import replay_poses, replay_setpoints, StopReplay
 from facade_manipulator.replay.__main__ import main
 from facade_manipulator.replay.poses import INPUTS
 from facade_manipulator.replay.report import page
-from facade_manipulator.replay.stop import drive_faults, recorded_stop, replay_stop, Stop
+from facade_manipulator.replay.stop import (
+    drive_faults,
+    drives_at_home,
+    recorded_stop,
+    replay_stop,
+    Stop,
+)
 
 BEGIN, PERIOD, DURATION = 1000.0, 0.01, 25.0
 GOAL = Pose(0.05, 0.26, 0.02)
@@ -102,6 +110,9 @@ def test_what_is_missing_is_named(run):
         CAN_PATH, empty, replay_poses(empty), replay_setpoints(empty), None)
     with pytest.raises(ManipulatorError, match='no joint_setpoints'):
         replay_stop(empty, 5.0)
+    unknown = RecordedRun(begin=BEGIN, end=BEGIN + 1.0, topics=run.topics)
+    with pytest.raises(RecordError, match='parameters of driver'):
+        replay_stop(unknown, 5.0)
 
 
 def test_odometry_is_an_estimate_in_the_replay_as_in_the_node():
@@ -199,6 +210,18 @@ def test_causes_are_compared_without_their_numbers():
     assert not alike('late for 331 ms', 'q2: late')
     assert not alike('late', None)
     assert alike(None, None)
+
+
+@pytest.mark.parametrize('known, used', [('[17, 35, 37]', 37), ('[17, 35]', 35)])
+def test_the_replay_begins_at_home_by_a_method_that_the_drive_type_knows(tmp_path, known, used):
+    source = config_path('drives/simulated.yaml')
+    (tmp_path / 'cia402.eds').write_bytes(source.with_name('cia402.eds').read_bytes())
+    path = tmp_path / 'own.yaml'
+    path.write_text(re.sub(r'homing_methods: .*', f'homing_methods: {known}', source.read_text()))
+    run = recorded()
+    run.parameters['driver'] |= {'q1.profile': str(path), 'q1.homing_method': 17}
+    axis = drives_at_home(run, (-0.05, 0.15, 0.05))[0]
+    assert (axis.homing_method, axis.home_position) == (used, -0.05)
 
 
 # --- files
