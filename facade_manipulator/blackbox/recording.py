@@ -48,8 +48,9 @@ def write_recording(
     Kept are the last messages of topics and all since, as `MessageRing.copy` returns them. `about`
     has ``reasons``, line by line, and ``namespace``; parameters are by node and name.
     """
+    before, newest = kept
     present = time.monotonic()
-    epoch, (before, newest) = time.time() - present, kept
+    epoch = time.time() - present
     begin = newest[0].time if newest else present
     messages = chain.from_iterable(
         messages_of(one) if one.topic == CAN_TOPIC.topic else (one,) for one in before + newest)

@@ -205,8 +205,8 @@ class RecorderNode(Node):
     def _write(self, before: list[Kept], kept: list[Kept], reasons: tuple[str, ...]) -> Path:
         about = {'reasons': '\n'.join(reasons), 'namespace': self.get_namespace(),
                  'version': version(NAME)}
-        parameters = {name: reader.values for name, reader in self._readers.items()
-                      if reader.values}
+        parameters = {name: dict(reader.values)  # as of now: the executor goes on changing them
+                      for name, reader in self._readers.items() if reader.values}
         return self._shelf.write(time.time(), lambda path: write_recording(
             path, self._topics, (before, kept), about, parameters))
 
