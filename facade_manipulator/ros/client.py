@@ -412,7 +412,7 @@ class ManipulatorClient:
 def _newest(statuses: Sequence[DiagnosticStatus], stamp: str) -> DiagnosticStatus | None:
     """Return the newest of the statuses of goals that is of the one with a stamp."""
     return next((status for status in reversed(statuses)
-                 if status_values(status)['goal stamp'] == stamp), None)
+                 if status_values(status).get('goal stamp') == stamp), None)
 
 
 def _distance(a: Pose, b: Pose) -> float:

@@ -102,6 +102,20 @@ def test_who_looks_on_for_long_remembers_the_last_goals_alone(ros, client):
     assert len(client._progress) == RECENT.depth
 
 
+def test_a_status_that_names_no_goal_is_passed_over(ros, client):
+    other = ros.node('compensator', namespace='gondola_1')
+    statuses = other.create_publisher(DiagnosticStatus, GOAL_STATUS, RECENT)
+
+    def answer(goal):
+        statuses.publish(DiagnosticStatus(message='of something else'))
+        statuses.publish(goal_status(
+            goal.header.stamp, GoalProgress(GoalState.REACHED), '', None))
+
+    other.create_subscription(PoseStamped, 'goal_pose', answer, LATEST)
+    client._check = lambda: ros.executor.spin_once(0.0)
+    client.go_to(GOAL)
+
+
 def test_every_rejected_request_of_solve_has_its_own_reason(client, start_process):
     """The same question twice, one after another, beside a stream that is followed."""
     start_process('facade_manipulator.nodes.manipulator', '--ros-args', '-r', '__ns:=/gondola_1')
