@@ -27,7 +27,8 @@ from std_msgs.msg import Header
 
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.messages import CARRIAGES, RAIL, seconds
-from facade_manipulator.ros.conversions import pose_stamped, setpoint_codec, stamp
+from facade_manipulator.ros.codec import setpoint_codec
+from facade_manipulator.ros.conversions import pose_stamped, stamp
 from facade_manipulator.ros.runtime import choose_executor, LATEST, RELIABLE
 
 HORIZON = 0.06
