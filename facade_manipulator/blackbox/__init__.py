@@ -5,6 +5,7 @@ The black box: messages of the last minutes in, one MCAP file per stop, fault or
 bounds what the files take of the disk.
 """
 
+from facade_manipulator.blackbox.arrivals import Arrivals
 from facade_manipulator.blackbox.can_frames import (
     CAN_TOPIC,
     CanListener,
@@ -18,7 +19,7 @@ from facade_manipulator.blackbox.recording import (
     write_mcap,
     write_recording,
 )
-from facade_manipulator.blackbox.ring import Arrivals, Kept, MessageRing, RecordedTopic
+from facade_manipulator.blackbox.ring import Kept, MessageRing, RecordedTopic
 from facade_manipulator.blackbox.settings import BlackBoxSettings
 from facade_manipulator.blackbox.shelf import Shelf
 from facade_manipulator.blackbox.trigger import RecordTrigger

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 import sys
 import threading
-import time
 from typing import NamedTuple
 
 
@@ -75,25 +74,3 @@ class MessageRing:
         """Return the last message of every topic among those that went, and what is kept."""
         with self._lock:
             return sorted(self._last.values()), list(self._messages)
-
-
-class Arrivals:
-    """
-    Turn receipts by the system's clock into monotonic times, for messages that are taken in turns.
-
-    A message came after the turn before and not later than now: a clock that is set meanwhile puts
-    it into no other time.
-    """
-
-    def __init__(self) -> None:
-        self._now = time.monotonic()
-        self.begin()
-
-    def begin(self) -> None:
-        """Begin a turn."""
-        self._before, self._now = self._now, time.monotonic()
-        self._epoch = time.time() - self._now
-
-    def time(self, received: float) -> float:
-        """Return the monotonic time of a receipt [s]."""
-        return min(max(received - self._epoch, self._before), self._now)

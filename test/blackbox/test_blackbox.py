@@ -89,7 +89,7 @@ def test_a_batch_of_frames_is_their_messages_at_their_times():
 @pytest.mark.parametrize('step', [0.0, 3600.0, -3600.0])
 def test_a_clock_that_is_set_puts_nothing_into_another_time(monkeypatch, step):
     clock = SimpleNamespace(monotonic=lambda: 20.0, time=lambda: 1020.0)
-    monkeypatch.setattr('facade_manipulator.blackbox.ring.time', clock)
+    monkeypatch.setattr('facade_manipulator.blackbox.arrivals.time', clock)
     arrivals = Arrivals()
     clock.monotonic, clock.time = lambda: 20.1, lambda: 1020.1 + step
     arrivals.begin()
