@@ -181,7 +181,7 @@ class DriveController:
         self._wake.clear()
         now = time.monotonic()
         if lost is not None and now >= lost.next_try:
-            self._session.try_to_reopen(now)
+            self._session.try_to_reopen()
         return now
 
     def _begin_requests(self) -> None:

@@ -35,7 +35,7 @@ class Configure(Operation):
         if session.exchange is not None or session.lost is not None:
             raise DriveStateError('configure is not possible, the drives are configured already')
         session.open()
-        end = now + LISTEN_PERIODS * settings.heartbeat_period
+        end = session.exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
         while session.exchange.read_until < end:
             now = yield
         session.exchange.require_sole_master()

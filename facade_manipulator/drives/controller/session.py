@@ -234,10 +234,10 @@ class Session:
             self.lost = LostBus(str(error), now + pause, pause)
             self.group.stop(Cause(str(error), BUS_REMEDY), now)
 
-    def try_to_reopen(self, now: float) -> None:
+    def try_to_reopen(self) -> None:
         """Open a lost bus and listen, or raise why it is still gone as `open` does."""
         self.open()
-        self.lost.healthy_since = now
+        self.lost.healthy_since = self.exchange.read_until
 
     def watch_recovery(self, now: float) -> None:
         """Transmit again on a bus that has been healthy for a while; the drives stay stopped."""

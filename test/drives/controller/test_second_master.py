@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 import threading
+import time
 
 from drive_rig import moving, PATIENCE, Rig, SETTINGS, SITUATIONS, situations, Source
 import pytest
@@ -36,11 +37,12 @@ class Chatter:
         self._thread.join()
 
 
-def second_controller(rig: Rig) -> tuple[DriveController, list]:
-    """Return another controller on the same bus, and what it sends."""
+def second_controller(rig: Rig, opening: float = 0.0) -> tuple[DriveController, list]:
+    """Return another controller on the same bus, which opens within a time, and what it sends."""
     sent = []
 
     def open_bus():
+        time.sleep(opening)
         bus = rig.open_bus()
         send = bus.send
         bus.send = lambda message, timeout=None: (sent.append(message), send(message, timeout))
@@ -50,9 +52,10 @@ def second_controller(rig: Rig) -> tuple[DriveController, list]:
         SETTINGS, DEFAULT_AXES, BusAccess(open_bus), MechanismChecks(Source()))), sent
 
 
-def test_a_second_driver_is_rejected_before_it_says_a_word(rig):
+@pytest.mark.parametrize('opening', [0.0, 2.0])
+def test_a_second_driver_is_rejected_before_it_says_a_word(rig, opening):
     moving(rig)
-    second, sent = second_controller(rig)
+    second, sent = second_controller(rig, opening)
     with pytest.raises(BusError, match='another master uses this bus') as caught:
         second.request('configure').result(PATIENCE)
     second.close()
@@ -102,9 +105,12 @@ def test_a_master_that_comes_later_stops_all_and_is_named(rig, situation, cob_id
     rig.do('clear_faults')
 
 
-def test_a_lost_bus_on_which_another_master_is_by_now_stays_lost(make_rig):
+@pytest.mark.parametrize('opening', [0.0, 2.0])
+def test_a_lost_bus_on_which_another_master_is_by_now_stays_lost(make_rig, opening, monkeypatch):
     rig = make_rig(settings=replace(SETTINGS, reopen_after=0.1))
     SITUATIONS['inactive'](rig)
+    new_bus = rig._new_bus
+    monkeypatch.setattr(rig, '_new_bus', lambda: (time.sleep(opening), new_bus())[1])
     rig.bus_is_missing = True
     rig.buses[-1].shutdown()
     rig.until(ControllerState.BUS_LOST)
