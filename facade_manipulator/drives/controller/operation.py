@@ -24,7 +24,8 @@ class Operation:
     A request under way, in the control thread.
 
     `run` does it from begin to end: ``now = yield`` waits for the next cycle, what it returns is
-    the message of a success, a ManipulatorError has that of a failure.
+    the message of a success, a ManipulatorError has that of a failure. One before the first
+    ``yield`` rejects the request; after a later one `give_up` tidies up.
 
     Parameters
     ----------

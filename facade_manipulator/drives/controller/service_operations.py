@@ -147,6 +147,7 @@ class SelfTest(Operation):
         if self._is_first:
             session.open()
         job = session.worker.submit(session.commissioning.inspect, not self._is_first)
+        yield  # it has begun: whatever fails now, `give_up` closes the bus
         while not job.done():
             yield
         findings = [*result_of(job), self._bus(), self._cycle(), self._stop()]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future
 from dataclasses import replace
 import time
 
@@ -153,6 +154,19 @@ def test_the_self_test_names_identity_objects_bus_and_cycle(rig):
         'bus', 'cycle', 'faults']
     assert all(finding.passed for finding in findings if finding.name != 'cycle')
     assert 'serial number 2' in findings[2].message
+
+
+def test_a_self_test_that_fails_at_once_leaves_no_bus_open(rig, monkeypatch):
+    def fail(function, *arguments):
+        job = Future()
+        job.set_exception(BusError('the CAN interface is down'))
+        return job
+
+    with monkeypatch.context() as patch:
+        patch.setattr(rig.controller._session.worker, 'submit', fail)
+        assert 'the CAN interface is down' in rig.rejection('self_test')
+    assert rig.state is ControllerState.UNCONFIGURED
+    rig.do('configure')
 
 
 def test_the_self_test_finds_an_object_that_somebody_has_changed(rig):
