@@ -271,9 +271,9 @@ def test_motion_after_activation_begins_with_a_goal_that_came_after_it(neighbour
     neighbours.corrected.clear()
     publish(DriverStatus('active', 'holding', '', neighbours.now()))
     ros.until(lambda: neighbours.value('corrected poses'), 'diagnostics')
-    count, told = len(neighbours.corrected), len(neighbours.diagnostics)
+    told = len(neighbours.diagnostics)
     ros.until(lambda: len(neighbours.diagnostics) > told + 1, 'time')
-    assert len(neighbours.corrected) == count <= 1
+    assert len(neighbours.corrected) <= 1  # that was on its way when the drives were halted
 
 
 def test_a_goal_right_after_the_activation_is_not_lost(neighbours):
