@@ -31,7 +31,7 @@ class CycleStatistics(NamedTuple):
     """Counters of the cycle."""
 
     cycles: int = 0  #: SYNCs answered by a step of the control loop
-    incomplete: int = 0  #: cycles in which a drive's answer was missing
+    incomplete: int = 0  #: cycles in which a drive's answer had not come before the step
     #: cycles whose commands came later than COMMANDS_DUE; when the kernel sends SYNC they were not
     #: sent, and the drives held one point
     late: int = 0
@@ -170,6 +170,7 @@ class SyncProducer(CycleClock):
     """The clock of a loop that sends SYNC itself: late commands delay the next SYNC."""
 
     _sync_waits = True
+    _waits_since = math.inf  # a step that is due, for frames that came before
 
     def start(self, now: float) -> None:
         """Send the first SYNC now."""
@@ -180,14 +181,22 @@ class SyncProducer(CycleClock):
         return True
 
     def may_wait(self, now: float, time: float) -> bool:
-        """Return whether a step may wait, after a frame of a time, for all that came as early."""
-        return self.is_open and self._answers < self._drives and time < self.next_event
+        """
+        Return whether a step may wait, after a frame of a time, for all that came as early.
+
+        For a period at most: frames may come faster than they are read.
+        """
+        if not self.is_open or self._answers >= self._drives or time >= self.next_event:
+            return False
+        self._waits_since = min(self._waits_since, now)
+        return now < self._waits_since + self.period
 
     def begin(self, time: float, stamp: float) -> None:
         """Begin a cycle: SYNC is being sent."""
         self._skipped += max(0, int((time - self._next_sync) / self.period))
         self._next_sync = max(  # keep the phase, but never squeeze a cycle to catch up
             self._next_sync + self.period, time + COMMANDS_DUE * self.period)
+        self._waits_since = math.inf
         self._open(time, stamp)
 
 

@@ -87,6 +87,16 @@ def test_a_late_step_waits_for_the_frames_that_came_before_it_was_due():
     assert not clock.may_wait(now=5.0 * T, time=0.5 * T)
 
 
+def test_frames_that_come_faster_than_they_are_read_delay_a_step_for_a_period_at_most():
+    clock = producer()
+    for sent in (0.0, 10.0 * T):
+        clock.begin(sent, 0.0)
+        assert clock.may_wait(now=sent + 5.0 * T, time=sent)
+        assert clock.may_wait(now=sent + 5.9 * T, time=sent + 0.5 * T)
+        assert not clock.may_wait(now=sent + 6.1 * T, time=sent + 0.5 * T)
+        clock.finish(sent + 6.1 * T)
+
+
 def test_after_a_late_first_answer_the_others_are_given_time_to_follow():
     clock = producer()
     clock.begin(0.0, 0.0)
