@@ -26,7 +26,6 @@ from facade_manipulator.motion.setpoints import (
     Setpoint,
     SetpointStream,
     STREAM_GAP,
-    TimedBuffer,
 )
 from facade_manipulator.motion.stopping import (
     Brake,
@@ -34,6 +33,7 @@ from facade_manipulator.motion.stopping import (
     least_distance,
     overshoot,
 )
+from facade_manipulator.motion.timed_buffer import TimedBuffer
 
 __all__ = [
     'Approach',

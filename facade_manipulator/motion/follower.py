@@ -30,7 +30,8 @@ from facade_manipulator.motion.limits import (
     Triple,
     ZERO,
 )
-from facade_manipulator.motion.setpoints import extrapolate, interpolate, Setpoint, TimedBuffer
+from facade_manipulator.motion.setpoints import extrapolate, interpolate, Setpoint
+from facade_manipulator.motion.timed_buffer import TimedBuffer
 from facade_manipulator.parameters import parameter, settings
 
 CARRIAGES = Carriages._fields

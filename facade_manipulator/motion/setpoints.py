@@ -1,16 +1,14 @@
 """
-Setpoints: looked up by their time, interpolated, and made of poses.
+Setpoints: interpolated between two, and made of poses.
 
 A pose is certified and solved; its velocity is that of the stream of poses.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_left, bisect_right
 from collections.abc import Iterator
 import math
-from operator import itemgetter
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import (
@@ -26,12 +24,9 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.motion.limits import Triple
 from facade_manipulator.parameters import parameter, settings
 
-Value = TypeVar('Value')
-KEPT_TIME = 2.0  # s, longer than any message is late or early
 PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
 LONGEST_PATH = 10000  # poses: a slip of the spacing must not stop the node for long
 STREAM_GAP = 0.2  # s, pause after which poses begin a new stream
-_time = itemgetter(0)
 
 
 class Setpoint(NamedTuple):
@@ -40,41 +35,6 @@ class Setpoint(NamedTuple):
     time: float
     position: Triple
     velocity: Triple
-
-
-class TimedBuffer(Generic[Value]):
-    """
-    Values at ascending times, each kept for `KEPT_TIME`.
-
-    One thread may write while others read: the tuple of items is replaced, never changed.
-    """
-
-    def __init__(self) -> None:
-        self._items: tuple[tuple[float, Value], ...] = ()
-
-    def clear(self) -> None:
-        """Forget all values."""
-        self._items = ()
-
-    def append(self, time: float, value: Value) -> None:
-        """Add the value at a time [s], in place of those at that time and later."""
-        items = self._items
-        end = bisect_left(items, time, key=_time)
-        begin = bisect_left(items, time - KEPT_TIME, key=_time)
-        self._items = (*items[begin:end], (time, value))
-
-    def newest(self, count: int = 1) -> tuple[tuple[float, Value], ...]:
-        """Return the newest items (time, value), fewer where there are not as many."""
-        return self._items[-count:]
-
-    def around(
-        self, time: float
-    ) -> tuple[tuple[float, Value] | None, tuple[float, Value] | None]:
-        """Return the items (time, value) not after a time [s] and after it, None where none is."""
-        items = self._items
-        index = bisect_right(items, time, key=_time)
-        return (items[index - 1] if index else None,
-                items[index] if index < len(items) else None)
 
 
 def extrapolate(last: Setpoint, time: float) -> tuple[Triple, Triple]:

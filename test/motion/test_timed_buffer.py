@@ -5,7 +5,7 @@ from bisect import bisect_right
 from hypothesis import given
 from hypothesis import strategies as st
 
-from facade_manipulator.motion.setpoints import KEPT_TIME, TimedBuffer
+from facade_manipulator.motion.timed_buffer import KEPT_TIME, TimedBuffer
 
 TIMES = st.lists(st.floats(0.0, KEPT_TIME), min_size=1, max_size=30, unique=True)
 

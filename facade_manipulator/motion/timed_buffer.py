@@ -1,0 +1,46 @@
+"""The last values of a signal, to be looked up by their time."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from operator import itemgetter
+from typing import Generic, TypeVar
+
+Value = TypeVar('Value')
+KEPT_TIME = 2.0  # s, longer than any message is late or early
+_time = itemgetter(0)
+
+
+class TimedBuffer(Generic[Value]):
+    """
+    Values at ascending times, each kept for `KEPT_TIME`.
+
+    One thread may write while others read: the tuple of items is replaced, never changed.
+    """
+
+    def __init__(self) -> None:
+        self._items: tuple[tuple[float, Value], ...] = ()
+
+    def clear(self) -> None:
+        """Forget all values."""
+        self._items = ()
+
+    def append(self, time: float, value: Value) -> None:
+        """Add the value at a time [s], in place of those at that time and later."""
+        items = self._items
+        end = bisect_left(items, time, key=_time)
+        begin = bisect_left(items, time - KEPT_TIME, key=_time)
+        self._items = (*items[begin:end], (time, value))
+
+    def newest(self, count: int = 1) -> tuple[tuple[float, Value], ...]:
+        """Return the newest items (time, value), fewer where there are not as many."""
+        return self._items[-count:]
+
+    def around(
+        self, time: float
+    ) -> tuple[tuple[float, Value] | None, tuple[float, Value] | None]:
+        """Return the items (time, value) not after a time [s] and after it, None where none is."""
+        items = self._items
+        index = bisect_right(items, time, key=_time)
+        return (items[index - 1] if index else None,
+                items[index] if index < len(items) else None)
