@@ -116,7 +116,7 @@ def intervals_of(geometry: Geometry, at: tuple[np.ndarray, ...]) -> tuple[np.nda
 def index_of(
     geometry: Geometry, at: tuple[np.ndarray, ...], characteristic_length: float
 ) -> np.ndarray:
-    """Local conditioning index from the links of every pose, as `conditioning_map`."""
+    """Local conditioning index from the links of every pose, as `pose_map` has it."""
     ratio = geometry.platform_half_length / characteristic_length
     return np.sqrt(squared_index(at, ratio, ratio))
 
