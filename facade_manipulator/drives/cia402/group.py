@@ -233,7 +233,7 @@ class Group:
         step. Never raises for what a drive does.
 
         """
-        shown = [one[:2] for one in feedback]  # statusword, mode: all that a last step looks at
+        shown = [(one.statusword, one.mode) for one in feedback]  # all that a last step looks at
         if self.is_settled and len(self._plan) == 1 and shown == self._last_shown:
             return self.commands
         self._last_shown = shown

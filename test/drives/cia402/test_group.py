@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.drives.cia402 import plans
 from facade_manipulator.drives.cia402.axis import Feedback
 from facade_manipulator.drives.cia402.cause import Cause
 from facade_manipulator.drives.cia402.group import Group, GroupSettings
@@ -71,6 +72,15 @@ class Drives:
                 return
             self.cycle()
         raise AssertionError(f'{self.group.phase} after {cycles} cycles, not {phases}')
+
+
+@pytest.mark.parametrize('plan', [
+    one for one in (*vars(plans).values(), *plans.HALTS.values(), plans.enable_plan(9))
+    if isinstance(one, tuple) and isinstance(one[0], tuple)])
+def test_a_last_step_asks_for_nothing_but_state_and_mode(plan):
+    """Else a group that has done it must look at the rest of the feedback in each cycle."""
+    _, step = plan[-1]
+    assert not step.to_rest
 
 
 def is_enabling(command) -> bool:
