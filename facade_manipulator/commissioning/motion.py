@@ -239,8 +239,8 @@ class Motion:
         self._exchange.turn()
         cause = self._group.cause
         if cause is not None and not self._is_stopping:
-            raise CommissioningError(
-                f'{cause.message}; next: {cause.remedy}; the carriages are stopped')
+            next_step = f'; next: {cause.remedy}' if cause.remedy else ''
+            raise CommissioningError(f'{cause.message}{next_step}; the carriages are stopped')
 
     def _stop(self) -> None:
         """Quick-stop, then take the power; a bus that is gone leaves that to the drives."""

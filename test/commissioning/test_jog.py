@@ -188,16 +188,19 @@ def test_a_drive_that_falls_silent_stops_the_jog_with_its_name(rig, hand, capsys
     wait_until(lambda: speed(rig) < 1e-4, 'rest')
 
 
-def test_a_fault_of_one_drive_stops_all_with_what_it_is(rig, hand, capsys):
+@pytest.mark.parametrize(('code', 'message'), [
+    (0x2310, 'current is too high (error code 2310h); next: remove the cause; the carriages'),
+    (0x8611, 'error is beyond its window (error code 8611h); the carriages are stopped')])
+def test_a_fault_of_one_drive_stops_all_with_what_it_is(rig, hand, capsys, code, message):
     def script():
         hand.key = b'd'
         until_moving(rig)
         with rig.simulator.access() as drives:
-            drives[1].inject_fault(0x2310)
+            drives[1].inject_fault(code)
         wait_until(lambda: speed(rig) < 1e-4, 'a stop')
 
     assert jogging(rig, hand, script, '--links', 'coupled') == 1
-    assert 'motor current is too high' in capsys.readouterr().err
+    assert message in capsys.readouterr().err
     wait_until(lambda: max(speed(rig, n) for n in range(3)) < 1e-4, 'rest')
     assert not {drive.state for drive in rig.drives} & POWERED_STATES
 
