@@ -2,6 +2,7 @@ import ast
 from importlib import import_module
 from importlib.util import find_spec
 import json
+import os
 from pathlib import Path
 import subprocess
 import sys
@@ -12,11 +13,14 @@ BENCH = Path(__file__).parent / 'bench'
 FIELDS = ['name', 'goal_id', 'ours', 'competitor', 'unit', 'ratio', 'goal', 'met']
 
 
-@pytest.fixture
-def table(monkeypatch):
+@pytest.fixture(autouse=True)
+def scripts(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCH))
-    import table
-    return table
+
+
+@pytest.fixture
+def table():
+    return import_module('table')
 
 
 @pytest.mark.parametrize('path', [*BENCH.glob('*.py'), *BENCH.parent.glob('[!t]*.py')],
@@ -41,6 +45,17 @@ def test_a_quick_bench_writes_rows_with_every_field_and_a_picture(tmp_path):
     assert {'K1', 'K2'} <= {row['goal_id'] for row in rows}
     assert all((row['met'] is None) == (row['goal'] == '') for row in rows)
     assert (tmp_path / 'bench.png').stat().st_size > 0
+
+
+def test_a_process_that_ends_is_not_measured():
+    processes = import_module('processes')
+    with processes.Processes(0) as running:
+        ended = running._start('one that fails', ['-c', 'raise SystemExit("no word")'])
+        os.waitid(os.P_PID, ended.pid, os.WEXITED | os.WNOWAIT)
+        with pytest.raises(ProcessLookupError, match=f'{ended.pid} has ended'):
+            processes.memory_of(ended.pid)
+        with pytest.raises(ChildProcessError, match="one that fails did not say 'ready': no word"):
+            running.wait_for('one that fails', 'ready')
 
 
 @pytest.mark.parametrize(('goal', 'ratio', 'met'), [

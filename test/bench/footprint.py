@@ -34,12 +34,8 @@ def _start(name: str) -> tuple[float, float]:
     """Return when a node begins to spin [s] and its memory [MiB]."""
     with Processes(DOMAIN) as processes:
         begin = time.monotonic()
-        process = processes.script(
-            'start_role', name, '--ros-args', '-r', '__ns:=/bench',
-            *(word for one in PARAMETERS.get(name, ()) for word in ('-p', one)))
-        for line in process.stdout:
-            if line.strip() == 'ready':
-                break
+        process = processes.node(name, *PARAMETERS.get(name, ()))
+        processes.wait_for(name, ']: ready')
         ready = time.monotonic() - begin
         time.sleep(SETTLED)
         return ready, memory_of(process.pid)
