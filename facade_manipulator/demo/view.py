@@ -54,7 +54,7 @@ def _line(observer: Observer, elapsed: float) -> str:
     columns = (
         ('goal', observer.client.goal),
         ('disturbance', observer.poses.get('gondola_simulator/uncompensated_error')),
-        ('error', observer.poses.get('gondola_simulator/wall_error')),
+        ('from the goal', observer.poses.get('gondola_simulator/wall_error')),
     )
     cells = [f'{name} {_triple(pose)}' for name, pose in columns]
     cells.append(f'{observer.count("driver: bus", "cycles")} cycles')
