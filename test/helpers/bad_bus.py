@@ -37,13 +37,13 @@ class FrameFilter:
 
 
 def put_on_bad_bus(drive, sending: dict | None = None, receiving: dict | None = None) -> None:
-    """Let frames of a drive get lost; what is late comes with the next frame."""
-    receive = type(drive).receive
+    """Let frames of a drive get lost, heartbeats too; what is late comes with the next frame."""
+    receive, advance = type(drive).receive, type(drive).advance
     to_drive, from_drive = FrameFilter(**receiving or {}), FrameFilter(**sending or {})
 
     def receive_what_arrives(cob_id: int, data: bytes, now: float) -> list:
-        return from_drive.carry([
-            answer for frame in to_drive.carry([(cob_id, data)], now)
-            for answer in receive(drive, *frame, now)], now)
+        return [answer for frame in to_drive.carry([(cob_id, data)], now)
+                for answer in receive(drive, *frame, now)]
 
     drive.receive = receive_what_arrives
+    drive.advance = lambda now: from_drive.carry(advance(drive, now), now)
