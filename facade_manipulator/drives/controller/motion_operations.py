@@ -8,7 +8,7 @@ from facade_manipulator.drives.cia402 import (
     HomingSequence,
     Phase,
 )
-from facade_manipulator.drives.controller.operation import Course, Operation
+from facade_manipulator.drives.controller.operation import Operation, Steps
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import require_inside
 from facade_manipulator.errors import DriveFaultError, DriveStateError, ManipulatorError
@@ -19,7 +19,7 @@ class Activate(Operation):
 
     state = ControllerState.ACTIVATING
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Check that the carriages may be powered where they are; power them."""
         group = self.group
         self.require_allowed()
@@ -50,7 +50,7 @@ class Deactivate(Operation):
 
     state = ControllerState.DEACTIVATING
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Ramp down and wait until the power is off."""
         self.group.disable(now)
         yield from self.until(Phase.OFF)
@@ -63,7 +63,7 @@ class Halt(Operation):
     state = ControllerState.HALTING
     interrupts = True
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Ramp down; where nothing is commanded to move, nothing is cancelled."""
         given_up = 'Homing' if self.group.phase is Phase.HOMING else 'The activation'
         self.interrupts = self.group.halt(now)
@@ -80,7 +80,7 @@ class Home(Operation):
 
     state = ControllerState.HOMING
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Power on in homing mode, and wait until the power is off again."""
         session, group = self.session, self.group
         self.require_allowed()

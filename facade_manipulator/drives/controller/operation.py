@@ -16,7 +16,7 @@ from facade_manipulator.errors import (
     ManipulatorError,
 )
 
-Course = Generator[None, float, Any]
+Steps = Generator[None, float, Any]  # each takes a cycle, whose time [s] is sent
 
 
 class Operation:
@@ -39,7 +39,7 @@ class Operation:
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        self._course: Course | None = None
+        self._steps: Steps | None = None
 
     @property
     def name(self) -> str:
@@ -61,19 +61,19 @@ class Operation:
             raise DriveStateError(f'{self.name} is not possible, the drives are not configured')
         return self.session.group
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Do what is asked for, from a time on [s]."""
         raise NotImplementedError
 
     def begin(self, now: float) -> Any:
         """Begin; return the message if there is nothing to do."""
-        self._course = self.run(now)
+        self._steps = self.run(now)
         return self.poll(None)
 
     def poll(self, now: float | None) -> Any:
         """Go on; return the message once it is done, None until then."""
         try:
-            self._course.send(now)
+            self._steps.send(now)
         except StopIteration as end:
             return end.value
         return None
@@ -95,7 +95,7 @@ class Operation:
             raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}; '
                                   'wait until whoever set it takes it back')
 
-    def until(self, *phases: Phase) -> Course:
+    def until(self, *phases: Phase) -> Steps:
         """
         Wait until all drives are where one of some phases wants them.
 

@@ -7,7 +7,7 @@ from concurrent.futures import Future
 from facade_manipulator.drives.canopen import Condition
 from facade_manipulator.drives.cia402 import Cause, CONFIGURE_REMEDY, Phase
 from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.operation import Course, Operation, result_of
+from facade_manipulator.drives.controller.operation import Operation, result_of, Steps
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
     BusError,
@@ -29,7 +29,7 @@ class Configure(Operation):
 
     state = ControllerState.CONFIGURING
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Listen before the first word: another master's drives are not ours to reset."""
         session, settings = self.session, self.session.settings
         if session.exchange is not None or session.lost is not None:
@@ -78,7 +78,7 @@ class Cleanup(Operation):
 
     state = ControllerState.CLEANING_UP
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Close once the drives have confirmed that their power is off, or had the time to."""
         session = self.session
         if session.lost is not None:
@@ -100,7 +100,7 @@ class ClearFaults(Operation):
     state = ControllerState.CLEARING
     name = 'clear_faults'
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Let the worker prove that the drives are still as they were configured, then reset."""
         session, group = self.session, self.group
         cause = group.cause
@@ -136,7 +136,7 @@ class SelfTest(Operation):
     name = 'self_test'
     _is_first = False
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Let the worker ask the drives; on a bus that is not open, for this test alone."""
         session = self.session
         if session.is_powered:
@@ -187,7 +187,7 @@ class Close(Operation):
     state = ControllerState.CLEANING_UP
     interrupts = outlives_bus = True
 
-    def run(self, now: float) -> Course:
+    def run(self, now: float) -> Steps:
         """Power off, and take the power once the carriages stand still."""
         session = self.session
         end = now + CLOSING_TIMEOUT
