@@ -36,6 +36,7 @@ from facade_manipulator.messages import (
     END_EFFECTOR,
     estimate_numbers,
     FACADE,
+    planar,
     planar_wrench,
     pose_in_frame,
     projected,
@@ -58,6 +59,7 @@ from facade_manipulator.ros import (
     LATEST,
     node_time,
     offer_trigger,
+    pose_codec,
     PoseStream,
     Rejections,
     RELIABLE,
@@ -168,6 +170,7 @@ class CompensatorNode(Node):
         self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
         self._rail = Transforms(self, FACADE, RAIL)
         self._disturbance_codec = estimate_codec('disturbance', FACADE)
+        self._head_codec = pose_codec('end_effector_pose', RAIL)
         self._subscribe(heads)
         self.create_service(SetBool, 'compensator/enable', self._enable)
         offer_trigger(self, 'compensator/tare', self._tare)
@@ -195,7 +198,7 @@ class CompensatorNode(Node):
             heads.connect(self._add_head, subscribes=False)
         else:
             self.create_subscription(
-                PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE)
+                PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE, raw=True)
         self.create_subscription(
             WrenchStamped, 'contact_wrench', self._receive_wrench, qos_profile_sensor_data)
         self.create_subscription(
@@ -258,10 +261,10 @@ class CompensatorNode(Node):
         self._compensator.add_estimate(
             node_time(self), time, place, (x, y, yaw), self._report.out_of_plane.tilt)
 
-    def _receive_head(self, message: PoseStamped) -> None:
+    def _receive_head(self, data: bytes) -> None:
         with self._rejections:
-            pose = pose_in_frame(message, RAIL, 'end_effector_pose')
-            self._compensator.following.add_head(seconds(message.header.stamp), pose)
+            time, pose = self._head_codec.read(data)
+            self._compensator.following.add_head(time, planar(pose, 'end_effector_pose'))
 
     def _add_head(self, time: float, pose: Pose) -> None:
         with self._rejections:

@@ -233,6 +233,13 @@ def test_a_tare_makes_the_present_place_nominal(neighbours):
     neighbours.until_corrected(lambda pose: near(pose, GOAL), 'the goal at the new place')
 
 
+def test_a_head_that_is_no_message_is_rejected_and_counted(neighbours):
+    """The middleware would drop it without a word."""
+    neighbours.heads.publish(b'\0\1\0\0' + bytes(8))
+    neighbours.ros.until(
+        lambda: neighbours.value('rejected: malformed') == '1', 'the rejection')
+
+
 def test_a_tare_without_an_estimate_is_rejected(neighbours):
     reply = neighbours.ros.call(neighbours.node, Trigger, 'compensator/tare')
     assert not reply.success
