@@ -6,11 +6,18 @@ one state a cycle, replies, rejections. When the node ends or hangs, the loop ra
 down and powers them off; when the loop ends, the drives miss its heartbeat and stop.
 """
 
-from facade_manipulator.loop.control_loop import LoopSetup, StreamStatus
+from facade_manipulator.loop.control_loop import (
+    assemble,
+    checked_follower,
+    LoopSetup,
+    StreamStatus,
+)
 from facade_manipulator.loop.process import LoopProcess, start_process
 from facade_manipulator.loop.stopping import Outcome, StoppingAnalysis
 
 __all__ = [
+    'assemble',
+    'checked_follower',
     'LoopProcess',
     'LoopSetup',
     'Outcome',

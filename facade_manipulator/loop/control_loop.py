@@ -64,9 +64,9 @@ class LoopSetup:
     geometry: Geometry
     controller: ControllerSettings
     axes: tuple[AxisSettings, ...]
-    bus: BusSettings
-    stream: StreamSettings
-    limits: MotionLimits
+    bus: BusSettings = BusSettings()
+    stream: StreamSettings = StreamSettings()
+    limits: MotionLimits = MotionLimits()
     simulate_drives: bool = False
 
     def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
@@ -96,6 +96,39 @@ class StreamStatus(NamedTuple):
     dropped: int = 0  #: states that did not fit into the channel, because the node was busy
 
 
+def checked_follower(setup: LoopSetup) -> tuple[SetpointFollower, MechanismChecks]:
+    """
+    Return what follows setpoints, and all that is checked of the mechanism meanwhile.
+
+    Raises
+    ------
+    ParameterError
+        As `StoppingAnalysis.check` does.
+
+    """
+    guard = mechanism_guard(setup.geometry)
+    follower = SetpointFollower(
+        setup.stream, setup.limits, setup.controller.period, guard,
+        fastest_near(setup.geometry, setup.stopping(setup.limits).separation))
+    return follower, MechanismChecks(
+        follower, guard, HomingGuard(setup.geometry),
+        measured_guard(setup.geometry, max(axis.limit_margin for axis in setup.axes)))
+
+
+def assemble(setup: LoopSetup, bus: BusAccess) -> tuple[SetpointFollower, DriveController]:
+    """
+    Return what follows setpoints and what drives the carriages: the machine, and any test of it.
+
+    Raises
+    ------
+    ParameterError
+        As `StoppingAnalysis.check` and `Session` do.
+
+    """
+    follower, mechanism = checked_follower(setup)
+    return follower, DriveController(Session(setup.controller, setup.axes, bus, mechanism))
+
+
 class ControlLoop:
     """
     Everything that keeps the drives moving, and the node's messages to it.
@@ -114,17 +147,8 @@ class ControlLoop:
     """
 
     def __init__(self, setup: LoopSetup, channel: Channel) -> None:
-        separation = setup.stopping(setup.limits).separation
-        guard = mechanism_guard(setup.geometry)
-        self.follower = SetpointFollower(
-            setup.stream, setup.limits, setup.controller.period, guard,
-            fastest_near(setup.geometry, separation))
-        self.controller = DriveController(Session(
-            setup.controller, setup.axes,
-            BusAccess(lambda: open_bus(setup.bus), setup.bus.bitrate, str(setup.bus)),
-            MechanismChecks(
-                self.follower, guard, HomingGuard(setup.geometry), measured_guard(
-                    setup.geometry, max(axis.limit_margin for axis in setup.axes)))))
+        self.follower, self.controller = assemble(setup, BusAccess(
+            lambda: open_bus(setup.bus), setup.bus.bitrate, str(setup.bus)))
         self.simulator = _simulate(setup) if setup.simulate_drives else None
         self._setup = setup
         self._channel = channel

@@ -249,29 +249,21 @@ class Driver:
 
     def __init__(self) -> None:
         from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
-        from facade_manipulator.drives.controller.controller import DriveController
-        from facade_manipulator.drives.controller.session import BusAccess, Session
-        from facade_manipulator.drives.controller.settings import ControllerSettings
-        from facade_manipulator.drives.controller.targets import MechanismChecks
+        from facade_manipulator.drives.controller import BusAccess, ControllerSettings
         from facade_manipulator.drives.simulated.drive import simulated_drives
         from facade_manipulator.drives.simulated.simulator import DriveSimulator
         from facade_manipulator.kinematics import Geometry
-        from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
-        from facade_manipulator.motion.guard import mechanism_guard
-        from facade_manipulator.motion.limits import MotionLimits
+        from facade_manipulator.loop import assemble, LoopSetup
 
         # an object that a drive is asked for while it boots is asked for again
         logging.getLogger('canopen').setLevel(logging.CRITICAL)
         settings = ControllerSettings(
             rate=RATE, boot_timeout=PATIENCE, max_missed_cycles=10,
             heartbeat_timeout=0.5)
-        guard = mechanism_guard(Geometry())
-        self.follower = SetpointFollower(
-            StreamSettings(), MotionLimits(), settings.period, guard)
         simulator = DriveSimulator(bus, simulated_drives(DEFAULT_AXES))
         simulator.start()
-        self.controller = DriveController(Session(
-            settings, DEFAULT_AXES, BusAccess(bus), MechanismChecks(self.follower, guard)))
+        self.follower, self.controller = assemble(
+            LoopSetup(Geometry(), settings, DEFAULT_AXES), BusAccess(bus))
         self.reader = Reader(self.controller)
         for request in ('configure', 'home', 'activate'):
             self.controller.request(request).result(PATIENCE)

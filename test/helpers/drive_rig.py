@@ -82,8 +82,11 @@ class Rig:
         self.simulator.start()
         wait_until(lambda: NmtState.INITIALISING not in {d.nmt_state for d in self.drives},
                    'drives that are on')  # a boot-up while they are reset means: once more
-        self.controller = DriveController(Session(
-            settings, axes, BusAccess(self.open_bus),
+        self.controller = self._make_controller(settings, **checks)
+
+    def _make_controller(self, settings: ControllerSettings, **checks) -> DriveController:
+        return DriveController(Session(
+            settings, self.axes, BusAccess(self.open_bus),
             MechanismChecks(self.source, **checks)))
 
     def _new_bus(self) -> can.BusABC:

@@ -17,12 +17,16 @@ from support import hear_much, wait_until
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, State
+from facade_manipulator.drives.controller import (
+    BusAccess,
+    ControllerSettings,
+    DriveController,
+)
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.motion import Setpoint, SetpointFollower, StreamSettings
-from facade_manipulator.motion.guard import mechanism_guard
-from facade_manipulator.motion.limits import MotionLimits
+from facade_manipulator.loop import assemble, LoopSetup
+from facade_manipulator.motion import Setpoint
 
 # for tests: what a busy computer does is no fault
 PATIENT = replace(SETTINGS, max_missed_cycles=5, hold_cycles=1, reopen_after=0.2)
@@ -43,11 +47,7 @@ class StreamRig(Rig):
     """A rig whose targets come from a stream of setpoints, as in the driver."""
 
     def __init__(self, channel: str, settings=PATIENT, **details) -> None:
-        guard = mechanism_guard(Geometry())
-        self.follower = SetpointFollower(
-            StreamSettings(), MotionLimits(), settings.period, guard)
-        super().__init__(channel, settings=settings, source=self.follower,
-                         check_targets=guard, **details)
+        super().__init__(channel, settings=settings, **details)
         self.settings = settings
         self.received: list[can.Message] = []
         self.repairs: list[Callable[[], object]] = []
@@ -58,6 +58,11 @@ class StreamRig(Rig):
         self._closed = threading.Event()
         self._streamer = threading.Thread(target=self._stream, daemon=True)
         self._streamer.start()
+
+    def _make_controller(self, settings: ControllerSettings) -> DriveController:
+        self.follower, controller = assemble(
+            LoopSetup(Geometry(), settings, self.axes), BusAccess(self.open_bus))
+        return controller
 
     def close(self) -> None:
         self.repair()

@@ -21,23 +21,12 @@ from facade_manipulator.drives.controller import (
     BusAccess,
     ControllerSettings,
     ControllerSnapshot,
-    DriveController,
-    MechanismChecks,
 )
-from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.simulated.drive import simulated_drives
 from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop import StoppingAnalysis
-from facade_manipulator.motion import (
-    fastest_near,
-    HomingGuard,
-    mechanism_guard,
-    MotionLimits,
-    Setpoint,
-    SetpointFollower,
-    StreamSettings,
-)
+from facade_manipulator.loop import assemble, LoopSetup
+from facade_manipulator.motion import mechanism_guard, Setpoint
 
 RESET_WINDOW = 3.0  # s, instead of a minute, in which nobody would learn anything
 STEP = 0.05  # s, between two looks where no cycle runs
@@ -85,19 +74,14 @@ class World:
         self.channel, self.bus_is_down = f'world {next(_channels)}', False
         self.settings = settings or ControllerSettings(own_garbage_collection=False)
         self.guard = mechanism_guard(Geometry())
-        separation = StoppingAnalysis(Geometry(), MotionLimits(), axes, self.settings).separation
         self._patches = pytest.MonkeyPatch()
         self._patches.setattr(group, 'RESET_WINDOW', RESET_WINDOW)
         self.time = SimulatedTime().__enter__()
-        self.follower = SetpointFollower(
-            StreamSettings(), MotionLimits(), self.settings.period, self.guard,
-            fastest_near(Geometry(), separation))
         self.drives = simulated_drives(axes)
         self._simulator = DriveSimulator(lambda: VirtualBus(self.channel), self.drives)
         self._simulator.start()
-        self.controller = DriveController(Session(
-            self.settings, axes, BusAccess(self._open),
-            MechanismChecks(self.follower, mechanism_guard(Geometry()), HomingGuard(Geometry()))))
+        self.follower, self.controller = assemble(
+            LoopSetup(Geometry(), self.settings, axes), BusAccess(self._open))
         recover = self.controller._recover
         self.controller._recover = lambda error: (self.errors.append(error), recover(error))
         self.controller.observe = self._observe
