@@ -22,6 +22,7 @@ CARRIAGES = Carriages._fields
 POSE_NUMBERS = (
     'x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')
 FACADE, RAIL, END_EFFECTOR = 'facade', 'rail', 'end_effector'  # the frames' names
+STATUS_LEVELS = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
 
 
@@ -210,6 +211,12 @@ def planar_wrench(message: Any) -> Wrench:
     """Return what a wrench has in the plane; what is not in it is no matter of the mechanism."""
     force, torque = message.wrench.force, message.wrench.torque
     return Wrench(force.x, force.y, torque.z)
+
+
+def status_level(status: Any) -> str:
+    """Return the level of a diagnostic status as a word."""
+    level = status.level  # a byte of rclpy, a number in a file
+    return STATUS_LEVELS[level[0] if isinstance(level, bytes) else level]
 
 
 def status_values(status: Any) -> dict[str, str]:

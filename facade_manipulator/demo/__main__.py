@@ -13,7 +13,6 @@ from collections.abc import Callable
 from contextlib import closing
 from itertools import cycle
 import json
-import math
 import os
 from pathlib import Path
 import signal
@@ -40,18 +39,16 @@ from facade_manipulator.demo.report import (
     SUMMARY,
     write_json,
 )
-from facade_manipulator.demo.view import live_view, summary_lines
+from facade_manipulator.demo.view import summary_lines
 from facade_manipulator.errors import INTERRUPTED, ManipulatorError, missing_package
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.nodes.monitor import Observer
+from facade_manipulator.nodes.monitor import Observer, REFRESH_PERIOD, screen
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
 from facade_manipulator.simulation import compensator_parameters, load_scenario, Scenario
 
 NODES = ('gondola_simulator', 'driver', 'manipulator')
 FIRST_GOAL_AFTER = 1.0
-REFRESH_PERIOD = 0.25
-LINE_PERIOD = 5.0
 FAILED = 1
 
 
@@ -114,16 +111,13 @@ class Demo:
     def _strokes(self) -> None:
         self.client.spin(FIRST_GOAL_AFTER)
         begin = time.monotonic()
-        shown = -math.inf
-        with live_view(self.console, self.observer, self.options.duration) as show:
+        with screen(self.console) as show:
             def remaining(*_) -> float:
-                nonlocal shown
                 self._require_moving_drives()
                 self.processes.check()
                 elapsed = time.monotonic() - begin
-                if self.console.is_terminal or elapsed - shown >= LINE_PERIOD:
-                    shown = elapsed
-                    show(elapsed)
+                show(self.observer.overview(), f' {elapsed:.1f} s of {self.options.duration:g} s '
+                     '(Ctrl-C stops the drives first)')
                 return self.options.duration - elapsed
 
             if self.scenario.mission.waits:
@@ -156,7 +150,7 @@ class Demo:
         reply = self.client.call(Trigger, 'gondola_simulator/report', Trigger.Request())
         measured = json.loads(reply.message)
         self.client.spin(1.2)  # the nodes' last counters come within a second
-        summary = summarise(measured, self.observer, duration)
+        summary = summarise(measured, self.client, duration)
         write_json(self.output / SUMMARY, summary)
         self.console.print(*summary_lines(summary, self.scenario), sep='\n')
         return summary

@@ -10,7 +10,7 @@ from typing import Any
 from facade_manipulator.demo.record import Recorder, TimeCourse
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.nodes.monitor import Observer
+from facade_manipulator.ros import ManipulatorClient
 from facade_manipulator.simulation import AXES, Scenario
 
 KEPT = ('disturbance_rms', 'residual_rms', 'attenuation_db')  # of each axis
@@ -20,24 +20,27 @@ TIME_COURSES, SPECTRUM, PATH, FORCE, LINKAGE = PICTURES = (
 LEAST_SAMPLES = 10
 
 
-def summarise(measured: dict, observer: Observer, duration: float) -> dict:
+def summarise(measured: dict, client: ManipulatorClient, duration: float) -> dict:
     """
     Return what summary.json holds of a run whose strokes took a duration [s].
 
-    `measured` is the gondola simulator's report; the observer knows the nodes' last counters.
+    `measured` is the gondola simulator's report; the client knows the nodes' last counters.
     """
+    def count(component: str, key: str) -> int:
+        return int(client.value(component, key) or 0)
+
     return {
         'axes': {axis: {key: measured['axes'][axis][key] for key in KEPT} for axis in AXES},
         'duration_s': round(duration, 3),
-        'pipeline_latency_ms': _latency(observer),
-        'bus_cycles': observer.count('driver: bus', 'cycles'),
-        'missed_cycles': observer.count('driver: bus', 'missed cycles'),
-        'rejected_goals': observer.count('ik_service: goal', 'rejected'),
-        'drive_faults': observer.count('driver: operation', 'drive faults'),
+        'pipeline_latency_ms': _latency(client),
+        'bus_cycles': count('driver: bus', 'cycles'),
+        'missed_cycles': count('driver: bus', 'missed cycles'),
+        'rejected_goals': count('ik_service: goal', 'rejected'),
+        'drive_faults': count('driver: operation', 'drive faults'),
     }
 
 
-def _latency(observer: Observer) -> dict[str, float | None]:
+def _latency(client: ManipulatorClient) -> dict[str, float | None]:
     """
     From the compensator's decision to the SYNC at which the drives take the target.
 
@@ -45,11 +48,11 @@ def _latency(observer: Observer) -> dict[str, float | None]:
     much of it was left (margin) when it chose the target of a cycle.
     """
     operation = 'driver: operation'
-    horizon = observer.value('compensator: correction', 'horizon [ms]')
-    ahead = observer.value(operation, 'targets ahead of their SYNC [ms]')
+    horizon = client.value('compensator: correction', 'horizon [ms]')
+    ahead = client.value(operation, 'targets ahead of their SYNC [ms]')
     margins = {
-        'p50': observer.value(operation, 'setpoint margin p50 [ms]'),
-        'p99': observer.value(operation, 'setpoint margin p1 [ms]'),
+        'p50': client.value(operation, 'setpoint margin p50 [ms]'),
+        'p99': client.value(operation, 'setpoint margin p1 [ms]'),
     }
     return {
         name: round(float(horizon) - float(ahead) - float(margin), 3)

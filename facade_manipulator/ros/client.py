@@ -15,7 +15,7 @@ Every call has a deadline, and what a node rejects is raised with the node's own
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -35,7 +35,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, difference, Pose
-from facade_manipulator.messages import planar_pose, RAIL, seconds, status_values
+from facade_manipulator.messages import planar_pose, RAIL, status_values
 from facade_manipulator.ros.conversions import node_time, pose_stamped
 from facade_manipulator.ros.diagnostics import GOAL_STATUS, stamp_text
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
@@ -54,9 +54,9 @@ Value = TypeVar('Value')
 
 
 class Component(NamedTuple):
-    """A component's last diagnostic status and its time [s]."""
+    """A component's last diagnostic status and when it was received [s, monotonic]."""
 
-    time: float
+    received: float
     status: DiagnosticStatus
 
 
@@ -92,8 +92,9 @@ class ManipulatorClient:
     ) -> None:
         self._check = check
         self.node = Node(node_name, namespace=namespace)
-        self.components: dict[str, Component] = {}  # by name, without the namespace
-        self._namespace = self.node.get_namespace().strip('/')
+        self.namespace = self.node.get_namespace().strip('/')
+        #: of every namespace, by it and the name without it
+        self.gondolas: dict[str, dict[str, Component]] = defaultdict(dict)
         self.head_in_rail: Pose | None = None
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
@@ -127,11 +128,16 @@ class ManipulatorClient:
 
     def component(self, name: str) -> Component | None:
         """Return what /diagnostics last said of a component of this manipulator."""
-        return self.components.get(name)
+        return self.gondolas[self.namespace].get(name)
+
+    def value(self, component: str, key: str) -> str | None:
+        """Return one value of a component's diagnostics, None before one came."""
+        known = self.component(component)
+        return status_values(known.status).get(key) if known else None
 
     def age(self, component: Component) -> float:
-        """Return how old a component's status is [s]."""
-        return node_time(self.node) - component.time
+        """Return how long ago a component's status was received [s], whatever its stamp."""
+        return time.monotonic() - component.received
 
     def spin(self, duration: float) -> None:
         """Process what arrives for a while [s]."""
@@ -380,7 +386,7 @@ class ManipulatorClient:
         return _message(name, self.call(Trigger, name, Trigger.Request(), timeout))
 
     def _change_state(self, label: str, timeout: float = ANSWER_TIMEOUT) -> None:
-        begin = node_time(self.node)
+        begin = time.monotonic()
         request = ChangeState.Request(transition=Transition(label=label))
         if not self.call(ChangeState, 'driver/change_state', request, timeout).success:
             raise RequestRejectedError(f'{label}: {self._driver_reason(begin)}')
@@ -389,18 +395,18 @@ class ManipulatorClient:
         """Return the driver's message; a transition's reply itself has no room for one."""
         def reason() -> str | None:
             component = self.component('driver: operation')
-            return component.status.message if component and component.time >= since else None
+            return component.status.message if component and component.received >= since else None
 
         try:
             return self.wait_until(reason, 'the reason in /diagnostics', REASON_TIMEOUT)
         except NoAnswerError:
             return 'rejected; the reason stands in the log of the driver'
 
-    def _receive_diagnostics(self, message: DiagnosticArray) -> None:
+    def _receive_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
+        waited = max(0.0, time.time() - 1e-9 * info['received_timestamp'])  # until it was taken
         for status in message.status:
             namespace, _, name = status.name.rpartition('/')
-            if namespace == self._namespace:
-                self.components[name] = Component(seconds(message.header.stamp), status)
+            self.gondolas[namespace][name] = Component(time.monotonic() - waited, status)
 
     def _receive_head(self, message: PoseStamped) -> None:
         try:

@@ -1,8 +1,12 @@
-"""The terminal view: what a person reads of one manipulator."""
+"""The view of the machine: what a person reads of one manipulator, or of all."""
 
 from __future__ import annotations
 
+import io
 import math
+import re
+import time
+from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -11,19 +15,123 @@ from rich.console import Console
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.nodes.monitor import Observer, render
-from facade_manipulator.ros.client import ManipulatorClient
-from facade_manipulator.ros.conversions import pose_stamped, stamp
+from facade_manipulator.nodes.monitor import LINE_PERIOD, Observer, render, screen
+from facade_manipulator.nodes.overview import overview, POSES, Seen
+from facade_manipulator.ros.client import Component, ManipulatorClient
+from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.ros.diagnostics import diagnostic_status
 from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
+CAUSE = ('q2 (node 2): following error 8611h, the carriage is 21.3 mm behind its setpoint, bound '
+         '20 mm')
+NEXT = 'free the carriage, then driver/clear_faults and ros2 lifecycle set /driver activate'
+STOPPED = ('driver: operation', 'error', f'stopped: {CAUSE}; next: {NEXT}',
+           {'state': 'stopped', 'cause': CAUSE, 'next step': NEXT})
+NOW = 1000.0
 
-class Screen:
-    """An observer of gondola_1, what it shows, and somebody who publishes."""
 
-    def __init__(self, ros):
-        self.ros = ros
-        self.observer = Observer(ros.add_client('gondola_1'))
+def seen(*statuses, namespace='gondola_1', at=NOW):
+    """Return what is known after statuses of components, whose names may have a namespace."""
+    gondolas = {}
+    for name, *rest in statuses:
+        space, _, component = name.rpartition('/')
+        gondolas.setdefault(space or namespace, {})[component] = Component(
+            at, diagnostic_status(component, *rest, *([{}] if len(rest) < 3 else [])))
+    return Seen(namespace, gondolas)
+
+
+def lines(known, width=80, now=NOW):
+    console = Console(width=width, file=io.StringIO())
+    console.print(render(overview(known, now), 'remark', width))
+    return console.file.getvalue().splitlines()
+
+
+def words(text):
+    return ' '.join(' '.join(text).split())
+
+
+@pytest.mark.parametrize('width', [80, 60, 50])
+def test_a_stop_has_its_cause_and_next_step_on_top_in_full_and_says_so_without_colours(width):
+    shown = lines(seen(STOPPED, ('driver: q2', 'error', 'following error (8611h)')), width)
+    assert shown[0].startswith('gondola_1: ERROR: stopped')
+    top = words(shown[1:next(i for i, line in enumerate(shown) if line.startswith('pose'))])
+    assert top == (f'cause: {CAUSE} next: {NEXT} '
+                   'driver: q2: ERROR: following error (8611h)')
+    assert max(map(len, shown)) <= width and '…' not in ''.join(shown)
+
+
+def test_a_machine_in_order_has_no_troubles_and_fits_a_small_terminal():
+    known = seen(*((name, 'ok', 'following the goals', {'cycles': 1200, 'missed cycles': 3}) for (
+        name) in ('driver: operation', 'driver: bus', 'compensator: correction',
+                  'ik_service: goal', 'recorder: black box', 'gondola_simulator: wall')))
+    known.poses = dict.fromkeys(POSES, (NOW, Pose(0.1, 0.25, 0.035)))
+    shown = lines(known)
+    assert shown[0] == 'gondola_1: following the goals   remark' and shown[1].startswith('pose')
+    assert len(shown) <= 23 and '1200 cycles, 3 missed' in words(shown)
+    assert '+100.0 +250.0 +2.01' in words(shown)
+
+
+@pytest.mark.parametrize('level, word', [
+    ('ok', ' open'), ('warn', 'warning: open'), ('error', 'ERROR: open'),
+    ('stale', 'stale: open')])
+def test_each_level_has_its_word(level, word):
+    assert word in words(lines(seen(('driver: bus', level, 'open'))))
+
+
+def test_a_drive_that_silent_components_no_longer_vouch_for_is_no_green_one():
+    known = seen(('driver: operation', 'ok', 'active'), at=NOW - 10.0)
+    shown = words(lines(known))
+    assert shown.count('stale: silent for 10 s; next: see its log') == 3  # title, top, table
+    assert 'active' not in shown
+
+
+def test_who_is_missing_is_shown_with_what_to_do():
+    shown = words(lines(Seen('gondola_1')))
+    assert 'warning: no diagnostics; next: start driver' in shown
+    assert 'recorder: black box warning: no diagnostics: no stop is recorded; next: start' in shown
+    for head in ('x [mm]', 'position [mm]', 'speed [mm/s]', 'force [N]'):
+        assert head in shown
+
+
+def test_without_a_namespace_each_gondola_has_its_line():
+    known = seen(('a/' + STOPPED[0], *STOPPED[1:]), ('b/driver: operation', 'ok', 'active'),
+                 ('camera/lens: focus', 'error', 'dirty'), namespace='')
+    shown = lines(known, 300)
+    assert [line.split()[0] for line in shown[-3:-1]] == ['a', 'b']
+    assert CAUSE in shown[-3] and NEXT in shown[-3] and 'active' in shown[-2]
+    assert 'camera' not in words(shown)
+
+
+def test_another_gondolas_components_are_not_shown():
+    known = seen(('gondola_2/' + STOPPED[0], *STOPPED[1:]), ('driver: operation', 'ok', 'active'))
+    assert 'stopped' not in words(lines(known))
+
+
+@pytest.mark.parametrize('terminal', [None, 'dumb'])
+def test_where_nothing_can_be_written_again_news_and_a_line_now_and_then_are_printed(
+        monkeypatch, terminal):
+    now = SimpleNamespace(time=0.0)
+    monkeypatch.setattr('facade_manipulator.nodes.monitor.time.monotonic', lambda: now.time)
+    monkeypatch.setenv('TERM', terminal or 'xterm')
+    console = Console(file=io.StringIO(), force_terminal=terminal is not None, width=80)
+    active, stopped = (overview(seen(one), NOW) for one in (
+        ('driver: operation', 'ok', 'active'), STOPPED))
+    with screen(console) as show:
+        for now.time in (0.0, 1.0, LINE_PERIOD, LINE_PERIOD + 1.0):
+            show(active, f'at {now.time:g} s')
+        show(stopped, 'then')
+    text = console.file.getvalue()
+    assert re.findall(r'at . s', text) == ['at 0 s', f'at {LINE_PERIOD:g} s']
+    assert text.count('gondola_1: active') == 1 and text.count('cause: q2') == 1
+    assert '\x1b[' not in text or terminal == 'dumb' and '\x1b[2K' not in text
+
+
+class Machine:
+    """An observer of gondola_1 and somebody who publishes."""
+
+    def __init__(self, ros, client):
+        self.ros, self.observer = ros, Observer(client)
+        self.client = client
         self.tester = ros.node('tester', namespace='gondola_1')
         create = self.tester.create_publisher
         self.diagnostics = create(DiagnosticArray, '/diagnostics', RELIABLE)
@@ -33,120 +141,45 @@ class Screen:
         for publisher in (self.diagnostics, self.joints, self.goals, self.heads):
             ros.until(lambda p=publisher: p.get_subscription_count(), 'the observer')
 
-    def tell(self, name, level, message, values=(), ago=0.0):
-        status = diagnostic_status(name, level, message, dict(values))
-        message = DiagnosticArray(status=[status])
-        now = self.tester.get_clock().now().nanoseconds * 1e-9
-        message.header.stamp = stamp(now - ago)
-        self.diagnostics.publish(message)
-
-    def follow(self, x, y, angle):
-        self.goals.publish(diagnostic_status('goal', 'ok', 'moving', {
-            'goal stamp': '0.000000000', 'followed x [mm]': x, 'followed y [mm]': y,
-            'followed angle [deg]': angle}))
-
-    def lines(self, width=80):
-        console = Console(width=width, force_terminal=False)
-        with console.capture() as captured:
-            console.print(render(self.observer, 'headline'))
-        return captured.get().splitlines()
-
-    def until_shown(self, *words):
-        def shown():
-            self.observer.client.spin(0.02)
-            return next((line for line in self.lines(120) if all(w in line for w in words)), None)
-        return self.ros.until(shown, f'a line with {words}')
+    def until_shown(self, text, shown=True):
+        def is_shown():
+            self.client.spin(0.02)
+            return (text in words(lines(self.observer.seen, 120, time.monotonic()))) is shown
+        self.ros.until(is_shown, text)
 
 
 @pytest.fixture
-def screen(ros):
-    clients = []
-
-    def add_client(namespace):
-        clients.append(ManipulatorClient(namespace))
-        return clients[-1]
-
-    ros.add_client = add_client
-    yield Screen(ros)
-    for client in clients:
-        client.close()
+def machine(ros):
+    with ManipulatorClient('gondola_1') as client:
+        yield Machine(ros, client)
 
 
-def test_before_anything_was_heard_the_heads_stand_with_their_units(screen):
-    text = '\n'.join(screen.lines())
-    for head in ('x [mm]', 'y [mm]', 'position [mm]', 'speed [mm/s]', 'force [N]'):
-        assert head in text
-    assert text.count('no diagnostics yet') == 3
-
-
-def test_poses_and_carriages_are_shown_in_millimetres_and_degrees(screen):
-    screen.follow(100.0, 250.0, 2.0)
-    screen.joints.publish(JointState(
+def test_what_is_published_is_shown_however_wrong_the_senders_clock_is(machine):
+    message = DiagnosticArray(status=[diagnostic_status(
+        'gondola_1/driver: operation', 'ok', 'active', {})])
+    for machine_time in (0, 2_000_000_000):
+        message.header.stamp.sec = machine_time
+        machine.diagnostics.publish(message)
+        machine.until_shown('gondola_1: active')
+    machine.joints.publish(JointState(
         name=['q3', 'q1', 'q2'], position=[0.0, -0.1, 0.1], velocity=[0.0, 0.2, 0.0],
         effort=[0.0, 12.5, 0.0]))
-    assert screen.until_shown('goal on the wall', '+100.0', '+250.0', '+2.00')
-    assert screen.until_shown('q1', '-100.00', '+200.0', '+12.5')
+    machine.until_shown('-100.00 +200.0 +12.5')
 
 
-def test_the_goal_is_shown_to_who_comes_late_until_none_is_followed(screen):
-    screen.follow(100.0, 250.0, 2.0)
-    late = screen.ros.add_client('gondola_1')
-    screen.observer = Observer(late)
-    assert screen.until_shown('goal on the wall', '+100.0', '+250.0', '+2.00')
-    screen.goals.publish(diagnostic_status('goal', 'error', 'rejected', {'goal stamp': '1.0'}))
-    screen.ros.until(lambda: late.spin(0.02) or 'goal on' not in '\n'.join(screen.lines()), 'none')
+def test_the_goal_is_shown_to_who_comes_late_until_none_is_followed(machine):
+    machine.goals.publish(diagnostic_status('goal', 'ok', 'moving', {
+        'goal stamp': '0.000000000', 'followed x [mm]': 100.0, 'followed y [mm]': 250.0,
+        'followed angle [deg]': 2.0}))
+    machine.until_shown('goal on the wall +100.0 +250.0 +2.00')
+    machine.observer = Observer(machine.client)
+    machine.until_shown('goal on the wall +100.0 +250.0 +2.00')
+    machine.goals.publish(diagnostic_status('goal', 'error', 'rejected', {'goal stamp': '1.0'}))
+    machine.until_shown('goal on the wall', False)
 
 
-def test_a_component_is_shown_with_its_sentence_and_what_it_counted(screen):
-    screen.tell('gondola_1/driver: bus', 'ok', 'open', {
-        'cycles': 1200, 'missed cycles': 3, 'worst lateness [ms]': 1.23456})
-    line = screen.until_shown('driver: bus', 'open')
-    assert '1200 cycles, 3 missed, ≤ 1.23 ms late' in ' '.join(line.split())
-
-
-def test_a_drive_in_fault_is_shown_beside_its_carriage(screen):
-    screen.tell('gondola_1/driver: q2', 'error', 'following error (8611h)',
-                {'following error [m]': 0.021})
-    assert screen.until_shown('q2', '+21.00', 'following error (8611h)')
-
-
-def test_a_component_that_fell_silent_no_longer_says_that_all_is_well(screen):
-    screen.tell('gondola_1/driver: operation', 'ok', 'active', ago=10.0)
-    line = screen.until_shown('driver: operation', 'silent for 10 s')
-    assert 'active' not in line
-
-
-def test_another_gondolas_components_are_not_shown(screen):
-    screen.tell('gondola_2/driver: operation', 'error', 'stopped')
-    screen.tell('driver: operation', 'error', 'stopped')
-    screen.tell('gondola_1/driver: operation', 'ok', 'active')
-    screen.until_shown('driver: operation', 'active')
-    assert 'stopped' not in '\n'.join(screen.lines())
-
-
-def test_a_pose_that_cannot_be_is_not_shown_and_ends_nothing(screen):
-    screen.heads.publish(pose_stamped('rail', 0.0, Pose(0.1, 0.2, 0.0)))
-    screen.until_shown('head, from the rail')
-    screen.heads.publish(pose_stamped('rail', 0.0, Pose(math.nan, 0.2, 0.0)))
-    screen.tell('gondola_1/ik_service: goal', 'error', 'x = nan')
-    screen.until_shown('ik_service: goal', 'x = nan')
-    assert 'head, from the rail' not in '\n'.join(screen.lines())
-
-
-def test_the_whole_view_fits_a_small_terminal(screen):
-    for topic in ('corrected_pose', 'gondola_simulator/uncompensated_error',
-                  'gondola_simulator/wall_error'):
-        screen.observer.poses[topic] = Pose(0.1, 0.2, 0.3)
-        screen.observer._received_at[topic] = math.inf
-    for name in ('driver: operation', 'driver: bus', 'compensator: correction',
-                 'ik_service: goal', 'gondola_simulator: wall'):
-        screen.tell(f'gondola_1/{name}', 'ok', 'following the goals')
-        screen.until_shown(name)
-    assert len(screen.lines()) <= 23 and max(map(len, screen.lines())) <= 80
-
-
-def test_levels_have_a_style_each():
-    from facade_manipulator.nodes.monitor import LEVEL_STYLES
-    levels = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR,
-              DiagnosticStatus.STALE)
-    assert set(LEVEL_STYLES) == set(levels)
+def test_a_pose_that_cannot_be_is_not_shown_and_ends_nothing(machine):
+    machine.heads.publish(pose_stamped('rail', 0.0, Pose(0.1, 0.2, 0.0)))
+    machine.until_shown('head, from the rail')
+    machine.heads.publish(pose_stamped('rail', 0.0, Pose(math.nan, 0.2, 0.0)))
+    machine.until_shown('head, from the rail', False)

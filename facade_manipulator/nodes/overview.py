@@ -1,0 +1,222 @@
+"""
+What a person sees of a gondola, as data without ROS and colours: for a terminal and for a panel.
+
+Everything comes in with the monotonic time of its receipt [s]: the clock of another computer makes
+nothing old or new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+import math
+from typing import Any, Protocol
+
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import CARRIAGES, status_level, status_values
+
+SILENT_AFTER = 2.5  # s without diagnostics of a component, which come once a second
+OLD_AFTER = 1.0  # s after which a pose is no longer shown
+OPERATION, RECORDER = 'driver: operation', 'recorder: black box'
+LEVEL_WORDS = {'ok': '', 'warn': 'warning: ', 'error': 'ERROR: ', 'stale': 'stale: '}
+POSES = {
+    'compensator/goal_status': 'goal on the wall',
+    'corrected_pose': 'corrected goal',
+    'end_effector_pose': 'head, from the rail',
+    'gondola_simulator/uncompensated_error': 'disturbance at the goal',
+    'gondola_simulator/wall_error': 'from the goal',
+}
+# what is shown of a component beside its message: diagnostic key, and how it is written
+DETAILS = {
+    OPERATION: (('drive faults', 'faults: {}'), ('rejected', '{} setpoints rejected')),
+    'driver: bus': (
+        ('cycles', '{} cycles'), ('missed cycles', '{} missed'),
+        ('worst lateness [ms]', '≤ {} ms late'), ('worst-case load [%]', '{} % load')),
+    'compensator: correction': (
+        ('rejected', '{} rejected'), ('age of the estimate [ms]', 'estimate {} ms old')),
+    'ik_service: goal': (('setpoints', '{} setpoints'), ('rejected', '{} goals rejected')),
+    RECORDER: (('kept [s]', '{} s kept'), ('files written', '{} files written')),
+}
+OTHER_DETAILS = (('rejected', '{} rejected'),)
+MISSING = {
+    OPERATION: 'no diagnostics; next: start driver, or give its --namespace',
+    RECORDER: 'no diagnostics: no stop is recorded; next: start recorder',
+}
+
+
+class Report(Protocol):
+    """A component's last diagnostic status and when it was received [s, monotonic]."""
+
+    received: float
+    status: Any
+
+
+Components = Mapping[str, Report]
+
+
+@dataclass
+class Seen:
+    """What came last; poses and joints with the time of their receipt [s]."""
+
+    namespace: str = ''
+    #: by namespace and name of the component
+    gondolas: Mapping[str, Components] = field(default_factory=dict)
+    poses: dict[str, tuple[float, Pose | None]] = field(default_factory=dict)  #: by topic
+    joints: tuple[float, Any] = (-math.inf, None)  #: a JointState
+
+    @property
+    def components(self) -> Components:
+        """Return those of the namespace itself."""
+        return self.gondolas.get(self.namespace, {})
+
+
+@dataclass(frozen=True)
+class Words:
+    """A text that says by itself how serious it is; the level, such as ``error``, colours it."""
+
+    text: str
+    level: str = 'ok'
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows under heads; a ``>`` before a head: numbers, to the right."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[Words, ...], ...]
+    narrow: int  #: how many columns a narrow screen has room for
+
+
+@dataclass(frozen=True)
+class Overview:
+    """What is the matter, why, what to do next; then the figures."""
+
+    title: Words
+    troubles: tuple[Words, ...]
+    tables: tuple[Table, ...]
+
+
+def overview(seen: Seen, now: float) -> Overview:
+    """Return what is to be seen of a gondola; of all that there are where none is named."""
+    fleet = {name: components for name, components in sorted(seen.gondolas.items())
+             if OPERATION in components}
+    if not seen.namespace and fleet.keys() - {''}:
+        return _fleet(fleet, now)
+    components = seen.components
+    state = _said(components, OPERATION, now, 'state')
+    return Overview(
+        Words(f'{seen.namespace or "/"}: {state.text}', state.level),
+        tuple(_troubles(components, now)),
+        (_pose_table(seen, now), _carriage_table(seen, now), _component_table(components, now)))
+
+
+def _fleet(gondolas: Mapping[str, Components], now: float) -> Overview:
+    rows = tuple(
+        (Words(name or '/'), _said(components, OPERATION, now, 'state'),
+         Words('; '.join(words.text for words in _troubles(components, now))))
+        for name, components in gondolas.items())
+    return Overview(
+        Words(f'{len(rows)} gondolas'),
+        (Words('next: monitor --namespace NAME shows one of them in full'),),
+        (Table(('gondola', 'state', 'why'), rows, 3),))
+
+
+def _troubles(components: Components, now: float) -> Iterator[Words]:
+    """Yield cause and next step of the driver, then what else is wrong, each in full."""
+    operation = components.get(OPERATION)
+    if operation is None or _silence(operation, now):
+        yield _said(components, OPERATION, now)
+    else:
+        values, level = status_values(operation.status), status_level(operation.status)
+        for key, before in (('cause', 'cause: '), ('further causes', 'further causes: '),
+                            ('next step', 'next: ')):
+            if values.get(key):
+                yield Words(before + values[key], level)
+        if level != 'ok' and not values.get('cause'):
+            yield _said(components, OPERATION, now)
+    for name in sorted(components.keys() - {OPERATION}):
+        words = _said(components, name, now)
+        if words.level in ('error', 'stale'):
+            yield Words(f'{name}: {words.text}', words.level)
+
+
+def _said(components: Components, name: str, now: float, key: str = '') -> Words:
+    """Return a value or the message of a component, or that it says nothing yet or any more."""
+    report = components.get(name)
+    if report is None:
+        return _words('warn' if name in MISSING else 'stale', MISSING.get(name, 'no diagnostics'))
+    if silence := _silence(report, now):
+        return _words('stale', silence)
+    message = report.status.message
+    return _words(status_level(report.status), status_values(report.status).get(key, message))
+
+
+def _silence(report: Report, now: float) -> str:
+    silence = now - report.received
+    return f'silent for {silence:.0f} s; next: see its log' if silence > SILENT_AFTER else ''
+
+
+def _words(level: str, text: str) -> Words:
+    return Words(LEVEL_WORDS[level] + text, level)
+
+
+def _pose_table(seen: Seen, now: float) -> Table:
+    shown = ((title, *seen.poses.get(topic, (now, None))) for topic, title in POSES.items())
+    return _table(('pose', '>x [mm]', '>y [mm]', '>θ [°]'), (
+        (title, f'{1e3 * pose.x:+.1f}', f'{1e3 * pose.y:+.1f}', f'{math.degrees(pose.theta):+.2f}')
+        for title, received, pose in shown
+        if pose is not None and now - received <= OLD_AFTER), 4)
+
+
+def _carriage_table(seen: Seen, now: float) -> Table:
+    return _table(
+        ('carriage', 'drive', '>position [mm]', '>speed [mm/s]', '>force [N]', '>lag [mm]'),
+        ((name, _said(seen.components, f'driver: {name}', now), *_motion(seen, name, now),
+          _lag(seen.components.get(f'driver: {name}'))) for name in CARRIAGES), 3)
+
+
+def _lag(report: Report | None) -> str:
+    lag = _number(status_values(report.status).get('following error [m]')) if report else None
+    return '-' if lag is None else f'{1e3 * lag:+.2f}'
+
+
+def _motion(seen: Seen, name: str, now: float) -> tuple[str, str, str]:
+    received, joints = seen.joints
+    if now - received > OLD_AFTER or name not in joints.name:
+        return ('-', '-', '-')
+    index = joints.name.index(name)
+    return (f'{1e3 * joints.position[index]:+.2f}', f'{1e3 * joints.velocity[index]:+.1f}',
+            f'{joints.effort[index]:+.1f}')
+
+
+def _component_table(components: Components, now: float) -> Table:
+    names = dict.fromkeys((*DETAILS, *sorted(components)))
+    return _table(('component', 'state', 'so far'), (
+        (name, _said(components, name, now), _details(name, components))
+        for name in names if name in {*components, *MISSING}
+        and name.removeprefix('driver: ') not in CARRIAGES), 2)
+
+
+def _details(name: str, components: Components) -> str:
+    values = status_values(components[name].status) if name in components else {}
+    return ', '.join(text.format(_short(values[key]))
+                     for key, text in DETAILS.get(name, OTHER_DETAILS)
+                     if values.get(key, 'inf') != 'inf')
+
+
+def _short(value: str) -> str:
+    number = _number(value)
+    return value if number is None or number.is_integer() else f'{number:.3g}'
+
+
+def _number(value: str | None) -> float | None:
+    try:
+        return float(value or '')
+    except ValueError:
+        return None
+
+
+def _table(heads: tuple[str, ...], rows: Any, narrow: int) -> Table:
+    return Table(heads, tuple(
+        tuple(Words(cell) if isinstance(cell, str) else cell for cell in row) for row in rows),
+        narrow)
