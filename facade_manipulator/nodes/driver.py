@@ -30,7 +30,6 @@ from facade_manipulator.drives.controller import (
     ControllerSnapshot,
     ControllerState,
     Finding,
-    POWERED_STATES,
 )
 from facade_manipulator.errors import DriveStateError, InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
@@ -83,8 +82,11 @@ class DriverSettings:
         100.0, 'How often joint_states is published at most: every cycle, or one in so many',
         unit='Hz', minimum=1.0, maximum=500.0, read_only=True)
     software_stop_timeout: float = parameter(
-        0.5, 'Silence of software_stop, once received, that stops the drives', unit='s',
-        minimum=0.05, maximum=10.0)
+        0.5, 'Silence of software_stop, once received, that stops the drives and forbids power',
+        unit='s', minimum=0.05, maximum=10.0)
+    software_stop_topics: tuple[str, ...] = parameter(
+        ('software_stop',), 'Topics on which supervisors forbid power, one for each of them',
+        read_only=True)
 
 
 class DriverNode(ManagedNode):
@@ -182,7 +184,8 @@ class DriverNode(ManagedNode):
         if self._settings.simulate_drives:
             self.create_subscription(
                 JointState, 'gondola_simulator/carriage_forces', self._receive_forces, LATEST)
-        self._software_stop = SoftwareStop(self, self._stop_by_software, self._loop.forbid_power)
+        self._software_stop = SoftwareStop(
+            self, self._loop.forbid_power, self._settings.software_stop_topics)
         for name in ('home', 'halt', 'clear_faults'):
             self._offer_request(name)
         offer_trigger(self, 'driver/service_done', self._record_service)
@@ -283,10 +286,6 @@ class DriverNode(ManagedNode):
             raise InputError(
                 state.value, f'setpoint rejected: the drives are {state.value}, not active'
                 f'{self.following_step()}')
-
-    def _stop_by_software(self, cause: str) -> None:
-        if self._loop.snapshot().state in POWERED_STATES:
-            self._loop.stop(cause)
 
     def _supervise(self) -> None:
         self._loop.feed()

@@ -1,8 +1,15 @@
-"""software_stop: true keeps the power off, and silence stops once a message was received."""
+"""
+software_stop: true forbids power, and so does silence once a message was received.
+
+Each topic is the level of one supervisor: the message info of rclpy names no publisher, so that a
+second supervisor has a topic of its own. Two publishers on one topic forbid power as well: one's
+false would undo the other's true, and its messages would hide the other's silence.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 import time
 
 from rclpy.node import Node
@@ -13,39 +20,52 @@ from facade_manipulator.ros.runtime import LATEST
 
 class SoftwareStop:
     """
-    Subscribe to a supervisor's stop, and watch its silence.
+    Subscribe to the stops of supervisors, and watch their silence.
 
     Parameters
     ----------
-    node : rclpy.node.Node
-    stop : callable
-        Takes the cause of a stop; called when there is silence.
+    node : Node
     forbid : callable
-        Takes why there may be no power, ``''`` when there may; called with every message.
+        Takes why there may be no power, ``''`` when there may; called when that has changed.
+    topics : sequence of str
+        One for each supervisor.
 
     """
 
     def __init__(
-        self, node: Node, stop: Callable[[str], None], forbid: Callable[[str], None],
+        self, node: Node, forbid: Callable[[str], None],
+        topics: Sequence[str] = ('software_stop',),
     ) -> None:
-        self._stop_drives = stop
+        self._node = node
         self._forbid = forbid
-        self._received_at: float | None = None
-        node.create_subscription(Bool, 'software_stop', self._receive, LATEST)
+        self._received_at: dict[str, float] = {}
+        self._causes: dict[str, str] = {}
+        for topic in topics:
+            node.create_subscription(Bool, topic, partial(self._receive, topic), LATEST)
 
     def watch(self, timeout: float) -> None:
-        """Stop when it has been silent for a time [s], once until the next message."""
-        if self._received_at is None:
-            return
-        silence = time.monotonic() - self._received_at
-        if silence > timeout:
-            self._received_at = None
-            self._stop_drives(
-                f'software_stop has been silent for {silence:.2f} s, bound {timeout:g} s')
+        """Forbid power for a supervisor that has been silent for a time [s], until it speaks."""
+        now = time.monotonic()
+        for topic, received_at in list(self._received_at.items()):
+            if now - received_at > timeout:
+                del self._received_at[topic]  # said once; the cause stays
+                self._note(topic, self._causes.get(topic) or (
+                    f'{topic} has been silent for {now - received_at:.2f} s, '
+                    f'bound {timeout:g} s'))
 
-    def _receive(self, message: Bool) -> None:
-        self._received_at = time.monotonic()
+    def _receive(self, topic: str, message: Bool) -> None:
+        self._received_at[topic] = time.monotonic()
+        publishers = self._node.count_publishers(topic)
         if message.data:
-            self._forbid('software_stop was set')
+            self._note(topic, f'{topic} was set')
+        elif publishers > 1:
+            self._note(topic, f'{topic} has {publishers} publishers, bound 1 (see '
+                              'software_stop_topics)')
         else:
-            self._forbid('')
+            self._note(topic, '')
+
+    def _note(self, topic: str, cause: str) -> None:
+        before = list(self._causes.values())
+        self._causes[topic] = cause
+        if list(self._causes.values()) != before:
+            self._forbid('; '.join(filter(None, self._causes.values())))

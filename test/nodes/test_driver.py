@@ -96,6 +96,9 @@ class Bench:
             return self.position() == pytest.approx(target, abs=1e-3)
         self.ros.until(arrived, 'the end of the move')
 
+    def repeat(self, publisher, level):
+        self.operator.create_timer(0.1, lambda: publisher.publish(Bool(data=level)))
+
     def position(self):
         return list(self.states[-1].position) if self.states else None
 
@@ -282,7 +285,7 @@ def test_software_stop_that_is_set_keeps_the_power_off(bench):
     bench.ros.until(lambda: 'software_stop was set' in bench.ask('home').message, 'the stop')
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     assert bench.state() == 'inactive'
-    bench.operator.create_timer(0.1, lambda: bench.software_stop.publish(Bool(data=False)))
+    bench.repeat(bench.software_stop, False)
     bench.ros.until(lambda: bench.ask('home').success, 'homing')
     assert bench.change(Transition.TRANSITION_ACTIVATE)
 
@@ -292,17 +295,47 @@ def test_software_stop_stops_the_drives_and_they_stay_stopped(bench):
     bench.software_stop.publish(Bool(data=True))
     bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
     assert 'software_stop was set' in bench.message()
-    bench.operator.create_timer(0.1, lambda: bench.software_stop.publish(Bool(data=False)))
+    bench.repeat(bench.software_stop, False)
     assert not bench.change(Transition.TRANSITION_ACTIVATE)
     bench.ros.until(lambda: bench.ask('clear_faults').success, 'cleared faults')
     assert bench.change(Transition.TRANSITION_ACTIVATE)
 
 
-def test_a_software_stop_that_falls_silent_stops_the_drives(bench):
+def test_a_supervisor_that_falls_silent_stops_the_drives_and_forbids_power_until_it_speaks(bench):
     bench.bring_up()
     bench.software_stop.publish(Bool(data=False))
     bench.ros.until(lambda: bench.node.state_label == 'inactive', 'inactive')
     assert 'software_stop has been silent' in bench.message()
+    assert bench.ask('clear_faults').success  # nobody is there: each way to power is closed
+    assert not bench.change(Transition.TRANSITION_ACTIVATE)
+    assert 'software_stop has been silent' in bench.ask('home').message
+    bench.repeat(bench.software_stop, False)
+    bench.ros.until(lambda: bench.change(Transition.TRANSITION_ACTIVATE), 'power')
+
+
+def test_false_of_one_supervisor_does_not_undo_true_of_another(ros):
+    bench = Bench(ros, Parameter('software_stop_topics', value=['software_stop', 'door/stop']))
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    door = bench.operator.create_publisher(Bool, 'door/stop', LATEST)
+    ros.until(door.get_subscription_count, 'the subscription')
+    bench.repeat(bench.software_stop, False)
+    door.publish(Bool(data=True))
+    ros.until(lambda: 'door/stop was set' in bench.ask('home').message, 'the stop')
+    heard = ros.collect(bench.operator, Bool, 'software_stop', LATEST)
+    ros.until(lambda: len(heard) > 5, 'the other one')
+    assert 'door/stop was set' in bench.ask('home').message
+    bench.repeat(door, False)
+    ros.until(lambda: bench.ask('home').success, 'homing')
+
+
+def test_two_publishers_of_one_software_stop_forbid_power(bench):
+    assert bench.change(Transition.TRANSITION_CONFIGURE)
+    second = bench.operator.create_publisher(Bool, 'software_stop', LATEST)
+    bench.repeat(bench.software_stop, False)
+    bench.ros.until(lambda: '2 publishers, bound 1' in bench.ask('home').message, 'the rejection')
+    bench.operator.destroy_publisher(second)
+    bench.ros.until(
+        lambda: bench.ask('clear_faults').success and bench.ask('home').success, 'homing')
 
 
 def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(bench):
