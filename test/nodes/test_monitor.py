@@ -63,7 +63,8 @@ def test_a_stop_has_its_cause_and_next_step_on_top_in_full_and_says_so_without_c
 def test_a_machine_in_order_has_no_troubles_and_fits_a_small_terminal():
     known = seen(*((name, 'ok', 'following the goals', {'cycles': 1200, 'missed cycles': 3}) for (
         name) in ('driver: operation', 'driver: bus', 'compensator: correction',
-                  'ik_service: goal', 'recorder: black box', 'gondola_simulator: wall')))
+                  'ik_service: goal', 'recorder: black box', 'gondola_simulator: wall')),
+        *((f'driver: q{n}', 'ok', 'operation enabled') for n in (1, 2, 3)))
     known.poses = dict.fromkeys(POSES, (NOW, Pose(0.1, 0.25, 0.035)))
     shown = lines(known)
     assert shown[0] == 'gondola_1: following the goals   remark' and shown[1].startswith('pose')
