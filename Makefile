@@ -14,7 +14,7 @@ setup:  ## Make .venv with everything in it (the other targets do this by themse
 	@.ci/setup-venv
 
 demo: setup  ## Run the whole stack with simulated drives and a swaying gondola (DURATION=30 SCENARIO=gusty)
-	@$(IN_VENV) exec python -m facade_manipulator.demo \
+	@$(IN_VENV) exec python -m facade_manipulator.lab.demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
 
 check: lint  ## Check the style and run what needs no clock, bus or ROS: an answer in a minute
@@ -31,10 +31,10 @@ soak-prediction: setup  ## Predict an hour of every motion that nobody tuned for
 	@$(IN_VENV) exec python test/prediction_soak.py $(SOAK_ARGS)
 
 stopping: setup  ## Show how near the carriages come when something fails (PARAMS=file)
-	@$(IN_VENV) exec python -m facade_manipulator.nodes.stopping $(PARAMS)
+	@$(IN_VENV) exec python -m facade_manipulator.tools.stopping $(PARAMS)
 
 study: setup  ## Study the design: figures and tables in workspace_report/ (STUDY_ARGS=…)
-	@$(IN_VENV) exec python -m facade_manipulator.workspace.study $(STUDY_ARGS)
+	@$(IN_VENV) exec python -m facade_manipulator.lab.study.study $(STUDY_ARGS)
 
 bench: setup  ## Measure performance beside what else one could use (QUICK=1: under a minute)
 	@.ci/setup-bench
@@ -46,10 +46,10 @@ bench-vcan: setup  ## Measure the CAN cycle on a vcan, of user-mode Linux where 
 	  $(if $(QUICK),--quick) $(BENCH_ARGS)
 
 bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_ARGS=…)
-	@$(IN_VENV) exec python -m facade_manipulator.simulation.bench $(BENCH_ARGS)
+	@$(IN_VENV) exec python -m facade_manipulator.lab.gondola.bench $(BENCH_ARGS)
 
 bench-calibration: setup  ## Calibrate made-up machines and estimators (BENCH_ARGS=…)
-	@$(IN_VENV) exec python -m facade_manipulator.simulation.bench.calibration $(BENCH_ARGS)
+	@$(IN_VENV) exec python -m facade_manipulator.lab.gondola.bench.calibration $(BENCH_ARGS)
 
 docs: setup  ## Make pages of the docstrings, in build/api
 	@.ci/setup-tool sphinx

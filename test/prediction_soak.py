@@ -21,16 +21,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from facade_manipulator.kinematics import Pose  # noqa: E402
-from facade_manipulator.prediction import (  # noqa: E402
-    DisturbancePredictor,
-    Estimate,
-    EstimateMean,
-    PredictionSettings,
-    Variances,
-)
-from facade_manipulator.simulation import load_scenario, Scenario  # noqa: E402
-from facade_manipulator.simulation.bench.__main__ import PLAIN, with_seed  # noqa: E402
-from facade_manipulator.simulation.bench.comparison import (  # noqa: E402
+from facade_manipulator.lab.gondola import load_scenario, Scenario  # noqa: E402
+from facade_manipulator.lab.gondola.bench.__main__ import PLAIN, with_seed  # noqa: E402
+from facade_manipulator.lab.gondola.bench.comparison import (  # noqa: E402
     comparison,
     draw_comparison,
     figures,
@@ -38,12 +31,19 @@ from facade_manipulator.simulation.bench.comparison import (  # noqa: E402
     put_beside,
     WITHOUT_ANY,
 )
-from facade_manipulator.simulation.gondola import GondolaSettings  # noqa: E402
-from facade_manipulator.simulation.motion import Motion, SwaySettings  # noqa: E402
-from facade_manipulator.simulation.oracle import limits  # noqa: E402
-from facade_manipulator.simulation.scenario import MissionSettings  # noqa: E402
-from facade_manipulator.simulation.sensors import EstimatorSettings  # noqa: E402
-from facade_manipulator.simulation.wind import Wind, WindSettings  # noqa: E402
+from facade_manipulator.lab.gondola.gondola import GondolaSettings  # noqa: E402
+from facade_manipulator.lab.gondola.motion import Motion, SwaySettings  # noqa: E402
+from facade_manipulator.lab.gondola.oracle import limits  # noqa: E402
+from facade_manipulator.lab.gondola.scenario import MissionSettings  # noqa: E402
+from facade_manipulator.lab.gondola.sensors import EstimatorSettings  # noqa: E402
+from facade_manipulator.lab.gondola.wind import Wind, WindSettings  # noqa: E402
+from facade_manipulator.prediction import (  # noqa: E402
+    DisturbancePredictor,
+    Estimate,
+    EstimateMean,
+    PredictionSettings,
+    Variances,
+)
 
 DEVIATIONS = np.array((1e-3, 1e-3, 1.75e-3))  # m, m, rad: of the estimates' noise
 STARTS = 20.0  # s

@@ -12,9 +12,10 @@ napoleon_use_ivar = True
 suppress_warnings = ['ref.python']  # fields of several records have one name
 
 _NAME = facade_manipulator.__name__
+_NOT_FACES = {'drives', 'nodes', 'tools', 'lab', 'lab.demo', 'lab.gondola.bench'}
 _FACES = sorted(
     package.name for package in walk_packages(facade_manipulator.__path__, f'{_NAME}.')
-    if package.ispkg and not package.name.endswith(('.nodes', '.demo', '.drives', '.bench')))
+    if package.ispkg and package.name.removeprefix(f'{_NAME}.') not in _NOT_FACES)
 
 
 def _add_faces(app, document, text):

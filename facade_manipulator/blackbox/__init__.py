@@ -5,40 +5,37 @@ The black box: messages of the last minutes in, one MCAP file per stop, fault or
 bounds what the files take of the disk.
 """
 
-from facade_manipulator.blackbox.arrivals import Arrivals
-from facade_manipulator.blackbox.can_frames import (
-    CAN_TOPIC,
-    CanListener,
-    frame_bytes,
-    messages_of,
+from .arrivals import Arrivals as Arrivals
+from .can_frames import (
+    CAN_TOPIC as CAN_TOPIC,
 )
-from facade_manipulator.blackbox.recording import (
-    read_recording,
-    Received,
-    RecordedRun,
-    write_mcap,
-    write_recording,
+from .can_frames import (
+    CanListener as CanListener,
 )
-from facade_manipulator.blackbox.ring import Kept, MessageRing, RecordedTopic
-from facade_manipulator.blackbox.settings import BlackBoxSettings
-from facade_manipulator.blackbox.shelf import Shelf
-from facade_manipulator.blackbox.trigger import RecordTrigger
-
-__all__ = [
-    'Arrivals',
-    'BlackBoxSettings',
-    'CAN_TOPIC',
-    'CanListener',
-    'RecordedTopic',
-    'frame_bytes',
-    'Kept',
-    'MessageRing',
-    'messages_of',
-    'read_recording',
-    'Received',
-    'RecordedRun',
-    'RecordTrigger',
-    'Shelf',
-    'write_mcap',
-    'write_recording',
-]
+from .can_frames import (
+    frame_bytes as frame_bytes,
+)
+from .can_frames import (
+    messages_of as messages_of,
+)
+from .recording import (
+    read_recording as read_recording,
+)
+from .recording import (
+    Received as Received,
+)
+from .recording import (
+    RecordedRun as RecordedRun,
+)
+from .recording import (
+    write_mcap as write_mcap,
+)
+from .recording import (
+    write_recording as write_recording,
+)
+from .ring import Kept as Kept
+from .ring import MessageRing as MessageRing
+from .ring import RecordedTopic as RecordedTopic
+from .settings import BlackBoxSettings as BlackBoxSettings
+from .shelf import Shelf as Shelf
+from .trigger import RecordTrigger as RecordTrigger

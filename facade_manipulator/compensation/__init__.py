@@ -7,40 +7,41 @@ within the workspace and the limits of motion, for the instant it is meant for. 
 clock or I/O.
 """
 
-from facade_manipulator.compensation.compensator import (
-    Compensator,
-    CompensatorSettings,
-    CorrectedPose,
-    DEFAULTS,
+from .compensator import (
+    Compensator as Compensator,
 )
-from facade_manipulator.compensation.contact_estimate import contact_wrench, FrictionSettings
-from facade_manipulator.compensation.correction import CorrectionMode
-from facade_manipulator.compensation.following import (
-    ArrivalSettings,
-    ArrivalWatch,
-    GoalProgress,
-    GoalState,
-    HeldBack,
+from .compensator import (
+    CompensatorSettings as CompensatorSettings,
 )
-from facade_manipulator.compensation.limits import WorkspaceLimit
-from facade_manipulator.compensation.pressing import PressMode
-from facade_manipulator.compensation.suspension import GRAVITY, SuspensionSettings
-
-__all__ = [
-    'WorkspaceLimit',
-    'ArrivalSettings',
-    'ArrivalWatch',
-    'Compensator',
-    'CompensatorSettings',
-    'contact_wrench',
-    'CorrectedPose',
-    'CorrectionMode',
-    'DEFAULTS',
-    'FrictionSettings',
-    'GRAVITY',
-    'GoalProgress',
-    'GoalState',
-    'HeldBack',
-    'PressMode',
-    'SuspensionSettings',
-]
+from .compensator import (
+    CorrectedPose as CorrectedPose,
+)
+from .compensator import (
+    DEFAULTS as DEFAULTS,
+)
+from .contact_estimate import (
+    contact_wrench as contact_wrench,
+)
+from .contact_estimate import (
+    FrictionSettings as FrictionSettings,
+)
+from .correction import CorrectionMode as CorrectionMode
+from .following import (
+    ArrivalSettings as ArrivalSettings,
+)
+from .following import (
+    ArrivalWatch as ArrivalWatch,
+)
+from .following import (
+    GoalProgress as GoalProgress,
+)
+from .following import (
+    GoalState as GoalState,
+)
+from .following import (
+    HeldBack as HeldBack,
+)
+from .limits import WorkspaceLimit as WorkspaceLimit
+from .pressing import PressMode as PressMode
+from .suspension import GRAVITY as GRAVITY
+from .suspension import SuspensionSettings as SuspensionSettings

@@ -1,1 +1,1 @@
-"""The drives: `canopen` (the bus), `cia402` (the axes), `controller` (the cycle), `simulated`."""
+"""The drives: `canopen` (the bus), `cia402` (the axes), `controller` (the cycle)."""

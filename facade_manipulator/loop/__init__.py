@@ -6,22 +6,12 @@ one state a cycle, replies, rejections. When the node ends or hangs, the loop ra
 down and powers them off; when the loop ends, the drives miss its heartbeat and stop.
 """
 
-from facade_manipulator.loop.control_loop import (
-    assemble,
-    checked_follower,
-    LoopSetup,
-    StreamStatus,
-)
-from facade_manipulator.loop.process import LoopProcess, start_process
-from facade_manipulator.loop.stopping import Outcome, StoppingAnalysis
-
-__all__ = [
-    'assemble',
-    'checked_follower',
-    'LoopProcess',
-    'LoopSetup',
-    'Outcome',
-    'start_process',
-    'StoppingAnalysis',
-    'StreamStatus',
-]
+from .control_loop import assemble as assemble
+from .control_loop import checked_follower as checked_follower
+from .control_loop import LoopSetup as LoopSetup
+from .control_loop import Simulator as Simulator
+from .control_loop import StreamStatus as StreamStatus
+from .process import LoopProcess as LoopProcess
+from .process import start_process as start_process
+from .stopping import Outcome as Outcome
+from .stopping import StoppingAnalysis as StoppingAnalysis

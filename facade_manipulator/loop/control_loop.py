@@ -13,12 +13,13 @@ does in another process.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 import logging
 import time
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from facade_manipulator.drives.canopen import BusSettings, BusStatistics, open_bus
 from facade_manipulator.drives.cia402 import AxisSettings
@@ -34,7 +35,6 @@ from facade_manipulator.drives.controller import (
     POWERED_STATES,
     Session,
 )
-from facade_manipulator.drives.simulated import DriveSimulator, simulated_drives
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.channel import Channel, ChannelClosedError, Message, VERSION
@@ -57,6 +57,19 @@ MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a 
 _log = logging.getLogger(__name__)
 
 
+class Simulator(Protocol):
+    """Simulated drives that run; `facade_manipulator.lab.drives` has them."""
+
+    def load(self, forces: Sequence[float]) -> None:
+        """Let forces along the rail [N] pull at the carriages."""
+
+    def access(self) -> AbstractContextManager[Sequence[Any]]:
+        """Give the drives to one thread."""
+
+    def stop(self) -> None:
+        """Take the drives off the bus."""
+
+
 @dataclass(frozen=True)
 class LoopSetup:
     """All that the loop is made of; sent once, when it starts."""
@@ -67,7 +80,8 @@ class LoopSetup:
     bus: BusSettings = BusSettings()
     stream: StreamSettings = StreamSettings()
     limits: MotionLimits = MotionLimits()
-    simulate_drives: bool = False
+    #: starts simulated drives on the bus, where there are no others
+    simulate: Callable[[BusSettings, Sequence[AxisSettings]], Simulator] | None = None
 
     def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
         """
@@ -149,7 +163,7 @@ class ControlLoop:
     def __init__(self, setup: LoopSetup, channel: Channel) -> None:
         self.follower, self.controller = assemble(setup, BusAccess(
             lambda: open_bus(setup.bus), setup.bus.bitrate, str(setup.bus)))
-        self.simulator = _simulate(setup) if setup.simulate_drives else None
+        self.simulator = setup.simulate(setup.bus, setup.axes) if setup.simulate else None
         self._setup = setup
         self._channel = channel
         self._watchdog_timeout = setup.controller.watchdog_timeout
@@ -286,12 +300,6 @@ def unpack_state(snapshot: tuple, status: tuple) -> tuple[ControllerSnapshot, St
         state=ControllerState(plain.state),
         axes=tuple([AxisSnapshot(*axis) for axis in plain.axes]),
         cycle=CycleStatistics(*plain.cycle), bus=BusStatistics(*plain.bus)), StreamStatus(*status)
-
-
-def _simulate(setup: LoopSetup) -> DriveSimulator:
-    simulator = DriveSimulator(lambda: open_bus(setup.bus), simulated_drives(setup.axes))
-    simulator.start()
-    return simulator
 
 
 def _percentiles(values: tuple[float, ...]) -> tuple[float, ...]:

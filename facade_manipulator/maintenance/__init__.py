@@ -4,7 +4,7 @@ What a machine has done in its life: states of the drives in, lasting counters o
 `MachineCounters` counts, `CounterFile` keeps them on the disk, `kept_counters` reads them.
 """
 
-from facade_manipulator.maintenance.counter_file import CounterFile, kept_counters
-from facade_manipulator.maintenance.counters import MachineCounters, ServiceSettings
-
-__all__ = ['CounterFile', 'kept_counters', 'MachineCounters', 'ServiceSettings']
+from .counter_file import CounterFile as CounterFile
+from .counter_file import kept_counters as kept_counters
+from .counters import MachineCounters as MachineCounters
+from .counters import ServiceSettings as ServiceSettings

@@ -6,58 +6,69 @@ For ik_service: `Approach` and `ReferencePath` (jerk-limited paths of the head),
 speed, acceleration and jerk) and the guards that check the mechanism before a target is sent.
 """
 
-from facade_manipulator.motion.follower import SetpointFollower, StreamSettings
-from facade_manipulator.motion.guard import (
-    HomingGuard,
-    measured_guard,
-    MEASURED_SHARE,
-    mechanism_guard,
+from .follower import SetpointFollower as SetpointFollower
+from .follower import StreamSettings as StreamSettings
+from .guard import (
+    HomingGuard as HomingGuard,
 )
-from facade_manipulator.motion.limits import fastest_near, MotionLimits, Separation, Triple
-from facade_manipulator.motion.reference import (
-    Approach,
-    HeadMotion,
-    ReferencePath,
-    ReferenceSettings,
+from .guard import (
+    measured_guard as measured_guard,
 )
-from facade_manipulator.motion.setpoints import (
-    certified_path,
-    GoalSettings,
-    Setpoint,
-    SetpointStream,
-    STREAM_GAP,
+from .guard import (
+    MEASURED_SHARE as MEASURED_SHARE,
 )
-from facade_manipulator.motion.stopping import (
-    Brake,
-    highest_speed,
-    least_distance,
-    overshoot,
+from .guard import (
+    mechanism_guard as mechanism_guard,
 )
-from facade_manipulator.motion.timed_buffer import TimedBuffer
-
-__all__ = [
-    'Approach',
-    'Brake',
-    'certified_path',
-    'fastest_near',
-    'GoalSettings',
-    'HeadMotion',
-    'highest_speed',
-    'HomingGuard',
-    'least_distance',
-    'measured_guard',
-    'MEASURED_SHARE',
-    'mechanism_guard',
-    'MotionLimits',
-    'overshoot',
-    'ReferencePath',
-    'ReferenceSettings',
-    'Separation',
-    'Setpoint',
-    'SetpointFollower',
-    'SetpointStream',
-    'STREAM_GAP',
-    'StreamSettings',
-    'TimedBuffer',
-    'Triple',
-]
+from .limits import (
+    fastest_near as fastest_near,
+)
+from .limits import (
+    MotionLimits as MotionLimits,
+)
+from .limits import (
+    Separation as Separation,
+)
+from .limits import (
+    Triple as Triple,
+)
+from .reference import (
+    Approach as Approach,
+)
+from .reference import (
+    HeadMotion as HeadMotion,
+)
+from .reference import (
+    ReferencePath as ReferencePath,
+)
+from .reference import (
+    ReferenceSettings as ReferenceSettings,
+)
+from .setpoints import (
+    certified_path as certified_path,
+)
+from .setpoints import (
+    GoalSettings as GoalSettings,
+)
+from .setpoints import (
+    Setpoint as Setpoint,
+)
+from .setpoints import (
+    SetpointStream as SetpointStream,
+)
+from .setpoints import (
+    STREAM_GAP as STREAM_GAP,
+)
+from .stopping import (
+    Brake as Brake,
+)
+from .stopping import (
+    highest_speed as highest_speed,
+)
+from .stopping import (
+    least_distance as least_distance,
+)
+from .stopping import (
+    overshoot as overshoot,
+)
+from .timed_buffer import TimedBuffer as TimedBuffer

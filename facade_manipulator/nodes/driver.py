@@ -9,10 +9,11 @@ ends, the node becomes unconfigured; the next configure starts another one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 import math
 import time
 
@@ -33,7 +34,13 @@ from facade_manipulator.drives.controller import (
 )
 from facade_manipulator.errors import DriveStateError, InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop import LoopProcess, LoopSetup, start_process, StoppingAnalysis
+from facade_manipulator.loop import (
+    LoopProcess,
+    LoopSetup,
+    Simulator,
+    start_process,
+    StoppingAnalysis,
+)
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
 from facade_manipulator.messages import carriages_from
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
@@ -175,7 +182,7 @@ class DriverNode(ManagedNode):
                     lambda settings: self._loop.change_stream(settings)),
             declare(self, MotionLimits, 'limits', self._change_limits,
                     lambda limits: StoppingAnalysis(geometry, limits, axes, controller).check()),
-            self._settings.simulate_drives)
+            _simulator() if self._settings.simulate_drives else None)
 
     def _offer(self) -> None:
         self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
@@ -331,6 +338,11 @@ class DriverNode(ManagedNode):
             *(axis_status(axis) for axis in snapshot.axes),
             counters_status(self._counting, self._service),
         ]
+
+
+def _simulator() -> Callable[[BusSettings, Sequence[AxisSettings]], Simulator]:
+    """Return what starts simulated drives: known by name alone, for no machine needs them."""
+    return import_module('facade_manipulator.lab.drives').start_simulator
 
 
 main = partial(run, lambda: [DriverNode()], experimental=False)

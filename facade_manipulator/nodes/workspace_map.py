@@ -8,11 +8,10 @@ from collections.abc import Callable
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import Geometry, lci_grid, Pose
 from facade_manipulator.messages import RAIL
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import declare, LATCHED, pose_message, steady_timer
-from facade_manipulator.workspace import lci_grid
 
 PERIOD = 0.25
 THETA_STEP = 0.01  # rad, turn of the head after which the map is drawn again

@@ -6,24 +6,26 @@ that remain, each with its stamp and the variances of its noise: position and ve
 in the façade's frame at any time, and how far off they may be.
 """
 
-from facade_manipulator.prediction.estimate import (
-    Estimate,
-    EstimateGate,
-    EstimateMean,
-    EstimateSettings,
-    Variances,
+from .estimate import (
+    Estimate as Estimate,
 )
-from facade_manipulator.prediction.mounting import estimator_motion, rail_pose
-from facade_manipulator.prediction.predictor import DisturbancePredictor, PredictionSettings
-
-__all__ = [
-    'DisturbancePredictor',
-    'Estimate',
-    'EstimateGate',
-    'EstimateMean',
-    'EstimateSettings',
-    'estimator_motion',
-    'PredictionSettings',
-    'rail_pose',
-    'Variances',
-]
+from .estimate import (
+    EstimateGate as EstimateGate,
+)
+from .estimate import (
+    EstimateMean as EstimateMean,
+)
+from .estimate import (
+    EstimateSettings as EstimateSettings,
+)
+from .estimate import (
+    Variances as Variances,
+)
+from .mounting import estimator_motion as estimator_motion
+from .mounting import rail_pose as rail_pose
+from .predictor import (
+    DisturbancePredictor as DisturbancePredictor,
+)
+from .predictor import (
+    PredictionSettings as PredictionSettings,
+)

@@ -250,9 +250,9 @@ class Driver:
     def __init__(self) -> None:
         from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
         from facade_manipulator.drives.controller import BusAccess, ControllerSettings
-        from facade_manipulator.drives.simulated.drive import simulated_drives
-        from facade_manipulator.drives.simulated.simulator import DriveSimulator
         from facade_manipulator.kinematics import Geometry
+        from facade_manipulator.lab.drives.drive import simulated_drives
+        from facade_manipulator.lab.drives.simulator import DriveSimulator
         from facade_manipulator.loop import assemble, LoopSetup
 
         # an object that a drive is asked for while it boots is asked for again

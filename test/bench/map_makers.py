@@ -72,7 +72,7 @@ def blocked_map():
 
 def ours_map(spacing: float = STEP):
     from facade_manipulator.kinematics import Geometry
-    from facade_manipulator.workspace.gcw import count_poses, Grid
+    from facade_manipulator.lab.study.gcw import count_poses, Grid
 
     geometry, grid = Geometry(), Grid(spacing, spacing)
 
@@ -107,7 +107,7 @@ def grid_sweep():
     def run():
         return [area(length, half) for length, half in SAMPLED]
 
-    from facade_manipulator.workspace.section import section_area
+    from facade_manipulator.lab.study.section import section_area
     for found, design in zip(run(), SAMPLED, strict=True):
         exact = section_area(*design, 2.0 * END, GAP, THRESHOLD, UNIT)
         assert abs(found - exact) < CLOSE_ENOUGH * exact, (found, exact)
@@ -115,7 +115,7 @@ def grid_sweep():
 
 
 def closed_sweep():
-    from facade_manipulator.workspace.section import section_area
+    from facade_manipulator.lab.study.section import section_area
 
     length, half = DESIGNS[:, None], DESIGNS[None, :]
 
@@ -147,7 +147,7 @@ def numeric_sweep():
         return np.array([
             np.concatenate([area(length, half) for half in halves]) for length in DESIGNS])
 
-    from facade_manipulator.workspace.section import section_area
+    from facade_manipulator.lab.study.section import section_area
     exact = section_area(DESIGNS[:, None], DESIGNS, 2.0 * END, GAP, THRESHOLD, UNIT)
     assert np.abs(run() - exact).max() < CLOSE_ENOUGH * exact.max()
     return run, len(DESIGNS) ** 2, []

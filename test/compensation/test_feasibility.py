@@ -16,8 +16,8 @@ from facade_manipulator.compensation.suspension import (
     SuspensionSettings,
 )
 from facade_manipulator.kinematics import Geometry, MotionState, Pose
-from facade_manipulator.simulation.gondola import GondolaSettings, modes
-from facade_manipulator.simulation.reaction import ModalReaction
+from facade_manipulator.lab.gondola.gondola import GondolaSettings, modes
+from facade_manipulator.lab.gondola.reaction import ModalReaction
 
 PRESS = ImpedanceSettings(enabled=True, force=30.0)
 FREE = SuspensionSettings(mass=500.0, cable_length=100.0)

@@ -6,8 +6,8 @@ import math
 import pytest
 
 from facade_manipulator.compensation.contact import StampDelay
-from facade_manipulator.simulation.bench.__main__ import run_scenario
-from facade_manipulator.simulation.scenario import load_scenario
+from facade_manipulator.lab.gondola.bench.__main__ import run_scenario
+from facade_manipulator.lab.gondola.scenario import load_scenario
 
 
 def regressed(delay, offset=0.0, amplitude=0.1, duration=60.0, rate=50):

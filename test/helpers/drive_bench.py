@@ -11,8 +11,8 @@ from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
 from facade_manipulator.drives.cia402.units import AxisScale
-from facade_manipulator.drives.simulated.drive import SimulatedDrive, SimulatedIdentity
-from facade_manipulator.drives.simulated.motor import SimulationSettings
+from facade_manipulator.lab.drives.drive import SimulatedDrive, SimulatedIdentity
+from facade_manipulator.lab.drives.motor import SimulationSettings
 
 NODE = 2
 PERIOD = 0.01

@@ -16,9 +16,9 @@ from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks
-from facade_manipulator.drives.simulated.drive import simulated_drives
-from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.lab.drives.drive import simulated_drives
+from facade_manipulator.lab.drives.simulator import DriveSimulator
 
 PATIENCE = 20.0
 HOME = (-0.1, 0.1, 0.0)

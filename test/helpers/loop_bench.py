@@ -19,6 +19,7 @@ from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.drives import start_simulator
 from facade_manipulator.loop.channel import Channel
 from facade_manipulator.loop.control_loop import ControlLoop, LoopSetup
 from facade_manipulator.loop.process import LoopProcess, start_process
@@ -41,7 +42,7 @@ def loop_setup(controller: ControllerSettings = CONTROLLER) -> LoopSetup:
     bus = BusSettings(channel=f'loop {os.getpid()} {next(_channels)}')
     return LoopSetup(
         Geometry(), controller, DEFAULT_AXES, bus, StreamSettings(), MotionLimits(),
-        simulate_drives=True)
+        simulate=start_simulator)
 
 
 def serve(loop: ControlLoop) -> None:

@@ -15,7 +15,7 @@ from facade_manipulator.kinematics import (
     parallel_singularity,
     Pose,
 )
-from facade_manipulator.workspace import theta_max, x_interval, y_range
+from facade_manipulator.lab.study import theta_max, x_interval, y_range
 
 DESIGN = Geometry()
 NO_GAP = Geometry(carriage_gap=0.0)

@@ -22,9 +22,9 @@ from facade_manipulator.drives.controller import (
     ControllerSettings,
     ControllerSnapshot,
 )
-from facade_manipulator.drives.simulated.drive import simulated_drives
-from facade_manipulator.drives.simulated.simulator import DriveSimulator
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.drives.drive import simulated_drives
+from facade_manipulator.lab.drives.simulator import DriveSimulator
 from facade_manipulator.loop import assemble, LoopSetup
 from facade_manipulator.motion import mechanism_guard, Setpoint
 

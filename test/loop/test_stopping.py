@@ -13,8 +13,8 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.stopping import StoppingAnalysis
 from facade_manipulator.motion.limits import fastest_near, MotionLimits
-from facade_manipulator.nodes.stopping import main, read_analysis
 from facade_manipulator.resources import config_path
+from facade_manipulator.tools.stopping import main, read_analysis
 
 GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
 

@@ -24,7 +24,7 @@ from facade_manipulator.drives.controller.snapshot import (
     ControllerSnapshot,
     ControllerState,
 )
-from facade_manipulator.drives.simulated.drive import SimulatedIdentity
+from facade_manipulator.lab.drives.drive import SimulatedIdentity
 from facade_manipulator.loop.channel import Channel, VERSION
 from facade_manipulator.loop.control_loop import pack_state, StreamStatus
 from facade_manipulator.loop.process import start_process

@@ -46,7 +46,7 @@ def launch(start_process, tmp_path):
     for name in EXECUTABLES:
         script = folder / name
         script.write_text(f'#!{sys.executable}\nimport sys\n'
-                          f'from {PACKAGE}.nodes.start import {name}\nsys.exit({name}())\n')
+                          f'from {PACKAGE}.start import {name}\nsys.exit({name}())\n')
         script.chmod(0o755)
     (tmp_path / 'launcher.py').write_text(LAUNCHER)
     prefixes = [str(prefix), *filter(None, [os.environ.get('AMENT_PREFIX_PATH')])]

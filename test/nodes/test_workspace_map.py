@@ -9,10 +9,9 @@ import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
-from facade_manipulator.kinematics import inverse_kinematics, Pose
+from facade_manipulator.kinematics import inverse_kinematics, lci_grid, Pose
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.ros.runtime import LATCHED, RELIABLE
-from facade_manipulator.workspace.maps import lci_grid
 
 
 @pytest.fixture

@@ -14,10 +14,10 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
+from facade_manipulator.lab.gondola.wind import WindSettings
 from facade_manipulator.prediction import DisturbancePredictor, PredictionSettings
 from facade_manipulator.prediction.estimate import Estimate, EstimateMean
-from facade_manipulator.simulation.gondola import Gondola, GondolaSettings
-from facade_manipulator.simulation.wind import WindSettings
 
 HORIZON = 0.12
 NOISE = 1e-3

@@ -13,7 +13,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.ros import known_parameters
 from facade_manipulator.ros.known_parameters import NODE_NAMES, require_known_parameters
 
-NODES = Path(facade_manipulator.__file__).parent / 'nodes'
+PACKAGE = Path(facade_manipulator.__file__).parent
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_a_node_that_got_another_name_is_known_by_it(ros, check, nodes):
 
 
 def test_all_nodes_of_the_package_are_known():
-    named = {name for path in NODES.glob('*.py')
+    named = {name for path in PACKAGE.rglob('*.py')
              for name in re.findall(r"super\(\).__init__\('(\w+)'", path.read_text())}
     assert named == set(NODE_NAMES)
 

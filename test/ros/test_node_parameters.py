@@ -15,9 +15,9 @@ import yaml
 
 from facade_manipulator import config_path
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.nodes.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.recorder import RecorderNode
 

@@ -12,7 +12,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
-from facade_manipulator.nodes import start
+from facade_manipulator import start
 from facade_manipulator.ros import runtime
 
 DEADLINE = 10.0
@@ -41,7 +41,7 @@ def test_a_signal_that_comes_before_a_node_is_imported_ends_it_without_a_traceba
 import os, sys
 sys.meta_path.insert(0, type('', (), {{'find_spec': lambda name, *_: (
     os.kill(os.getpid(), {number}) if name == 'facade_manipulator.nodes.driver' else None)}}))
-from facade_manipulator.nodes.start import driver
+from facade_manipulator.start import driver
 sys.exit(driver())"""], capture_output=True, text=True, timeout=DEADLINE)
     assert (process.returncode, process.stderr) == (0, '')
 

@@ -47,7 +47,7 @@ Start = Callable[..., subprocess.Popen]
 
 def start_drives(start: Start) -> subprocess.Popen:
     """Start three simulated drives."""
-    return begun(start('facade_manipulator.drives.simulated', '--channel', CHANNEL,
+    return begun(start('facade_manipulator.lab.drives', '--channel', CHANNEL,
                        preexec_fn=as_drives), 'nodes 1, 2, 3')
 
 

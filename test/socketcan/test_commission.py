@@ -16,7 +16,7 @@ from support import patiently, wait_until
 from facade_manipulator.drives.canopen import BusSettings
 
 STOP_TIME = 0.16  # s
-MODULE = 'facade_manipulator.commissioning'
+MODULE = 'facade_manipulator.tools.commissioning'
 END = 20.0
 
 

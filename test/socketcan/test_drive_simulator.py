@@ -10,7 +10,7 @@ from listener import Listener
 import pytest
 from support import DEADLINE, wait_until
 
-MODULE = 'facade_manipulator.drives.simulated'
+MODULE = 'facade_manipulator.lab.drives'
 REQUEST = struct.pack('<BHB4x', 0x40, 0x1000, 0)  # SDO upload of the device type
 ANSWER = bytes.fromhex('4300100092010200')
 

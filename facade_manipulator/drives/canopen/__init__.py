@@ -5,57 +5,62 @@ In: an open interface and bytes. Out: frames, decoded messages, and errors that 
 value and next step. Knows nothing of motors.
 """
 
-from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.drives.canopen.bus import (
-    BusCongestedError,
-    BusStatistics,
-    can_bus,
-    CanBus,
-    Condition,
-    Frame,
-)
-from facade_manipulator.drives.canopen.emergency import (
-    decode_emergency,
-    describe,
-    Emergency,
-    encode_emergency,
-    fault,
-    is_error_reset,
-)
-from facade_manipulator.drives.canopen.link import BusSettings, open_bus
-from facade_manipulator.drives.canopen.nmt import NMT_TRANSITIONS, NmtCommand, NmtState
-from facade_manipulator.drives.canopen.pdo import Pdo
-from facade_manipulator.drives.canopen.sdo import (
-    Patience,
-    PumpedNetwork,
-    SDO_FRAME_LENGTH,
-    SdoAbortError,
-    SdoChannel,
-)
+from facade_manipulator.drives.canopen import pdo as pdo
 
-__all__ = [
-    'BusCongestedError',
-    'BusSettings',
-    'BusStatistics',
-    'can_bus',
-    'CanBus',
-    'Condition',
-    'decode_emergency',
-    'describe',
-    'Emergency',
-    'encode_emergency',
-    'fault',
-    'Frame',
-    'is_error_reset',
-    'NMT_TRANSITIONS',
-    'NmtCommand',
-    'NmtState',
-    'open_bus',
-    'Patience',
-    'Pdo',
-    'pdo',
-    'PumpedNetwork',
-    'SDO_FRAME_LENGTH',
-    'SdoAbortError',
-    'SdoChannel',
-]
+from .bus import (
+    BusCongestedError as BusCongestedError,
+)
+from .bus import (
+    BusStatistics as BusStatistics,
+)
+from .bus import (
+    can_bus as can_bus,
+)
+from .bus import (
+    CanBus as CanBus,
+)
+from .bus import (
+    Condition as Condition,
+)
+from .bus import (
+    Frame as Frame,
+)
+from .emergency import (
+    decode_emergency as decode_emergency,
+)
+from .emergency import (
+    describe as describe,
+)
+from .emergency import (
+    Emergency as Emergency,
+)
+from .emergency import (
+    encode_emergency as encode_emergency,
+)
+from .emergency import (
+    fault as fault,
+)
+from .emergency import (
+    is_error_reset as is_error_reset,
+)
+from .link import BusSettings as BusSettings
+from .link import open_bus as open_bus
+from .nmt import NMT_TRANSITIONS as NMT_TRANSITIONS
+from .nmt import NmtCommand as NmtCommand
+from .nmt import NmtState as NmtState
+from .pdo import Pdo as Pdo
+from .sdo import (
+    Patience as Patience,
+)
+from .sdo import (
+    PumpedNetwork as PumpedNetwork,
+)
+from .sdo import (
+    SDO_FRAME_LENGTH as SDO_FRAME_LENGTH,
+)
+from .sdo import (
+    SdoAbortError as SdoAbortError,
+)
+from .sdo import (
+    SdoChannel as SdoChannel,
+)

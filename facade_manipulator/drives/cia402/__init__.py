@@ -6,89 +6,121 @@ of the next cycle, and causes of stops. Knows no bus and no clock: time and feed
 arguments.
 """
 
-from facade_manipulator.drives.cia402.axis import Feedback
-from facade_manipulator.drives.cia402.cause import (
-    BUS_REMEDY,
-    Cause,
-    CLEAR_REMEDY,
-    COMPUTER_REMEDY,
-    CONFIGURE_REMEDY,
-    TARGET_REMEDY,
-    TRACKING_REMEDY,
+from .axis import Feedback as Feedback
+from .cause import (
+    BUS_REMEDY as BUS_REMEDY,
 )
-from facade_manipulator.drives.cia402.group import AxisCommand, Group, GroupSettings
-from facade_manipulator.drives.cia402.homing import AxisHoming, home_error, HomingSequence
-from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase, STOPPED_PHASES
-from facade_manipulator.drives.cia402.profile import (
-    DriveProfile,
-    fitting_profile,
-    load_profile,
-    Quirks,
+from .cause import (
+    Cause as Cause,
 )
-from facade_manipulator.drives.cia402.settings import (
-    axis_defaults,
-    AXIS_NAMES,
-    AxisSettings,
-    check_axes,
-    DEFAULT_AXES,
-    Triple,
+from .cause import (
+    CLEAR_REMEDY as CLEAR_REMEDY,
 )
-from facade_manipulator.drives.cia402.states import (
-    AUTOMATIC_TRANSITIONS,
-    Controlword,
-    decode_command,
-    decode_state,
-    DeviceCommand,
-    Mode,
-    POWERED_STATES,
-    State,
-    Status,
-    STATUSWORDS,
-    TRANSITIONS,
+from .cause import (
+    COMPUTER_REMEDY as COMPUTER_REMEDY,
 )
-from facade_manipulator.drives.cia402.units import AxisScale, INT32_MAX, INT32_MIN, Measured
-
-__all__ = [
-    'AUTOMATIC_TRANSITIONS',
-    'AXIS_NAMES',
-    'AxisHoming',
-    'AxisScale',
-    'axis_defaults',
-    'AxisSettings',
-    'BUS_REMEDY',
-    'Cause',
-    'check_axes',
-    'CLEAR_REMEDY',
-    'AxisCommand',
-    'DeviceCommand',
-    'COMPUTER_REMEDY',
-    'CONFIGURE_REMEDY',
-    'Controlword',
-    'decode_command',
-    'decode_state',
-    'DEFAULT_AXES',
-    'DriveProfile',
-    'Feedback',
-    'fitting_profile',
-    'FOLLOWING_PHASES',
-    'Group',
-    'GroupSettings',
-    'home_error',
-    'HomingSequence',
-    'INT32_MAX',
-    'INT32_MIN',
-    'load_profile',
-    'Measured',
-    'Mode',
-    'Phase',
-    'POWERED_STATES',
-    'Quirks',
-    'State',
-    'Status',
-    'STATUSWORDS',
-    'STOPPED_PHASES',
-    'TARGET_REMEDY',
-    'TRACKING_REMEDY',
-    'TRANSITIONS',
-    'Triple',
-]
+from .cause import (
+    CONFIGURE_REMEDY as CONFIGURE_REMEDY,
+)
+from .cause import (
+    TARGET_REMEDY as TARGET_REMEDY,
+)
+from .cause import (
+    TRACKING_REMEDY as TRACKING_REMEDY,
+)
+from .group import AxisCommand as AxisCommand
+from .group import Group as Group
+from .group import GroupSettings as GroupSettings
+from .homing import (
+    AxisHoming as AxisHoming,
+)
+from .homing import (
+    home_error as home_error,
+)
+from .homing import (
+    HomingSequence as HomingSequence,
+)
+from .plans import (
+    FOLLOWING_PHASES as FOLLOWING_PHASES,
+)
+from .plans import (
+    Phase as Phase,
+)
+from .plans import (
+    STOPPED_PHASES as STOPPED_PHASES,
+)
+from .profile import (
+    DriveProfile as DriveProfile,
+)
+from .profile import (
+    fitting_profile as fitting_profile,
+)
+from .profile import (
+    load_profile as load_profile,
+)
+from .profile import (
+    Quirks as Quirks,
+)
+from .settings import (
+    axis_defaults as axis_defaults,
+)
+from .settings import (
+    AXIS_NAMES as AXIS_NAMES,
+)
+from .settings import (
+    AxisSettings as AxisSettings,
+)
+from .settings import (
+    check_axes as check_axes,
+)
+from .settings import (
+    DEFAULT_AXES as DEFAULT_AXES,
+)
+from .settings import (
+    Triple as Triple,
+)
+from .states import (
+    AUTOMATIC_TRANSITIONS as AUTOMATIC_TRANSITIONS,
+)
+from .states import (
+    Controlword as Controlword,
+)
+from .states import (
+    decode_command as decode_command,
+)
+from .states import (
+    decode_state as decode_state,
+)
+from .states import (
+    DeviceCommand as DeviceCommand,
+)
+from .states import (
+    Mode as Mode,
+)
+from .states import (
+    POWERED_STATES as POWERED_STATES,
+)
+from .states import (
+    State as State,
+)
+from .states import (
+    Status as Status,
+)
+from .states import (
+    STATUSWORDS as STATUSWORDS,
+)
+from .states import (
+    TRANSITIONS as TRANSITIONS,
+)
+from .units import (
+    AxisScale as AxisScale,
+)
+from .units import (
+    INT32_MAX as INT32_MAX,
+)
+from .units import (
+    INT32_MIN as INT32_MIN,
+)
+from .units import (
+    Measured as Measured,
+)

@@ -5,39 +5,30 @@ In: an axis configuration, access to the bus, the mechanism that is moved, and a
 requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for whoever asks.
 """
 
-from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.configuration import drive_writes, write_objects
-from facade_manipulator.drives.controller.controller import DriveController
-from facade_manipulator.drives.controller.cycle import CycleStatistics, LATENESS_BOUNDS
-from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.monitor import AxisMonitor
-from facade_manipulator.drives.controller.session import BusAccess, Session
-from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.snapshot import (
-    ACTIVE_STATES,
-    AxisSnapshot,
-    ControllerSnapshot,
-    ControllerState,
-    POWERED_STATES,
+from .commissioning import Finding as Finding
+from .configuration import drive_writes as drive_writes
+from .configuration import write_objects as write_objects
+from .controller import DriveController as DriveController
+from .cycle import CycleStatistics as CycleStatistics
+from .cycle import LATENESS_BOUNDS as LATENESS_BOUNDS
+from .exchange import CyclicExchange as CyclicExchange
+from .monitor import AxisMonitor as AxisMonitor
+from .session import BusAccess as BusAccess
+from .session import Session as Session
+from .settings import ControllerSettings as ControllerSettings
+from .snapshot import (
+    ACTIVE_STATES as ACTIVE_STATES,
 )
-from facade_manipulator.drives.controller.targets import MechanismChecks
-
-__all__ = [
-    'ACTIVE_STATES',
-    'AxisMonitor',
-    'AxisSnapshot',
-    'BusAccess',
-    'ControllerSettings',
-    'ControllerSnapshot',
-    'ControllerState',
-    'CycleStatistics',
-    'CyclicExchange',
-    'drive_writes',
-    'DriveController',
-    'Finding',
-    'LATENESS_BOUNDS',
-    'MechanismChecks',
-    'POWERED_STATES',
-    'Session',
-    'write_objects',
-]
+from .snapshot import (
+    AxisSnapshot as AxisSnapshot,
+)
+from .snapshot import (
+    ControllerSnapshot as ControllerSnapshot,
+)
+from .snapshot import (
+    ControllerState as ControllerState,
+)
+from .snapshot import (
+    POWERED_STATES as POWERED_STATES,
+)
+from .targets import MechanismChecks as MechanismChecks

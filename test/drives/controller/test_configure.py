@@ -12,12 +12,6 @@ import pytest
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.controller import commissioning
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.simulated.drive import (
-    simulated_drives,
-    SimulatedDrive,
-    SimulatedIdentity,
-)
-from facade_manipulator.drives.simulated.motor import SimulationSettings
 from facade_manipulator.errors import (
     BusError,
     DriveFaultError,
@@ -26,6 +20,12 @@ from facade_manipulator.errors import (
     DriveStateError,
     DriveTimeoutError,
 )
+from facade_manipulator.lab.drives.drive import (
+    simulated_drives,
+    SimulatedDrive,
+    SimulatedIdentity,
+)
+from facade_manipulator.lab.drives.motor import SimulationSettings
 
 
 def test_a_drive_that_does_not_answer_is_named_and_configure_can_be_tried_again(rig):

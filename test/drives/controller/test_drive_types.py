@@ -14,9 +14,9 @@ from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.drives.simulated.drive import simulated_drives, SimulatedDrive
-from facade_manipulator.drives.simulated.motor import SimulationSettings
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
+from facade_manipulator.lab.drives.drive import simulated_drives, SimulatedDrive
+from facade_manipulator.lab.drives.motor import SimulationSettings
 from facade_manipulator.resources import config_path
 
 READ_ONLY = 0x06010002

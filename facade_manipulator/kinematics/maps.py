@@ -1,0 +1,181 @@
+"""
+Maps over (y, θ): where the head can be and how well conditioned it is there.
+
+At fixed (y, θ) the reachable x are exactly one interval and the conditioning index does not
+depend on x, so a map of (y, θ) with the interval's ends is the whole three-dimensional workspace.
+Every function takes arrays that broadcast against each other, such as a column of y and a row
+of θ; but for `lci_grid`, which is an operator's map of one angle.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics.geometry import Geometry, Pose
+from facade_manipulator.kinematics.inverse import branch_number, squared_index
+from facade_manipulator.kinematics.jacobian import check_characteristic_length
+from facade_manipulator.kinematics.mechanism import mechanism_of
+
+UNREACHABLE = -1
+FULL = 100
+MAX_CELLS = 4_000_000
+
+
+class PoseMap(NamedTuple):
+    """
+    The workspace over (y, θ), each field of the broadcast shape.
+
+    ``lower`` and ``upper`` are the ends of the reachable x [m], NaN where reach, order, gap or
+    stroke leave none; ``index`` is the local conditioning index and ``number`` the N of the
+    parallel singularity [m²], NaN only beyond reach.
+    """
+
+    lower: np.ndarray
+    upper: np.ndarray
+    index: np.ndarray
+    number: np.ndarray
+
+    @property
+    def width(self) -> np.ndarray:
+        """Length of the reachable x [m], 0 where there are none."""
+        return np.nan_to_num(self.upper - self.lower)
+
+
+def link_arrays(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Heights and projections as `kinematics.inverse.links` gives them; NaN beyond reach."""
+    y, theta = np.atleast_1d(y, theta)  # so that what follows may write into arrays
+    square = geometry.link_length * geometry.link_length
+    sine = np.sin(theta)
+    rise = geometry.platform_half_length * sine
+    height1, height2 = y - rise, y + rise
+    root1, root2 = square - height1 * height1, square - height2 * height2
+    outside = np.minimum(root1, root2) <= 0.0
+    root1[outside] = np.nan
+    root2[outside] = np.nan
+    return sine, np.cos(theta), height1, height2, np.sqrt(root1), np.sqrt(root2)
+
+
+def x_intervals(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+    """
+    Return the ends (lower, upper) of the reachable x [m] by reach, order, gap and stroke.
+
+    NaN where there is none. Poses beyond N = 0 are among them: ask `pose_map`.
+    """
+    return intervals_of(geometry, link_arrays(geometry, y, theta))
+
+
+def pose_map(
+    geometry: Geometry, y: np.ndarray, theta: np.ndarray, characteristic_length: float = 1.0
+) -> PoseMap:
+    """
+    All maps of every (y, θ) at once.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    y, theta : array_like
+        Distances from the rail [m] and angles [rad] that broadcast against each other.
+    characteristic_length : float
+        Unit of length of the conditioning index [m]; 0.001 gives the paper's.
+
+    Raises
+    ------
+    ParameterError
+        If the characteristic length is not positive.
+
+    """
+    check_characteristic_length(characteristic_length)
+    at = link_arrays(geometry, y, theta)
+    return PoseMap(
+        *intervals_of(geometry, at), index_of(geometry, at, characteristic_length),
+        branch_number(at))
+
+
+def intervals_of(geometry: Geometry, at: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the ends of the reachable x [m] from the links of every pose, as `x_intervals`."""
+    _, cosine, _, _, projection1, projection2 = at
+    span = geometry.platform_half_length * cosine
+    least, greatest = geometry.stroke
+    lower = least + span - projection1
+    upper = greatest - span + projection2
+    distance = span - np.maximum(projection1, projection2)
+    with np.errstate(invalid='ignore'):
+        outside = (distance < geometry.carriage_gap) | (distance <= 0.0) | (lower > upper)
+    lower[outside] = np.nan
+    upper[outside] = np.nan
+    return lower, upper
+
+
+def index_of(
+    geometry: Geometry, at: tuple[np.ndarray, ...], characteristic_length: float
+) -> np.ndarray:
+    """Local conditioning index from the links of every pose, as `pose_map` has it."""
+    ratio = geometry.platform_half_length / characteristic_length
+    return np.sqrt(squared_index(at, ratio, ratio))
+
+
+def lci_grid(
+    geometry: Geometry, theta: float, resolution: float, characteristic_length: float = 1.0
+) -> tuple[np.ndarray, Pose]:
+    """
+    Conditioning over x and y at the angle θ, as nav_msgs/OccupancyGrid wants it.
+
+    The grid covers the stroke and the links' length, whatever θ, so that it stays in place.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    theta : float
+        [rad].
+    resolution : float
+        Side of a cell [m].
+    characteristic_length : float
+        Unit of length of the index [m].
+
+    Returns
+    -------
+    cells : ndarray of int8, shape (rows of y, columns of x)
+        100·LCI over the greatest LCI at this θ, taken at the cell's centre; −1 where the machine
+        cannot stand.
+    origin : Pose
+        Outer corner of the first cell and the direction of its rows, in frame `rail`: with tool
+        and rail angle of the machine. Errors of its lengths are not in the map.
+
+    Raises
+    ------
+    ParameterError
+        If θ is not finite, or the resolution not positive or so fine that the grid would not fit.
+
+    """
+    if not np.isfinite(theta):
+        raise ParameterError(f'theta = {theta} is not a finite number')
+    mechanism = mechanism_of(geometry)
+    theta = mechanism.platform(Pose(0.0, 0.0, theta)).theta
+    columns, rows = _grid_shape(geometry, resolution)
+    x = geometry.stroke[0] + resolution * (np.arange(columns) + 0.5)
+    y = resolution * (np.arange(rows) + 0.5)
+    row = pose_map(geometry, y, theta, characteristic_length)
+    values = np.where(row.number > 0.0, row.index, np.nan)  # NaN > 0 is False
+    values[np.isnan(row.lower)] = np.nan
+    cells = np.full((rows, columns), UNREACHABLE, np.int8)
+    inside = ~np.isnan(values)
+    if inside.any():
+        percent = np.rint(FULL * values[inside] / values[inside].max()).astype(np.int8)
+        lower, upper = row.lower[inside, None], row.upper[inside, None]
+        cells[inside] = np.where((lower <= x) & (x <= upper), percent[:, None], UNREACHABLE)
+    corner = mechanism.head(Pose(geometry.stroke[0], 0.0, theta))
+    return cells, corner._replace(theta=geometry.rail_angle)
+
+
+def _grid_shape(geometry: Geometry, resolution: float) -> tuple[int, int]:
+    if not (np.isfinite(resolution) and resolution > 0.0):
+        raise ParameterError(f'resolution = {resolution} m is not a positive length')
+    extents = (geometry.stroke_length, geometry.link_length)
+    if extents[0] * extents[1] / resolution ** 2 > MAX_CELLS:
+        raise ParameterError(
+            f'resolution = {resolution:g} m makes more than {MAX_CELLS} cells of '
+            f'{extents[0]:g} m by {extents[1]:g} m')
+    return tuple(max(1, int(np.ceil(extent / resolution - 1e-9))) for extent in extents)

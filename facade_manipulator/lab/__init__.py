@@ -1,0 +1,1 @@
+"""Simulated world, studies, benches and demo: no machine needs them."""

@@ -1,0 +1,259 @@
+"""
+The whole stack on one machine: real nodes, simulated drives, a gondola that sways.
+
+The demo is a supervisor as a cleaning robot has one: it configures, homes and activates the
+drives through the nodes' services, sends cleaning strokes, and stops the drives first when it
+ends, however it ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from contextlib import closing
+from itertools import cycle
+import json
+import os
+from pathlib import Path
+import signal
+import sys
+from threading import Event
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from rich.console import Console
+from rich.progress import Progress
+from std_srvs.srv import Trigger
+import yaml
+
+from facade_manipulator import config_path
+from facade_manipulator.errors import INTERRUPTED, ManipulatorError, missing_package
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.demo.processes import NodeProcesses
+from facade_manipulator.lab.demo.record import Recorder
+from facade_manipulator.lab.demo.report import (
+    draw,
+    PICTURES,
+    remove_pictures,
+    summarise,
+    SUMMARY,
+    write_json,
+)
+from facade_manipulator.lab.demo.view import summary_lines
+from facade_manipulator.lab.gondola import compensator_parameters, load_scenario, Scenario
+from facade_manipulator.nodes.monitor import Observer, REFRESH_PERIOD, screen
+from facade_manipulator.parameter_file import ALL_NODES, read_settings
+from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
+
+NODES = ('gondola_simulator', 'driver', 'manipulator')
+FIRST_GOAL_AFTER = 1.0
+FAILED = 1
+
+
+class Demo:
+    """One run: nodes up, strokes for a while, drives off, report."""
+
+    def __init__(
+        self, options: argparse.Namespace, console: Console, interrupted: Event
+    ) -> None:
+        self.options = options
+        self.geometry = read_settings(options.parameters, ALL_NODES, 'geometry', Geometry)
+        self.console = console
+        self._interrupted = interrupted
+        self._is_stopping = False
+        self.output = options.output
+        self.scenario = load_scenario(options.scenario) if options.scenario else Scenario()
+        self.processes = NodeProcesses(self.output)
+        self.client = ManipulatorClient(
+            options.namespace, 'demo_supervisor', self._check_interrupt)
+        self.observer = Observer(self.client)
+        self.recorder = Recorder(
+            self.client.node, self.scenario.wall.settling_time)
+
+    def run(self) -> None:
+        """Run to the end; whatever happens the drives stop first, then the nodes end."""
+        try:
+            self._start_nodes()
+            self._bring_up()
+            begin = time.monotonic()
+            self._strokes()
+            summary = self._report(time.monotonic() - begin)
+        finally:
+            self._is_stopping = True  # nothing interrupts the stopping of the drives
+            self._stop()
+        self._is_stopping = False
+        self._draw(summary)
+
+    def _check_interrupt(self) -> None:
+        if self._interrupted.is_set() and not self._is_stopping:
+            raise KeyboardInterrupt
+
+    def _start_nodes(self) -> None:
+        remove_pictures(self.output)
+        self.console.print(
+            f'starting {", ".join(NODES)} in namespace {self.options.namespace} '
+            f'(logs in {self.output}/)')
+        for name in NODES:
+            self.processes.start(name, _ros_arguments(name, self.options, self.scenario))
+
+    def _bring_up(self) -> None:
+        for what, step in (
+            ('configure: bus up, drives checked', self.client.configure),
+            ('home', self.client.home),
+            ('activate: power on', self.client.activate),
+        ):
+            self.processes.check()
+            self.console.print(f'driver: {what}')
+            step()
+
+    def _strokes(self) -> None:
+        self.client.spin(FIRST_GOAL_AFTER)
+        begin = time.monotonic()
+        with screen(self.console) as show:
+            def remaining(*_) -> float:
+                self._require_moving_drives()
+                self.processes.check()
+                elapsed = time.monotonic() - begin
+                show(self.observer.overview(), f' {elapsed:.1f} s of {self.options.duration:g} s '
+                     '(Ctrl-C stops the drives first)')
+                return self.options.duration - elapsed
+
+            if self.scenario.mission.waits:
+                self._follow_plan(remaining)
+            while (left := remaining()) > 0.0:
+                self._send_due_goal(self.options.duration - left)
+                self.client.spin(REFRESH_PERIOD)
+
+    def _follow_plan(self, remaining: Callable[..., float]) -> None:
+        """Go through the goals again and again, from one to the next as soon as it is reached."""
+        for count, goal in enumerate(cycle(self.scenario.mission.plan)):
+            if remaining() <= 0.0:
+                self.console.print(f'{count} goals reached, one after the other')
+                return
+            self.client.go_to(goal, on_progress=remaining)
+
+    def _require_moving_drives(self) -> None:
+        """End the demo with the driver's own reason once the drives have stopped."""
+        operation = self.client.component('driver: operation')
+        if operation is not None and operation.status.level == DiagnosticStatus.ERROR:
+            raise ManipulatorError(f'driver: {operation.status.message}')
+
+    def _send_due_goal(self, elapsed: float) -> None:
+        goal = self.scenario.mission.goal(elapsed)
+        if goal != self.client.goal:
+            self.client.send_goal(goal)
+
+    def _report(self, duration: float) -> dict:
+        self.recorder.stop()
+        reply = self.client.call(Trigger, 'gondola_simulator/report', Trigger.Request())
+        measured = json.loads(reply.message)
+        self.client.spin(1.2)  # the nodes' last counters come within a second
+        summary = summarise(measured, self.client, duration)
+        write_json(self.output / SUMMARY, summary)
+        self.console.print(*summary_lines(summary, self.scenario), sep='\n')
+        return summary
+
+    def _draw(self, summary: dict) -> None:
+        """Draw the report when the drives have stopped already; Ctrl-C ends it."""
+        self.console.print(f'drawing the pictures in {self.output}/')
+        with (closing(draw(self.output, self.recorder, summary, self.scenario, self.geometry))
+              as shares,
+              Progress(console=self.console, transient=True,
+                       disable=not self.console.is_terminal) as progress):
+            task = progress.add_task('report', total=1.0)
+            for share in shares:
+                self._check_interrupt()
+                progress.update(task, completed=share)
+        written = (name for name in (SUMMARY, *PICTURES) if (self.output / name).exists())
+        self.console.print(f'written in {self.output}/: {", ".join(written)}')
+
+    def _stop(self) -> None:
+        try:
+            if rclpy.ok() and self.client.driver_state() == 'active':
+                self.console.print('driver: deactivate: ramp down, power off')
+                self.client.deactivate()
+        except ManipulatorError as error:
+            self.console.print(f'[red]{error}[/red]')  # the driver stops its drives when it ends
+        finally:
+            self.processes.end()
+            self.client.close()
+
+
+def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:
+    files = [options.parameters, config_path('simulation.yaml')]
+    arguments = ['--ros-args', '-r', f'__ns:=/{options.namespace}']
+    for file in files:
+        arguments += ['--params-file', str(file)]
+    if name == 'gondola_simulator' and options.scenario:
+        arguments += ['-p', f'scenario:={options.scenario}']
+    if name == 'manipulator':
+        arguments += ['--params-file', str(_write_parameters(options, scenario))]
+    return arguments
+
+
+def _write_parameters(options: argparse.Namespace, scenario: Scenario) -> Path:
+    """Write what the scenario asks of the compensator; `-p` would not beat manipulator.yaml."""
+    path = options.output / 'compensator.yaml'
+    values = {name: list(value) if isinstance(value, tuple) else value
+              for name, value in compensator_parameters(scenario).items()}
+    path.write_text(yaml.safe_dump({'/**/compensator': {'ros__parameters': values}}))
+    return path
+
+
+def _options(args: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='demo', description='Run the whole stack with simulated drives on a swaying gondola.')
+    parser.add_argument('--duration', type=_duration, default=30.0, metavar='S',
+                        help='how long the strokes last, in s (default 30)')
+    parser.add_argument('--scenario', default='',
+                        help='wind and wall: a name in config/scenarios, or a file')
+    parser.add_argument('--parameters', type=Path, default=config_path('manipulator.yaml'),
+                        metavar='YAML', help='parameters of the nodes, such as a calibrated copy')
+    parser.add_argument('--output', type=Path, default=Path('demo_report'), metavar='DIR',
+                        help='folder of the report (default demo_report)')
+    parser.add_argument('--namespace', default='demo', help='namespace of the nodes')
+    return parser.parse_args(args)
+
+
+def _duration(text: str) -> float:
+    value = float(text)
+    if not 1.0 <= value <= 86400.0:
+        raise argparse.ArgumentTypeError(f'{text} s is not between 1 s and 86400 s')
+    return value
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the demo; return its exit status."""
+    options = _options(args)
+    console = Console(highlight=False, soft_wrap=True)
+    os.environ.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    try:
+        options.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        print(f'{options.output} cannot be written: {error.strerror}', file=sys.stderr)
+        return USAGE_ERROR
+    interrupted = Event()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: interrupted.set())
+    # rclpy's own handlers would end ROS before the drives are stopped through it
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        Demo(options, console, interrupted).run()
+    except KeyboardInterrupt:
+        console.print('interrupted: drives stopped, nodes ended')
+        return INTERRUPTED
+    except ModuleNotFoundError as error:
+        console.print(f'no pictures: {missing_package(error)}', style='red')
+        return FAILED
+    except ManipulatorError as error:
+        console.print(f'the demo ended: {error}', style='red')
+        return FAILED
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,170 @@
+"""The gondola simulator: it sways, estimates how, and measures the head on the wall."""
+
+from __future__ import annotations
+
+from functools import partial
+import json
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import (
+    Point,
+    PointStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    WrenchStamped,
+)
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import JointState
+
+from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
+from facade_manipulator.lab.gondola import (
+    carriage_loads,
+    Facade,
+    ForceSensor,
+    load_scenario,
+    PressedGondola,
+    Scenario,
+    SimulatedEstimator,
+    WallMeasurement,
+    WallSample,
+)
+from facade_manipulator.messages import (
+    CARRIAGES,
+    carriages_from,
+    END_EFFECTOR,
+    FACADE,
+    planar_numbers,
+    pose_in_frame,
+    seconds,
+)
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros import (
+    accept_old_names,
+    declare,
+    diagnostic_status,
+    DiagnosticsPublisher,
+    estimate_codec,
+    LATEST,
+    node_time,
+    offer_trigger,
+    PoseStream,
+    Rejections,
+    RELIABLE,
+    run,
+    stamp,
+    steady_timer,
+    wrench_stamped,
+)
+
+DELIVERY_PERIOD = 0.005
+
+
+@settings
+class ScenarioSettings:
+    """Which scenario is simulated; its file has all the numbers."""
+
+    scenario: str = parameter('', 'A name in config/scenarios or a file; empty for a breeze')
+
+
+class GondolaSimulatorNode(Node):
+    """Simulate what moves the rail, and measure what the manipulator makes of it."""
+
+    def __init__(self, **kwargs) -> None:
+        super().__init__('gondola_simulator', **kwargs)
+        accept_old_names(self)
+        geometry = declare(self, Geometry, 'geometry')
+        self._mechanism = mechanism_of(geometry)
+        name = declare(self, ScenarioSettings).scenario
+        scenario = load_scenario(name) if name else Scenario()
+        displacement, start = scenario.motion(), node_time(self)
+
+        def motion(time: float) -> Pose:
+            return displacement(time - start)
+
+        self._gondola = PressedGondola(motion, Facade(scenario.facade), scenario.gondola)
+        self._estimator = SimulatedEstimator(scenario.estimator, self._gondola.at, start)
+        self._wall = WallMeasurement(geometry, scenario.wall, self._gondola.at)
+        self._force_sensor = (
+            ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
+        self._measures_slip = scenario.wall.slip_sensor
+        self._rejections = Rejections(self)
+        self._connect()
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        steady_timer(self, DELIVERY_PERIOD, self._deliver)
+
+    def _connect(self) -> None:
+        self._estimate_codec = estimate_codec('disturbance', FACADE)
+        self._disturbance = self.create_publisher(
+            PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
+        self._head, self._error, self._uncompensated = (
+            PoseStream(self, f'gondola_simulator/{name}', FACADE, RELIABLE)
+            for name in ('head_pose', 'wall_error', 'uncompensated_error'))
+        self._wrench = self.create_publisher(
+            WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+        self._loads = self.create_publisher(
+            JointState, 'gondola_simulator/carriage_forces', LATEST)
+        self._lateral = self.create_publisher(
+            PointStamped, 'lateral_offset', qos_profile_sensor_data)
+        self.create_subscription(PoseStamped, 'goal_pose', self._receive_goal, LATEST)
+        self.create_subscription(JointState, 'joint_states', self._receive_joint_states, RELIABLE)
+        offer_trigger(
+            self, 'gondola_simulator/report', lambda: json.dumps(self._wall.report()))
+
+    def _deliver(self) -> None:
+        for estimate in self._estimator.advance(node_time(self)):
+            self._disturbance.publish(self._estimate_codec.write(
+                estimate.stamp, (*planar_numbers(estimate.pose), *estimate.variances)))
+
+    def _receive_goal(self, message: PoseStamped) -> None:
+        with self._rejections:
+            goal = pose_in_frame(message, FACADE, 'goal_pose')
+            self._mechanism.certify(goal)
+            self._wall.set_goal(node_time(self), goal)
+
+    def _receive_joint_states(self, message: JointState) -> None:
+        time = seconds(message.header.stamp)
+        with self._rejections:
+            carriages = Carriages(*carriages_from(
+                message.name, message.position, 'joint_states position'))
+            head = self._mechanism.forward_kinematics(carriages)
+            wrench = self._gondola.advance(time, head)
+            sample = self._wall.measure(time, carriages)
+            self._publish_sample(sample)
+            self._publish_sensors(sample, wrench)
+            self._publish_loads(time, head, wrench)
+
+    def _publish_sample(self, sample: WallSample) -> None:
+        self._head.publish(sample.time, sample.head)
+        if sample.error is not None:
+            self._error.publish(sample.time, sample.error)
+            self._uncompensated.publish(sample.time, sample.uncompensated)
+
+    def _publish_loads(self, time: float, head: Pose, wrench: Wrench) -> None:
+        """Publish what the wall does to the carriages, for simulated drives to feel."""
+        if self._force_sensor is None:
+            return
+        message = JointState(
+            name=list(CARRIAGES), effort=list(carriage_loads(self._mechanism, head, wrench)))
+        message.header.stamp = stamp(time)
+        self._loads.publish(message)
+
+    def _publish_sensors(self, sample: WallSample, wrench: Wrench) -> None:
+        """Publish what sensors on the head measure of the wall."""
+        measured = self._force_sensor and self._force_sensor.measure(sample.time, wrench)
+        if measured is not None:
+            self._wrench.publish(wrench_stamped(END_EFFECTOR, sample.time, measured))
+        if self._measures_slip and sample.settled:
+            message = PointStamped(point=Point(x=sample.lateral_offset))
+            message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(sample.time)
+            self._lateral.publish(message)
+
+    def _components(self) -> list[DiagnosticStatus]:
+        return [diagnostic_status(
+            'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._rejections.values()})]
+
+
+main = partial(run, lambda: [GondolaSimulatorNode()])
+
+if __name__ == '__main__':
+    raise SystemExit(main())

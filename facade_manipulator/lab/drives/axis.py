@@ -1,0 +1,306 @@
+"""
+The CiA 402 drive behind a simulated node: state machine, modes, supervision, reactions.
+
+References
+----------
+IEC 61800-7-201 (CiA 402-2): finite state automaton, option codes 6007h, 605Ah, 605Eh.
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+
+from canopen import SdoAbortedError
+
+from facade_manipulator.drives.cia402 import (
+    AUTOMATIC_TRANSITIONS,
+    AxisScale,
+    Controlword,
+    decode_command,
+    DeviceCommand,
+    DriveProfile,
+    INT32_MAX,
+    INT32_MIN,
+    Mode,
+    POWERED_STATES,
+    State,
+    Status,
+    STATUSWORDS,
+    TRANSITIONS,
+)
+from facade_manipulator.lab.drives.demand import SpeedRamp
+from facade_manipulator.lab.drives.modes import MODES
+from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
+from facade_manipulator.lab.drives.objects import INVALID_VALUE, ObjectStore
+from facade_manipulator.lab.drives.supervision import SimulatedSupervision
+
+_LONGEST_STEP = 0.001  # s
+_LONGEST_GAP = 1.0  # s: a drive that nobody called for longer has stood still meanwhile
+
+SAFE_TORQUE_OFF = 0x8A88
+
+# option codes
+_KEEPS_STANDING = range(5, 9)  # 605A: stay in quick stop active
+_SLOW_RAMP = (1, 5)  # 605A, 605E: on the profile deceleration 6084
+_NO_RAMP = 0  # 605A, 605E: power off at once
+_CONNECTION_COMMANDS = {2: DeviceCommand.DISABLE_VOLTAGE, 3: DeviceCommand.QUICK_STOP}  # 6007
+_CONNECTION_FAULT = 1  # 6007
+
+
+class SimulatedAxis:
+    """
+    State machine and motion of one drive.
+
+    Parameters
+    ----------
+    store : ObjectStore
+        Objects of the drive; the measured ones among them are read here.
+    motor : SimulatedMotor
+        What it moves.
+    profile : DriveProfile
+        Homing methods and quirks.
+    scale : AxisScale
+        Units.
+    report : callable
+        Takes the code of an error that the drive finds in its motion.
+
+    Attributes
+    ----------
+    state : State
+        State of the power drive system.
+    torque_off : bool
+        Whether safe torque off is open; then there is no power.
+
+    """
+
+    def __init__(
+        self, store: ObjectStore, motor: SimulatedMotor, profile: DriveProfile,
+        scale: AxisScale, report: Callable[[int], None],
+    ) -> None:
+        self._values = store.values
+        self._motor = motor
+        self._quirks = profile.quirks
+        self._units = scale.velocity_units_per_count
+        self._motor_speed_units = replace(
+            scale, velocity_unit=profile.motor_speed_unit).velocity_units_per_count
+        self._report = report
+        self._supervision = SimulatedSupervision(store, motor, report)
+        self.modes = {
+            mode: make(store, motor, profile, self._units) for mode, make in MODES.items()}
+        self.torque_off = False
+        self._time = -math.inf
+        self._attach(store)
+        self.reset()
+
+    def _attach(self, store: ObjectStore) -> None:
+        store.readers.update({
+            (0x6061, 0): lambda: self._mode,
+            (0x6062, 0): lambda: _int32(self._demand + self._motor.offset),
+            (0x6064, 0): lambda: _int32(self._motor.counts),
+            (0x606C, 0): lambda: _int32(self._motor.velocity * self._units),
+            (0x6077, 0): lambda: round(self._motor.torque),
+            (0x60F4, 0): lambda: _int32(self.following_error),
+        })
+        store.writers[0x6060, 0] = self._set_mode
+        store.writers[0x6098, 0] = self._check_homing_method
+
+    def reset(self) -> None:
+        """Take the state after the power came on: the position is unknown."""
+        self.state = State.NOT_READY_TO_SWITCH_ON
+        self._controlword: int | None = None
+        self._command: DeviceCommand | None = None
+        self._mode = int(Mode.NONE)
+        self._stop: SpeedRamp | None = None
+        self._supervision.reset()
+        self._motor.count_from_here()
+        self.forget_home()
+        self._demand = self._motor.position
+
+    def forget_home(self) -> None:
+        """Take back that homing was attained."""
+        self.modes[Mode.HOMING].attained = False
+
+    def boot(self) -> None:
+        """End the initialisation."""
+        waits = self._quirks.zero_statusword_until_controlword
+        if self.state is State.NOT_READY_TO_SWITCH_ON and not waits:
+            self.state = AUTOMATIC_TRANSITIONS[self.state]
+        if self.torque_off:
+            self._report(SAFE_TORQUE_OFF)
+
+    # --- what the drive reports
+
+    @property
+    def statusword(self) -> int:
+        """The statusword 6041, without the bit that says NMT Operational."""
+        if self.state is State.NOT_READY_TO_SWITCH_ON:
+            return 0
+        word = STATUSWORDS[self.state][1]
+        word |= 0 if self.torque_off else Status.VOLTAGE_ENABLED
+        word |= Status.INTERNAL_LIMIT * self._motor.is_limited
+        if self.state is State.OPERATION_ENABLED:
+            word |= self.modes[self._mode].status()
+        if self._supervision.is_late and self._mode != Mode.HOMING:
+            word |= Status.FOLLOWING_ERROR
+        return word
+
+    @property
+    def following_error(self) -> float:
+        """Demand minus actual position in counts; 0 without power."""
+        if self.state not in POWERED_STATES:
+            return 0.0
+        return self._demand - self._motor.position
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether time matters: there is power on the motor, or it still turns."""
+        return self.state in POWERED_STATES or self._motor.velocity != 0.0
+
+    # --- what the master commands
+
+    def control(self, controlword: int) -> None:
+        """Act on a controlword."""
+        before = self._controlword or 0
+        is_first, self._controlword = self._controlword is None, controlword
+        if is_first and self.state is State.NOT_READY_TO_SWITCH_ON:
+            self.state = AUTOMATIC_TRANSITIONS[self.state]
+        command = decode_command(controlword)
+        is_new, self._command = command is not self._command, command
+        if self._permits(command, is_new):
+            self._enter(TRANSITIONS.get((self.state, command), self.state))
+        if self.state is State.OPERATION_ENABLED:
+            self.modes[self._mode].control(before, controlword)
+
+    def _permits(self, command: DeviceCommand, is_new: bool) -> bool:
+        if command is DeviceCommand.FAULT_RESET:
+            return False  # the node decides, for it knows whether causes are gone
+        if self.state is State.QUICK_STOP_ACTIVE and command is DeviceCommand.ENABLE_OPERATION:
+            # a stop that the drive itself made is not undone by a controlword that goes on
+            return is_new and self._values[0x605A, 0] in _KEEPS_STANDING
+        return True
+
+    def is_reset_edge(self, controlword: int) -> bool:
+        """Return whether a controlword that is about to act has a rising fault reset bit."""
+        return bool(controlword & ~(self._controlword or 0) & Controlword.FAULT_RESET)
+
+    def leave_fault(self) -> None:
+        """Go on to switch on disabled, if there is a fault."""
+        self._enter(TRANSITIONS.get((self.state, DeviceCommand.FAULT_RESET), self.state))
+
+    def _set_mode(self, mode: int) -> None:
+        if mode not in self.modes:
+            raise SdoAbortedError(INVALID_VALUE)
+        if mode != self._mode:
+            self._mode = mode
+            self._enter_mode()
+
+    def _check_homing_method(self, method: int) -> None:
+        if method and not self.modes[Mode.HOMING].supports(method):
+            raise SdoAbortedError(INVALID_VALUE)
+
+    def latch(self) -> None:
+        """Let a SYNC act: take the target position, in a mode that has one."""
+        if self.state is State.OPERATION_ENABLED:
+            self.modes[self._mode].latch()
+            if self._mode == Mode.CYCLIC_SYNCHRONOUS_POSITION:
+                self._supervision.check_target(self._values[0x607A, 0])
+
+    # --- transitions
+
+    def _enter(self, state: State) -> None:
+        if state is self.state:
+            return
+        if state is State.OPERATION_ENABLED and self.torque_off:
+            return
+        self.state = state
+        self._stop = None
+        self._supervision.forgive()
+        if state is State.OPERATION_ENABLED:
+            self._enter_mode()
+        elif state is State.QUICK_STOP_ACTIVE:
+            self._begin_stop(self._values[0x605A, 0])
+
+    def _enter_mode(self) -> None:
+        self._demand = self._motor.position
+        self.modes[self._mode].enter()
+
+    def _begin_stop(self, option: int) -> None:
+        ramp = self._values[(0x6084 if option in _SLOW_RAMP else 0x6085), 0] / self._units
+        # the carriage is speed times lag behind its demand
+        start = self._motor.position + self._motor.velocity * self._motor.lag
+        self._stop = SpeedRamp(start, self._motor.velocity, ramp)
+        if option == _NO_RAMP:
+            self._end_stop()
+
+    def _end_stop(self) -> None:
+        if self.state is State.FAULT_REACTION_ACTIVE:
+            self._enter(AUTOMATIC_TRANSITIONS[self.state])
+        elif self._values[0x605A, 0] not in _KEEPS_STANDING:
+            self._enter(State.SWITCH_ON_DISABLED)
+
+    def fail(self, keeps_power: bool) -> None:
+        """Go to fault, with power on the ramp of 605E, or without."""
+        if self.state in (State.FAULT, State.FAULT_REACTION_ACTIVE) and keeps_power:
+            return
+        has_power = self.state in POWERED_STATES
+        self._enter(State.FAULT_REACTION_ACTIVE)
+        if has_power and keeps_power:
+            self._begin_stop(self._values[0x605E, 0])
+        else:
+            self._enter(State.FAULT)
+
+    def lose_connection(self) -> None:
+        """Do what 6007 says about a lost master, NMT stop or a communication reset."""
+        option = self._values[0x6007, 0]
+        command = _CONNECTION_COMMANDS.get(option)
+        if command is not None:
+            self._enter(TRANSITIONS.get((self.state, command), self.state))
+        elif option == _CONNECTION_FAULT:
+            self.fail(keeps_power=True)
+
+    # --- motion
+
+    def advance(self, now: float) -> None:
+        """Move from the last call's time to `now` in s."""
+        span = min(now - self._time, _LONGEST_GAP)
+        if span <= 0.0:
+            return
+        self._time = now
+        if not self.is_moving:
+            return
+        count = math.ceil(span / _LONGEST_STEP - 1e-6)
+        speed, acceleration = self._limits()
+        for _ in range(count):
+            self._step(span / count, speed, acceleration)
+
+    def _limits(self) -> tuple[float, float]:
+        values = self._values
+        speed = min(values[0x607F, 0] / self._units,
+                    values[0x6080, 0] / self._motor_speed_units)
+        acceleration = max(values[0x60C5, 0] / self._units, 1.0)
+        if self._stop is not None:
+            acceleration = math.inf
+        return (min(speed, self._motor.peak_speed),
+                min(acceleration, self._motor.peak_acceleration))
+
+    def _step(self, step: float, speed_limit: float, acceleration_limit: float) -> None:
+        if self.state not in POWERED_STATES:
+            self._motor.coast(step)
+            return
+        self._demand, speed = (self._stop or self.modes[self._mode]).step(step)
+        self._motor.follow(self._demand, speed, step, speed_limit, acceleration_limit)
+        self._supervise(step)
+
+    def _supervise(self, step: float) -> None:
+        self._supervision.check_following(self._demand - self._motor.position, step)
+        self._supervision.check_switches(is_expected=self._mode == Mode.HOMING)
+        stop = self._stop
+        if stop is not None and stop.speed == 0.0 and abs(self._motor.velocity) < STANDSTILL:
+            self._end_stop()
+
+
+def _int32(value: float) -> int:
+    return max(INT32_MIN, min(INT32_MAX, round(value)))

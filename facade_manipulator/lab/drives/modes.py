@@ -1,0 +1,200 @@
+"""
+Modes of operation of a simulated drive: cyclic synchronous position, profile position, homing.
+
+A mode gets the controlword's bits, makes the position demand, and returns the statusword's bits.
+
+References
+----------
+IEC 61800-7-201 (CiA 402-2): profile position, homing and cyclic synchronous position mode.
+
+"""
+
+from __future__ import annotations
+
+from facade_manipulator.drives.cia402 import Controlword, DriveProfile, Mode, Status
+from facade_manipulator.lab.drives.demand import Interpolator, PositionRamp, SpeedRamp
+from facade_manipulator.lab.drives.homing import (
+    HomingFailed,
+    HomingSettings,
+    METHODS,
+    Search,
+)
+from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
+from facade_manipulator.lab.drives.objects import ObjectStore
+
+_MAX_PERIOD = 1.0  # s: an interpolation period beyond it is none that a servo uses
+
+
+class SimulatedMode:
+    """No mode: a demand that rests. The others move it as their objects say."""
+
+    def __init__(
+        self, store: ObjectStore, motor: SimulatedMotor, profile: DriveProfile,
+        units_per_count: float,
+    ) -> None:
+        self._values = store.values
+        self._motor = motor
+        self._profile = profile
+        self._units = units_per_count
+        self.enter()
+
+    def enter(self) -> None:
+        """Begin where the carriage is, at rest and with no target."""
+        self._demand: Interpolator | PositionRamp | SpeedRamp = Interpolator(self._motor.position)
+
+    def control(self, before: int, controlword: int) -> None:
+        """Take the mode's own bits of the controlword."""
+
+    def latch(self) -> None:
+        """Take what was sent for this SYNC."""
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position and speed after `step` seconds."""
+        return self._demand.step(step)
+
+    def status(self) -> int:
+        """Return the mode's bits of the statusword."""
+        return 0
+
+
+class CyclicPosition(SimulatedMode):
+    """Cyclic synchronous position: 607A is latched at each SYNC."""
+
+    def latch(self) -> None:
+        """Take the target position."""
+        values = self._values
+        period = values[0x60C2, 1] * 10.0 ** min(values[0x60C2, 2], 0)
+        target = values[0x607A, 0] - self._motor.offset
+        self._demand.latch(target, min(period, _MAX_PERIOD))
+
+    def status(self) -> int:
+        """Return the mode's bits of the statusword."""
+        return 0 if self._profile.quirks.never_follows else Status.DRIVE_FOLLOWS
+
+
+class ProfilePosition(SimulatedMode):
+    """Profile position: a trapezoidal move to 607A at each rising edge of controlword bit 4."""
+
+    def enter(self) -> None:
+        """Begin where the carriage is, with no target."""
+        self._demand = PositionRamp(self._motor.position)
+        self._acknowledge = 0
+
+    def control(self, before: int, controlword: int) -> None:
+        """Take a new target, or halt."""
+        self._demand.halted = bool(controlword & Controlword.HALT)
+        is_new = controlword & Controlword.NEW_SETPOINT
+        self._acknowledge = Status.SETPOINT_ACKNOWLEDGE if is_new else 0
+        if is_new and not before & Controlword.NEW_SETPOINT:
+            self._go(bool(controlword & Controlword.RELATIVE))
+
+    def _go(self, relative: bool) -> None:
+        values, units = self._values, self._units
+        base = self._demand.target if relative else -self._motor.offset
+        speed = min(values[0x6081, 0], values[0x607F, 0])
+        self._demand.go(self._within_limits(base + values[0x607A, 0]), speed / units,
+                        values[0x6083, 0] / units, values[0x6084, 0] / units)
+
+    def _within_limits(self, target: float) -> float:
+        low, high = self._values[0x607D, 1], self._values[0x607D, 2]
+        offset = self._motor.offset
+        return min(max(target, low - offset), high - offset) if low < high else target
+
+    def status(self) -> int:
+        """Return the mode's bits of the statusword."""
+        resting = self._demand.halted and self._demand.speed == 0.0
+        return self._acknowledge | Status.TARGET_REACHED * (resting or self._demand.arrived)
+
+
+class Homing(SimulatedMode):
+    """
+    Homing: started by a rising edge of controlword bit 4, interrupted by its falling edge.
+
+    Attributes
+    ----------
+    attained : bool
+        Whether the last homing succeeded; it stays so when the mode is left and entered again.
+
+    """
+
+    attained = _failed = False
+
+    def supports(self, method: int) -> bool:
+        """Return whether the drive has a homing method."""
+        return method in METHODS and method in self._profile.homing_methods
+
+    def enter(self) -> None:
+        """Begin where the carriage is, at rest."""
+        self._search: Search | None = None
+        self._halted = False
+        self._demand = SpeedRamp(self._motor.position, 0.0, 1.0)
+
+    def control(self, before: int, controlword: int) -> None:
+        """Start, interrupt or halt the search."""
+        self._halted = bool(controlword & Controlword.HALT)
+        start = controlword & Controlword.HOMING_START
+        if start and not before & Controlword.HOMING_START:
+            self._start()
+        elif not start:
+            self._search = None
+
+    def _start(self) -> None:
+        self.attained = self._failed = False
+        method = self._values[0x6098, 0]
+        if not self.supports(method):
+            self._failed = True
+            return
+        settings = self._settings()
+        self._demand = SpeedRamp(self._motor.position, 0.0, settings.acceleration)
+        self._search = METHODS[method](self._motor, settings)
+
+    def _settings(self) -> HomingSettings:
+        values, units = self._values, self._units
+        current = values[self._profile.location('homing_current_threshold') or (0x6075, 0)]
+        return HomingSettings(
+            values[0x6099, 1] / units, values[0x6099, 2] / units, values[0x609A, 0] / units,
+            1000.0 * current / max(values[0x6075, 0], 1))
+
+    def step(self, step: float) -> tuple[float, float]:
+        """Return demand position and speed after `step` seconds."""
+        if self._halted or self._search is None:
+            self._demand.goal = 0.0
+        else:
+            self._continue(self._search)
+        return super().step(step)
+
+    def _continue(self, search: Search) -> None:
+        try:
+            goal = next(search)
+            if goal is None:
+                self._give_up_pushing()
+            self._demand.goal = goal or 0.0
+        except StopIteration as end:
+            self._finish(end.value)
+        except HomingFailed:
+            self._failed, self._search = True, None
+
+    def _finish(self, home: float) -> None:
+        self._search = None
+        self.attained = True
+        at_home = self._profile.location('home_position') or (0x607C, 0)
+        self._motor.offset = self._values[at_home] - round(home)
+
+    def _give_up_pushing(self) -> None:
+        self._demand.position = self._motor.position
+        self._demand.speed = 0.0
+
+    def status(self) -> int:
+        """Return the mode's bits of the statusword."""
+        rests = ((self._search is None or self._halted)
+                 and abs(self._motor.velocity) < STANDSTILL)
+        return (Status.TARGET_REACHED * rests | Status.HOMING_ATTAINED * self.attained
+                | Status.HOMING_ERROR * self._failed)
+
+
+MODES: dict[int, type[SimulatedMode]] = {
+    Mode.NONE: SimulatedMode,
+    Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition,
+    Mode.PROFILE_POSITION: ProfilePosition,
+    Mode.HOMING: Homing,
+}

@@ -1,0 +1,1 @@
+"""Measure the compensation: ``python -m facade_manipulator.lab.gondola.bench``."""

@@ -1,0 +1,150 @@
+"""
+Prescribed motions of the gondola as functions of time: sums of sines, and recordings.
+
+What else is known at equidistant samples alone becomes a motion by `catmull_rom`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+import math
+from pathlib import Path
+
+import numpy as np
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.tools.calibration import read_table
+
+DEGREE = math.pi / 180.0
+STEP = 0.01  # s, between the samples of a recording
+Motion = Callable[[float], Pose]  #: the rail in the façade's frame at a time [s]
+
+
+@settings
+class SwaySettings:
+    """Amplitudes, frequencies and phases of the sines of each axis; empty for a still axis."""
+
+    x_amplitude: tuple[float, ...] = parameter(
+        (0.1, 0.02), 'Amplitudes along the rail', unit='m', minimum=0.0, maximum=2.0)
+    x_frequency: tuple[float, ...] = parameter(
+        (0.11, 0.3), 'Frequencies along the rail', unit='Hz', minimum=0.0, maximum=20.0)
+    x_phase: tuple[float, ...] = parameter((0.3, 1.0), 'Phases along the rail', unit='rad')
+    y_amplitude: tuple[float, ...] = parameter(
+        (0.015,), 'Amplitudes towards the wall', unit='m', minimum=0.0, maximum=2.0)
+    y_frequency: tuple[float, ...] = parameter(
+        (0.2,), 'Frequencies towards the wall', unit='Hz', minimum=0.0, maximum=20.0)
+    y_phase: tuple[float, ...] = parameter((0.5,), 'Phases towards the wall', unit='rad')
+    yaw_amplitude: tuple[float, ...] = parameter(
+        (2.0 * DEGREE,), 'Amplitudes of the yaw', unit='rad', minimum=0.0, maximum=0.5)
+    yaw_frequency: tuple[float, ...] = parameter(
+        (0.15,), 'Frequencies of the yaw', unit='Hz', minimum=0.0, maximum=20.0)
+    yaw_phase: tuple[float, ...] = parameter((0.0,), 'Phases of the yaw', unit='rad')
+
+    def __post_init__(self) -> None:
+        for axis in ('x', 'y', 'yaw'):
+            lengths = {len(values) for values in self.sines(axis)}
+            if len(lengths) > 1:
+                raise ParameterError(
+                    f'{axis}_amplitude, {axis}_frequency and {axis}_phase differ in length')
+
+    def sines(self, axis: str) -> tuple[tuple[float, ...], ...]:
+        """Return amplitudes, frequencies [Hz] and phases of ``'x'``, ``'y'`` or ``'yaw'``."""
+        return tuple(
+            getattr(self, f'{axis}_{part}') for part in ('amplitude', 'frequency', 'phase'))
+
+
+class Sway:
+    """
+    The disturbance as a function of time.
+
+    Parameters
+    ----------
+    settings : SwaySettings
+
+    Attributes
+    ----------
+    amplitudes : numpy.ndarray, shape (3, n)
+        Of all sines [m, m, rad], 0 along the axes to which they do not belong.
+    rates, phases : numpy.ndarray, shape (n,)
+        [rad/s, rad].
+
+    """
+
+    def __init__(self, settings: SwaySettings) -> None:
+        sines = [np.array(settings.sines(axis)) for axis in ('x', 'y', 'yaw')]
+        axes = np.repeat(np.arange(len(sines)), [part.shape[1] for part in sines])
+        amplitudes, frequencies, self.phases = np.concatenate(sines, axis=1)
+        self.amplitudes = amplitudes * (axes == np.arange(len(sines))[:, None])
+        self.rates = math.tau * frequencies
+
+    def at(self, time: float) -> Pose:
+        """Return the pose of the rail in the façade's frame at a time [s]."""
+        return Pose(*(self.amplitudes @ np.sin(self.rates * time + self.phases)).tolist())
+
+
+def catmull_rom(
+    before: np.ndarray, here: np.ndarray, there: np.ndarray, after: np.ndarray, share: float
+) -> np.ndarray:
+    """Interpolate between the inner two of four points; `share` is 0 at `here`, 1 at `there`."""
+    slope, next_slope = 0.5 * (there - before), 0.5 * (after - here)
+    chord = there - here
+    square = 3.0 * chord - 2.0 * slope - next_slope
+    cube = slope + next_slope - 2.0 * chord
+    return here + share * (slope + share * (square + share * cube))
+
+
+class Recording:
+    """
+    A recorded motion, played forth and back for as long as it is asked for.
+
+    Parameters
+    ----------
+    times : array_like, shape (n,)
+        Ascending [s].
+    poses : array_like, shape (n, 3)
+        Disturbance at these times [m, m, rad].
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than two samples, or their times do not ascend.
+
+    """
+
+    def __init__(self, times: Iterable[float], poses: Iterable[Iterable[float]]) -> None:
+        times, poses = np.array(times, dtype=float), np.array(poses, dtype=float)
+        if len(times) < 2:
+            raise ParameterError(f'a recording needs 2 samples at least, this has {len(times)}')
+        if (np.diff(times) <= 0.0).any():
+            where = int(np.argmax(np.diff(times) <= 0.0)) + 1
+            raise ParameterError(
+                f'time must ascend, but sample {where + 1} is at {times[where]:g} s after '
+                f'{times[where - 1]:g} s')
+        grid = np.arange(times[0], times[-1], STEP)
+        self._poses = np.column_stack([np.interp(grid, times, column) for column in poses.T])
+
+    def at(self, time: float) -> Pose:
+        """Return the pose at a time [s], counted from the recording's start."""
+        last = len(self._poses) - 1
+        position = abs(math.remainder(time / STEP, 2.0 * max(last, 1)))
+        index = min(int(position), max(last - 1, 0))
+        neighbours = self._poses[np.clip(np.arange(index - 1, index + 3), 0, last)]
+        return Pose(*catmull_rom(*neighbours, position - index).tolist())
+
+
+def load_recording(path: Path) -> Recording:
+    """
+    Read a CSV file with the columns time, x, y and theta, as `calibration.read_table`.
+
+    Raises
+    ------
+    CalibrationError
+        If it cannot be read, lacks a column or has a cell that is no number.
+    ParameterError
+        If it is no recording.
+
+    """
+    table = read_table(path, ('time', 'x', 'y', 'theta'))
+    return Recording(table[:, 0], table[:, 1:])

@@ -1,0 +1,144 @@
+"""Sensors as there are: an estimator of the disturbance, a force sensor; noisy, late, broken."""
+
+from __future__ import annotations
+
+from collections import deque
+import heapq
+
+import numpy as np
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose, Wrench
+from facade_manipulator.lab.gondola.motion import Motion
+from facade_manipulator.parameters import inherited, parameter, settings
+from facade_manipulator.prediction import Estimate, EstimateSettings, estimator_motion, Variances
+
+FAULTS = ('none', 'silent', 'stuck', 'jump', 'reversed', 'late')
+
+
+@settings
+class EstimatorSettings:
+    """How often, how late and how well the disturbance is estimated."""
+
+    rate: float = parameter(50.0, 'Rate of estimates', unit='Hz', minimum=0.1, maximum=1000.0)
+    latency: float = parameter(
+        0.05, 'Mean age of an estimate when it comes', unit='s', minimum=0.0, maximum=5.0)
+    jitter: float = parameter(
+        0.01, 'The age varies by plus or minus this', unit='s', minimum=0.0, maximum=5.0)
+    position_noise: float = parameter(
+        1e-3, 'Standard deviation of x and y', unit='m', minimum=0.0, maximum=1.0)
+    yaw_noise: float = parameter(
+        1.7453e-3, 'Standard deviation of the yaw', unit='rad', minimum=0.0, maximum=1.0)
+    drift: float = parameter(
+        0.0, 'Speed at which the estimate of x wanders off', unit='m/s', minimum=-0.1,
+        maximum=0.1)
+    loss: float = parameter(
+        0.0, 'Share of estimates that never come', minimum=0.0, maximum=1.0)
+    silent_from: float = parameter(
+        0.0, 'When a silence begins, counted from the start', unit='s', minimum=0.0)
+    silent_for: float = parameter(0.0, 'How long it lasts', unit='s', minimum=0.0)
+    mounting: tuple[float, ...] = inherited(EstimateSettings, 'mounting', (0.0, 0.0, 0.0))
+    axes: float = inherited(EstimateSettings, 'axes', 0.0)
+    stamp_error: float = inherited(EstimateSettings, 'delay', 0.0)
+    seed: int = parameter(1, 'Seed of noise, jitter and losses', minimum=0)
+
+    def __post_init__(self) -> None:
+        if self.jitter > self.latency:
+            raise ParameterError(
+                f'jitter = {self.jitter:g} s is above latency = {self.latency:g} s: estimates '
+                'would come from the future')
+
+    def variances(self) -> Variances:
+        """Return the variances of x, y and yaw."""
+        return Variances(self.position_noise ** 2, self.position_noise ** 2, self.yaw_noise ** 2)
+
+
+class SimulatedEstimator:
+    """Estimate a motion from a start on [s]."""
+
+    def __init__(self, settings: EstimatorSettings, motion: Motion, start: float) -> None:
+        self._settings = settings
+        self._motion = motion
+        self._start = start
+        self._taken = 0
+        self._random = np.random.default_rng(settings.seed)
+        self._deviation = np.sqrt(np.array(settings.variances()))
+        self._under_way: list[tuple[float, float, np.ndarray]] = []
+
+    def advance(self, now: float) -> list[Estimate]:
+        """Return the estimates that have come by now [s], in the order of their arrival."""
+        while (stamp := self._start + self._taken / self._settings.rate) <= now:
+            self._taken += 1
+            self._receive(stamp)
+        arrived, settings = [], self._settings
+        while self._under_way and self._under_way[0][0] <= now:
+            _, stamp, noise = heapq.heappop(self._under_way)
+            # looked up only now: the motion of the stamp is certain once the head has moved there
+            motion = estimator_motion(
+                self._motion(stamp), Pose(*settings.mounting), settings.axes)
+            pose = Pose(*(np.array(motion) + noise).tolist())
+            arrived.append(Estimate(stamp + settings.stamp_error, pose, settings.variances()))
+        return arrived
+
+    def _receive(self, stamp: float) -> None:
+        settings = self._settings
+        noise = self._deviation * self._random.standard_normal(len(Pose._fields))
+        delay = settings.latency + settings.jitter * self._random.uniform(-1.0, 1.0)
+        lost = self._random.random() < settings.loss
+        silent = 0.0 <= stamp - self._start - settings.silent_from < settings.silent_for
+        if not lost and not silent:
+            noise[0] += settings.drift * (stamp - self._start)
+            heapq.heappush(self._under_way, (stamp + delay, stamp, noise))
+
+
+@settings
+class ForceSensorSettings:
+    """How well the sensor measures the wrench on the head, and how it breaks."""
+
+    force_noise: float = parameter(
+        0.5, 'Standard deviation of the forces', unit='N', minimum=0.0, maximum=100.0)
+    moment_noise: float = parameter(
+        0.05, 'Standard deviation of the moment', unit='N m', minimum=0.0, maximum=100.0)
+    fault: str = parameter('none', 'How the sensor breaks', choices=FAULTS)
+    fault_from: float = parameter(
+        0.0, 'When it breaks, counted from its first measurement', unit='s', minimum=0.0)
+    jump: float = parameter(
+        20.0, 'By how much the force jumps', unit='N', minimum=-1e3, maximum=1e3)
+    delay: float = parameter(
+        0.2, 'How late a late sensor is, without saying so', unit='s', minimum=0.0, maximum=2.0)
+    seed: int = parameter(1, 'Seed of the noise', minimum=0)
+
+
+class ForceSensor:
+    """Measure the wrench of the wall on the head."""
+
+    def __init__(self, settings: ForceSensorSettings) -> None:
+        self._settings = settings
+        self._random = np.random.default_rng(settings.seed)
+        self._deviation = np.array(
+            (settings.force_noise, settings.force_noise, settings.moment_noise))
+        self._begin: float | None = None
+        self._past: deque[tuple[float, Wrench]] = deque()
+        self._stuck: Wrench | None = None
+
+    def measure(self, time: float, wrench: Wrench) -> Wrench | None:
+        """Return what the sensor shows of a wrench at a time [s]; None if it is silent."""
+        noise = self._deviation * self._random.standard_normal(len(self._deviation))
+        measured = Wrench(*(np.array(wrench) + noise).tolist())
+        self._begin = time if self._begin is None else self._begin
+        self._past.append((time, measured))
+        while len(self._past) > 1 and self._past[1][0] <= time - self._settings.delay:
+            self._past.popleft()
+        broken = time - self._begin >= self._settings.fault_from
+        return self._broken(measured) if broken else measured
+
+    def _broken(self, measured: Wrench) -> Wrench | None:
+        self._stuck = self._stuck or measured
+        shown = {
+            'silent': None,
+            'stuck': self._stuck,
+            'jump': measured._replace(fy=measured.fy - self._settings.jump),
+            'reversed': Wrench(*(-value for value in measured)),
+            'late': self._past[0][1],
+        }
+        return shown.get(self._settings.fault, measured)

@@ -1,0 +1,100 @@
+"""What the head does on the wall: its true error, and what it would be without compensation."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.kinematics import (
+    Carriages,
+    compose,
+    difference,
+    Geometry,
+    mechanism_of,
+    Pose,
+)
+from facade_manipulator.lab.gondola.motion import Motion
+from facade_manipulator.parameters import parameter, settings
+
+AXES = Pose._fields
+UNITS = Pose('mm', 'mm', '°')  # in which people read an axis
+SCALES = Pose(1e3, 1e3, math.degrees(1.0))  # from m and rad to them
+
+
+@settings
+class WallSettings:
+    """When a sample of the head's error counts, and who sees it."""
+
+    settling_time: float = parameter(
+        2.5, 'Time for which a goal must have stood', unit='s', minimum=0.0, maximum=60.0)
+    slip_sensor: bool = parameter(False, 'Whether a sensor sees the head slip along the wall')
+
+
+class WallSample(NamedTuple):
+    """The head at the stamp of one set of carriage positions."""
+
+    time: float  #: [s]
+    head: Pose  #: true pose in the façade's frame
+    error: Pose | None  #: head less goal; None before the first goal
+    uncompensated: Pose | None  #: what a mechanism standing still at the goal would have
+    settled: bool  #: whether the goal has stood for long enough to count
+
+    @property
+    def lateral_offset(self) -> float | None:
+        """Where along the wall the head should be, seen from it [m]; None while the goal moves."""
+        return -math.cos(self.head.theta) * self.error.x if self.settled else None
+
+
+class WallMeasurement:
+    """Measure the head's error from the actual carriage positions and the true disturbance."""
+
+    def __init__(self, geometry: Geometry, settings: WallSettings, motion: Motion) -> None:
+        self._mechanism = mechanism_of(geometry)
+        self._settings = settings
+        self._motion = motion
+        self._goal: Pose | None = None
+        self._goal_since = math.inf
+        self._squares = np.zeros((2, len(AXES)))  # of disturbance and residual
+        self.count = 0
+
+    def set_goal(self, now: float, goal: Pose) -> None:
+        """Take the goal on the wall from now [s] on; the same goal again changes nothing."""
+        if goal != self._goal:
+            self._goal, self._goal_since = goal, now
+
+    def measure(self, stamp: float, carriages: Carriages) -> WallSample:
+        """
+        Measure at the stamp [s] of actual carriage positions.
+
+        Raises
+        ------
+        LimitError
+            If the carriages do not close the mechanism.
+
+        """
+        disturbance = self._motion(stamp)
+        head = compose(disturbance, self._mechanism.forward_kinematics(carriages))
+        if self._goal is None:
+            return WallSample(stamp, head, None, None, False)
+        error = difference(head, self._goal)
+        uncompensated = difference(compose(disturbance, self._goal), self._goal)
+        settled = stamp - self._goal_since >= self._settings.settling_time
+        if settled:
+            self.count += 1
+            self._squares += np.square((uncompensated, error))
+        return WallSample(stamp, head, error, uncompensated, settled)
+
+    def report(self) -> dict:
+        """Return RMS of disturbance and residual and the attenuation of each axis."""
+        return {'axes': {axis: self._axis(*squares) for axis, squares in zip(
+            AXES, self._squares.T.tolist(), strict=True)}, 'samples': self.count}
+
+    def _axis(self, *squares: float) -> dict[str, float | int | None]:
+        disturbance, residual = (
+            math.sqrt(square / self.count) if self.count else None for square in squares)
+        attenuation = (
+            20.0 * math.log10(disturbance / residual) if disturbance and residual else None)
+        return {'disturbance_rms': disturbance, 'residual_rms': residual,
+                'attenuation_db': attenuation, 'samples': self.count}

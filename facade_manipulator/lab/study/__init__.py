@@ -1,0 +1,26 @@
+"""
+Where the head can go and how well: limits, maps, good-condition workspace, design study.
+
+In: a `Geometry` and a pose, a section or a grid. Out: intervals, areas, maps of conditioning
+and, from `study.study`, figures and tables of the design. Built on `kinematics`; knows no
+time.
+"""
+
+from .gcw import count_poses as count_poses
+from .gcw import Grid as Grid
+from .gcw import PoseCount as PoseCount
+from .reach import (
+    Interval as Interval,
+)
+from .reach import (
+    theta_max as theta_max,
+)
+from .reach import (
+    x_interval as x_interval,
+)
+from .reach import (
+    y_range as y_range,
+)
+from .volume import measure as measure
+from .volume import union_area as union_area
+from .volume import Workspace as Workspace

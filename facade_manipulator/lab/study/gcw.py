@@ -1,0 +1,218 @@
+"""
+Good-condition workspace (section IV of the paper): counts over a grid of poses, and shares.
+
+The paper counts grid points (x, y, θ). At fixed (y, θ) those within the x-interval are counted
+in closed form, so no grid of x exists; the counts are those of brute force to the last pose,
+because the two ends are checked by the very comparison that brute force makes.
+
+The ratios of Table 2 come out to their three digits: lengths in mm, an index of 0.001 or more is
+good, every grid pose counts that reach and the carriages' order allow. The paper states neither
+the stroke nor what its areas are, and no natural definition with one common stroke gives them: two
+named areas stand beside the paper's, tuned to nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import (
+    branch_number,
+    check_characteristic_length,
+    Geometry,
+    index_of,
+    link_arrays,
+)
+from facade_manipulator.lab.study.section import section_area
+from facade_manipulator.lab.study.volume import union_area
+
+BLOCK = 1 << 14  # (y, θ) cells worked at once: a dozen arrays of 128 KiB
+
+
+class Grid(NamedTuple):
+    """Spacing of the poses that are counted: x and y [m], θ [rad]; x = 0 and θ = 0 are on it."""
+
+    x: float = 0.001
+    y: float = 0.001
+    theta: float = float(np.radians(1.0))
+
+
+PAPER_GRID = Grid()
+PAPER_THRESHOLD = 0.001
+PAPER_CHARACTERISTIC_LENGTH = 0.001  # the paper's lengths are in mm
+STROKE_LENGTH = 1.005  # with it the ratios round to the paper's; 1.0 moves them by 0.001
+
+
+class PoseCount(NamedTuple):
+    """How many grid poses are reachable, how many of them good, how many beyond N = 0."""
+
+    total: int
+    good: int
+    beyond: int
+
+    @property
+    def ratio(self) -> float:
+        """Share of the good poses; NaN if none is reachable."""
+        return self.good / self.total if self.total else float('nan')
+
+
+def count_poses(
+    geometry: Geometry, grid: Grid = PAPER_GRID, threshold: float = PAPER_THRESHOLD,
+    characteristic_length: float = PAPER_CHARACTERISTIC_LENGTH,
+) -> PoseCount:
+    """
+    Count the grid poses that reach, order, gap and stroke allow, with y > 0.
+
+    Parameters
+    ----------
+    geometry : Geometry
+    grid : Grid
+        Spacing of the poses.
+    threshold : float
+        Least conditioning index of a good pose.
+    characteristic_length : float
+        Unit of length of the index [m].
+
+    Returns
+    -------
+    PoseCount
+        As brute force over the grid would count. Poses beyond N = 0 are part of the total.
+
+    Raises
+    ------
+    ParameterError
+        If a spacing, the threshold or the characteristic length is not positive.
+
+    """
+    _check(grid, threshold)
+    check_characteristic_length(characteristic_length)
+    y = grid_y(geometry, grid)
+    counts = np.zeros(3)  # exact for whole numbers of this size
+    angles, columns = grid_theta(geometry, grid), max(1, BLOCK // max(1, len(y)))
+    for start in range(0, len(angles), columns):
+        at = closed_links(geometry, y, angles[start:start + columns])
+        counts += _count_block(geometry, grid.x, at, threshold, characteristic_length)
+    return PoseCount(*map(int, counts))
+
+
+def grid_y(geometry: Geometry, grid: Grid) -> np.ndarray:
+    """Distances y of the grid, from the first spacing to the links' length [m]."""
+    count = int(geometry.link_length / grid.y + 1e-9)
+    # Rounded, so that 352 times 0.001 is the link's 0.352 and not a bit beside it.
+    return np.round(np.arange(1, count + 1) * grid.y, 12)
+
+
+def grid_theta(geometry: Geometry, grid: Grid) -> np.ndarray:
+    """Angles θ ≥ 0 of the grid at which any y is reachable in the carriages' order [rad]."""
+    theta = np.arange(int(0.5 * np.pi / grid.theta) + 1) * grid.theta
+    length, half = geometry.link_length, geometry.platform_half_length
+    rise = half * np.sin(theta)
+    room = half * np.cos(theta) - geometry.carriage_gap
+    lower = rise + np.sqrt(np.maximum(0.0, length ** 2 - room ** 2))
+    # Links shorter than b have a second, lower piece of y at some angles.
+    reachable = (rise < length) & ((lower < length - rise) | (length < half))
+    return theta[reachable & (room >= 0.0)]
+
+
+def closed_links(
+    geometry: Geometry, y: np.ndarray, theta: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """
+    Links of the poses (y, θ) that reach, order and gap allow, in one dimension.
+
+    A third of the paper's grid is left, and the rest need not be worked at.
+    """
+    sine, cosine, *arrays = link_arrays(geometry, y[:, None], theta)
+    room = geometry.platform_half_length * cosine - np.maximum(*arrays[2:])
+    with np.errstate(invalid='ignore'):  # NaN is out of reach
+        cells = np.flatnonzero((room >= geometry.carriage_gap) & (room > 0.0))
+    columns = cells % len(theta)
+    return sine[columns], cosine[columns], *(array.ravel()[cells] for array in arrays)
+
+
+def _count_block(
+    geometry: Geometry, step: float, at: tuple[np.ndarray, ...], threshold: float,
+    characteristic_length: float,
+) -> tuple[float, float, float]:
+    """Count poses at θ and −θ: all, the good ones, those beyond N = 0."""
+    sine, cosine, _, _, projection1, projection2 = at
+    span = geometry.platform_half_length * cosine
+    count = mirrored = _count_x(geometry, step, span, projection1, projection2)
+    # A negative angle exchanges the links; on a symmetric stroke it mirrors x, no more.
+    if geometry.stroke[0] != -geometry.stroke[1]:
+        mirrored = _count_x(geometry, step, span, projection2, projection1)
+    count = count + (sine > 0.0) * mirrored
+    good = index_of(geometry, at, characteristic_length) >= threshold
+    return count.sum(), count @ good, count @ (branch_number(at) <= 0.0)
+
+
+def _count_x(
+    geometry: Geometry, step: float, span: np.ndarray, projection1: np.ndarray,
+    projection2: np.ndarray,
+) -> np.ndarray:
+    """Count the multiples of `step` in the x-interval of every pose."""
+    least, greatest = geometry.stroke
+    first = np.ceil((least + span - projection1) / step)
+    last = np.floor((greatest - span + projection2) / step)
+    # Rounding may put an end one point off: eqs 7-8 against the stroke decide.
+    first -= (first - 1.0) * step - span + projection1 >= least
+    first += first * step - span + projection1 < least
+    last += (last + 1.0) * step + span - projection2 <= greatest
+    last -= last * step + span - projection2 > greatest
+    return np.maximum(0.0, last - first + 1.0)
+
+
+def _check(grid: Grid, threshold: float) -> None:
+    for name, value in zip(grid._fields, grid, strict=True):
+        if not (np.isfinite(value) and value > 0.0):
+            raise ParameterError(f'grid spacing of {name} = {value} is not positive')
+    if not (np.isfinite(threshold) and threshold >= 0.0):
+        raise ParameterError(f'threshold = {threshold} is not a conditioning index')
+
+
+class PaperRow(NamedTuple):
+    """A row of Table 2 as printed: lengths [m], areas [m²], ratio."""
+
+    link_length: float
+    platform_half_length: float
+    area: float
+    ratio: float
+    good_area: float
+
+
+PAPER = (
+    PaperRow(0.150, 0.550, 0.025, 0.788, 0.020),
+    PaperRow(0.200, 0.500, 0.080, 0.803, 0.064),
+    PaperRow(0.250, 0.450, 0.153, 0.834, 0.128),
+    PaperRow(0.300, 0.400, 0.251, 0.870, 0.217),
+    PaperRow(0.352, 0.348, 0.328, 0.986, 0.323),
+)
+
+
+def case_geometry(length: float, half: float, stroke_length: float = STROKE_LENGTH) -> Geometry:
+    """Return the geometry of a case: carriages without width, the stroke about zero."""
+    return Geometry(length, half, (-0.5 * stroke_length, 0.5 * stroke_length), 0.0)
+
+
+def table2(stroke_length: float = STROKE_LENGTH) -> list[dict]:
+    """
+    Compute every row of Table 2 for a common Q [m], as JSON wants it: lengths in m, areas in m².
+
+    References
+    ----------
+    Table 2 and section IV of the paper.
+
+    """
+    return [_row(paper, stroke_length) for paper in PAPER]
+
+
+def _row(paper: PaperRow, stroke_length: float) -> dict:
+    length, half = paper.link_length, paper.platform_half_length
+    geometry = case_geometry(length, half, stroke_length)
+    return {
+        'l': length, 'b': half, 'ratio': count_poses(geometry).ratio,
+        'area_section': float(section_area(length, half, stroke_length, 0.0)),
+        'area_union': union_area(geometry),
+        'paper': {'area': paper.area, 'ratio': paper.ratio, 'good_area': paper.good_area}}

@@ -1,0 +1,151 @@
+"""
+How far the head can go: exact limits of x, y and θ, without a grid.
+
+At fixed (y, θ) the reachable x are one interval; at fixed y the reachable θ are one interval about
+zero. Order and gap of the carriages, reach and the singularity N = 0 bound them; the stroke bounds
+x alone. The bounds belong to a limit themselves: stay inside by a margin.
+"""
+
+from __future__ import annotations
+
+from math import cos, isfinite, sin, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from facade_manipulator.errors import CarriageGapError, StrokeLimitError, UnreachableError
+from facade_manipulator.kinematics import branch_number, Geometry, links, not_finite, Pose
+from facade_manipulator.lab.study.volume import bisect, theta_bounds_of
+
+_SAMPLES = 100
+
+
+class Interval(NamedTuple):
+    """A closed interval."""
+
+    lower: float
+    upper: float
+
+
+def x_interval(geometry: Geometry, y: float, theta: float = 0.0) -> Interval:
+    """
+    Positions x along the rail at which the outer carriages stay on the stroke [m].
+
+    Raises
+    ------
+    UnreachableError
+        If a link is too short for (y, θ).
+    StrokeLimitError
+        If the stroke is too short for (y, θ) at any x.
+
+    """
+    _, cosine, _, _, projection1, projection2 = links(geometry, Pose(0.0, y, theta))
+    span = geometry.platform_half_length * cosine
+    least, greatest = geometry.stroke
+    lower, upper = least + span - projection1, greatest - span + projection2
+    if lower > upper:
+        raise StrokeLimitError(
+            'q2 - q1', greatest - least + lower - upper, greatest - least, 'm', 'above')
+    return Interval(lower, upper)
+
+
+def y_range(geometry: Geometry, theta: float = 0.0) -> Interval:
+    """
+    Distances y from the rail that are reachable at the angle θ, the stroke apart [m].
+
+    With l < b a second, lower piece exists at some θ; this is the piece towards the façade.
+
+    Raises
+    ------
+    ParameterError
+        If the argument is not finite (a ValueError).
+    CarriageGapError, UnreachableError
+        If no y is reachable at θ.
+
+    """
+    if not isfinite(theta):
+        raise not_finite(Pose(0.0, 0.0, theta))
+    length, half = geometry.link_length, geometry.platform_half_length
+    rise = half * abs(sin(theta))
+    room = half * cos(theta) - geometry.carriage_gap
+    if room < 0.0:
+        raise CarriageGapError(
+            'b cos(theta)', half * cos(theta), geometry.carriage_gap, 'm', 'below')
+    upper = length - rise
+    if room < length:
+        lower = rise + sqrt(length * length - room * room)
+    else:
+        # links so short that they never cross
+        lower, upper = (float(np.nan_to_num(end[0], nan=upper))
+                        for end in regular_y(geometry, theta))
+    if lower >= upper:
+        raise UnreachableError('least |y| + b |sin theta|', lower + rise, length, 'm', 'not below')
+    return Interval(lower, upper)
+
+
+def theta_max(geometry: Geometry, y: float) -> float:
+    """
+    Greatest ``|θ|`` at the distance y from the rail, the stroke apart [rad].
+
+    Raises
+    ------
+    ParameterError
+        If the argument is not finite (a ValueError).
+    CarriageGapError, UnreachableError
+        If y is not reachable at θ = 0.
+
+    """
+    if not isfinite(y):
+        raise not_finite(Pose(0.0, y, 0.0))
+    lower, upper = y_range(geometry)
+    if y < lower:
+        raise CarriageGapError('y', y, lower, 'm', 'below')
+    if y >= upper:
+        raise UnreachableError('y', y, upper, 'm', 'not below')
+    return float(theta_limits(
+        geometry.link_length, geometry.platform_half_length, geometry.carriage_gap,
+        np.array([y]))[0])
+
+
+def theta_limits(length: Any, half: Any, gap: float, y: np.ndarray) -> np.ndarray:
+    """Return `theta_max` of one design or of arrays of them; 0 where θ = 0 is not reachable."""
+    bound = np.nan_to_num(theta_bounds_of(length, half, gap, y))
+    if (_number(length, half, y, bound) > 0.0).all():
+        return bound
+    inside = np.minimum(bound, np.arcsin(np.minimum(1.0, y / half)))  # N > 0 up to here
+    root = bisect(lambda theta: _number(length, half, y, theta), bound, inside)
+    return np.where(_number(length, half, y, bound) > 0.0, bound, root)
+
+
+def regular_y(geometry: Geometry, theta: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return the ends of the y > 0 up to the far edge with N > 0 at every θ [m]; NaN where none is.
+
+    Towards the façade they end before the far edge at the angles where the platform's rear half is
+    behind the rail.
+    """
+    theta = np.abs(np.atleast_1d(np.asarray(theta, float)))
+    length, half = geometry.link_length, geometry.platform_half_length
+    edge = length - half * np.sin(theta)
+    edge = np.where((edge > 0.0) & (np.cos(theta) > 0.0), edge, np.nan)
+
+    def number(y: np.ndarray) -> np.ndarray:
+        return _number(length, half, y, theta)
+
+    y = edge * np.linspace(0.0, 1.0, _SAMPLES + 1)[:, None]
+    numbers = number(y)
+    highest = np.argmax(np.nan_to_num(numbers, nan=-np.inf), axis=0)[None]
+    top = np.take_along_axis(y, highest, axis=0)[0]
+    regular = np.take_along_axis(numbers, highest, axis=0)[0] > 0.0
+    lower = np.where(numbers[0] < 0.0, bisect(number, np.zeros_like(edge), top), 0.0)
+    upper = np.where(numbers[-1] < 0.0, bisect(number, edge, top), edge)
+    return np.where(regular, lower, np.nan), np.where(regular, upper, np.nan)
+
+
+def _number(length: Any, half: Any, y: Any, theta: Any) -> Any:
+    """Return N [m²] for θ ≥ 0, the far edge included; on floats as on arrays."""
+    rise = half * np.sin(theta)
+    roots = [np.sqrt(np.maximum(0.0, length * length - height * height))
+             for height in (y - rise, y + rise)]
+    return branch_number((np.sin(theta), np.cos(theta), y - rise, y + rise, *roots))

@@ -1,0 +1,168 @@
+"""
+What a design must satisfy, how far arrays of designs do, and the message where that conflicts.
+
+A margin is what a design has beyond what is asked for; below zero it fails.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.study.reach import theta_limits
+from facade_manipulator.lab.study.section import section_bounds
+from facade_manipulator.parameters import parameter, settings
+
+_SAMPLES = 64  # of y, to find the peaks of θ_max
+_NEAR, _REFINEMENTS = 15, 5  # of y about a peak, five times as close at each refinement
+_BLOCK = 512  # designs at once
+
+
+@settings
+class Requirements:
+    """What every design must satisfy, and what is called good."""
+
+    link_range: tuple[float, float] = parameter(
+        (0.150, 0.400), 'Least and greatest l (Table 1)', unit='m', minimum=1e-3, maximum=100.0)
+    platform_range: tuple[float, float] = parameter(
+        (0.300, 0.550), 'Least and greatest b (Table 1)', unit='m', minimum=1e-3, maximum=100.0)
+    length_sum: float = parameter(
+        0.7, 'l + b; 0 leaves it free', unit='m', minimum=0.0, maximum=200.0)
+    stroke_length: float = parameter(1.0, 'Stroke Q', unit='m', minimum=1e-3, maximum=200.0)
+    carriage_gap: float = parameter(
+        0.0, 'Least distance of neighbouring carriages: none in the paper, 0.02 in the machine',
+        unit='m', minimum=0.0, maximum=100.0)
+    min_y_travel: float = parameter(
+        0.0, 'Least range of y at θ = 0', unit='m', minimum=0.0, maximum=100.0)
+    min_theta: float = parameter(
+        0.0, 'Least |θ| reachable at some y before N = 0', unit='rad', minimum=0.0, maximum=1.6)
+    min_conditioning: float = parameter(
+        0.0, 'Least index over the range of y asked for', minimum=0.0, maximum=1.0)
+    threshold: float = parameter(
+        0.001, 'Least index of a good pose', minimum=0.0, maximum=1.0)
+    characteristic_length: float = parameter(
+        0.001, 'Unit of length of the index: 0.001 in the paper, 1 shows weak poses at the rail',
+        unit='m', minimum=1e-9, maximum=1e3)
+
+    def __post_init__(self) -> None:
+        for name in ('link_range', 'platform_range'):
+            lower, upper = getattr(self, name)
+            if lower > upper:
+                raise ParameterError(f'{name} = ({lower:g}, {upper:g}) m is empty')
+        least = self.link_range[0] + self.platform_range[0]
+        greatest = self.link_range[1] + self.platform_range[1]
+        if self.length_sum and not least <= self.length_sum <= greatest:
+            raise ParameterError(
+                f'length_sum = {self.length_sum:g} m conflicts with link_range and '
+                f'platform_range, which allow {least:g} m to {greatest:g} m')
+        self.geometry(self.link_range[0], self.platform_range[0])  # has rules of its own
+
+    def geometry(self, length: float, half: float) -> Geometry:
+        """Return a design as a geometry, its stroke about zero."""
+        return Geometry(
+            float(length), float(half),
+            (-0.5 * self.stroke_length, 0.5 * self.stroke_length), self.carriage_gap)
+
+
+class Requirement(NamedTuple):
+    """One requirement: what is asked for, and what a design reaches."""
+
+    name: str
+    unit: str
+    reached: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray]
+    tolerance: float  # a margin below it is active
+    beside: tuple[str, ...] = ()  # what else makes it hard to meet, and alone asks for it
+
+    def asked(self, need: Requirements) -> float:
+        """Return the least that a design must reach."""
+        return getattr(need, self.name)
+
+    def words(self, need: Requirements) -> str:
+        """Say what is asked for; empty where nothing is."""
+        units = {self.name: self.unit, **dict.fromkeys(self.beside, '')}
+        return ' with '.join(f'{name} = {getattr(need, name):.4g} {unit}'.rstrip()
+                             for name, unit in units.items() if getattr(need, name))
+
+
+def y_travel(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.ndarray:
+    """Return the range of y at θ = 0 whose index is at least `min_conditioning` [m]."""
+    lower, upper = section_bounds(
+        length, half, need.stroke_length, need.carriage_gap, need.min_conditioning,
+        need.characteristic_length)
+    return upper - lower
+
+
+def theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:
+    """Return the greatest |θ| that is reachable at some y before N = 0 [rad]."""
+    designs = np.stack([np.ravel(length), np.ravel(half)])[..., None]
+    return np.concatenate([
+        _theta_peak(*designs[:, start:start + _BLOCK], gap)
+        for start in range(0, designs.shape[1], _BLOCK)]).reshape(np.shape(length))
+
+
+REQUIREMENTS = (
+    Requirement('min_y_travel', 'm', y_travel, 1e-4, beside=('min_conditioning',)),
+    Requirement('min_theta', 'rad', lambda length, half, need: theta_peak(
+        length, half, need.carriage_gap), 1e-3),
+)
+
+
+def margins(
+    length: np.ndarray, half: np.ndarray, need: Requirements
+) -> dict[str, np.ndarray]:
+    """Return the margin of every requirement that asks for anything, by name."""
+    return {
+        requirement.name: requirement.reached(length, half, need) - requirement.asked(need)
+        for requirement in REQUIREMENTS if requirement.words(need)}
+
+
+def feasible(of: dict[str, np.ndarray], length: np.ndarray) -> np.ndarray:
+    """Whether every margin is there; an index asked for must hold at some y at least."""
+    allowed = np.ones(np.shape(length), bool)
+    for name, margin in of.items():
+        allowed &= margin > 0.0 if name == 'min_y_travel' else margin >= 0.0
+    return allowed
+
+
+def conflict(
+    of: dict[str, np.ndarray], length: np.ndarray, half: np.ndarray, need: Requirements
+) -> ParameterError:
+    """Say which requirement cannot be met alone, or that two cannot be met together."""
+    stated = [requirement for requirement in REQUIREMENTS if requirement.name in of]
+    for requirement in stated:
+        margin, asked = of[requirement.name], requirement.asked(need)
+        if not feasible({requirement.name: margin}, length).any():
+            best = np.argmax(margin)
+            most = (f'the most is {asked + margin[best]:.4g} {requirement.unit}, at '
+                    f'l = {length[best]:.3f} m, b = {half[best]:.3f} m') if asked else (
+                f'no design reaches it at theta = 0 in units of {need.characteristic_length:g} m')
+            return ParameterError(f'{requirement.words(need)} conflicts with the box and the sum '
+                                  f'of the lengths: {most}')
+    return ParameterError(f'{" and ".join(one.words(need) for one in stated)} exclude each '
+                          'other: no design of the box satisfies both')
+
+
+def _theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:
+    """
+    Return the peak of θ_max(y) of a column of designs.
+
+    Links shorter than b have two: where the order meets N = 0, and where it meets the reach. Ever
+    closer samples are taken about both.
+    """
+    share = np.linspace(0.0, 1.0, _SAMPLES)[1:-1]
+    theta = theta_limits(length, half, gap, share * length)
+    beside = np.pad(theta, ((0, 0), (1, 1)))
+    local = (theta >= beside[:, :-2]) & (theta >= beside[:, 2:])
+    best = np.argsort(np.where(local, theta, -1.0), axis=1)[:, -2:]
+    share, step = share[best][..., None], 1.0 / _SAMPLES
+    length, half = length[..., None], half[..., None]
+    for _ in range(_REFINEMENTS):
+        near = np.clip(share + step * np.linspace(-1.5, 1.5, _NEAR), 1e-6, 1.0 - 1e-6)
+        theta = theta_limits(length, half, gap, near * length)
+        share = np.take_along_axis(near, np.argmax(theta, axis=-1, keepdims=True), axis=-1)
+        step *= 3.0 / _NEAR
+    return theta.max(axis=(1, 2))

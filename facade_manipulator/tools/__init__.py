@@ -1,0 +1,1 @@
+"""Programs for people at the machine: they see it, and it sees none of them."""

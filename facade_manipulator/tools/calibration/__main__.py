@@ -1,0 +1,292 @@
+"""Calibrate the machine: its geometry, the estimator's mounting, the place of the wall."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+import sys
+from typing import Any
+
+import numpy as np
+
+from facade_manipulator.errors import CalibrationError, exit_status, file_errors
+from facade_manipulator.files import write_table
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.messages import CARRIAGES
+from facade_manipulator.parameter_file import ALL_NODES, read_settings, write_parameters
+from facade_manipulator.prediction import EstimateSettings
+from facade_manipulator.resources import config_path
+from facade_manipulator.tools.calibration.design import Noise, plan
+from facade_manipulator.tools.calibration.estimator_fit import (
+    DEFAULT,
+    EstimatorRecording,
+    fit_estimator,
+    report_estimator,
+    SOUGHT,
+)
+from facade_manipulator.tools.calibration.geometry_fit import (
+    check_accuracy,
+    cross_check,
+    draw_accuracy,
+    identify,
+    Measurements,
+    MOST_OUTLIERS,
+    report_geometry,
+)
+from facade_manipulator.tools.calibration.recorded import (
+    HEAD_ON_WALL,
+    read_estimator_recording,
+    read_touches,
+)
+from facade_manipulator.tools.calibration.tables import read_table
+from facade_manipulator.tools.calibration.unknowns import (
+    AXES,
+    BACKLASH,
+    heads,
+    screw_unknowns,
+    UNKNOWNS,
+    unknowns_named,
+    with_screw_tables,
+)
+from facade_manipulator.tools.calibration.wall_fit import (
+    along_wall,
+    fit_wall,
+    mean_by_second,
+    report_wall,
+    touched_points,
+)
+
+COMPENSATOR, RECORDED = '/**/compensator', '.mcap'
+EXAMPLES = """
+examples:
+  calibrate geometry --plan poses.csv
+  calibrate geometry measured.csv --output calibrated.yaml --picture accuracy.png
+  calibrate estimator blackbox_000007_20261122T083000Z.mcap --output calibrated.yaml
+  calibrate estimator --disturbance disturbance.csv --joints joints.csv --wall wall.csv
+  calibrate wall touches.csv
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit code."""
+    options = _parser().parse_args(arguments)
+    return exit_status('calibrate', lambda: options.run(options))
+
+
+def calibrate_geometry(options: argparse.Namespace) -> None:
+    """Plan the poses, or find the errors of the machine from its head."""
+    geometry, unknowns = _geometry(options), unknowns_named(options.find)
+    if options.backlash:
+        unknowns += BACKLASH
+    if options.screws is not None:
+        geometry = with_screw_tables(geometry, options.screws)
+        unknowns += screw_unknowns(geometry)
+    noise = Noise(position=options.noise[0] * 1e-3, angle=np.deg2rad(options.noise[1]))
+    if options.plan is not None:
+        measured = [name in options.measure for name in AXES]
+        _write_plan(options.plan, geometry, plan(
+            geometry, unknowns, options.count, noise, measured))
+        return
+    measurements = _measurements(options.measurements)
+    found = identify(geometry, unknowns, measurements, noise)
+    check_accuracy(found, measurements, noise)
+    print(*report_geometry(found, cross_check(geometry, unknowns, measurements, noise)), sep='\n')
+    _check_outliers(found.outliers, options)
+    if options.picture is not None:
+        with file_errors(options.picture):
+            draw_accuracy(options.picture, geometry, found)
+    _write(options, (ALL_NODES, 'geometry', {
+        unknown.field: getattr(found.geometry, unknown.field) for unknown in unknowns}))
+
+
+def calibrate_estimator(options: argparse.Namespace) -> None:
+    """Find mounting, delay and axes of the estimator from a recording."""
+    found = fit_estimator(
+        _geometry(options), _estimator_recording(options), options.find, _estimate(options))
+    print(*report_estimator(found), sep='\n')
+    _write(options, (COMPENSATOR, 'estimate', {
+        name: getattr(found.settings, name) for name in ('mounting', 'axes', 'delay')}))
+
+
+def calibrate_wall(options: argparse.Namespace) -> None:
+    """Find the wall from places where the head touched it."""
+    estimate = _estimate(options)
+    points, forces = _touches(options.touches, _geometry(options), estimate)
+    found = fit_wall(points, Noise(position=options.noise * 1e-3).position, forces)
+    print(*report_wall(found), sep='\n')
+    if options.touches.suffix != RECORDED or len(
+            found.outliers) > MOST_OUTLIERS * len(found.residuals):
+        _check_outliers(found.outliers, options)  # of a recording nobody has measured each
+    distance, turned = found.distance, []
+    if options.align:
+        estimate, distance = along_wall(estimate, found)
+        turned = [(COMPENSATOR, 'estimate', {
+            'mounting': estimate.mounting, 'axes': estimate.axes})]
+    _write(options, ('/**/ik_service', 'linkage', {'wall_distance': distance}), *turned)
+
+
+def _geometry(options: argparse.Namespace) -> Geometry:
+    return read_settings(options.parameters, ALL_NODES, 'geometry', Geometry)
+
+
+def _estimate(options: argparse.Namespace) -> EstimateSettings:
+    return read_settings(options.parameters, COMPENSATOR, 'estimate', EstimateSettings)
+
+
+def _write(options: argparse.Namespace, *found: tuple[str, str, dict[str, Any]]) -> None:
+    """Write a copy of the parameter file with what was found, by node and section, if wanted."""
+    if options.output is None:
+        return
+    source = options.parameters
+    for node, section, values in found:
+        write_parameters(source, options.output, node, {section: values})
+        source = options.output
+    print(f'{options.output} is written')
+
+
+def _touches(
+    path: Path, geometry: Geometry, estimate: EstimateSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the head touched and with which force, from a recording or a table."""
+    if path.suffix == RECORDED:
+        recorded = read_touches(path, estimate)
+        points = touched_points(geometry, recorded.carriages, recorded.rails)
+        means = mean_by_second(recorded.times, np.column_stack([points, recorded.forces]))
+        return means[:, :2], means[:, 2]
+    table = read_table(path, CARRIAGES, ('rail_x', 'rail_y', 'rail_theta', 'force'))
+    return touched_points(geometry, table[:, :3], table[:, 3:6]), table[:, 6]
+
+
+def _estimator_recording(options: argparse.Namespace) -> EstimatorRecording:
+    tables = options.disturbance, options.joints, options.wall
+    if options.recording is not None and not any(tables):
+        return read_estimator_recording(options.recording, options.head)
+    if options.recording is not None or not all(tables):
+        raise CalibrationError(
+            'name a file of the recorder, or three tables with --disturbance, --joints and --wall')
+    return EstimatorRecording(
+        read_table(options.disturbance, ('time', *AXES)),
+        read_table(options.joints, ('time', *CARRIAGES)),
+        read_table(options.wall, ('time',), AXES))
+
+
+def _check_outliers(outliers: Sequence, options: argparse.Namespace) -> None:
+    if outliers and not options.drop_outliers:
+        raise CalibrationError(
+            'some measurements contradict the rest: measure them again, or leave them out with '
+            '--drop-outliers; nothing is written')
+
+
+def _measurements(path: Path | None) -> Measurements:
+    if path is None:
+        raise CalibrationError('name a file of measurements, - to type them, or --plan a file')
+    table = read_table(path, CARRIAGES, (*AXES, 'direction'))
+    directions = np.nan_to_num(table[:, 6:])
+    wrong = np.flatnonzero(~np.isin(directions, (-1.0, 0.0, 1.0)))
+    if len(wrong):
+        raise CalibrationError(
+            f'row {wrong[0] + 1}: direction = {directions[wrong[0], 0]:g} is none of 1, -1 and 0')
+    return Measurements(np.hstack([table[:, :3], directions]), table[:, 3:6])
+
+
+def _write_plan(path: Path, geometry: Geometry, carriages: np.ndarray) -> None:
+    """Write where to measure, with empty cells for what is measured."""
+    directions = ['direction'] * (carriages.shape[1] - len(CARRIAGES))
+    poses = np.hstack([carriages, heads(geometry, carriages)])
+    with file_errors(path):
+        write_table(
+            path, [*CARRIAGES, *directions, *(f'goal_{name}' for name in AXES), *AXES],
+            ([f'{value:.6f}' for value in pose] + [''] * len(AXES) for pose in poses))
+    print(f'{path} has {len(carriages)} poses; fill in x, y and theta, or what you measure')
+
+
+def _parser() -> argparse.ArgumentParser:
+    """Return the command line's parser; what it parses has its command's function as `run`."""
+    made = argparse.ArgumentParser(
+        prog='calibrate', description=__doc__, epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    commands = made.add_subparsers(required=True, metavar='WHAT')
+    for name, run, add, text in (
+            ('geometry', calibrate_geometry, _add_geometry,
+             'errors of the machine from measurements of its head'),
+            ('estimator', calibrate_estimator, _add_estimator,
+             'mounting, delay and axes of the estimator from a recording'),
+            ('wall', calibrate_wall, _add_wall,
+             'the wall from places where the head touched it')):
+        command = commands.add_parser(name, help=text)
+        command.set_defaults(run=run)
+        add(command)
+        command.add_argument('--parameters', type=Path, metavar='YAML',
+                             default=config_path('manipulator.yaml'),
+                             help='parameter file of the machine (default the installed one)')
+        command.add_argument('--output', type=Path, metavar='YAML',
+                             help='write a copy of it with what was found')
+    return made
+
+
+def _add_geometry(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        'measurements', nargs='?', type=Path,
+        help='CSV with q1, q2, q3 as commanded and x, y, theta of the head in frame rail, in m '
+             'and rad or named with their unit (x_mm, theta_deg); cells may be empty; - reads '
+             'what is typed')
+    command.add_argument('--plan', type=Path, metavar='CSV',
+                         help='write the poses that show most, and measure there')
+    command.add_argument('--count', type=int, default=24, help='poses to plan (default 24)')
+    command.add_argument('--measure', nargs='+', choices=AXES, default=AXES,
+                         help='what will be measured at the poses to plan (default all)')
+    command.add_argument(
+        '--find', nargs='+', default=(), metavar='NAME',
+        help=f'what to look for (default all): {", ".join(u.name for u in UNKNOWNS)}')
+    command.add_argument('--backlash', action='store_true',
+                         help='look for the backlash of the screws too; the poses to plan say in '
+                              'which direction to arrive')
+    command.add_argument('--screws', type=int, metavar='ENTRIES',
+                         help='look for the errors of the screws too, a table of so many entries')
+    command.add_argument('--noise', nargs=2, type=float, default=(0.1, 0.02),
+                         metavar=('MM', 'DEG'),
+                         help='standard deviation of the measurements (default 0.1 0.02)')
+    _add_outliers(command)
+    command.add_argument('--picture', type=Path, metavar='PNG',
+                         help='draw how far the head was off and how well it is known')
+
+
+def _add_estimator(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        'recording', nargs='?', type=Path,
+        help='file of the recorder, with the head as measured on the wall or with lateral_offset')
+    command.add_argument('--head', default=HEAD_ON_WALL, metavar='TOPIC',
+                         help=f'topic of the head on the wall (default {HEAD_ON_WALL})')
+    command.add_argument(
+        '--find', nargs='+', default=DEFAULT, metavar='NAME',
+        help=f'what to look for of {", ".join(SOUGHT)} (default {" ".join(DEFAULT)}); the rest '
+             'stays as it is. axes need a second measurement along the axes of facade')
+    for name, text in (
+            ('disturbance', 'time, x, y, theta as published; the time is that of the stamps'),
+            ('joints', 'time, q1, q2, q3 of joint_states'),
+            ('wall', 'time, x, y, theta of the head on the wall; cells may be empty')):
+        command.add_argument(f'--{name}', type=Path, metavar='CSV', help=text)
+
+
+def _add_wall(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        'touches', type=Path,
+        help='file of the recorder (.mcap) while the head pressed; or CSV with q1, q2, q3 at each '
+             'touch, and rail_x, rail_y, rail_theta, the pose of the rail in facade then, empty '
+             'for a rail at rest, and the force in N')
+    command.add_argument('--align', action='store_true',
+                         help='turn facade so that its x lies along the wall: writes yaw and axes '
+                              'of the estimator too')
+    command.add_argument('--noise', type=float, default=1.0, metavar='MM',
+                         help='standard deviation of a touch (default 1)')
+    _add_outliers(command)
+
+
+def _add_outliers(command: argparse.ArgumentParser) -> None:
+    command.add_argument('--drop-outliers', action='store_true',
+                         help='write although some measurements contradict the rest')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

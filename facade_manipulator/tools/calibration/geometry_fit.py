@@ -1,0 +1,285 @@
+"""
+The errors of a machine from measurements of its head: robust least squares with their covariance.
+
+What the drawing says is one more measurement of each unknown, with its tolerance. So the fit is
+defined however little is measured, and what the measurements add is the ratio of the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.errors import CalibrationError, ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.tools.calibration.design import candidates, information, Noise, spread
+from facade_manipulator.tools.calibration.robust_fit import FAR, rms, robust_fit, robust_scatter
+from facade_manipulator.tools.calibration.unknowns import (
+    AXES,
+    heads,
+    require_closed,
+    UNITS,
+    Unknown,
+    values_of,
+    with_values,
+)
+
+EXPLAINED = np.array([0.05, 0.05, 0.1])  # m, m, rad: errors of a machine explain no more
+OUTLIER = 4.5  # standard deviations
+MOST_OUTLIERS = 0.2
+MOST_SCATTER = 5.0  # times the noise stated
+IDENTIFIED = 0.5  # of its tolerance: an unknown known no better is not shown by the data
+LEAST_SHARE, LINKED = 0.15, 0.5  # of an unknown in what is not identified, of two in each other
+HELD_OUT_EVERY = 4
+BLIND = 5.0  # times the noise: a head that is known no better has not been calibrated
+
+
+class Measurements(NamedTuple):
+    """The head, measured at carriage positions."""
+
+    carriages: np.ndarray  #: as commanded, as `heads` takes them, shape (n, 3) or (n, 4)
+    heads: np.ndarray  #: in frame rail, shape (n, 3) [m, m, rad]; NaN where not measured
+
+    def part(self, rows: np.ndarray | slice) -> Measurements:
+        """Return some of the rows."""
+        return Measurements(*(table[rows] for table in self))
+
+
+class Identification(NamedTuple):
+    """A machine found."""
+
+    geometry: Geometry  #: with the errors found
+    unknowns: Sequence[Unknown]  #: what was looked for
+    values: np.ndarray  #: of the unknowns, shape (m,)
+    covariance: np.ndarray  #: of these values, shape (m, m)
+    scatter: float  #: residuals over the noise that was stated, 1 where both agree
+    outliers: list[tuple[int, int]]  #: row and axis of what contradicts the rest and is left out
+    #: groups of unknowns, in words, that the data cannot show, or not apart from each other
+    unidentified: list[list[str]]
+    observability: float  #: Borm and Menq's index, in units of noise and tolerance
+
+
+def check(geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements) -> None:
+    """
+    Check that measurements can be those of this machine at all, and are enough.
+
+    Raises a CalibrationError that names the row, numbered from 1, and what is wrong with it.
+    """
+    empty = np.flatnonzero(np.isnan(measurements.heads).all(axis=1))
+    if len(empty):
+        raise CalibrationError(f'row {empty[0] + 1} has no measurement: neither x, y nor theta')
+    if any(u.field == 'backlash' for u in unknowns) and not measurements.carriages[:, 3:].any():
+        raise CalibrationError(
+            'backlash is looked for, but no row says in which direction the carriages arrived: '
+            'column direction, 1 towards greater x, -1 towards less')
+    numbers = int(np.isfinite(measurements.heads).sum())
+    if numbers <= len(unknowns):
+        raise CalibrationError(
+            f'too few poses: {numbers} measured numbers for {len(unknowns)} unknowns')
+    expected = heads(geometry, measurements.carriages)
+    require_closed(expected, measurements.carriages)
+    for row, axis in np.argwhere(np.abs(measurements.heads - expected) > EXPLAINED):
+        raise CalibrationError(_contradiction(
+            row, axis, measurements.heads[row, axis], expected[row, axis]))
+
+
+def _contradiction(row: int, axis: int, value: float, expected: float) -> str:
+    unit = 'm' if axis < 2 else 'rad'
+    other, factor = UNITS[axis]
+    message = (f'row {row + 1}: {AXES[axis]} = {value:g} {unit}, but the head stands near '
+               f'{expected:g} {unit}')
+    for meant, is_in in ((value / factor, other), (value * factor, unit)):
+        if abs(meant - expected) < EXPLAINED[axis]:
+            message += f'; if it is in {is_in}, name the column {AXES[axis]}_{is_in}'
+    return message
+
+
+def identify(
+    geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements,
+    noise: Noise | None = None,
+) -> Identification:
+    """
+    Find the errors of a machine that is taken to be the drawing, or an earlier calibration.
+
+    Raises a CalibrationError if the measurements are not of such a machine, too few, or contradict
+    each other.
+    """
+    check(geometry, unknowns, measurements)
+    fit = _MachineFit(geometry, unknowns, measurements, noise or Noise())
+    used = np.isfinite(measurements.heads)
+    values = fit.solve(used)
+    misses = fit.misses(values)
+    outlying = used & (np.abs(misses) > OUTLIER * max(1.0, robust_scatter(misses[used])))
+    if outlying.sum() > MOST_OUTLIERS * used.sum():
+        raise CalibrationError(
+            f'{outlying.sum()} of {used.sum()} measured numbers contradict the rest: is this the '
+            'machine of the parameter file, homed as now, and measured in frame rail?')
+    if outlying.any():
+        used &= ~outlying
+        values = fit.solve(used, loss='linear')
+    return fit.identification(used, values, [*map(tuple, np.argwhere(outlying).tolist())])
+
+
+class _MachineFit(NamedTuple):
+    """A machine as it is drawn, what is looked for, and how its head was measured."""
+
+    geometry: Geometry
+    unknowns: Sequence[Unknown]
+    measurements: Measurements
+    noise: Noise
+
+    def solve(self, used: np.ndarray, loss: str = 'huber') -> np.ndarray:
+        """Return the values of the unknowns that fit best."""
+        def misses(values: np.ndarray) -> np.ndarray:
+            try:
+                return self.misses(values)[used]
+            except ParameterError:  # a step beyond what any machine is
+                return np.full(used.sum(), FAR)
+
+        drawn = values_of(self.geometry, self.unknowns)
+        least = np.array([unknown.least for unknown in self.unknowns])
+        # not on a bound, where it would stay
+        begin = drawn + np.where(np.isfinite(least), self.tolerances, 0.0)
+        return robust_fit(misses, drawn, self.tolerances, begin, least, loss)[0]
+
+    @property
+    def tolerances(self) -> np.ndarray:
+        return np.array([unknown.tolerance for unknown in self.unknowns])
+
+    def misses(self, values: np.ndarray) -> np.ndarray:
+        """Return measured less expected in standard deviations, shape (n, 3)."""
+        machine = with_values(self.geometry, self.unknowns, values)
+        carriages, measured = self.measurements
+        return (measured - heads(machine, carriages)) / self.noise.deviations
+
+    def identification(
+        self, used: np.ndarray, values: np.ndarray, outliers: list[tuple[int, int]]
+    ) -> Identification:
+        machine, unknowns = with_values(self.geometry, self.unknowns, values), self.unknowns
+        rows = information(machine, unknowns, self.measurements.carriages, self.noise)[used]
+        misses = self.misses(values)[used]
+        scatter = float(np.sqrt(misses @ misses / max(1, len(misses) - len(unknowns))))
+        if scatter > MOST_SCATTER:
+            raise CalibrationError(
+                f'the measurements scatter by {scatter:.3g} times the noise stated: they '
+                'contradict each other, the noise is another (--noise), or the machine has errors '
+                'that are not looked for (--find)')
+        covariance = np.linalg.inv(
+            rows.T @ rows / max(1.0, scatter) ** 2 + np.eye(len(unknowns)))
+        singular = np.linalg.svd(rows, compute_uv=False)
+        return Identification(
+            machine, unknowns, values, covariance * np.outer(self.tolerances, self.tolerances),
+            scatter, outliers, _unidentified(covariance, unknowns),
+            float(np.exp(np.mean(np.log(np.maximum(singular, 1e-12)))) / np.sqrt(len(rows))))
+
+
+def _unidentified(covariance: np.ndarray, unknowns: Sequence[Unknown]) -> list[list[str]]:
+    """
+    Return the groups of unknowns that are, together, hardly better known than drawn.
+
+    Directions that are known equally badly are any of their plane: so what belongs together is
+    read from the projection on all of them.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    spreads, directions = np.linalg.eigh(covariance)
+    blind = directions[:, spreads > IDENTIFIED ** 2]
+    shares = blind @ blind.T
+    sizes = np.sqrt(np.diag(shares))
+    part = np.flatnonzero(sizes > LEAST_SHARE)
+    linked = np.abs(shares) > LINKED * np.outer(sizes, sizes)
+    count, label = connected_components(linked[np.ix_(part, part)])
+    return [[unknowns[k].words for k in part[label == group]] for group in range(count)]
+
+
+class HeldOut(NamedTuple):
+    """RMS of measured less expected at poses left out of a fit, before and after, shape (3,)."""
+
+    count: int
+    before: np.ndarray
+    after: np.ndarray
+
+
+def cross_check(
+    geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measurements,
+    noise: Noise | None = None,
+) -> HeldOut | None:
+    """Fit without every fourth pose and look at these; None where too few are left to fit."""
+    kept = np.arange(len(measurements.carriages)) % HELD_OUT_EVERY != HELD_OUT_EVERY - 1
+    held = measurements.part(~kept)
+    try:
+        found = identify(geometry, unknowns, measurements.part(kept), noise)
+    except CalibrationError:
+        return None
+    return HeldOut(len(held.carriages), *(
+        rms(held.heads - heads(machine, held.carriages)) for machine in (
+            geometry, found.geometry)))
+
+
+def check_accuracy(found: Identification, measurements: Measurements, noise: Noise) -> None:
+    """
+    Check that all over the workspace the head is known about as well as it was measured.
+
+    Of an axis that was never measured nothing is asked. Raises a CalibrationError that names what
+    the poses cannot show.
+    """
+    measured = np.isfinite(measurements.heads).any(axis=0)
+    known = spread(found.geometry, found.unknowns, found.covariance, candidates(found.geometry))
+    worst = measured * (known / noise.deviations).max(axis=0)
+    if worst.max() > BLIND:
+        axis = int(np.argmax(worst))
+        unit, factor = UNITS[axis]
+        value = worst[axis] * noise.deviations[axis] * factor
+        names = ', '.join(dict.fromkeys(sum(found.unidentified, [])))
+        raise CalibrationError(
+            f'poses that cannot show enough: somewhere {AXES[axis]} of the head would be known '
+            f'to {value:.2g} {unit} only. Not known, or not apart: {names or "all of them"}. '
+            'Measure at the poses of --plan, or look for less with --find')
+
+
+def report_geometry(found: Identification, held: HeldOut | None) -> list[str]:
+    """Return what was found, line by line."""
+    lines = [
+        f'{one.words:34s} {value * factor:+9.3f} +- {deviation * factor:.3f} {unit}  ({one.name})'
+        for one, value, deviation in zip(
+            found.unknowns, found.values, np.sqrt(np.diag(found.covariance)), strict=True)
+        for unit, factor in [one.unit]]
+    lines += [f'not known apart, together they hardly move the head: {", ".join(group)}'
+              for group in found.unidentified if len(group) > 1]
+    alone = [group[0] for group in found.unidentified if len(group) == 1]
+    if alone:
+        lines.append(f'hardly better known than before: {"; ".join(alone)}')
+    lines.append(f'scatter: {found.scatter:.2f} of the noise stated; observability index '
+                 f'{found.observability:.3g}')
+    if found.scatter > 1.5:
+        lines.append('the scatter is more than the noise stated: deviations are scaled by it')
+    lines += [f'outlier: row {row + 1}, {AXES[axis]}' for row, axis in found.outliers]
+    if held is not None:
+        lines += [
+            f'{AXES[k]} at {held.count} held-out poses: {held.before[k] * factor:.3f} {unit} '
+            f'before, {held.after[k] * factor:.3f} {unit} after'
+            for k, (unit, factor) in enumerate(UNITS) if np.isfinite(held.before[k])]
+    return lines
+
+
+def draw_accuracy(path: Path, drawing: Geometry, found: Identification) -> None:
+    """Draw how far the head was off, and how well it is known now, over the workspace."""
+    from matplotlib.figure import Figure
+
+    permitted = candidates(found.geometry)
+    now = heads(found.geometry, permitted)
+    off = now - heads(drawing, permitted)
+    left = spread(found.geometry, found.unknowns, found.covariance, permitted)
+    figure = Figure(figsize=(8.0, 5.5), layout='constrained')
+    for axes, values, title in zip(
+            figure.subplots(2, 1, sharex=True), (off, left),
+            ('the head was off by', 'it is known to (1 sigma)'), strict=True):
+        size = 1e3 * np.hypot(values[:, 0], values[:, 1])
+        order = np.argsort(size)  # of the poses at one place the worst is on top
+        dots = axes.scatter(now[order, 0], now[order, 1], c=size[order], s=40.0)
+        figure.colorbar(dots, ax=axes, label='mm')
+        axes.set(title=title, xlabel='x [m]', ylabel='y [m]', aspect='equal')
+    figure.savefig(path, dpi=110)

@@ -1,0 +1,230 @@
+"""
+All writable objects of a drive: read, kept as a DCF, compared, written back, stored in the drive.
+
+References
+----------
+CiA 301: store and restore parameters (1010h, 1011h), order of writing PDO parameters.
+CiA 306: electronic data sheet (EDS) and device configuration file (DCF).
+
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from canopen import export_od, import_od, ObjectDictionary
+from canopen.objectdictionary import ODVariable
+
+from facade_manipulator.drives.canopen import pdo, SdoAbortError, SdoChannel
+from facade_manipulator.errors import CommissioningError, DriveError, file_errors, ParameterError
+from facade_manipulator.files import atomic_write
+from facade_manipulator.tools.commissioning.bus import STORING, ToolBus
+
+Key = tuple[int, int]
+IDENTITY = tuple((0x1018, subindex) for subindex in (1, 2, 3, 4))
+_COMMANDS = {0x1003, 0x1010, 0x1011, 0x6040, 0x6060, 0x607A, 0x60FF, 0x6071}  # nothing to keep
+_PDOS = range(0x1400, 0x1C00)
+_MAPPING = 0x200  # the bit in which a PDO's communication parameter and its mapping differ
+_SAVE = int.from_bytes(b'save', 'little')
+
+
+class Snapshot(NamedTuple):
+    """Values of a drive's objects: where they come from, by index and subindex, what they mean."""
+
+    source: str
+    node_id: int
+    values: dict[Key, Any]
+    dictionary: ObjectDictionary
+
+    def variable(self, key: Key) -> ODVariable | None:
+        """Return what the object dictionary says of an object."""
+        return self.dictionary.get_variable(*key)
+
+    def value(self, key: Key, node_id: int = 0) -> Any:
+        """Return a value with a node id in place of that in it; None for an absent object."""
+        value = self.values.get(key)
+        if value is None or not self.variable(key).relative:
+            return value
+        return value - self.node_id + node_id
+
+
+def variables(dictionary: ObjectDictionary) -> Iterator[ODVariable]:
+    """Yield all variables of an object dictionary."""
+    for entry in dictionary.values():
+        yield from [entry] if isinstance(entry, ODVariable) else entry.values()
+
+
+def take_snapshot(drive: SdoChannel, eds: Path) -> Snapshot:
+    """
+    Read the identity and all writable objects that an EDS names; those that are absent are left.
+
+    Raises a DriveTimeoutError if the drive stops answering, a ParameterError if the EDS cannot be
+    read.
+    """
+    dictionary = read_dictionary(eds, drive.node_id)
+    values = {}
+    for variable in variables(dictionary):
+        key = variable.index, variable.subindex
+        wanted = variable.readable and variable.writable and key[0] not in _COMMANDS
+        if wanted or key in IDENTITY:
+            with suppress(SdoAbortError):
+                values[key] = variable.decode_raw(drive.read(*key))
+    return Snapshot(drive.name, drive.node_id, values, dictionary)
+
+
+def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
+    """Read an EDS or DCF; raises a ParameterError."""
+    try:
+        return import_od(str(path), node_id)
+    except Exception as error:  # whatever the library trips over in a maker's file
+        raise ParameterError(f'{path} is no EDS or DCF that can be read: {error}') from error
+
+
+def write_dcf(snapshot: Snapshot, path: Path) -> None:
+    """Write a snapshot as a DCF; raises a ParameterError, and leaves no half file."""
+    dictionary = snapshot.dictionary
+    for key, value in snapshot.values.items():
+        variable = snapshot.variable(key)
+        variable.value, variable.value_raw = value, str(value)
+    dictionary.node_id = snapshot.node_id
+    dictionary.comments = (
+        f'{snapshot.source}, {datetime.now().isoformat(" ", "seconds")}, serial number '
+        f'{snapshot.values.get(IDENTITY[3])}')
+    with (file_errors(path), atomic_write(path) as draft,
+          draft.open('w', encoding='utf-8') as file):
+        export_od(dictionary, file, 'dcf')
+
+
+def read_dcf(path: Path) -> Snapshot:
+    """Read a snapshot from a DCF; raises a ParameterError where there are no values in it."""
+    dictionary = read_dictionary(path)
+    values = {
+        (variable.index, variable.subindex): variable.value
+        for variable in variables(dictionary) if variable.value is not None}
+    if dictionary.node_id is None or not values:
+        raise ParameterError(f'{path} has no values and no node id: it is no DCF of a drive')
+    for variable in variables(dictionary):
+        variable.relative = '$NODEID' in str(getattr(variable, 'default_raw', ''))
+    return Snapshot(path.name, dictionary.node_id, values, dictionary)
+
+
+class Difference(NamedTuple):
+    """An object that two snapshots have with different values; None where one has none."""
+
+    key: Key
+    name: str
+    here: Any
+    there: Any
+
+    @property
+    def label(self) -> str:
+        """Index and subindex."""
+        return _label(self.key)
+
+    @property
+    def row(self) -> tuple[str, str, str, str]:
+        """What an operator reads: object, its name, and the two values."""
+        return self.label, self.name, _shown(self.here), _shown(self.there)
+
+
+def compare(here: Snapshot, there: Snapshot) -> list[Difference]:
+    """Return where two snapshots differ, but for node ids in COB-IDs and the identity."""
+    keys = sorted((here.values.keys() | there.values.keys()) - set(IDENTITY))
+    return [
+        Difference(key, _name(here if key in here.values else there, key),
+                   here.values.get(key), there.values.get(key))
+        for key in keys if here.value(key) != there.value(key)]
+
+
+def _name(snapshot: Snapshot, key: Key) -> str:
+    variable = snapshot.variable(key)
+    parent = variable.parent.name if key[1] else ''
+    return f'{parent}: {variable.name}' if parent else variable.name
+
+
+def restore(drive: SdoChannel, wanted: Snapshot, present: Snapshot) -> int:
+    """
+    Write what differs, in the order that PDOs need, and read it back; return how many differed.
+
+    Nothing is stored. Raises a CommissioningError with the drive's state if it rejects an object,
+    reads it back otherwise or stops answering.
+    """
+    changes = {
+        difference.key: wanted.value(difference.key, drive.node_id)
+        for difference in compare(wanted, present)
+        if difference.here is not None and difference.there is not None}
+    done = 0
+    try:
+        for key, value in _in_order(changes, wanted, drive.node_id):
+            drive.write(*key, wanted.variable(key).encode_raw(value))
+            done += 1
+        for key, value in changes.items():
+            found = wanted.variable(key).decode_raw(drive.read(*key))
+            if found != value:
+                raise CommissioningError(
+                    f'{drive.name}: {_label(key)} reads back as {found} instead of {value}')
+    except (DriveError, CommissioningError) as error:
+        raise CommissioningError(
+            f'{error}. {done} objects of {drive.name} were written and nothing is stored: it has '
+            'its old values again after its power was off and on') from error
+    return len(changes)
+
+
+def _in_order(
+    changes: dict[Key, Any], wanted: Snapshot, node_id: int
+) -> Iterator[tuple[Key, Any]]:
+    """Yield the writes; those of a PDO: off, no entries, entries, count, the rest, on."""
+    for index in sorted({key[0] & ~_MAPPING for key in changes if key[0] in _PDOS}):
+        values = {key: wanted.value(key, node_id) for key in sorted(wanted.values)
+                  if key[0] & ~_MAPPING == index}
+        switch, count = (index, 1), (index + _MAPPING, 0)
+        yield switch, values[switch] | pdo.DISABLED
+        if count in values:
+            yield count, 0
+        for key in values:
+            if key not in (switch, count, (index, 0)) and _is_entry(key, count, values):
+                yield key, values[key]
+        if count in values:
+            yield count, values[count]
+        yield switch, values[switch]
+    yield from (item for item in changes.items() if item[0][0] not in _PDOS)
+
+
+def _is_entry(key: Key, count: Key, values: dict[Key, Any]) -> bool:
+    """Return whether an object is written: of the mapping only the entries that count."""
+    return key[0] != count[0] or 0 < key[1] <= values.get(count, 0)
+
+
+def store(bus: ToolBus, node_id: int, name: str) -> None:
+    """
+    Let a drive store its objects (1010h:01), reset it, and wait until it is back.
+
+    Raises a CommissioningError that says what may be in it now, if it does not.
+    """
+    drive = bus.objects(node_id, name, patience=STORING)
+    try:
+        drive.write(0x1010, 1, _SAVE.to_bytes(4, 'little'))
+    except SdoAbortError as error:
+        raise CommissioningError(
+            f'{error}: {name} has stored nothing, the new values last until its power is off'
+        ) from error
+    except DriveError as error:
+        raise CommissioningError(
+            f'{name} stopped answering while it stored: what it holds now is not known. Switch '
+            f'its power off and on, then commission compare {name} with its backup and restore '
+            'it') from error
+    bus.reset(node_id)
+
+
+def _label(key: Key) -> str:
+    return f'{key[0]:04X}h:{key[1]:02X}'
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return 'absent'
+    return f'{value} ({value:X}h)' if isinstance(value, int) and value > 9 else str(value)

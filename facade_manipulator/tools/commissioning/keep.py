@@ -1,0 +1,157 @@
+"""Commands `profile`, `backup`, `compare` and `restore`: what is in a drive, what should be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import shutil
+
+from facade_manipulator.drives.cia402 import AXIS_NAMES, load_profile
+from facade_manipulator.errors import CommissioningError, file_errors
+from facade_manipulator.tools.commissioning.bus import ToolBus
+from facade_manipulator.tools.commissioning.context import Context
+from facade_manipulator.tools.commissioning.drive_objects import (
+    compare,
+    IDENTITY,
+    read_dcf,
+    restore,
+    Snapshot,
+    store,
+    take_snapshot,
+    write_dcf,
+)
+from facade_manipulator.tools.commissioning.drive_profile import differences, draft
+from facade_manipulator.tools.commissioning.scan import only_drive
+
+
+def add_commands(add: Callable) -> None:
+    """Add the commands to the tool."""
+    command = add('profile', run_profile, 'Draft a drive profile from an EDS, or check drives.')
+    command.add_argument('eds', type=Path, nargs='?', help="the maker's EDS or DCF")
+    command.add_argument('--check', nargs='*', metavar='AXIS',
+                         help='hold these drives (default all) against their profiles')
+    command.add_argument('--output', type=Path, metavar='YAML',
+                         help='the profile to write (default: the name of the EDS)')
+    backup = add('backup', run_backup, 'Read all writable objects of a drive into a DCF.',
+                 has_axis=True)
+    backup.add_argument('file', type=Path, nargs='?', help='default: beside the parameter file')
+    comparing = add('compare', run_compare, 'Say where two drives, or a drive and a file, differ.')
+    comparing.add_argument('here', help='q1, q2, q3 or a DCF')
+    comparing.add_argument('there', help='q1, q2, q3 or a DCF')
+    restoring = add('restore', run_restore, 'Write a DCF into a drive, read it back, store it.',
+                    has_axis=True)
+    restoring.add_argument('file', type=Path)
+    for command in (backup, comparing, restoring):
+        command.add_argument(
+            '--eds', type=Path, help="the maker's EDS, where the profile has a smaller one")
+
+
+def run_profile(context: Context) -> int:
+    """Draft or check; return 1 where a drive does not fit."""
+    options = context.options
+    if options.check is not None:
+        return _check(context, options.check or AXIS_NAMES)
+    if options.eds is None:
+        raise CommissioningError('name an EDS to draft a profile from, or --check')
+    output = options.output or Path(options.eds.stem + '.yaml')
+    text, missing = draft(options.eds)
+    for item in missing:
+        context.operator.say(f'! {options.eds.name} lacks {item}')
+    context.operator.agree(f'{output} is written, and the EDS beside it.')
+    with file_errors(output):
+        if options.eds.resolve().parent != output.resolve().parent:
+            shutil.copy(options.eds, output.parent)
+        output.write_text(text, 'utf-8')
+    load_profile(str(output))  # as the driver will
+    for line in text.splitlines():
+        if '# ?' in line:
+            context.operator.say(line.strip())
+    context.operator.say(f'profile: {output.resolve()} names it in the parameter file.')
+    return 1 if missing else 0
+
+
+def _check(context: Context, names: tuple[str, ...]) -> int:
+    wrong = 0
+    with context.bus() as bus:
+        for name in names:
+            axis = context.machine.axis(name)
+            found = differences(only_drive(bus, axis, name), load_profile(axis.profile))
+            for line in found:
+                context.operator.say(f'! {name}: {line}')
+            if not found:
+                context.operator.say(f'{name}: the drive is as profile {axis.profile} says')
+            context.machine.note('profile', '; '.join(found) or axis.profile, not found, name)
+            wrong += len(found)
+    return 1 if wrong else 0
+
+
+def run_backup(context: Context) -> None:
+    """Read and write down."""
+    name = context.options.axis
+    path = context.options.file or context.machine.beside(f'.{name}.dcf')
+    with context.bus() as bus:
+        snapshot = _of_drive(context, bus, name)
+    write_dcf(snapshot, path)
+    context.operator.say(f'{path} has {len(snapshot.values)} objects of {name}.')
+    context.machine.note('backup', f'{len(snapshot.values)} objects in {path.name}', axis=name)
+
+
+def _of_drive(context: Context, bus: ToolBus, name: str) -> Snapshot:
+    axis = context.machine.axis(name)
+    eds = context.options.eds or load_profile(axis.profile).eds
+    return take_snapshot(only_drive(bus, axis, name), eds)
+
+
+def run_compare(context: Context) -> int:
+    """List the differences; return 1 if there are any."""
+    with context.bus() as bus:
+        here, there = (
+            _of_drive(context, bus, name) if name in AXIS_NAMES else read_dcf(Path(name))
+            for name in (context.options.here, context.options.there))
+    found = compare(here, there)
+    if found:
+        context.operator.table(('object', 'name', here.source, there.source),
+                               [difference.row for difference in found])
+    context.operator.say(
+        f'{len(found)} differences between {here.source} and {there.source}.')
+    context.machine.note('compare', f'{here.source} and {there.source}: ' + (
+        ', '.join(f'{one.label} {one.name}' for one in found) or 'no difference'),
+        not found)
+    return 1 if found else 0
+
+
+def run_restore(context: Context) -> None:
+    """Show what differs, ask, write, read back, store, reset, read again."""
+    name, operator = context.options.axis, context.operator
+    wanted = read_dcf(context.options.file)
+    node_id = context.machine.axis(name).node_id
+    with context.bus() as bus:
+        present = _of_drive(context, bus, name)
+        _check_type(wanted, present)
+        found = compare(wanted, present)
+        if not found:
+            operator.say(f'{name} is as {wanted.source} says: nothing to do.')
+            return
+        operator.table(('object', 'name', wanted.source, f'{name} now'),
+                       [difference.row for difference in found])
+        operator.agree(f'{name} gets the values of {wanted.source}, stores them (1010h) and is '
+                       'reset. It must have no power on its motor. Nothing moves.')
+        count = restore(bus.objects(node_id, name), wanted, present)
+        store(bus, node_id, name)
+        remaining = compare(wanted, _of_drive(context, bus, name))
+    lost = [one.label for one in remaining if None not in (one.here, one.there)]
+    if lost:
+        raise CommissioningError(
+            f'{name} took {", ".join(lost)} but has other values again after its reset: it does '
+            'not store them; what needs them must write them at each start')
+    operator.say(f'{name}: {count} objects written, stored, and the same after a reset.')
+    context.machine.note('restore', f'{count} objects from {wanted.source}', axis=name)
+
+
+def _check_type(wanted: Snapshot, present: Snapshot) -> None:
+    for key in IDENTITY[:2]:
+        if wanted.values.get(key) not in (None, present.values.get(key)):
+            raise CommissioningError(
+                f'{wanted.source} is of another drive type ({key[0]:X}h:{key[1]:02X} = '
+                f'{wanted.values[key]}, the drive has {present.values.get(key)}): nothing is '
+                'written')

@@ -1,0 +1,245 @@
+"""Commands `direction`, `lead` and `home-switch`: each ends in the line to write."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import math
+
+import numpy as np
+
+from facade_manipulator.drives.canopen import SdoAbortError
+from facade_manipulator.drives.cia402 import AxisSettings, load_profile
+from facade_manipulator.errors import CommissioningError
+from facade_manipulator.tools.commissioning.context import Context
+from facade_manipulator.tools.commissioning.drive_objects import store
+from facade_manipulator.tools.commissioning.motion import INPUTS, Motion, PERIOD, POSITION, Ramp
+from facade_manipulator.tools.commissioning.moving import (
+    add_motion_options,
+    motion_bounds,
+    powered,
+)
+from facade_manipulator.tools.commissioning.scan import only_drive
+
+HOME_SWITCH = 0x4  # of 60FDh
+INPUT_POLARITY = (0x3141, 2)  # maxon's; other makers have it in their tool alone
+_PUSHED = 0.002  # m
+_PATIENCE = 120.0  # s
+_MM = 1e3
+# homing methods that look for the home switch, by the direction in which they set out
+_METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
+
+
+def add_commands(add: Callable) -> None:
+    """Add the commands to the tool."""
+    add('direction', run_direction,
+        'Whether a drive counts along the rail: push the carriage, without power.', has_axis=True)
+    command = add('lead', run_lead, 'Travel per turn of the screw, against a distance measured.',
+                  has_axis=True)
+    command.add_argument('--travel', type=float, default=40.0, metavar='MM',
+                         help='how far it goes by the present lead (default 40)')
+    command.add_argument('--measured', type=float, metavar='MM',
+                         help='how far the carriage went; default: asked for')
+    add_motion_options(command)
+    command = add('home-switch', run_home_switch,
+                  'Polarity and repeatability of a home switch, from ten approaches.',
+                  has_axis=True)
+    command.add_argument('--towards', choices=('+', '-'), default='+',
+                         help='on which side of the carriage the switch is (default +)')
+    command.add_argument('--approaches', type=int, default=10)
+    add_motion_options(command, speed=5.0)
+
+
+# --- direction
+
+
+def run_direction(context: Context) -> None:
+    """Watch the position, without power, while somebody pushes the carriage towards +q."""
+    name, machine = context.options.axis, context.machine
+    axis = machine.axis(name)
+    with context.bus() as bus:
+        drive = only_drive(bus, axis, name)
+        if drive.read_number(0x6041) & 0x6F == 0x27:
+            raise CommissioningError(f'{name} has power, somebody has enabled it: nothing is done')
+        start = drive.read_number(POSITION, signed=True)
+        context.operator.say(
+            f'{name} has no power. Push its carriage to the right (towards +q) by a centimetre.')
+        needed = abs(axis.to_counts(_PUSHED))
+        if not bus.wait_for(lambda: abs(
+                drive.read_number(POSITION, signed=True) - start) >= needed, _PATIENCE):
+            raise CommissioningError(
+                f'{name} counted no {_MM * _PUSHED:g} mm within {_PATIENCE:g} s: is it this '
+                'carriage, does its encoder count, can the screw be turned by hand? Nothing is '
+                'written')
+        bus.collect(0.5)
+        counts = drive.read_number(POSITION, signed=True) - start
+    found = 1 if counts > 0 else -1
+    context.operator.say(f'{name} counted {counts:+d}: direction {found}')
+    if found != axis.direction:
+        context.offer(name, direction=found)
+    machine.note('direction', f'{found} ({counts:+d} counts towards +q)', axis=name)
+
+
+# --- lead
+
+
+def run_lead(context: Context) -> None:
+    """Move by the present lead, ask how far it really was, and correct it."""
+    name, options = context.options.axis, context.options
+    axis = context.machine.axis(name)
+    speed, window = motion_bounds(context)
+    travel = options.travel / _MM
+    if not 0.005 <= abs(travel) <= window:
+        raise CommissioningError(f'--travel {options.travel:g} mm is not between 5 and '
+                                 f'{_MM * window:g} mm, the window')
+    context.operator.say(f'Mark where the carriage of {name} stands.')
+    with powered(context, name, f'by {options.travel:g} mm') as motion:
+        went = go(motion, travel, speed)
+    measured = options.measured
+    if measured is None:
+        measured = _number(context.operator.ask(
+            f'{name} went {_MM * went:.2f} mm by its counts. How many mm by the ruler?',
+            '--measured'))
+    if not 0.05 < abs(measured / _MM / went) < 20.0:
+        raise CommissioningError(f'{measured:g} mm for {_MM * went:.1f} mm is no lead: nothing is '
+                                 'written; measure again')
+    lead = axis.lead * abs(measured / _MM / went)
+    context.operator.say(f'{name}: lead {_MM * lead:.3f} mm (was {_MM * axis.lead:g})')
+    if measured * went < 0.0:
+        raise CommissioningError(
+            f'{name} went the other way: commission direction {name} first; nothing is written')
+    context.machine.note('lead', f'{_MM * lead:.3f} mm over {measured:g} mm', axis=name)
+    if abs(lead / axis.lead - 1.0) > 1e-3:
+        context.offer(name, lead=round(lead, 6))
+
+
+def _number(text: str) -> float:
+    try:
+        return float(text.replace(',', '.').removesuffix('mm'))
+    except ValueError:
+        raise CommissioningError(f'{text!r} is no number: nothing is written') from None
+
+
+def go(motion: Motion, goal: float, speed: float) -> float:
+    """Move by a displacement [m] and come to rest; return where the carriage stands."""
+    motion.ramp, before = Ramp(abs(goal)), None
+    while motion.ramp.displacement != before:
+        before = motion.ramp.displacement
+        motion.go(math.copysign(speed, goal))
+    return motion.rest(30).position
+
+
+# --- home switch
+
+
+def run_home_switch(context: Context) -> None:
+    """Approach the switch again and again; report polarity, spread, bounce and hysteresis."""
+    name, options, operator = context.options.axis, context.options, context.operator
+    axis, side = context.machine.axis(name), 1 if options.towards == '+' else -1
+    speed, _ = motion_bounds(context)
+    if options.approaches < 1:
+        raise CommissioningError(f'--approaches {options.approaches} is not 1 or more')
+    with powered(
+            context, name, f'{options.approaches} times to its home switch and back') as motion:
+        motion.require(INPUTS, 'the digital inputs')
+        finder = SwitchFinder(motion, side, speed)
+        is_on_away = finder.away
+        first, last, back = np.array(list(finder.approaches(options.approaches))).T
+    spread, bounce, play = np.ptp(first), abs(last - first).max(), abs(first - back).mean()
+    operator.say(
+        f'{name}: the switch is {"on" if is_on_away else "off"} away from home; edge at '
+        f'{_MM * first.mean():+.2f} mm from here, {len(first)} approaches spread '
+        f'over {_MM * spread:.3f} mm, bounce {_MM * bounce:.3f} mm, hysteresis with backlash '
+        f'{_MM * play:.3f} mm')
+    passed = bool(spread <= 0.1 / _MM + 2.0 * finder.slow * PERIOD)
+    context.machine.note('home-switch', f'spread {_MM * spread:.3f} mm, bounce '
+                         f'{_MM * bounce:.3f} mm, hysteresis {_MM * play:.3f} mm', passed, name)
+    if not passed:
+        operator.say(f'! {name}: a spread above 0.1 mm: clean, adjust or replace the switch')
+    if is_on_away:
+        _correct_polarity(context, name, axis)
+    _offer_method(context, name, axis, side)
+
+
+class SwitchFinder:
+    """Approaches of a carriage to its home switch."""
+
+    def __init__(self, motion: Motion, side: int, speed: float) -> None:
+        self._motion, self._side = motion, side
+        self._fast, self.slow = speed, min(speed, 0.002)
+        self.away = self._go(0.0)[1]
+
+    def _go(self, speed: float) -> tuple[float, bool]:
+        """Go on towards the switch; return position and whether the switch is on."""
+        sample = self._motion.go(self._side * speed)
+        return sample.position, bool(sample.inputs & HOME_SWITCH)
+
+    def _until(self, speed: float, changed: bool) -> float:
+        """Go until the switch reads other than away, or as there; return where."""
+        before = None
+        while self._motion.ramp.displacement != before:
+            before = self._motion.ramp.displacement
+            position, is_on = self._go(speed)
+            if (is_on != self.away) == changed:
+                return position
+        raise CommissioningError(
+            f'no change of the home switch within {_MM * self._motion.window:.0f} mm: jog nearer, '
+            'look from the other side (--towards), or check its cable; the carriage stands')
+
+    def _advance(self, distance: float, speed: float) -> list[tuple[float, bool]]:
+        """Go a distance [m]; return positions and readings on the way, and be at rest."""
+        start, readings = self._motion.ramp.displacement, []
+        while abs((here := self._motion.ramp.displacement) - start) < distance and (
+                abs(here) < self._motion.window):
+            readings.append(self._go(speed))
+        self._motion.rest()
+        return readings
+
+    def approaches(self, count: int) -> Iterator[tuple[float, float, float]]:
+        """
+        Yield where the switch changed [m]: first and last forwards, first backwards.
+
+        So many times, after it was looked for.
+        """
+        self._until(self._fast, changed=True)
+        self._motion.rest()
+        for _ in range(count):
+            self._advance(0.004, -self._fast)
+            first = self._until(self.slow, changed=True)
+            over = self._advance(0.0015, self.slow)
+            off = [position for position, is_on in over if is_on == self.away]
+            yield first, off[-1] if off else first, self._until(-self.slow, changed=False)
+
+
+def _correct_polarity(context: Context, name: str, axis: AxisSettings) -> None:
+    """Turn the input in the drive, where it has an object for that."""
+    label = f'{INPUT_POLARITY[0]:04X}h:{INPUT_POLARITY[1]:02X}'
+    with context.bus() as bus:
+        drive = bus.objects(axis.node_id, name)
+        try:
+            present = drive.read(*INPUT_POLARITY)
+        except SdoAbortError:
+            context.operator.say(
+                f'! {name}: the switch opens at home: turn the polarity of its input in the '
+                "maker's tool, this drive has no object for it")
+            return
+        polarity = int.from_bytes(present, 'little') ^ HOME_SWITCH
+        context.operator.agree(
+            f'{name}: the switch opens at home: {label} of the drive becomes '
+            f'{polarity:X}h and is stored')
+        bus.reset(axis.node_id)  # nothing of the motion's limits is to be stored with it
+        drive.write(*INPUT_POLARITY, polarity.to_bytes(len(present), 'little'))
+        store(bus, axis.node_id, name)
+        if bus.objects(axis.node_id, name).read_number(*INPUT_POLARITY) != polarity:
+            raise CommissioningError(f'{name} did not keep the polarity of its inputs: set it in '
+                                     "the maker's tool")
+    context.machine.note('home-switch', f'{label} = {polarity:X}h', axis=name)
+
+
+def _offer_method(context: Context, name: str, axis: AxisSettings, side: int) -> None:
+    known = load_profile(axis.profile).homing_methods
+    along = side * axis.direction  # the drive's own positive direction
+    method = next((method for method in _METHODS[along] if method in known), None)
+    if method is None:
+        context.operator.say(f'The profile {axis.profile} has no homing method for this switch.')
+    elif method != axis.homing_method:
+        context.offer(name, homing_method=method)

@@ -1,0 +1,121 @@
+"""Command `report`: one page of the machine, what was found, what is missing before production."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from datetime import datetime
+from typing import Any
+
+from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
+from facade_manipulator.errors import BusError, file_errors
+from facade_manipulator.files import atomic_write
+from facade_manipulator.maintenance import kept_counters, ServiceSettings
+from facade_manipulator.parameters import parameter_fields
+from facade_manipulator.tools.commissioning.context import Context
+from facade_manipulator.tools.commissioning.machine import Machine
+from facade_manipulator.tools.commissioning.scan import Node, scan
+
+# what must have been done, and for each axis or once
+CHECKS = {'scan': False, 'assign': True, 'profile': True, 'backup': True, 'direction': True,
+          'lead': True, 'jog': True, 'home-switch': True, 'lag': True}
+_HERE = (35, 37)  # homing methods that look for nothing
+_FROM_PAPER = {'gear_ratio', 'home_position', 'rated_torque'}
+
+
+def add_commands(add: Callable) -> None:
+    """Add the command to the tool."""
+    add('report', run_report, 'One page of the machine, beside its parameter file.')
+
+
+def run_report(context: Context) -> int:
+    """Write the page; return 1 while something is missing."""
+    machine = context.machine
+    try:
+        with context.bus() as bus:
+            nodes, absent = scan(bus), ''
+    except BusError as error:
+        nodes, absent = [], str(error)
+    text = '\n'.join(page(machine, nodes, absent)) + '\n'
+    path = machine.beside('.report.md')
+    with file_errors(path), atomic_write(path) as draft:
+        draft.write_text(text, 'utf-8')
+    missing = list(open_points(machine, nodes))
+    for item in missing:
+        context.operator.say(f'! {item}')
+    context.operator.say(f'{path} is written; {len(missing)} points are open.')
+    return 1 if missing else 0
+
+
+def page(machine: Machine, nodes: list[Node], absent: str) -> Iterator[str]:
+    """Yield the lines of the page, in Markdown."""
+    now = datetime.now().isoformat(' ', 'seconds')
+    yield from (f'# {machine.path.stem}', '', f'{now}, {machine.path.name}', '', '## Drives', '')
+    yield from [f'The bus was not there: {absent}'] if absent else _table(
+        ('node', 'serial number', 'name', 'firmware', 'profile'),
+        [(node.node_id, ', '.join(map(str, node.serials)), node.name, node.firmware, node.profile)
+         for node in nodes])
+    yield from ('', '## Parameters of the axes', '')
+    yield from _table(('parameter', *AXIS_NAMES, 'origin'), list(_parameters(machine)))
+    yield from ('', '## Checks', '')
+    yield from _table(
+        ('date', 'check', 'axis', '', 'result'),
+        [(entry['date'], entry['check'], entry['axis'],
+          'passed' if entry['passed'] else '**open**', entry['result'])
+         for entry in machine.journal])
+    yield from ('', '## Counters', '')
+    yield from _counters(machine.service)
+    yield from ('', '## Missing before production', '')
+    yield from [f'- {item}' for item in open_points(machine, nodes)] or ['Nothing.']
+
+
+def _counters(service: ServiceSettings) -> Iterator[str]:
+    kept = kept_counters(service.folder)
+    if not kept:
+        yield f'None in {service.folder}: the drives have not had power yet, or elsewhere.'
+    for name, counters in kept.items():
+        yield from _table(
+            (name, ''), [*counters.lines(), ('service', counters.due(service) or 'not due'), (
+                'intervals', f'{service.hours:g} h, {service.travel:g} km; 0: never')])
+
+
+def _table(head: tuple, rows: list[tuple]) -> Iterator[str]:
+    yield '| ' + ' | '.join(head) + ' |'
+    yield '|' + '---|' * len(head)
+    for row in rows:
+        yield '| ' + ' | '.join(str(cell).replace('|', '/') for cell in row) + ' |'
+
+
+def _parameters(machine: Machine) -> Iterator[tuple[Any, ...]]:
+    axes = machine.axes
+    written = ' '.join(entry['result'] for entry in machine.journal
+                       if entry['check'] == 'written')
+    given = {name: machine.parameters.get(name) or {} for name in AXIS_NAMES}
+    for item in parameter_fields(AxisSettings).values():
+        origin = 'default'
+        if any(f'{name}.{item.name}:' in written for name in AXIS_NAMES):
+            origin = 'measured'
+        elif any(item.name in values for values in given.values()):
+            origin = 'paper' if item.name in _FROM_PAPER else 'parameter file'
+        yield (item.name, *(getattr(axes[name], item.name) for name in AXIS_NAMES), origin)
+
+
+def open_points(machine: Machine, nodes: list[Node]) -> Iterator[str]:
+    """Yield what is missing: checks never made or last failed, drives that are not as written."""
+    latest = {(entry['check'], entry['axis']): entry for entry in machine.journal}
+    axes = machine.axes
+    for check, is_per_axis in CHECKS.items():
+        for axis in AXIS_NAMES if is_per_axis else ('',):
+            entry = latest.get((check, axis))
+            of = f' {axis}' if axis else ''
+            if entry is None and check == 'home-switch' and axes[axis].homing_method in _HERE:
+                continue
+            if entry is None:
+                yield f'commission {check}{of}: never done'
+            elif not entry['passed']:
+                yield f'commission {check}{of}: {entry["result"]}'
+    serials = {node.node_id: node.serials for node in nodes}
+    for name, axis in axes.items():
+        if nodes and serials.get(axis.node_id) != (axis.serial_number,):
+            yield (f'{name}: node {axis.node_id} has serial number '
+                   f'{", ".join(map(str, serials.get(axis.node_id, ()))) or "none"}, the '
+                   f'parameter file {axis.serial_number}')

@@ -1,0 +1,134 @@
+"""Who is on the bus: nodes that answer, nodes that only beat, drives without a node id."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+import struct
+import time
+from typing import NamedTuple
+
+from canopen import lss
+
+from facade_manipulator.drives.canopen import Frame, pdo, SDO_FRAME_LENGTH, SdoChannel
+from facade_manipulator.drives.cia402 import AxisSettings, fitting_profile
+from facade_manipulator.errors import DriveError, DriveIdentityError
+from facade_manipulator.tools.commissioning.bus import NODE_IDS, number_or_none, ToolBus
+
+_PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
+_ANSWER = 0.25  # s
+_UPLOAD, _ANSWERED = 0x40, b'\x43'
+_REQUEST = struct.Struct('<BHB4x')
+_SERIAL = (0x1018, 4)
+DRIVE_TYPE = 402
+
+
+class Node(NamedTuple):
+    """
+    What a scan found at a node id.
+
+    `serials` has one serial number per answer: more than one is more than one drive. Numbers are
+    None and texts empty where the node did not answer.
+    """
+
+    node_id: int
+    serials: tuple[int, ...]
+    state: str = ''
+    name: str = ''
+    firmware: str = ''
+    device_type: int | None = None
+    vendor_id: int | None = None
+    product_code: int | None = None
+
+    @property
+    def profile(self) -> str:
+        """The drive type that fits; empty for none."""
+        if self.device_type is None or self.device_type & 0xFFFF != DRIVE_TYPE:
+            return ''
+        return fitting_profile(self.vendor_id)
+
+
+def scan(bus: ToolBus) -> list[Node]:
+    """Ask all node ids at once, then each that answered for what it is."""
+    answers = defaultdict(list)
+    for frame in _ask(bus, NODE_IDS):
+        if pdo.sdo_response_cob_id(0) < frame.cob_id <= pdo.sdo_response_cob_id(127):
+            answers[frame.cob_id - pdo.sdo_response_cob_id(0)].append(_serial(frame.data))
+    beating = {node_id for node_id in NODE_IDS if pdo.heartbeat_cob_id(node_id) in bus.latest}
+    return [_describe(bus, node_id, tuple(answers.get(node_id, ())))
+            for node_id in sorted(answers.keys() | beating)]
+
+
+def _ask(bus: ToolBus, node_ids: Iterable[int]) -> list[Frame]:
+    """Ask for serial numbers; return what comes then."""
+    def ask() -> None:
+        for node_id in node_ids:
+            bus.frames.send(pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
+            time.sleep(_PACE)
+
+    return bus.collect(_ANSWER, ask)
+
+
+def _serial(data: bytes) -> int:
+    """Return the serial number of an answer, 0 for a drive that has none."""
+    is_number = len(data) == SDO_FRAME_LENGTH and data.startswith(_ANSWERED)
+    return int.from_bytes(data[4:], 'little') if is_number else 0
+
+
+def _describe(bus: ToolBus, node_id: int, serials: tuple[int, ...]) -> Node:
+    beat = bus.nmt_state(node_id)
+    state = '' if beat is None else beat.name.lower().replace('_', '-')
+    if len(serials) != 1:
+        return Node(node_id, serials, state)
+    drive = bus.objects(node_id)
+    return Node(node_id, serials, state, _text(drive, 0x1008), _text(drive, 0x100A),
+                number_or_none(drive, 0x1000), number_or_none(drive, 0x1018, 1),
+                number_or_none(drive, 0x1018, 2))
+
+
+def _text(drive: SdoChannel, index: int) -> str:
+    try:
+        return drive.read(index, 0).decode('latin-1').strip('\0 ')
+    except DriveError:
+        return ''
+
+
+def has_unconfigured(bus: ToolBus) -> bool:
+    """Return whether a drive without a node id answers (LSS, identify non-configured slaves)."""
+    question = bytes([lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE]).ljust(8, b'\0')
+    return any(
+        frame.cob_id == lss.LssMaster.LSS_RX_COBID
+        and frame.data[:1] == bytes([lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE])
+        for frame in bus.collect(
+            _ANSWER, lambda: bus.frames.send(lss.LssMaster.LSS_TX_COBID, question)))
+
+
+def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) -> Iterator[str]:
+    """Yield what is wrong with what a scan found; nothing where all is as expected."""
+    found = {node.node_id: node for node in nodes}
+    for node in nodes:
+        if len(node.serials) > 1:
+            serials = ', '.join(str(serial) for serial in sorted(set(node.serials)))
+            yield (f'{len(node.serials)} drives have node id {node.node_id} (serial numbers '
+                   f'{serials}): commission assign')
+        elif not node.serials:
+            yield (f'node {node.node_id} sends heartbeats but answers no SDO: it is stopped, '
+                   'or no drive')
+    if unconfigured:
+        yield 'there is a drive without a node id: commission assign'
+    for name, node_id in expected.items():
+        if node_id not in found:
+            yield (f'{name} (node {node_id} in the parameter file) is silent: check its power, '
+                   'its plug, its node id')
+
+
+def only_drive(bus: ToolBus, axis: AxisSettings, name: str, **details: object) -> SdoChannel:
+    """Return the objects of an axis's drive; a DriveIdentityError if more than one answers."""
+    node_id = axis.node_id
+    answers = [frame for frame in _ask(bus, [node_id])
+               if frame.cob_id == pdo.sdo_response_cob_id(node_id)]
+    if len(answers) > 1:
+        raise DriveIdentityError(
+            f'{len(answers)} drives answer as {name} (node {node_id}): nothing was done; '
+            'commission assign gives each its own node id')
+    return bus.objects(node_id, name, **details)

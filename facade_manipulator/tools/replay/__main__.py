@@ -1,0 +1,106 @@
+"""Replay a file of the black box and write a page and a picture about it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from facade_manipulator.blackbox import read_recording, RecordedRun
+from facade_manipulator.errors import exit_status, missing_package, RecordError
+from facade_manipulator.files import atomic_write, write_table
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import by_stamp, pose_numbers, projected
+from facade_manipulator.tools.replay.poses import (
+    Comparison,
+    replay_poses,
+    replay_setpoints,
+)
+from facade_manipulator.tools.replay.report import page
+from facade_manipulator.tools.replay.stop import replay_stop
+
+PAGE, PICTURE = 'replay.md', 'replay.png'
+AFTER = 5.0  # s, shown after the stop
+EXAMPLES = """
+examples:
+  replay blackbox_000007_20261122T083000Z.mcap
+  replay blackbox_000007_20261122T083000Z.mcap --no-drives --output monday
+  replay blackbox_000007_20261122T083000Z.mcap --disturbance sway.csv
+"""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command; return its exit status."""
+    options = _options(arguments)
+    return exit_status('replay', lambda: (
+        _write_disturbance if options.disturbance else _replay)(options))
+
+
+def _replay(options: argparse.Namespace) -> None:
+    run = read_recording(options.file)
+    poses, setpoints = (_compare(replay, run) for replay in (replay_poses, replay_setpoints))
+    stop = None
+    if options.drives:
+        print(f'simulated drives replay the last {options.seconds:g} s, as long as they took')
+        stop = replay_stop(run, options.seconds)
+    options.output.mkdir(parents=True, exist_ok=True)
+    text = page(options.file, run, poses, setpoints, stop)
+    with atomic_write(options.output / PAGE) as draft:
+        draft.write_text(text, encoding='utf-8')
+    print(text)
+    last = (stop.recorded.time if stop and stop.recorded else run.end) - run.begin
+    try:
+        from facade_manipulator.tools.replay.picture import (
+            draw,  # matplotlib: no need of a machine's
+        )
+    except ModuleNotFoundError as error:
+        raise RecordError(
+            f'{PAGE} is written, {PICTURE} is not: {missing_package(error)}') from error
+    draw(options.output / PICTURE, run, poses, setpoints, stop,
+         (max(0.0, last - options.seconds), last + AFTER))
+    print(f'written in {options.output}/: {PAGE}, {PICTURE}')
+
+
+def _compare(replay: Callable[[RecordedRun], Comparison], run: RecordedRun) -> Comparison:
+    """Return a comparison, of nothing where the recording has not what it takes."""
+    try:
+        return replay(run)
+    except RecordError as error:
+        return Comparison.of([], run.begin, [str(error)])
+
+
+def _write_disturbance(options: argparse.Namespace) -> None:
+    """Write the recorded disturbance as a scenario's recording."""
+    run, path = read_recording(options.file), options.disturbance
+    rows = by_stamp((one.message for one in run.topics['disturbance']), _place)
+    if len(rows) < 2:
+        raise RecordError('the recording has no disturbance')
+    write_table(path, ('time', *Pose._fields), (
+        (f'{time - rows[0][0]:.6f}', *pose) for time, *pose in rows))
+    print(f'{len(rows)} estimates over {rows[-1][0] - rows[0][0]:.1f} s written to {path}: a '
+          'scenario plays them with mission.motion recording')
+
+
+def _place(message: Any) -> Pose:
+    return projected(pose_numbers(message.pose.pose), 'disturbance')[0]
+
+
+def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(
+        prog='replay', epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter,
+        description='Give what the black box recorded to the software of today, and compare.')
+    parser.add_argument('file', type=Path, help='MCAP file of the recorder')
+    parser.add_argument('--output', type=Path, default=Path('replay_report'), metavar='DIR',
+                        help='folder of page and picture (default replay_report)')
+    parser.add_argument('--seconds', type=float, default=20.0, metavar='S',
+                        help='how long before the stop the drives begin (default 20)')
+    parser.add_argument('--no-drives', dest='drives', action='store_false',
+                        help='leave out the simulated drives, which replay in real time')
+    parser.add_argument('--disturbance', type=Path, metavar='CSV',
+                        help='write the recorded disturbance for a scenario, and nothing else')
+    return parser.parse_args(arguments)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

@@ -1,0 +1,264 @@
+"""The time before a stop once more, on simulated drives and at the pace of then."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+import re
+import time
+from typing import Any, NamedTuple
+
+from facade_manipulator.blackbox import RecordedRun
+from facade_manipulator.drives.canopen import BusSettings
+from facade_manipulator.drives.cia402 import (
+    axis_defaults,
+    AXIS_NAMES,
+    AxisSettings,
+    load_profile,
+)
+from facade_manipulator.drives.controller import (
+    ACTIVE_STATES,
+    ControllerSettings,
+    ControllerState,
+)
+from facade_manipulator.errors import ManipulatorError, RecordError
+from facade_manipulator.lab.drives import start_simulator
+from facade_manipulator.loop import LoopProcess, LoopSetup
+from facade_manipulator.messages import seconds, status_values
+from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
+from facade_manipulator.parameters import settings_from
+from facade_manipulator.tools.replay.poses import carriages, geometry_of
+
+PERIOD = 0.01  # s
+LEAD = 0.06  # s until the replay begins
+HOME_HERE = 37, 35  # homing methods: the present position is home, 35 as older drives have it
+REQUEST_TIMEOUT = 30.0  # s
+AFTERMATH = 2.0  # s: how long after the recording a stop may still come
+SILENCE = 0.3  # s without a word of a drive while the others go on
+HEARTBEAT_TIMEOUT = 0.5  # s: no carriage depends on it here, and no computer is in time for sure
+OPERATION = 'driver: operation'
+STOPPED = frozenset({ControllerState.STOPPED.value, ControllerState.BUS_LOST.value,
+                     ControllerState.LOST.value})
+EMERGENCY, TPDO1, HEARTBEAT = 0x080, 0x180, 0x700  # COB-ID less the node id
+MASTER_IS_MISSING = 0x8130  # a consequence of a stop, never its cause
+
+
+class DriveFault(NamedTuple):
+    """What a drive did at a time [s], and how a simulated drive is made to do it."""
+
+    time: float
+    axis: int
+    description: str
+    method: str
+    arguments: tuple[Any, ...] = ()
+
+
+class Stop(NamedTuple):
+    """When [s] and why the drives stopped; the time is that of the recording."""
+
+    time: float
+    cause: str
+
+
+class StopReplay(NamedTuple):
+    """How the recorded stop and the replayed one compare; None where nothing stopped."""
+
+    recorded: Stop | None
+    replayed: Stop | None
+    faults: list[DriveFault]  #: what the simulated drives were made to do
+    rejections: list[str]  #: setpoints that the driver rejected
+
+    @property
+    def is_alike(self) -> bool:
+        """Return whether both stopped for the same cause, its numbers apart, or neither did."""
+        ours, theirs = (stop and re.sub(r'[\d.]+', '#', stop.cause)
+                        for stop in (self.replayed, self.recorded))
+        return ours == theirs
+
+
+def recorded_stop(run: RecordedRun) -> Stop | None:
+    """Return the first stop that the driver's diagnostics name within the recording."""
+    moved = False
+    for stamp, status, values in _statuses(run):
+        if status.name.endswith(OPERATION):
+            if moved and values.get('state') in STOPPED:
+                return Stop(stamp, values.get('cause', status.message))
+            moved |= values.get('state') not in STOPPED
+    return None
+
+
+def _statuses(run: RecordedRun) -> Iterator[tuple[float, Any, dict[str, str]]]:
+    """Yield time, status and its values of all diagnostics within the recording."""
+    for received in run.topics['/diagnostics']:
+        if received.time >= run.begin:
+            for status in received.message.status:
+                yield received.time, status, status_values(status)
+
+
+def drive_faults(run: RecordedRun) -> list[DriveFault]:
+    """
+    Return what drives did that a drive in order does not do, in the order of time.
+
+    Read from the frames on the bus; without them from the driver's diagnostics.
+    """
+    nodes = [run.parameters['driver'][f'{name}.node_id'] for name in AXIS_NAMES]
+    found = _faults_on_bus(run, nodes) if run.topics['can_frames'] else _faults_in_diagnostics(run)
+    first: dict[tuple[int, str], DriveFault] = {}
+    for fault in sorted(found, key=lambda fault: fault.time):
+        first.setdefault((fault.axis, fault.description), fault)
+    return list(first.values())
+
+
+def _faults_on_bus(run: RecordedRun, nodes: list[int]) -> Iterator[DriveFault]:
+    words, beats = dict.fromkeys(range(len(nodes)), run.begin), {}
+    for stamp, axis, kind, data in _frames_of_drives(run, nodes):
+        if kind == EMERGENCY:
+            yield from _errors(stamp, axis, int.from_bytes(data[:2], 'little'))
+        elif kind == HEARTBEAT and data == b'\0':
+            yield DriveFault(stamp, axis, 'restarts', 'reboot')
+            for received in (words, beats):  # what it does not say afterwards is a consequence
+                received.pop(axis, None)
+        else:
+            words[axis] = stamp
+            if kind == HEARTBEAT:
+                beats[axis] = stamp
+    silent = _silent(words)
+    yield from (_silence(words[axis], axis) for axis in silent)
+    yield from (DriveFault(beats[axis], axis, 'sends no heartbeat', 'stop_heartbeat')
+                for axis in _silent(beats) - silent)
+
+
+def _silent(words: dict[int, float]) -> set[int]:
+    """Return whose last word [s] is long past while the others go on."""
+    newest = max(words.values(), default=0.0)
+    return {axis for axis, word in words.items() if newest - word > SILENCE}
+
+
+def _frames_of_drives(
+    run: RecordedRun, nodes: list[int]
+) -> Iterator[tuple[float, int, int, bytes]]:
+    """Yield time, axis, COB-ID less the node id, and data of what the drives say."""
+    for stamp, frame in run.topics['can_frames']:
+        node = frame.id & 0x7F
+        kind = frame.id - node
+        if node in nodes and kind in (TPDO1, HEARTBEAT, EMERGENCY) and stamp >= run.begin:
+            yield stamp, nodes.index(node), kind, bytes(frame.data[:frame.dlc])
+
+
+def _faults_in_diagnostics(run: RecordedRun) -> Iterator[DriveFault]:
+    for stamp, status, values in _statuses(run):
+        name = status.name.rpartition('driver: ')[2]
+        if name not in AXIS_NAMES:
+            continue
+        axis = AXIS_NAMES.index(name)
+        if code := re.fullmatch(r'([0-9A-F]+)h', values.get('error code', '')):
+            yield from _errors(stamp, axis, int(code[1], 16))
+        age = re.fullmatch(r'[\d.]+', values.get('heartbeat age [s]', ''))
+        if age and float(age[0]) > SILENCE:
+            yield _silence(stamp - float(age[0]), axis)
+
+
+def _errors(time: float, axis: int, code: int) -> Iterator[DriveFault]:
+    if code not in (0, MASTER_IS_MISSING):
+        yield DriveFault(time, axis, f'reports error {code:04X}h', 'inject_fault', (code,))
+
+
+def _silence(time: float, axis: int) -> DriveFault:
+    return DriveFault(time, axis, 'falls silent', '__setattr__', ('is_silent', True))
+
+
+def replay_stop(run: RecordedRun, duration: float) -> StopReplay:
+    """
+    Let simulated drives follow the recorded setpoints and fail as the recorded ones did.
+
+    Takes as long as it took then: the control loop is the real one, in its own process. It begins
+    a duration [s] before the stop, or the end of the recording. Raises a RecordError if there is
+    no setpoint in that time, a ManipulatorError if the simulated drives cannot be brought there.
+    """
+    stop = recorded_stop(run)
+    begin = (stop.time if stop else run.end) - duration
+    setpoints = [one for one in run.topics['joint_setpoints'] if one.time >= begin]
+    if not setpoints:
+        raise RecordError(f'no joint_setpoints within {duration:g} s before the stop')
+    begin = setpoints[0].time
+    setup = _setup(run, carriages(setpoints[0].message))
+    faults = [fault for fault in drive_faults(run) if fault.time >= begin]
+    rejections: list[str] = []
+    loop = LoopProcess(setup, lambda _, message: rejections.append(message))
+    try:
+        _power_on(loop)
+        replayed = _play(
+            loop, begin, _actions(run, loop, setpoints, faults), run.end + AFTERMATH)
+    finally:
+        loop.close()
+    return StopReplay(stop, replayed, faults, rejections)
+
+
+def _setup(run: RecordedRun, start: Sequence[float]) -> LoopSetup:
+    """Return the recorded settings, for drives that are at home where the replay begins."""
+    geometry, values = geometry_of(run, 'driver'), run.parameters['driver']
+    controller = replace(settings_from(ControllerSettings, values, 'controller'),
+                         heartbeat_timeout=HEARTBEAT_TIMEOUT)
+    return LoopSetup(
+        geometry, controller, drives_at_home(run, start), BusSettings(interface='virtual'),
+        settings_from(StreamSettings, values, 'stream'),
+        settings_from(MotionLimits, values, 'limits'), simulate=start_simulator)
+
+
+def drives_at_home(run: RecordedRun, start: Sequence[float]) -> tuple[AxisSettings, ...]:
+    """Return the recorded settings of the axes, whose home is where they start [m]."""
+    defaults = axis_defaults(geometry_of(run, 'driver').stroke)
+    axes = (settings_from(AxisSettings, run.parameters['driver'], name, **own)
+            for name, own in defaults.items())
+    return tuple(
+        replace(axis, home_position=position, homing_method=next(
+            (method for method in HOME_HERE
+             if method in load_profile(axis.profile).homing_methods), axis.homing_method))
+        for axis, position in zip(axes, start, strict=True))
+
+
+def _actions(
+    run: RecordedRun, loop: LoopProcess, setpoints: list, faults: list[DriveFault]
+) -> list[tuple[float, Callable[[float], None]]]:
+    """Return what is to be done at which time of the recording; each receives the time's shift."""
+    actions: list[tuple[float, Callable[[float], None]]] = [
+        (one.time, lambda shift, message=one.message: loop.send_setpoint(Setpoint(
+            seconds(message.header.stamp) + shift, carriages(message),
+            tuple(message.velocity)))) for one in setpoints]
+    actions += [
+        (fault.time, lambda _, fault=fault: loop.disturb(
+            fault.axis, fault.method, *fault.arguments)) for fault in faults]
+    actions += [
+        (one.time, lambda _: loop.stop('software_stop was set'))
+        for one in run.topics['software_stop']
+        if one.message.data and one.time >= setpoints[0].time]
+    return sorted(actions, key=lambda action: action[0])
+
+
+def _power_on(loop: LoopProcess) -> None:
+    for request in ('configure', 'home', 'activate'):
+        job, end = loop.request(request), time.monotonic() + REQUEST_TIMEOUT
+        while not job.done():
+            if time.monotonic() > end:
+                raise ManipulatorError(
+                    f'the simulated drives were not ready within {REQUEST_TIMEOUT:g} s')
+            loop.feed()
+            time.sleep(PERIOD)
+        job.result()
+
+
+def _play(
+    loop: LoopProcess, begin: float, actions: list[tuple[float, Callable[[float], None]]],
+    end: float,
+) -> Stop | None:
+    """Do the actions at their time; return when and why the drives stopped."""
+    shift = time.time() + LEAD - begin
+    for due, action in [*actions, (end, lambda _: None)]:
+        while (now := time.time() - shift) < due:
+            snapshot = loop.snapshot()
+            if snapshot.state not in ACTIVE_STATES:
+                return Stop(now, snapshot.cause)
+            loop.feed()
+            time.sleep(min(PERIOD, due - now))
+        action(shift)
+    return None

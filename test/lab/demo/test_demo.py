@@ -1,0 +1,158 @@
+"""The demo as people run it: a process, its report, and what is left after Ctrl-C."""
+
+import json
+import os
+from pathlib import Path
+import re
+import signal
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from support import children, wait_until
+
+from facade_manipulator.lab.demo.__main__ import Demo
+from facade_manipulator.lab.demo.record import settled, Thinned
+from facade_manipulator.lab.gondola import load_scenario
+from facade_manipulator.lab.gondola.pictures import amplitudes, attenuation
+
+DEMO = 'facade_manipulator.lab.demo'
+SETTLED = 10.0
+RUN_DEADLINE = 60.0
+FREEZE = 1.0  # s, far beyond what drives forgive
+LARGEST_ANIMATION = 2_000_000
+
+
+def ended(process):
+    return process.poll() is not None
+
+
+def test_a_run_compensates_and_leaves_its_report(start_process, tmp_path):
+    process = start_process(DEMO, '--duration', str(SETTLED), '--output', str(tmp_path / 'report'))
+    wait_until(lambda: ended(process), 'the end of the demo', RUN_DEADLINE)
+    text = process.log.read_text()
+    assert process.returncode == 0, text
+    summary = json.loads((tmp_path / 'report' / 'summary.json').read_text())
+    for axis, least in (('x', 20.0), ('y', 12.0), ('theta', 12.0)):
+        assert summary['axes'][axis]['attenuation_db'] >= least, text
+        assert summary['axes'][axis]['residual_rms'] < summary['axes'][axis]['disturbance_rms']
+    assert summary['duration_s'] >= SETTLED
+    assert summary['bus_cycles'] > 50 * SETTLED
+    assert summary['drive_faults'] == summary['rejected_goals'] == 0
+    assert 0.0 < summary['pipeline_latency_ms']['p50'] <= summary['pipeline_latency_ms']['p99']
+    for name in ('time_courses.png', 'spectrum.png', 'path.png'):
+        assert (tmp_path / 'report' / name).read_bytes().startswith(b'\x89PNG')
+    animation = (tmp_path / 'report' / 'linkage.gif').read_bytes()
+    assert animation.startswith(b'GIF89a') and animation.endswith(b';')
+    assert len(animation) <= LARGEST_ANIMATION
+    assert not (tmp_path / 'report' / 'force.png').exists()  # there is no wall to touch
+    assert not list((tmp_path / 'report').glob('.*.part'))
+    assert 'uncompensated' in text and 'Traceback' not in text
+
+
+@pytest.mark.parametrize('moment', ['starting', 'driver: home', ' 0.0 s '])
+def test_ctrl_c_at_any_moment_leaves_nothing_running(start_process, tmp_path, moment):
+    process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
+    wait_until(lambda: moment in process.log.read_text(), f'"{moment}"', RUN_DEADLINE)
+    nodes = children(process.pid)
+    os.kill(process.pid, signal.SIGINT)
+    wait_until(lambda: ended(process), 'the end of the demo')
+    text = process.log.read_text()
+    assert process.returncode == 130, text
+    assert 'interrupted: drives stopped, nodes ended' in text and 'Traceback' not in text
+    assert [pid for pid in nodes if Path(f'/proc/{pid}').exists()] == []
+
+
+def test_ctrl_c_while_drawing_leaves_only_complete_files(start_process, tmp_path):
+    process = start_process(DEMO, '--duration', '1', '--output', str(tmp_path / 'report'))
+    wait_until(
+        lambda: 'drawing the pictures' in process.log.read_text(), 'the drawing', RUN_DEADLINE)
+    os.kill(process.pid, signal.SIGINT)
+    wait_until(lambda: ended(process), 'the end of the demo')
+    text = process.log.read_text()
+    assert process.returncode == 130, text
+    assert 'Traceback' not in text
+    assert not list((tmp_path / 'report').glob('.*.part'))
+    assert not (tmp_path / 'report' / 'linkage.gif').exists()
+    assert json.loads((tmp_path / 'report' / 'summary.json').read_text())
+
+
+def test_a_plan_is_followed_from_goal_to_goal_until_the_time_is_over():
+    mission = load_scenario('window').mission
+    sent, printed, times = [], [], iter([9.0, 8.0, 5.0, 4.0, 2.0, 1.0, 0.5, -0.1])
+    demo = SimpleNamespace(
+        scenario=SimpleNamespace(mission=mission), console=SimpleNamespace(print=printed.append),
+        client=SimpleNamespace(go_to=lambda goal, on_progress: sent.append(goal)))
+    Demo._follow_plan(demo, lambda *_: next(times))
+    assert sent == [*mission.plan, *mission.plan][:7] and len(mission.plan) == 5
+    assert printed == ['7 goals reached, one after the other']
+
+
+@pytest.mark.parametrize('count', [0, 1, 10, 11, 1000, 12345])
+def test_a_long_run_is_thinned_evenly(count):
+    thinned = Thinned(10)
+    for i in range(count):
+        thinned.append(i)
+    steps = np.diff(thinned.items)
+    assert len(thinned.items) <= 10 and len(thinned.items) >= min(count, 5)
+    assert len(set(steps)) <= 1 and thinned.items[:1] == [0][:count]
+
+
+def test_a_goal_counts_when_it_has_stood():
+    goals = np.array([[0.0] * 3] * 3 + [[0.1, 0.0, 0.0]] * 4)
+    assert list(settled(np.arange(7.0), goals, 2.0)) == [False, False, True] + 2 * [False] + [
+        True, True]
+    assert len(settled(np.empty(0), np.empty((0, 3)), 2.0)) == 0
+
+
+@pytest.mark.parametrize('share', [1.0, 0.6])
+def test_a_spectrum_shows_a_sine_and_the_attenuation_what_became_of_it(share):
+    times = np.arange(0.0, 40.0, 0.01)
+    without = 3.0 * np.sin(2.0 * np.pi * 0.5 * times)
+    counts = times % 6.0 < share * 6.0
+    (frequencies, present), (_, before), (_, after) = (
+        amplitudes(values, 0.01, used) for values, used in (
+            (without, np.ones_like(counts)), (without, counts), (0.01 * without, counts)))
+    assert frequencies[present.argmax()] == pytest.approx(0.5)
+    assert present.max() == pytest.approx(3.0, rel=1e-3)
+    bands, decibels = attenuation(frequencies, before, after, present)
+    assert decibels == pytest.approx(np.full(len(bands), 40.0))
+    assert bands.min() > 0.4 and bands.max() < 0.6  # nothing where there is no disturbance
+
+
+def test_a_killed_demo_takes_its_nodes_with_it(start_process, tmp_path):
+    process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
+    wait_until(lambda: ' 0.0 s ' in process.log.read_text(), 'the first line', RUN_DEADLINE)
+    nodes = children(process.pid)
+    assert len(nodes) == 3
+    os.kill(process.pid, signal.SIGKILL)
+    wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in nodes), 'the nodes to end')
+
+
+@pytest.mark.parametrize('arguments, message', [
+    (('--duration', '0'), '0 s is not between 1 s and 86400 s'),
+    (('--duration', 'nan'), 'nan s is not between'),
+    (('--output', '/proc/nowhere'), '/proc/nowhere cannot be written'),
+])
+def test_bad_arguments_are_one_sentence_and_exit_status_2(start_process, arguments, message):
+    process = start_process(DEMO, *arguments)
+    wait_until(lambda: ended(process), 'the end of the demo')
+    assert process.returncode == 2
+    assert message in process.log.read_text()
+    assert 'Traceback' not in process.log.read_text()
+
+
+def test_drives_that_stop_end_the_demo_with_the_reason(start_process, tmp_path):
+    process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
+    wait_until(lambda: ' 0.0 s ' in process.log.read_text(), 'the first line', RUN_DEADLINE)
+    driver = next(pid for pid in children(process.pid)
+                  if b'nodes.driver' in Path(f'/proc/{pid}/cmdline').read_bytes())
+    loop, = children(driver)
+    os.kill(loop, signal.SIGSTOP)
+    wait_until(lambda: Path(f'/proc/{loop}/stat').read_text().split()[2] == 'T', 'the freeze')
+    time.sleep(FREEZE)
+    os.kill(loop, signal.SIGCONT)
+    wait_until(lambda: ended(process), 'the end of the demo', RUN_DEADLINE)
+    assert process.returncode == 1
+    assert re.search('the demo ended: driver: stopped: .*; next: ', process.log.read_text())

@@ -1,0 +1,295 @@
+"""Simulated drives on a real python-can bus, in their thread; and as a process of their own."""
+
+import errno
+import itertools
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import can
+import pytest
+from support import wait_until
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.cia402.states import State
+from facade_manipulator.errors import BusError
+from facade_manipulator.lab.drives import __main__ as drive_simulator
+from facade_manipulator.lab.drives.drive import SimulatedDrive
+from facade_manipulator.lab.drives.simulator import DriveSimulator
+
+SOURCE = Path(__file__).resolve().parents[3]
+CHANNELS = itertools.count()
+
+
+def message(cob_id, data=b'', **kind):
+    return can.Message(arbitration_id=cob_id, data=data, is_extended_id=False, **kind)
+
+
+def drives():
+    return [SimulatedDrive(AxisSettings(node_id=node)) for node in (1, 2, 3)]
+
+
+class Listener:
+    """The other end of the bus: everything that came, newest last."""
+
+    def __init__(self, channel):
+        self.bus = can.Bus(interface='virtual', channel=channel)
+        self.frames = []
+
+    def drain(self):
+        while (got := self.bus.recv(0.01)) is not None:
+            self.frames.append((got.arbitration_id, bytes(got.data)))
+
+    def wait_for(self, *wanted):
+        def all_there():
+            self.drain()
+            return set(wanted) <= set(self.frames)
+        wait_until(all_there, f'frames {wanted}')
+
+    def wait_for_id(self, cob_id):
+        def there():
+            self.drain()
+            return any(frame[0] == cob_id for frame in self.frames)
+        wait_until(there, f'a frame {cob_id:03X}')
+
+
+@pytest.fixture
+def channel():
+    return f'simulated drives {next(CHANNELS)}'
+
+
+@pytest.fixture
+def listener(channel):
+    made = Listener(channel)
+    yield made
+    made.bus.shutdown()
+
+
+@pytest.fixture
+def simulator(channel, listener):
+    with DriveSimulator(lambda: can.Bus(interface='virtual', channel=channel), drives()) as made:
+        yield made
+
+
+def test_three_drives_boot_and_answer_on_one_bus(simulator, listener):
+    listener.wait_for(*((0x700 + node, b'\x00') for node in (1, 2, 3)))
+    for node in (1, 2, 3):
+        listener.bus.send(message(0x600 + node, bytes.fromhex('4000100000000000')))
+    listener.wait_for(*((0x580 + node, bytes.fromhex('4300100092010200'))
+                        for node in (1, 2, 3)))
+
+
+def test_heartbeats_come_without_any_frame_on_the_bus(simulator, listener):
+    listener.wait_for((0x702, b'\x00'))
+    listener.bus.send(message(0x602, bytes.fromhex('2b17100014000000')))
+    listener.frames.clear()
+    wait_until(lambda: listener.drain() or listener.frames.count((0x702, b'\x7f')) > 5,
+               'six heartbeats')
+
+
+def test_a_fault_injected_from_another_thread_is_told_at_once(simulator, listener):
+    listener.wait_for((0x701, b'\x00'), (0x703, b'\x00'))
+    with simulator.access() as (first, _, third):
+        first.inject_fault(0x2310)
+        assert third.state is State.SWITCH_ON_DISABLED
+    listener.wait_for((0x81, bytes.fromhex('1023030000000000')))
+
+
+def test_frames_that_are_none_of_canopens_are_ignored(simulator, listener):
+    listener.wait_for((0x701, b'\x00'))
+    for kind in ({'is_remote_frame': True}, {'is_error_frame': True}, {'is_fd': True}):
+        listener.bus.send(message(0x000, b'' if kind.get('is_remote_frame') else b'\x81\x00',
+                                  **kind))
+    listener.bus.send(can.Message(arbitration_id=0, data=b'\x81\x00', is_extended_id=True))
+    listener.bus.send(message(0x601, bytes.fromhex('4000100000000000')))
+    listener.wait_for((0x581, bytes.fromhex('4300100092010200')))
+    assert listener.frames.count((0x701, b'\x00')) == 1  # nobody was reset
+
+
+def test_stopping_ends_the_thread_and_starting_again_boots_again(simulator, listener):
+    listener.wait_for((0x701, b'\x00'))
+    simulator.stop()
+    assert not any(thread.name == 'drive simulator' for thread in threading.enumerate())
+    simulator.stop()  # is no harm
+    listener.drain()
+    listener.frames.clear()
+    simulator.start()
+    simulator.start()
+    listener.wait_for((0x701, b'\x00'))
+
+
+class FlakyInterface:
+    """Where a bus can be opened until it is cut, as by ``ip link set down``."""
+
+    def __init__(self, channel):
+        self.channel = channel
+        self.is_cut = False
+        self.calls = 0
+
+    def check(self):
+        self.calls += 1
+        if self.is_cut:
+            raise can.CanOperationError('Network is down')
+
+    def open(self):
+        self.calls += 1
+        if self.is_cut:
+            raise BusError('No such device')
+        return FlakyBus(self)
+
+
+class FlakyBus(can.interfaces.virtual.VirtualBus):
+    """A bus that ends with its interface."""
+
+    def __init__(self, interface):
+        super().__init__(interface.channel)
+        self.interface = interface
+
+    def _recv_internal(self, timeout):
+        self.interface.check()
+        return super()._recv_internal(timeout)
+
+    def send(self, frame):
+        self.interface.check()
+        super().send(frame)
+
+
+def test_a_bus_that_goes_and_comes_back_is_used_again(channel, listener):
+    interface = FlakyInterface(channel)
+    with DriveSimulator(interface.open, drives()) as simulator:
+        listener.wait_for((0x701, b'\x00'))
+        interface.is_cut = True
+        wait_until(lambda: simulator.bus_errors > 2, 'errors')
+        calls, began = interface.calls, time.monotonic()
+        wait_until(lambda: simulator.bus_errors > 4, 'more errors')
+        assert interface.calls - calls < 20 + 100 * (time.monotonic() - began)  # it does not spin
+        interface.is_cut = False
+        listener.frames.clear()
+
+        def answers():
+            listener.bus.send(message(0x601, bytes.fromhex('4000100000000000')))
+            listener.drain()
+            return any(cob_id == 0x581 for cob_id, _ in listener.frames)
+        wait_until(answers, 'an answer after the bus came back')
+
+
+def test_what_came_while_the_send_queue_was_full_is_answered_after(channel, listener):
+    class FullBus(can.interfaces.virtual.VirtualBus):
+        is_full = False
+
+        def send(self, frame):
+            if self.is_full:
+                raise can.CanOperationError('No buffer space available', errno.ENOBUFS)
+            super().send(frame)
+
+    with DriveSimulator(lambda: FullBus(channel), drives()) as simulator:
+        listener.wait_for((0x701, b'\x00'))
+        FullBus.is_full = True
+        listener.bus.send(message(0x601, bytes.fromhex('4000100000000000')))
+        wait_until(lambda: simulator.bus_errors, 'a full queue')
+        listener.bus.send(message(0x602, bytes.fromhex('4000100000000000')))
+        FullBus.is_full = False
+        listener.wait_for((0x582, bytes.fromhex('4300100092010200')))
+
+
+def test_time_passes_for_the_drives_while_the_bus_is_away(channel, listener):
+    interface = FlakyInterface(channel)
+    with DriveSimulator(interface.open, drives()) as simulator:
+        listener.wait_for((0x701, b'\x00'))
+        listener.bus.send(message(0x601, bytes.fromhex('2316100196007f00')))
+        listener.bus.send(message(0x601, bytes.fromhex('2b07600003000000')))
+        listener.bus.send(message(0x601, bytes.fromhex('2b5a600006000000')))
+        listener.wait_for_id(0x581)
+        listener.bus.send(message(0x77F, b'\x05'))
+        listener.bus.send(message(0x000, b'\x01\x00'))
+        for controlword in (6, 7, 15):
+            listener.bus.send(message(0x201, controlword.to_bytes(2, 'little')))
+
+        def state():
+            with simulator.access() as (first, *_):
+                return first.state
+        wait_until(lambda: state() is State.OPERATION_ENABLED, 'power')
+        listener.bus.send(message(0x77F, b'\x05'))
+        interface.is_cut = True
+        wait_until(lambda: state() is State.QUICK_STOP_ACTIVE, 'a quick stop')
+
+
+def test_syncs_are_answered_by_all_three(simulator, listener):
+    listener.wait_for((0x703, b'\x00'))
+    for item in pdo.PDO_MAP:
+        for node in (1, 2, 3):
+            for write in item.configure_writes(node):
+                command = {1: 0x2F, 2: 0x2B, 4: 0x23}[write.size]
+                listener.bus.send(message(0x600 + node, bytes(
+                    [command, write.index & 0xFF, write.index >> 8, write.subindex])
+                    + write.value.to_bytes(4, 'little')))
+    listener.bus.send(message(0x000, b'\x01\x00'))
+    listener.bus.send(message(0x080))
+    for base in (0x180, 0x280):
+        for node in (1, 2, 3):
+            listener.wait_for_id(base + node)
+
+
+# --- the executable
+
+MODULE = 'facade_manipulator.lab.drives'
+
+
+@pytest.mark.parametrize('sign', [signal.SIGINT, signal.SIGTERM])
+def test_the_process_runs_until_it_is_told_to_end(start_process, sign):
+    process = start_process(MODULE, '--interface', 'virtual', '--ros-args', '-r', '__node:=x')
+    wait_until(lambda: 'nodes 1, 2, 3 on virtual' in process.log.read_text(), 'its first line')
+    process.send_signal(sign)
+    assert process.wait(10) == 0
+    assert process.log.read_text().count('\n') == 1
+
+
+def test_the_process_needs_no_ros():
+    code = (f'import sys, {MODULE}; '
+            'assert not [m for m in sys.modules if m.startswith(("rcl", "numpy"))]')
+    subprocess.run([sys.executable, '-c', code], check=True, cwd=SOURCE)
+
+
+@pytest.mark.parametrize('arguments, status, words', [
+    (['--interface', 'socketcan', '--channel', 'nosuchcan0'], 3, 'nosuchcan0'),
+    (['--interface', 'carrier_pigeon'], 3, 'carrier_pigeon'),
+    (['--interface', 'virtual', '--profile', 'nothing'], 2, 'drive profile nothing'),
+    (['--interface', 'virtual', '--node-ids', '1', '2', '200'], 2, 'node_id = 200'),
+    (['--interface', 'virtual', '--start-positions', '0', '0'], 2, '2 values for 3 node ids'),
+    (['--interface', 'virtual', '--lead', '0'], 2, 'lead = 0 m'),
+    (['--interface', 'virtual', '--lag', 'nan'], 2, 'lag'),
+])
+def test_what_cannot_be_simulated_is_one_sentence_and_an_exit_status(
+        arguments, status, words, capsys):
+    assert drive_simulator.main(arguments) == status
+    output = capsys.readouterr()
+    assert words in output.err and output.err.count('\n') == 1 and output.out == ''
+
+
+def options(*arguments):
+    parser = drive_simulator._parser()
+    return parser.parse_args(drive_simulator._without_ros(list(arguments)))
+
+
+def test_by_default_three_drives_stand_at_the_home_pose():
+    made = drive_simulator.make_drives(options())
+    assert [drive.node_id for drive in made] == [1, 2, 3]
+    places = [drive.motor.carriage_position for drive in made]
+    assert places == pytest.approx([-0.1, 0.1, 0.0])
+    assert [drive.objects.read((0x1018, 4)) for drive in made] == [1, 2, 3]
+
+
+def test_options_reach_the_drives_and_what_is_for_ros_is_dropped():
+    made = drive_simulator.make_drives(options(
+        '--node-ids', '4', '5', '--start-positions', '0.2', '--directions', '-1',
+        '--serial-numbers', '0xAB', '7', '--lag', '0.02', '--ros-args', '-r', '__ns:=/gondola',
+        '--', '--missing-objects', '0x60C5'))
+    assert [drive.node_id for drive in made] == [4, 5]
+    assert [drive.objects.read((0x1018, 4)) for drive in made] == [0xAB, 7]
+    assert all(drive.motor.carriage_position == pytest.approx(0.2) for drive in made)
+    assert all(drive.motor.lag == 0.02 for drive in made)
+    assert all((0x60C5, 0) not in drive.objects for drive in made)

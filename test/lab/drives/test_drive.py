@@ -1,0 +1,478 @@
+from dataclasses import replace
+import math
+
+from canopen import import_od
+from canopen.objectdictionary import ODVariable
+from drive_bench import (
+    Bench,
+    NMT_PREOP,
+    NMT_RESET,
+    NMT_RESET_COMMUNICATION,
+    NMT_START,
+    NMT_STOP,
+)
+from frames import encode_rpdo1
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen.emergency import decode_emergency
+from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.cia402.states import (
+    decode_command,
+    decode_state,
+    POWERED_STATES,
+    State,
+    TRANSITIONS,
+)
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.lab.drives.drive import SimulatedDrive, SimulatedIdentity
+
+EDS = import_od(str(load_profile('simulated').eds), 2)
+
+
+def with_quirks(**quirks):
+    profile = load_profile('simulated')
+    return replace(profile, quirks=replace(profile.quirks, **quirks))
+
+
+def keys(dictionary):
+    for index, item in dictionary.items():
+        for subindex in [0] if isinstance(item, ODVariable) else list(item):
+            yield index, subindex
+
+
+# --- network management and heartbeats
+
+def test_a_drive_boots_into_pre_operational_and_says_so_once():
+    bench = Bench()
+    assert bench.wait(0.06) == [(0x702, b'\x00')]
+    assert bench.wait(10.0) == []
+    assert bench.write(0x1017, 0, 50) is None
+    assert bench.wait(0.051) == [(0x702, b'\x7f')]
+
+
+@pytest.mark.parametrize('command, code', [
+    (NMT_START, 0x05), (NMT_STOP, 0x04), (NMT_PREOP, 0x7F)])
+@pytest.mark.parametrize('node', [0, 2])
+def test_an_nmt_command_shows_in_the_heartbeat(command, code, node):
+    bench = Bench().boot()
+    bench.write(0x1017, 0, 20)
+    bench.nmt(command, node)
+    assert bench.wait(0.021)[-1] == (0x702, bytes([code]))
+
+
+def test_commands_for_others_or_of_wrong_length_are_not_obeyed():
+    bench = Bench().boot()
+    bench.write(0x1017, 0, 20)
+    for data in ([NMT_START, 3], [NMT_START], [NMT_START, 2, 0], [7, 2], []):
+        bench.send(0, data)
+    assert bench.wait(0.021) == [(0x702, b'\x7f')]
+
+
+def test_heartbeats_keep_their_rate():
+    bench = Bench().boot()
+    bench.write(0x1017, 0, 50)
+    assert sum(cob_id == 0x702 for cob_id, _ in bench.wait(10.001)) == 200
+
+
+def test_a_reset_boots_again_and_forgets_what_was_written():
+    bench = Bench().configure()
+    assert bench.nmt(NMT_RESET) == []
+    assert bench.wait(0.2) == [(0x702, b'\x00')]
+    assert bench.read(0x1017) == 0 and bench.read(0x6065) == 0xFFFFFFFF
+
+
+def test_a_communication_reset_keeps_the_application():
+    bench = Bench().configure()
+    bench.nmt(NMT_RESET_COMMUNICATION)
+    assert bench.wait(0.2) == [(0x702, b'\x00')]
+    assert bench.read(0x1017) == 0 and bench.read(0x6007) == 3
+
+
+def test_a_stopped_node_answers_nothing_but_nmt():
+    bench = Bench().configure()
+    bench.nmt(NMT_STOP)
+    assert bench.send(0x602, bytes([0x40, 0, 0x10, 0, 0, 0, 0, 0])) == []
+    assert bench.send(0x80) == []
+    bench.nmt(NMT_START)
+    assert bench.read(0x1000) == 0x00020192
+
+
+def test_nothing_is_heard_while_booting():
+    bench = Bench()
+    bench.wait(0.01)
+    assert bench.nmt(NMT_START) == []
+    assert bench.wait(0.1) == [(0x702, b'\x00')]
+    assert bench.send(0x80) == []
+
+
+def test_without_a_first_heartbeat_nobody_is_missed():
+    bench = Bench().configure().enable()
+    bench.cycle(100)
+    assert bench.state is State.OPERATION_ENABLED and bench.emergencies() == []
+
+
+def test_a_dead_master_makes_a_quick_stop_within_150_ms():
+    bench = Bench().configure()
+    bench.sends_heartbeat = True
+    bench.enable().move_at(0.2)
+    bench.sends_heartbeat, last = False, bench.now
+    bench.send(0x77F, [5])
+    bench.wait(0.1499)
+    assert bench.drive.state is State.OPERATION_ENABLED
+    bench.wait(0.0002)
+    assert bench.drive.state is State.QUICK_STOP_ACTIVE and bench.now - last < 0.151
+    assert [message.code for message in bench.emergencies()] == [0x8130]
+    bench.wait(0.1)
+    assert bench.drive.motor.velocity == pytest.approx(0.0, abs=1.0)
+    assert bench.drive.state is State.QUICK_STOP_ACTIVE
+
+
+def test_a_master_that_beats_again_ends_the_error_but_not_the_stop():
+    bench = Bench().configure()
+    bench.sends_heartbeat = True
+    bench.enable()
+    bench.wait(0.2)
+    bench.cycle(5)  # the controlword goes on saying: enable operation
+    assert bench.state is State.QUICK_STOP_ACTIVE
+    assert [message.code for message in bench.emergencies()] == [0x8130, 0]
+    assert bench.read(0x603F) == 0 and bench.read(0x1001) == 0
+    bench.go(State.SWITCH_ON_DISABLED).go(State.OPERATION_ENABLED)
+
+
+@pytest.mark.parametrize('option, state', [
+    (0, State.OPERATION_ENABLED), (1, State.FAULT), (2, State.SWITCH_ON_DISABLED),
+    (3, State.QUICK_STOP_ACTIVE)])
+def test_the_abort_connection_option_code_is_obeyed(option, state):
+    bench = Bench().configure(_6007=option)
+    bench.sends_heartbeat = True
+    bench.enable()
+    bench.wait(0.3)
+    assert bench.drive.state is state
+
+
+# --- objects
+
+def test_identity_and_strings_are_those_of_the_drive():
+    bench = Bench().boot()
+    assert [bench.read(0x1018, n) for n in range(1, 5)] == [1, 2, 3, 4]
+    assert bench.read(0x1008) == 'Simulated CiA 402 drive'
+    assert bench.read(0x6076) == 54500
+
+
+@pytest.mark.parametrize('index, subindex', list(keys(EDS)))
+def test_every_object_can_be_read_and_what_may_be_written_reads_back(index, subindex):
+    bench = Bench().boot()
+    value = bench.read(index, subindex)
+    assert value is not None
+    if index in (0x1010, 0x1011):
+        return  # commands that take a signature alone
+    if not bench.variable(index, subindex).writable:
+        assert bench.sdo(bytes([0x2F, index & 0xFF, index >> 8, subindex, 0, 0, 0, 0]))[0] == 0x80
+        return
+    if 0x1600 <= index < 0x1604 or 0x1A00 <= index < 0x1A04:
+        entry = prepare_mapping(bench, index)
+        value = entry if subindex else 0
+    assert bench.write(index, subindex, value) is None
+    assert bench.read(index, subindex) == value
+
+
+def prepare_mapping(bench, index):
+    """Switch a PDO off and clear its mapping; return an entry that it takes."""
+    entry = bench.read(index - 0x200, 1)
+    assert bench.write(index - 0x200, 1, entry | pdo.DISABLED) is None
+    assert bench.write(index, 0, 0) is None
+    return 0x60400010 if index < 0x1A00 else 0x60410010
+
+
+def test_the_configuration_reads_back():
+    bench = Bench().configure()
+    for item in pdo.PDO_MAP:
+        last = {(w.index, w.subindex): w.value for w in item.configure_writes(2)}
+        assert all(bench.read(*key) == value for key, value in last.items())
+
+
+def test_sdo_transfers_have_the_bytes_of_cia_301():
+    bench = Bench().boot()
+    for request, answer in (
+        ('4000100000000000', '4300100092010200'),  # device type
+        ('2b17100032000000', '6017100000000000'),  # heartbeat 50 ms
+        ('4017100000000000', '4b17100032000000'),
+        ('2300100000000000', '8000100002000106'),  # read only
+        ('4001200000000000', '8001200000000206'),  # no such object
+        ('4018100900000000', '8018100911000906'),  # no such subindex
+        ('2317100000000000', '8017100012000706'),  # too long
+        ('2f17100000000000', '8017100013000706'),  # too short
+        ('c217100020000000', '8017100001000405'),  # block download: not offered
+    ):
+        assert bench.sdo(bytes.fromhex(request)) == bytes.fromhex(answer)
+
+
+@pytest.mark.parametrize('index, subindex, value, code', [
+    (0x605A, 0, 9, 0x06090031), (0x6007, 0, -1, 0x06090032),
+    (0x6098, 0, 5, 0x06090030), (0x6060, 0, 3, 0x06090030),
+    (0x1400, 2, 245, 0x06090030), (0x1600, 1, 0x60400010, 0x08000022),
+    (0x1600, 0, 0, 0x08000022), (0x1400, 1, 0x203, 0x06090030),
+    (0x1003, 0, 1, 0x06090030)])
+def test_a_value_that_the_drive_cannot_take_is_rejected_with_the_reason(
+        index, subindex, value, code):
+    bench = Bench().boot()
+    before = bench.read(index, subindex)
+    assert bench.write(index, subindex, value) == code
+    assert bench.read(index, subindex) == before
+
+
+@pytest.mark.parametrize('entry, code', [
+    (0x60650020, 0x06040041), (0x12340020, 0x06040041), (0x60640010, 0x06040041)])
+def test_an_object_that_cannot_be_mapped_is_rejected(entry, code):
+    bench = Bench().boot()
+    bench.write(0x1801, 1, 0xC0000282)
+    bench.write(0x1A01, 0, 0)
+    assert bench.write(0x1A01, 1, entry) == code
+
+
+def test_a_mapping_longer_than_a_frame_is_rejected():
+    bench = Bench().boot()
+    bench.write(0x1801, 1, 0xC0000282)
+    bench.write(0x1A01, 0, 0)
+    for subindex in (1, 2, 3):
+        assert bench.write(0x1A01, subindex, 0x60640020) is None
+    assert bench.write(0x1A01, 0, 3) == 0x06040042
+    assert bench.write(0x1A01, 0, 2) is None
+
+
+def test_an_object_that_the_drive_does_not_have_is_rejected():
+    bench = Bench(missing_objects=(0x60C5,)).boot()
+    assert bench.write(0x60C5, 0, 1) == 0x06020000
+    assert bench.read(0x60C5) is None and bench.read(0x6085) is not None
+
+
+# --- process data
+
+def test_tpdos_answer_the_sync_as_often_as_their_type_says():
+    bench = Bench().configure()
+    answers = [bench.sync() for _ in range(30)]
+    assert sum(0x182 in a for a in answers) == sum(0x282 in a for a in answers) == 30
+    assert [k for k, a in enumerate(answers) if 0x382 in a] == [9, 19, 29]
+    assert all(len(a[0x182]) == 7 and len(a[0x282]) == 8 for a in answers)
+
+
+def test_a_switched_off_pdo_is_neither_sent_nor_heard():
+    bench = Bench().configure()
+    bench.nmt(NMT_PREOP)
+    bench.write(0x1800, 1, 0xC0000182)
+    bench.write(0x1400, 1, 0x80000202)
+    bench.nmt(NMT_START)
+    bench.send(0x202, encode_rpdo1(6, 8, 0))
+    assert set(bench.sync()) == {0x282} and bench.drive.state is State.SWITCH_ON_DISABLED
+
+
+def test_there_are_no_pdos_outside_operational():
+    bench = Bench().configure()
+    bench.nmt(NMT_PREOP)
+    bench.send(0x202, encode_rpdo1(6, 8, 0))
+    assert bench.sync() == {} and bench.drive.state is State.SWITCH_ON_DISABLED
+
+
+def test_an_rpdo_acts_at_the_next_sync_and_the_one_after_tells():
+    bench = Bench().configure()
+    bench.send(0x202, encode_rpdo1(6, 8, 0))
+    assert bench.drive.state is State.SWITCH_ON_DISABLED
+    bench.sync()
+    assert decode_state(bench.status.statusword) is State.SWITCH_ON_DISABLED
+    assert bench.drive.state is State.READY_TO_SWITCH_ON
+    bench.sync()
+    assert decode_state(bench.status.statusword) is State.READY_TO_SWITCH_ON
+    assert bench.status.mode == 8
+
+
+def test_of_two_rpdos_between_syncs_the_last_one_acts():
+    bench = Bench().configure()
+    bench.send(0x202, encode_rpdo1(0, 6, 5))
+    bench.send(0x202, encode_rpdo1(6, 8, 7))
+    bench.sync()
+    assert bench.read(0x607A) == 7 and bench.read(0x6061) == 8
+
+
+def test_a_short_rpdo_is_reported_once_and_does_what_a_lost_connection_does():
+    bench = Bench().configure().enable()
+    bench.send(0x202, encode_rpdo1(0x0F, 8, 1234)[:6])
+    bench.send(0x202, b'')
+    assert [message.code for message in bench.emergencies()] == [0x8210]
+    assert bench.drive.state is State.QUICK_STOP_ACTIVE
+    assert bench.read(0x607A) != 1234
+
+
+def test_a_long_rpdo_is_taken_by_its_first_bytes():
+    bench = Bench().configure()
+    bench.send(0x202, encode_rpdo1(6, 8, 77) + b'\xff')
+    bench.sync()
+    assert bench.read(0x607A) == 77 and bench.emergencies() == []
+
+
+def test_a_mode_that_the_drive_lacks_is_not_taken_from_an_rpdo():
+    bench = Bench().configure()
+    bench.mode = 3
+    bench.cycle(2)
+    assert bench.status.mode == 0
+    bench.mode = 8
+    bench.cycle(2)
+    assert bench.status.mode == 8
+
+
+def test_a_sync_with_data_is_none():
+    bench = Bench().configure()
+    assert bench.send(0x80, b'\x01') == []
+
+
+def test_an_event_driven_tpdo_is_sent_on_change_and_not_more_often_than_allowed():
+    bench = Bench().boot()  # as it comes from the box
+    assert (0x182, b'\x50\x02') in bench.nmt(NMT_START)
+    assert [f for f in bench.wait(1.0) if f[0] == 0x182] == []
+    bench.send(0x202, b'\x06\x00')
+    bench.send(0x202, b'\x07\x00')
+    assert [f[1] for f in bench.wait(1.0) if f[0] == 0x182] == [b'\x33\x02']
+
+
+def test_a_drive_that_answers_only_syncs_sends_no_tpdo_by_itself():
+    profile = with_quirks(pdo_only_on_sync=True)
+    bench = Bench(profile).boot()
+    assert [f for f in bench.nmt(NMT_START) + bench.wait(1.0) if f[0] == 0x182] == []
+
+
+# --- the state machine over the bus
+
+def in_state(state):
+    """Return a bench whose drive is in a state; its controlword is that of the state."""
+    bench = Bench(profile=with_quirks(zero_statusword_until_controlword=True)
+                  if state is State.NOT_READY_TO_SWITCH_ON else 'simulated').configure()
+    if state is State.NOT_READY_TO_SWITCH_ON:
+        return bench
+    if state in POWERED_STATES - {State.OPERATION_ENABLED}:
+        bench.enable().move_at(0.2, 20)
+    else:
+        bench.go(state if state is not State.FAULT else State.SWITCHED_ON)
+    if state is State.QUICK_STOP_ACTIVE:
+        bench.controlword = 0x02
+        bench.cycle(1)
+    elif state in (State.FAULT, State.FAULT_REACTION_ACTIVE):
+        bench.controlword = 0
+        bench.drive.inject_fault(0x8611)
+    return bench
+
+
+@pytest.mark.parametrize('state', State)
+def test_every_state_obeys_every_controlword_as_the_standard_says(state):
+    bench = in_state(state)
+    assert bench.drive.state is state
+    axis, control = bench.drive.axis, bench.drive.objects.writers[0x6040, 0]
+    before = axis._controlword, axis._command, axis._stop, dict(bench.drive.errors._present)
+    for controlword in range(0x200):
+        axis.state = state
+        axis._controlword, axis._command, axis._stop = before[:3]
+        bench.drive.errors._present = dict(before[3])
+        control(controlword)
+        command = decode_command(controlword)
+        expected = TRANSITIONS.get((state, command), state)
+        if state is State.NOT_READY_TO_SWITCH_ON:  # this drive waits for its first controlword
+            expected = TRANSITIONS.get(
+                (State.SWITCH_ON_DISABLED, command), State.SWITCH_ON_DISABLED)
+        assert bench.drive.state is expected, hex(controlword)
+
+
+def test_the_way_up_has_this_transcript():
+    bench = Bench().configure()
+    bench.target = bench.mode = 0
+    words = []
+    for controlword in (0x00, 0x06, 0x07, 0x0F):
+        bench.controlword = controlword
+        words.append(bench.cycle(2).statusword)
+    assert words == [0x0250, 0x0231, 0x0233, 0x0237]
+    bench.mode = 8
+    assert bench.cycle(2).statusword == 0x1237
+
+
+def test_a_level_fault_reset_bit_resets_nothing():
+    bench = Bench().configure()
+    bench.controlword = 0x80
+    bench.cycle(2)
+    bench.drive.inject_fault(0x2310)
+    bench.cycle(3)
+    assert bench.state is State.FAULT
+    bench.controlword = 0
+    bench.cycle(2)
+    bench.controlword = 0x80
+    bench.cycle(2)
+    assert bench.state is State.SWITCH_ON_DISABLED
+    assert [message.code for message in bench.emergencies()] == [0x2310, 0]
+
+
+def test_quirks_show():
+    bench = Bench(with_quirks(boots_operational=True, zero_statusword_until_controlword=True,
+                              never_follows=True)).boot()
+    assert bench.sent[0] == (0x702, b'\x00')
+    assert bench.read(0x6041) == 0
+    assert any(cob_id == 0x182 for cob_id, _ in bench.sent)  # it is operational
+    bench.nmt(NMT_PREOP)
+    bench.configure()
+    assert bench.sync()[0x182][:2] == b'\x00\x00'
+    bench.enable()
+    assert bench.status.statusword & 0x1000 == 0
+
+
+def test_a_carriage_beyond_the_hard_stops_is_rejected():
+    axis = AxisSettings(home_position=0.6, upper_limit=0.7)
+    with pytest.raises(ParameterError, match='home_position = 0.6 m is not between'):
+        SimulatedDrive(axis)
+
+
+def test_identity_is_zero_by_default_and_survives_a_reset():
+    bench = Bench(identity=SimulatedIdentity(0xFB, 0x65510000, 0x01700000, 0x12345678)).boot()
+    bench.nmt(NMT_RESET)
+    bench.wait(0.1)
+    assert bench.read(0x1018, 4) == 0x12345678
+
+
+# --- whatever else is on the bus
+
+FRAMES = st.lists(
+    st.tuples(
+        st.one_of(st.sampled_from([0x000, 0x080, 0x202, 0x302, 0x602, 0x77F]),
+                  st.integers(0, 0x7FF)),
+        st.one_of(st.binary(max_size=8), st.binary(min_size=8, max_size=8)),
+        st.floats(0.0, 0.02)),
+    min_size=1, max_size=60)
+
+
+@settings(max_examples=150)
+@given(FRAMES, st.booleans())
+def test_a_drive_survives_any_frames_and_stays_on_its_rail(frames, enabled):
+    bench = Bench().configure()
+    if enabled:
+        bench.enable()
+    for cob_id, data, pause in frames:
+        bench.now += pause
+        bench.send(cob_id, data)
+        bench.sent += bench.drive.advance(bench.now)
+        assert abs(bench.drive.motor.carriage_position) <= 0.56
+        assert math.isfinite(bench.drive.motor.velocity)
+    assert all(0 <= cob_id <= 0x7FF and len(data) <= 8 for cob_id, data in bench.sent)
+    for cob_id, data in bench.sent:
+        if cob_id == 0x82:
+            decode_emergency(data)
+    bench.nmt(NMT_RESET)
+    bench.wait(0.2)
+    bench.configure().enable()  # and it works afterwards
+
+
+@settings(max_examples=60)
+@given(st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=80))
+def test_random_sdo_requests_get_one_answer_or_none_each(requests):
+    bench = Bench().boot()
+    for request in requests:
+        answers = [f for f in bench.send(0x602, request) if f[0] == 0x582]
+        assert len(answers) <= 1
+    assert bench.read(0x1000) == 0x00020192

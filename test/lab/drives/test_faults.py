@@ -1,0 +1,221 @@
+"""Fault injection at the simulated drive: each hook, what it does and how it ends."""
+
+from collections import Counter
+import math
+
+from bad_bus import FrameFilter, put_on_bad_bus
+from drive_bench import Bench, CPM, NMT_RESET
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.canopen import NmtState
+from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
+from facade_manipulator.lab.drives.drive import SimulatedIdentity
+
+REGISTER = {0x2310: 0x03, 0x3220: 0x05, 0x4210: 0x09, 0x8611: 0x21, 0x8110: 0x11, 0x7380: 0x21,
+            0xFF02: 0x81, 0x1000: 0x01}
+
+
+def moving():
+    return Bench().configure().enable().move_at(0.2)
+
+
+def reset(bench):
+    bench.controlword = 0
+    bench.cycle(2)
+    bench.controlword = Controlword.FAULT_RESET
+    bench.cycle(1)
+    bench.controlword = 0
+    return bench.cycle(2)
+
+
+@pytest.mark.parametrize('code', sorted(REGISTER))
+def test_a_fault_is_told_in_every_place_and_cleared_by_a_reset(code):
+    bench = moving()
+    bench.drive.inject_fault(code)
+    bench.cycle(30)
+    message = bench.emergencies()[-1]
+    assert (message.code, message.register) == (code, REGISTER[code])
+    assert bench.read(0x603F) == code and bench.read(0x1001) == REGISTER[code]
+    assert bench.motion.velocity == 0
+    reset(bench)
+    assert bench.state is State.SWITCH_ON_DISABLED
+    assert bench.emergencies()[-1] == (0, 0, bytes(5)) and bench.read(0x603F) == 0
+    assert bench.read(0x1003, 0) == 1 and bench.read(0x1003, 1) == code
+
+
+@pytest.mark.parametrize('code, state', [
+    (0x2310, State.FAULT), (0x7380, State.FAULT), (0x8611, State.FAULT_REACTION_ACTIVE),
+    (0x8A80, State.FAULT_REACTION_ACTIVE), (0x8A88, State.FAULT),
+    (0x8110, State.QUICK_STOP_ACTIVE)])
+def test_the_reaction_suits_the_fault(code, state):
+    bench = moving()
+    bench.drive.inject_fault(code)
+    assert bench.drive.state is state
+
+
+@pytest.mark.parametrize('behaviour, state', [
+    (0, NmtState.PRE_OPERATIONAL), (1, NmtState.OPERATIONAL), (2, NmtState.STOPPED)])
+def test_a_drive_that_misses_its_master_stops_and_is_as_operational_as_it_was_told(
+        behaviour, state):
+    bench = moving()
+    bench.write(0x1029, 1, behaviour)
+    bench.sends_heartbeat = True
+    bench.cycle()
+    bench.wait(0.3)
+    assert bench.emergencies()[-1].code == 0x8130
+    assert bench.drive.nmt_state is state
+    assert bench.drive.state is State.QUICK_STOP_ACTIVE
+
+
+@pytest.mark.parametrize('goal', [
+    State.SWITCH_ON_DISABLED, State.READY_TO_SWITCH_ON, State.SWITCHED_ON])
+def test_a_fault_without_power_is_one_at_once(goal):
+    bench = Bench().configure().go(goal)
+    bench.drive.inject_fault(0x8611)
+    assert bench.drive.state is State.FAULT
+
+
+def test_a_persistent_fault_rejects_the_reset_until_its_cause_is_gone():
+    bench = moving()
+    bench.drive.inject_fault(0x3220, persistent=True)
+    reset(bench)
+    assert bench.state is State.FAULT and bench.read(0x603F) == 0x3220
+    bench.drive.remove_cause()
+    assert bench.drive.state is State.FAULT
+    reset(bench)
+    assert bench.state is State.SWITCH_ON_DISABLED
+
+
+def test_of_two_faults_the_persistent_one_stays():
+    bench = moving()
+    bench.drive.inject_fault(0x3220, persistent=True)
+    bench.drive.inject_fault(0x2310)
+    assert bench.read(0x603F) == 0x2310
+    reset(bench)
+    assert bench.state is State.FAULT and bench.read(0x603F) == 0x3220
+    assert bench.emergencies()[-1].code == 0x3220
+
+
+def test_safe_torque_off_cuts_the_power_and_survives_a_reboot():
+    bench = moving()
+    bench.drive.open_safe_torque_off()
+    bench.cycle(2)
+    assert bench.state is State.FAULT
+    assert not bench.status.statusword & Status.VOLTAGE_ENABLED
+    bench.nmt(NMT_RESET)
+    bench.wait(0.1)
+    assert bench.drive.state is State.FAULT
+    bench.drive.remove_cause()
+    bench.nmt(NMT_RESET)
+    bench.configure().enable()
+    assert bench.status.statusword & Status.VOLTAGE_ENABLED
+
+
+def test_a_lost_position_slips_and_forgets_the_home():
+    bench = Bench().configure(_6098=37).enable(Mode.HOMING)
+    bench.command(Controlword.HOMING_START)
+    assert bench.status.statusword & Status.HOMING_ATTAINED
+    bench.drive.lose_position(slip=0.01)
+    bench.cycle(2)
+    assert bench.state is State.FAULT and bench.emergencies()[-1].code == 0x7380
+    assert bench.status.position_counts == pytest.approx(0.01 * CPM, abs=1)
+    reset(bench)
+    bench.enable(Mode.HOMING)
+    assert not bench.status.statusword & Status.HOMING_ATTAINED
+
+
+def test_a_silent_drive_hears_but_says_nothing():
+    bench = moving()
+    bench.drive.is_silent = True
+    bench.sent.clear()
+    bench.controlword = Controlword.QUICK_STOP
+    bench.cycle(20)
+    assert bench.sent == [] and bench.drive.state is State.QUICK_STOP_ACTIVE
+    bench.drive.is_silent = False
+    assert bench.wait(0.06)[0] == (0x702, b'\x05')
+
+
+def test_a_deaf_drive_goes_on_beating():
+    bench = moving()
+    bench.drive.is_deaf = True
+    bench.controlword = Controlword.QUICK_STOP
+    bench.sent.clear()
+    bench.cycle(20)
+    assert bench.drive.state is State.OPERATION_ENABLED
+    assert set(bench.sent) == {(0x702, b'\x05')}
+
+
+def test_a_reboot_shows_as_a_boot_up_message_and_power_off():
+    bench = moving()
+    position = bench.drive.motor.carriage_position
+    bench.drive.reboot()
+    assert bench.drive.state is State.NOT_READY_TO_SWITCH_ON
+    assert bench.wait(0.2) == [(0x702, b'\x00')]
+    assert bench.drive.state is State.SWITCH_ON_DISABLED
+    assert bench.drive.motor.carriage_position == pytest.approx(position, abs=0.01)
+
+
+def test_a_swapped_drive_boots_with_its_own_identity():
+    bench = moving()
+    bench.drive.set_identity(SimulatedIdentity(5, 6, 7, 8))
+    assert (0x702, b'\x00') in bench.wait(0.2)
+    assert [bench.read(0x1018, n) for n in range(1, 5)] == [5, 6, 7, 8]
+
+
+def test_two_drives_on_one_node_id_answer_both():
+    first, second = (
+        Bench(identity=SimulatedIdentity(1, 2, 3, number)) for number in (4, 5))
+    request = bytes([0x40, 0x18, 0x10, 4, 0, 0, 0, 0])
+    answers = {first.boot().sdo(request), second.boot().sdo(request)}
+    assert len(answers) == 2
+
+
+# --- frames
+
+FRAMES = [(0x100 + k, bytes([k])) for k in range(200)]
+
+
+def carry(**loss):
+    wire = FrameFilter(**loss)
+    arrived = [item for k, frame in enumerate(FRAMES)
+               for item in wire.carry([frame], 0.001 * k)]
+    return arrived + wire.carry([], math.inf)
+
+
+def test_a_perfect_wire_changes_nothing():
+    assert carry() == FRAMES
+
+
+@given(st.integers(0, 1000))
+def test_a_wire_that_doubles_and_delays_loses_nothing(seed):
+    arrived = Counter(carry(doubled=0.2, delayed=0.2, seed=seed))
+    assert set(arrived) == set(FRAMES) and set(arrived.values()) == {1, 2}
+
+
+@given(st.integers(0, 1000))
+def test_a_wire_that_drops_keeps_the_order_of_the_rest(seed):
+    arrived = carry(dropped=0.3, seed=seed)
+    assert arrived == sorted(arrived) and 100 < len(arrived) < 180
+
+
+def test_late_frames_are_overtaken():
+    arrived = carry(delayed=0.2, delay=0.02)
+    assert sorted(arrived) == FRAMES and arrived != FRAMES
+
+
+@pytest.mark.parametrize('direction', ['sending', 'receiving'])
+def test_a_drive_on_a_bad_wire_misses_cycles_and_recovers(direction):
+    bench = Bench().configure().enable()
+    put_on_bad_bus(bench.drive, **{direction: {'dropped': 0.3, 'delayed': 0.2}})
+    bench.sent.clear()
+    for _ in range(100):
+        bench.cycle()
+    answers = sum(cob_id == 0x182 for cob_id, _ in bench.sent)
+    assert 40 < answers < 95
+    put_on_bad_bus(bench.drive)
+    bench.cycle(3)
+    bench.sent.clear()
+    bench.cycle(100)
+    assert sum(cob_id == 0x182 for cob_id, _ in bench.sent) == 100

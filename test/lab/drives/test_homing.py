@@ -1,0 +1,184 @@
+"""Homing of the simulated drive over the bus, method by method, from wherever the carriage is."""
+
+from drive_bench import Bench, CPM
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
+from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.lab.drives.homing import METHODS
+
+DONE = Status.HOMING_ATTAINED | Status.TARGET_REACHED
+BITS = DONE | Status.HOMING_ERROR
+TURN = AxisScale().counts_per_revolution
+LOWER, UPPER, STOP, HOME_HALF = -0.545, 0.545, 0.56, 0.005  # m, the settings' defaults
+
+
+def index_beyond(position, direction):
+    """Return the index pulse next to a position in m, in counts from the rail's middle."""
+    turns = position * CPM / TURN
+    whole = int(turns // 1)
+    return TURN * (whole + 1 if direction > 0 else whole)
+
+
+# where each method finds home, in counts from the middle of the rail
+PLACES = {
+    17: LOWER * CPM, 1: index_beyond(LOWER, 1),
+    18: UPPER * CPM, 2: index_beyond(UPPER, -1),
+    23: -HOME_HALF * CPM, 7: index_beyond(-HOME_HALF, -1),
+    27: HOME_HALF * CPM, 11: index_beyond(HOME_HALF, 1),
+    -3: STOP * CPM, -1: index_beyond(STOP, -1),
+    -4: -STOP * CPM, -2: index_beyond(-STOP, 1),
+}
+
+
+def homing(method, start=0.05, offset=12345, **settings):
+    profile = 'epos4' if method in (23, 27, 33, 34) else 'simulated'
+    bench = Bench(profile, start=start, **settings)
+    unit = AxisScale(velocity_unit=bench.profile.velocity_unit).velocity_units_per_count
+    speeds = {f'_{key}': round(value * CPM * unit) for key, value in {
+        '609A': 1.0, '607F': 0.6, '6080': 0.6, '60C5': 6.0, '6085': 5.0}.items()}
+    bench.configure(_6098=method, _607C=offset, _30B0=offset, **speeds)
+    bench.write(0x6099, 1, round(0.2 * CPM * unit))
+    bench.write(0x6099, 2, round(0.02 * CPM * unit))
+    return bench.enable(Mode.HOMING)
+
+
+def bits(bench):
+    return bench.status.statusword & BITS
+
+
+def run(bench, cycles=5000):
+    bench.command(Controlword.HOMING_START)
+    return bench.until(lambda: bits(bench) & (DONE | Status.HOMING_ERROR) in (
+        DONE, Status.HOMING_ERROR | Status.TARGET_REACHED), cycles)
+
+
+@pytest.mark.parametrize('method', sorted(PLACES))
+@pytest.mark.parametrize('start', [-0.3, 0.0, 0.3])
+def test_a_method_finds_its_place_from_anywhere(method, start):
+    bench = run(homing(method, start))
+    assert bits(bench) == DONE
+    from_middle = bench.drive.motor.carriage_position * CPM
+    found = from_middle - (bench.status.position_counts - 12345)
+    assert found == pytest.approx(PLACES[method], abs=1.0)
+    assert bench.emergencies() == []
+
+
+@pytest.mark.parametrize('method', [17, 1, 7, 23, 18, 2, 11, 27, -4, -3])
+@pytest.mark.parametrize('start', [-0.56, -0.55, -0.005, 0.004, 0.55, 0.56])
+def test_a_method_finds_its_place_when_it_begins_on_a_switch(method, start):
+    bench = run(homing(method, start))
+    assert bits(bench) == DONE
+    found = bench.drive.motor.carriage_position * CPM - (bench.status.position_counts - 12345)
+    assert found == pytest.approx(PLACES[method], abs=1.0)
+
+
+@settings(max_examples=20)
+@given(st.floats(-0.5, 0.5), st.integers(-10**6, 10**6), st.sampled_from([35, 37]))
+def test_a_drive_parked_at_home_takes_the_place_as_it_is(start, offset, method):
+    bench = homing(method, start, offset)
+    run(bench, 10)
+    assert bits(bench) == DONE and bench.status.position_counts == offset
+    assert bench.drive.motor.carriage_position == pytest.approx(start, abs=1e-9)
+
+
+@pytest.mark.parametrize('method, direction', [(33, -1), (34, 1)])
+def test_the_index_pulse_next_to_the_carriage_is_found(method, direction):
+    bench = run(homing(method, 0.1234))
+    found = bench.drive.motor.carriage_position * CPM - (bench.status.position_counts - 12345)
+    assert found == pytest.approx(index_beyond(0.1234, direction), abs=1.0)
+
+
+def test_every_method_of_every_drive_type_but_exotic_ones_is_simulated():
+    assert {37, 35, 17, 18, 1, 2, 7, 11, -1, -2, -3, -4} <= set(METHODS)
+
+
+def test_the_bits_go_from_none_to_both():
+    bench = homing(17, 0.0)
+    assert bits(bench) == Status.TARGET_REACHED  # not started: at rest, not attained
+    bench.command(Controlword.HOMING_START)
+    assert bits(bench) == 0
+    seen = {bits(bench)}
+    bench.until(lambda: seen.add(bits(bench)) or bits(bench) == DONE)
+    assert seen <= {0, Status.HOMING_ATTAINED, DONE}
+
+
+def test_attained_stays_when_the_mode_is_left_and_clears_at_the_next_start():
+    bench = run(homing(17, -0.5))
+    bench.command()
+    bench.target = bench.status.position_counts
+    bench.mode = Mode.CYCLIC_SYNCHRONOUS_POSITION
+    bench.cycle(5)
+    bench.mode = Mode.HOMING
+    bench.cycle(2)
+    assert bits(bench) == DONE  # stale: it says nothing about a new homing
+    bench.command(Controlword.HOMING_START)
+    assert bits(bench) == 0
+
+
+def test_taking_the_start_bit_back_interrupts():
+    bench = homing(17, 0.3)
+    bench.command(Controlword.HOMING_START)
+    bench.cycle(50)
+    assert bench.motion.velocity < 0
+    bench.command()
+    bench.cycle(50)
+    assert bench.motion.velocity == 0 and bits(bench) == Status.TARGET_REACHED
+
+
+def test_halt_pauses_and_homing_goes_on():
+    bench = homing(17, 0.3)
+    bench.command(Controlword.HOMING_START)
+    bench.cycle(20)
+    bench.command(Controlword.HOMING_START, Controlword.HALT)
+    bench.cycle(50)
+    assert bench.motion.velocity == 0 and not bits(bench) & Status.HOMING_ATTAINED
+    bench.command(Controlword.HOMING_START)
+    bench.until(lambda: bits(bench) == DONE)
+
+
+def test_a_method_not_set_is_an_error():
+    bench = homing(0)
+    bench.command(Controlword.HOMING_START)
+    assert bits(bench) == Status.HOMING_ERROR | Status.TARGET_REACHED
+
+
+def test_a_home_switch_that_is_not_there_is_an_error():
+    bench = run(homing(7, 0.1, lower_switch=-0.2, upper_switch=0.2, home_switch=0.5))
+    assert bits(bench) == Status.HOMING_ERROR | Status.TARGET_REACHED
+    assert bench.motion.velocity == 0 and bench.state is State.OPERATION_ENABLED
+
+
+def test_a_hard_stop_that_never_reaches_the_threshold_ends_in_a_following_error():
+    bench = homing(-4, -0.5)
+    bench.write(0x30B2, 0, 60000)
+    bench.command(Controlword.HOMING_START)
+    bench.until(lambda: bench.state is State.FAULT)
+    assert [message.code for message in bench.emergencies()] == [0x8611]
+
+
+def test_the_hard_stop_is_felt_by_its_current():
+    bench = run(homing(-4, -0.5))
+    assert bench.drive.motor.carriage_position == pytest.approx(-STOP, abs=1e-4)
+    bench.cycle(50)
+    friction = 4.0 / AxisScale().force_per_torque_unit
+    assert abs(bench.read(0x6077)) <= friction  # it does not go on pushing
+
+
+def test_a_reboot_forgets_the_home():
+    bench = run(homing(37, 0.2, 5000), 10)
+    bench.drive.reboot()
+    bench.wait(0.1)
+    assert bench.read(0x6064) == 0
+    bench.configure().enable(Mode.HOMING)
+    assert not bits(bench) & Status.HOMING_ATTAINED
+
+
+def test_homing_with_the_other_direction_mirrors_the_switches():
+    bench = Bench(direction=-1, start=0.3)
+    bench.configure(_6098=17).enable(Mode.HOMING)
+    run(bench)
+    # the drive's negative limit is at the rail's upper end
+    assert bench.drive.motor.carriage_position == pytest.approx(UPPER, abs=1e-3)

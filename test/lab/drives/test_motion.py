@@ -1,0 +1,368 @@
+"""Motion of the simulated drive: following, interpolation, limits, profile position, torque."""
+
+import math
+
+from drive_bench import Bench, CPM, PERIOD
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import pytest
+
+from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
+from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.lab.drives.demand import Interpolator, PositionRamp, SpeedRamp
+from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
+
+LAG = 0.005
+
+
+def enabled(**changes):
+    return Bench().configure(**changes).enable()
+
+
+# --- following
+
+@settings(max_examples=30)
+@given(st.integers(-40_000, 40_000))
+def test_at_rest_the_position_is_the_target_to_the_count(target):
+    bench = enabled(_6065=0xFFFFFFFF)
+    bench.target = target
+    bench.cycle(100)
+    assert bench.status.position_counts == target and bench.motion == (0, 0)
+
+
+def test_on_a_ramp_the_carriage_lags_speed_times_the_time_constant():
+    bench = enabled().move_at(0.2)
+    assert bench.motion.velocity == pytest.approx(0.2 * CPM, rel=1e-3)
+    assert bench.motion.following_error_counts == pytest.approx(0.2 * LAG * CPM, abs=2)
+    # at the SYNC the demand is the target of the SYNC before last
+    expected = bench.target - 0.2 * CPM * (PERIOD + LAG)
+    assert bench.status.position_counts == pytest.approx(expected, abs=2)
+
+
+def test_the_lag_can_be_changed_while_running():
+    bench = enabled().move_at(0.1)
+    bench.drive.motor.lag = 0.02
+    bench.move_at(0.1, 80)
+    assert bench.motion.following_error_counts == pytest.approx(0.1 * 0.02 * CPM, abs=20)
+
+
+def speeds_over_a_cycle(bench):
+    speeds = []
+    for _ in range(10):
+        bench.now += PERIOD / 10
+        bench.drive.advance(bench.now)
+        speeds.append(bench.drive.motor.velocity / CPM)
+    return speeds
+
+
+def test_between_syncs_the_demand_is_a_straight_line():
+    bench = enabled().move_at(0.1)
+    bench.send(0x202, bytes(7))  # is not latched before the SYNC
+    speeds = speeds_over_a_cycle(bench)
+    assert max(speeds) - min(speeds) < 0.001
+
+
+def test_with_an_interpolation_period_of_zero_the_carriage_jerks():
+    bench = enabled()
+    bench.nmt(128)
+    bench.write(0x60C2, 1, 0)
+    bench.nmt(1)
+    bench.move_at(0.1)
+    bench.target += round(0.1 * CPM * PERIOD)
+    speeds = speeds_over_a_cycle(bench)
+    assert max(speeds) - min(speeds) > 0.02
+
+
+def test_a_missed_rpdo_holds_the_last_target():
+    bench = enabled().move_at(0.1, 20)
+    for _ in range(20):
+        bench.wait(PERIOD)
+        bench.sync()
+    assert bench.status.position_counts == bench.target
+
+
+def test_the_carriage_never_exceeds_the_speed_and_acceleration_limits():
+    bench = enabled(_6065=0xFFFFFFFF)
+    bench.target = round(0.4 * CPM)
+    before, limited = 0.0, 0
+    for _ in range(150):
+        bench.cycle()
+        speed = bench.motion.velocity / CPM
+        assert abs(speed) <= 0.6001 and abs(speed - before) <= 6 * PERIOD * 1.01
+        limited += bool(bench.status.statusword & Status.INTERNAL_LIMIT)
+        before = speed
+    assert bench.status.position_counts == bench.target and limited > 10
+
+
+@settings(max_examples=50)
+@given(st.just(0.0) | st.floats(0.0005, 0.05), st.floats(0.0001, 0.001), st.floats(-0.3, 0.3))
+def test_the_servo_never_overshoots_a_step_of_its_demand(lag, step, distance):
+    motor = SimulatedMotor(SimulationSettings(lag=lag), AxisScale())
+    goal = distance * CPM
+    for _ in range(round(1.0 / step)):
+        motor.follow(goal, 0.0, step, 1.0 * CPM, 20.0 * CPM)
+        assert abs(motor.position) <= abs(goal) + 2.0  # counts, from the finite step
+    assert motor.position == pytest.approx(goal, abs=1.0)
+
+
+def test_the_first_order_lag_is_exact_for_any_step():
+    for steps in (1, 7, 100):
+        motor = SimulatedMotor(SimulationSettings(lag=0.01), AxisScale())
+        for _ in range(steps):
+            motor.follow(100.0, 0.0, 0.01 / steps, math.inf, 1e12)
+        assert motor.position == pytest.approx(100.0 * (1 - math.exp(-1)))
+
+
+# --- supervision
+
+def test_a_jump_of_the_target_trips_on_the_following_error():
+    bench = enabled()
+    bench.target = round(0.2 * CPM)
+    bench.until(lambda: bench.state is State.FAULT)
+    assert [message.code for message in bench.emergencies()] == [0x8611]
+    assert bench.read(0x603F) == 0x8611 and bench.read(0x1001) == 0x21
+    assert bench.read(0x1003, 1) == 0x8611
+    assert bench.status.position_counts < 0.1 * CPM
+
+
+def test_a_following_error_within_its_time_out_is_forgiven():
+    bench = enabled(_6066=500)
+    bench.target = round(0.05 * CPM)
+    bench.cycle(100)
+    assert bench.state is State.OPERATION_ENABLED
+    assert bench.status.position_counts == bench.target
+
+
+@pytest.mark.parametrize('sign', [-1, 1])
+def test_a_target_beyond_the_software_limits_trips(sign):
+    bench = enabled()
+    bench.target = sign * round(0.51 * CPM)
+    bench.cycle(3)
+    assert [message.code for message in bench.emergencies()] == [0x8A82]
+    bench.until(lambda: bench.state is State.FAULT)
+
+
+@pytest.mark.parametrize('speed, bit, code', [(0.3, 2, 0x8A81), (-0.3, 1, 0x8A80)])
+def test_a_limit_switch_trips_and_shows_in_the_digital_inputs(speed, bit, code):
+    bench = enabled()
+    bench.write(0x607D, 1, 0)
+    bench.write(0x607D, 2, 0)  # no limits
+    bench.move_at(speed, 185)
+    bench.until(lambda: bench.state is State.FAULT)
+    assert [message.code for message in bench.emergencies()] == [code]
+    assert bench.read(0x60FD) == bit
+    bench.go(State.FAULT)
+    bench.controlword = Controlword.FAULT_RESET
+    bench.cycle(2)
+    bench.enable().move_at(-speed, 100)  # off the switch again
+    assert bench.state is State.OPERATION_ENABLED
+
+
+# --- stops
+
+@pytest.mark.parametrize('option, ramp, state', [
+    (2, 5.0, State.SWITCH_ON_DISABLED), (6, 5.0, State.QUICK_STOP_ACTIVE),
+    (1, 2.0, State.SWITCH_ON_DISABLED), (5, 2.0, State.QUICK_STOP_ACTIVE),
+    (0, None, State.SWITCH_ON_DISABLED)])
+def test_a_quick_stop_follows_its_option_code(option, ramp, state):
+    bench = enabled(_605A=option).move_at(0.4)
+    start = bench.drive.motor.carriage_position
+    bench.controlword = Controlword.QUICK_STOP
+    bench.cycle(60)
+    assert bench.state is state and bench.motion.velocity == 0
+    if ramp:
+        way = bench.drive.motor.carriage_position - start
+        latency = 0.4 * 2 * PERIOD
+        assert 0.4**2 / (2 * ramp) <= way <= 0.4**2 / (2 * ramp) + latency
+
+
+def test_quick_stop_is_left_by_a_new_command_and_only_by_that():
+    bench = enabled()
+    bench.drive.inject_fault(0x8110)  # 6007 says quick stop
+    bench.cycle(5)
+    assert bench.state is State.QUICK_STOP_ACTIVE
+    bench.controlword = Controlword.QUICK_STOP
+    bench.cycle(2)
+    bench.controlword = Controlword.ENABLE_OPERATION
+    bench.cycle(2)
+    assert bench.state is State.OPERATION_ENABLED
+
+
+@pytest.mark.parametrize('option, slow', [(2, True), (0, False)])
+def test_a_fault_reaction_is_a_ramp_or_none(option, slow):
+    bench = enabled(_605E=option).move_at(0.4)
+    bench.drive.inject_fault(0x8611)
+    assert bench.drive.state is (State.FAULT_REACTION_ACTIVE if slow else State.FAULT)
+    bench.until(lambda: bench.state is State.FAULT, 20)
+    bench.cycle(20)
+    assert bench.motion.velocity == 0
+
+
+def test_switching_off_while_moving_lets_the_carriage_coast_to_rest():
+    bench = enabled().move_at(0.4)
+    bench.controlword = Controlword.DISABLE_VOLTAGE
+    bench.cycle(2)
+    assert bench.state is State.SWITCH_ON_DISABLED and bench.motion.velocity > 0
+    bench.cycle(20)
+    assert bench.motion.velocity == 0 and bench.read(0x6077) == 0
+
+
+# --- profile position
+
+def test_profile_position_goes_to_its_target_and_says_so():
+    bench = Bench().configure(_6081=round(0.3 * CPM), _6083=round(2 * CPM))
+    bench.enable(Mode.PROFILE_POSITION)
+    bench.target = round(0.2 * CPM)
+    status = bench.command(Controlword.NEW_SETPOINT)
+    assert status.statusword & Status.SETPOINT_ACKNOWLEDGE
+    assert not status.statusword & Status.TARGET_REACHED
+    assert not bench.command().statusword & Status.SETPOINT_ACKNOWLEDGE
+    top = 0
+    for _ in range(150):
+        bench.cycle()
+        top = max(top, bench.motion.velocity)
+    assert top == pytest.approx(0.3 * CPM, rel=0.01)
+    assert bench.status.position_counts == bench.target
+    assert bench.status.statusword & Status.TARGET_REACHED
+
+
+def test_profile_position_halts_and_goes_on():
+    bench = Bench().configure(_6081=round(0.2 * CPM))
+    bench.enable(Mode.PROFILE_POSITION)
+    bench.target = round(0.3 * CPM)
+    bench.command(Controlword.NEW_SETPOINT)
+    bench.cycle(30)
+    bench.command(Controlword.NEW_SETPOINT, Controlword.HALT)
+    bench.cycle(50)
+    assert bench.motion.velocity == 0 and 0 < bench.status.position_counts < bench.target
+    bench.command(Controlword.NEW_SETPOINT)
+    bench.cycle(250)
+    assert bench.status.position_counts == bench.target
+
+
+def test_profile_position_adds_a_relative_target_and_stays_within_the_limits():
+    bench = Bench().configure(_6081=round(0.5 * CPM), _6083=round(5 * CPM))
+    bench.enable(Mode.PROFILE_POSITION)
+    for expected in (0.2, 0.4, 0.5):
+        bench.target = round(0.2 * CPM)
+        bench.command(Controlword.NEW_SETPOINT, Controlword.RELATIVE)
+        bench.command()
+        bench.cycle(150)
+        assert bench.status.position_counts == pytest.approx(expected * CPM, abs=1)
+
+
+# --- torque
+
+def torque_for(force):
+    return force / AxisScale().force_per_torque_unit
+
+
+HELD = 0.5 + 0.5 * (2.0 * AxisScale().efficiency - 1.0)  # share at rest: driven or driving
+
+
+def test_the_torque_is_friction_at_speed_and_what_is_left_of_it_at_rest():
+    bench = enabled().move_at(0.2, 100)
+    assert bench.read(0x6077) == pytest.approx(torque_for(4.0 + 10.0 * 0.2), rel=0.02)
+    bench.target += 0
+    bench.cycle(100)
+    assert abs(bench.read(0x6077)) == pytest.approx(HELD * torque_for(4.0), abs=1)
+
+
+def test_friction_at_rest_has_one_sign_after_coming_from_below_and_the_other_from_above():
+    bench = enabled()
+    bench.move_at(0.05, 20).cycle(20)
+    from_below = bench.read(0x6077)
+    bench.move_at(-0.05, 20).cycle(20)
+    assert from_below != 0
+    assert bench.read(0x6077) == pytest.approx(-from_below, abs=1)
+
+
+def test_rotor_gear_and_screw_are_accelerated_besides_the_carriage():
+    peaks = []
+    for inertia in (0.0, 1e-6):
+        bench = Bench(rotor_inertia=inertia, coulomb_friction=0.0, viscous_friction=0.0)
+        bench.configure().enable()
+        torques = [abs(bench.move_at(0.002 * k, 1).drive.motor.torque) for k in range(40)]
+        peaks.append(max(torques))
+    scale = AxisScale()
+    reflected = scale.efficiency * 1e-6 * (math.tau * scale.gear_ratio / scale.lead) ** 2
+    assert peaks[1] / peaks[0] == pytest.approx(1.0 + reflected / 2.0, rel=0.05)
+
+
+@pytest.mark.parametrize('direction', [1, -1])
+@pytest.mark.parametrize(('speed', 'share'), [
+    (0.0, HELD), (0.05, 1.0), (-0.05, 2.0 * AxisScale().efficiency - 1.0)])
+def test_an_external_force_shows_in_the_torque_and_less_where_it_drives_the_motor(
+        direction, speed, share):
+    bench = Bench(direction=direction, coulomb_friction=0.0,
+                  viscous_friction=0.0).configure().enable()
+    bench.drive.motor.external_force = -20.0
+    bench.move_at(direction * speed, 50)
+    assert bench.read(0x6077) == pytest.approx(direction * share * torque_for(20.0), rel=0.03)
+
+
+def test_a_drive_of_the_other_direction_moves_the_carriage_the_other_way():
+    bench = Bench(direction=-1, start=0.1).configure().enable()
+    bench.move_at(0.1, 50).cycle(50)
+    assert bench.status.position_counts == bench.target > 0
+    assert bench.drive.motor.carriage_position == pytest.approx(0.1 - 0.05, abs=1e-5)
+
+
+def test_a_drive_that_speaks_rpm_moves_alike():
+    bench = Bench('epos4').boot()
+    scale = AxisScale(velocity_unit='rpm')
+    rpm = scale.speed_to_units(1.0)
+    bench.configure(_6085=5 * rpm, _607F=rpm, _6080=rpm, _60C5=6 * rpm)
+    bench.enable().move_at(0.2)
+    assert bench.motion.velocity == pytest.approx(0.2 * rpm, rel=1e-3)
+
+
+# --- the pieces
+
+@settings(max_examples=50)
+@given(st.lists(st.tuples(st.integers(-10**6, 10**6), st.floats(0.001, 0.02)), min_size=1),
+       st.floats(0.0001, 0.003))
+def test_an_interpolator_meets_each_target_at_the_end_of_its_period(targets, step):
+    demand = Interpolator(0.0)
+    for target, period in targets:
+        demand.latch(target, period)
+        position = 0.0
+        for _ in range(math.ceil(period / step) + 1):
+            position, _ = demand.step(step)
+        assert position == target
+
+
+@settings(max_examples=50)
+@given(st.floats(-1e5, 1e5), st.floats(2e4, 1e6), st.floats(5e4, 1e7), st.floats(5e4, 1e7))
+def test_a_position_ramp_arrives_within_its_limits(target, speed, acceleration, deceleration):
+    ramp = PositionRamp(0.0)
+    ramp.go(target, speed, acceleration, deceleration)
+    time_needed = abs(target) / speed + speed / acceleration + speed / deceleration + 0.1
+    for _ in range(math.ceil(1.1 * time_needed / 0.001)):
+        before = ramp.speed
+        ramp.step(0.001)
+        assert abs(ramp.speed) <= speed * 1.0001
+        assert abs(ramp.speed) - abs(before) <= acceleration * 0.0010001
+        if ramp.arrived:
+            break
+    assert ramp.position == target
+
+
+@given(st.floats(-1e5, 1e5), st.floats(1e3, 1e6))
+def test_a_speed_ramp_comes_to_rest_after_the_stopping_distance(speed, acceleration):
+    ramp = SpeedRamp(0.0, speed, acceleration)
+    for _ in range(10_000):
+        if ramp.step(0.01)[1] == 0.0:
+            break
+    distance = speed * abs(speed) / (2 * acceleration)
+    assert ramp.position == pytest.approx(distance, abs=abs(speed) * 0.01 + 1e-6)
+
+
+@pytest.mark.parametrize('change, words', [
+    ({'lower_switch': -0.6}, 'lower_stop = -0.56 m is above lower_switch = -0.6 m'),
+    ({'lag': -0.1}, 'lag = -0.1 s is below'),
+    ({'boot_time': math.nan}, 'boot_time')])
+def test_an_axis_that_cannot_be_built_is_rejected(change, words):
+    with pytest.raises(ParameterError, match=words):
+        SimulationSettings(**change)

@@ -1,0 +1,141 @@
+"""The whole loop, simulated: the head stands still on the wall while the gondola sways."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.compensation.compensator import CompensatorSettings
+from facade_manipulator.compensation.correction import CorrectionSettings
+from facade_manipulator.compensation.pressing import PressMode
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.lab.gondola.bench.__main__ import run_scenario
+from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, START
+from facade_manipulator.lab.gondola.facade import Facade
+from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
+from facade_manipulator.lab.gondola.scenario import load_scenario, Scenario
+from facade_manipulator.lab.gondola.sensors import EstimatorSettings
+
+HEAD = Pose(0.0, 0.2498, 0.0)
+GOAL = Pose(0.0, 0.25, 0.0)
+STROKES = (GOAL, Pose(0.12, 0.25, 0.0), Pose(-0.12, 0.265, math.radians(3.0)))
+
+
+def loop(**changes):
+    return ClosedLoop(Geometry(), Scenario(**changes), Sway(SwaySettings()).at, HEAD)
+
+
+def test_the_default_wind_is_attenuated_while_the_head_cleans():
+    run = loop()
+    run.run(1.0)
+    for stroke in STROKES:
+        run.send_goal(stroke)
+        run.run(6.0)
+    report = run.wall.report()['axes']
+    assert run.rejections == []
+    assert run.follower.brakes == 0
+    for axis, least in (('x', 34.0), ('y', 18.0), ('theta', 22.0)):
+        assert report[axis]['attenuation_db'] > least
+
+
+MADE = Geometry(
+    link_errors=(1e-3, -5e-4), carriage_offsets=(1e-3, 0.0, -1e-3), rail_angle=math.radians(0.2))
+
+
+def residual(known, made):
+    run = ClosedLoop(known, Scenario(), Sway(SwaySettings()).at, HEAD, made)
+    run.run(1.0)
+    run.send_goal(GOAL)
+    run.run(8.0)
+    assert run.rejections == []
+    return np.array([axis['residual_rms'] for axis in run.wall.report()['axes'].values()])
+
+
+@pytest.mark.long
+def test_a_machine_that_is_known_is_compensated_as_well_as_one_without_errors():
+    ideal, known, unknown = (
+        residual(*pair) for pair in ((Geometry(), Geometry()), (MADE, MADE), (Geometry(), MADE)))
+    assert known == pytest.approx(ideal, rel=0.2)
+    assert unknown[0] > 1.8 * ideal[0] and unknown[2] > 4.0 * ideal[2]
+
+
+def test_without_compensation_nothing_is_attenuated():
+    run = loop(compensator=CompensatorSettings(correction=CorrectionSettings(enabled=False)))
+    run.send_goal(GOAL)
+    run.run(12.0)
+    for axis in run.wall.report()['axes'].values():
+        assert axis['attenuation_db'] == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize('event', ['disable', 'tare', 'lost'])
+def test_no_transition_makes_the_head_jump(event):
+    silence = {'silent_from': 10.0, 'silent_for': 3.0} if event == 'lost' else {}
+    run = loop(estimator=EstimatorSettings(**silence))
+    run.send_goal(GOAL)
+    run.run(10.0)
+    correction = run.compensator.correction
+    if event == 'disable':
+        correction.enabled = False
+    elif event == 'tare':
+        correction.tare(run.now)
+    steps = run.run(3.0)
+    correction.enabled = True
+    steps += run.run(5.0)
+    heads = np.array([step.sample.head for step in steps])
+    assert (abs(np.diff(heads, 2, axis=0)).max(axis=0) < (1e-3, 1e-3, math.radians(0.1))).all()
+    assert run.rejections == []
+    assert run.follower.brakes == 0
+
+
+def test_slower_drives_than_assumed_cost_some_attenuation_but_no_stability():
+    run = loop()
+    run.drive_lag = 0.03
+    run.send_goal(GOAL)
+    run.run(15.0)
+    assert run.wall.report()['axes']['x']['attenuation_db'] > 30.0
+
+
+def test_lost_and_late_estimates_are_rejected_and_survived():
+    run = loop(estimator=replace(EstimatorSettings(), loss=0.2, latency=0.08, jitter=0.06))
+    run.send_goal(GOAL)
+    run.run(15.0)
+    assert any('older than the one before' in message for message in run.rejections)
+    assert run.wall.report()['axes']['x']['attenuation_db'] > 26.0
+
+
+def pressed(name, duration=36.0, **wall):
+    """Run a scenario with another wall; return the run, its forces and those from 20 s on."""
+    scenario = load_scenario(name)
+    run = run_scenario(scenario._replace(
+        mission=replace(scenario.mission, duration=duration),
+        facade=replace(scenario.facade, **wall)))
+    forces = np.array([Facade.force_on_wall(step.sample.head, step.wrench) for step in run.steps])
+    return run, forces, forces[[step.sample.time > START + 20.0 for step in run.steps]]
+
+
+@pytest.mark.parametrize(('name', 'wall'), [
+    ('pressing', {'stiffness': 1500.0}),
+    pytest.param('window_frames', {}, marks=pytest.mark.long)])
+def test_the_head_presses_as_desired_from_a_gondola_that_feels_it(name, wall):
+    run, _, held = pressed(name, **wall)
+    steps = run.steps[-len(held):]
+    assert run.loop.compensator.contact.pressing.mode is PressMode.HOLDING
+    assert abs(held - 30.0).max() < 3.0
+    assert np.sqrt(((held - 30.0) ** 2).mean()) < 1.2
+    assert max(abs(step.rail.theta) for step in steps) < math.radians(5.0)
+    assert np.mean([step.rail.y for step in steps]) < -0.03
+    assert run.loop.wall.report()['axes']['x']['residual_rms'] < 1.5e-3
+    assert run.loop.rejections == []
+    assert run.loop.follower.brakes == 0
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('stiffness', [1e4, 5e4, 1e5])
+def test_a_stiff_wall_is_pressed_gently_or_left_with_the_reason(stiffness):
+    run, forces, held = pressed('pressing', duration=30.0, stiffness=stiffness)
+    pressing = run.loop.compensator.contact.pressing
+    hammering = forces[:len(forces) // 40 * 40].reshape(-1, 40).std(axis=1) > 6.0
+    assert forces.max() < 80.0
+    assert 0.4 * hammering.sum() < 5.0
+    assert pressing.mode is PressMode.HOLDING or (pressing.reason and held[-1] == 0.0)

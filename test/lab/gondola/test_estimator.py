@@ -1,0 +1,66 @@
+"""The simulated estimator: late, jittery, noisy, at times silent."""
+
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.lab.gondola.sensors import EstimatorSettings, SimulatedEstimator
+
+
+def motion(time):
+    return Pose(0.1 * time, 0.0, -0.05 * time)
+
+
+def listen(settings, duration=20.0, period=0.001):
+    """Return (arrival, delivery) of everything that comes."""
+    estimator = SimulatedEstimator(settings, motion, 0.0)
+    return [(now, delivery) for now in np.arange(0.0, duration, period)
+            for delivery in estimator.advance(now)]
+
+
+def test_rate_latency_and_jitter_are_as_set():
+    heard = listen(EstimatorSettings())
+    ages = np.array([now - delivery.stamp for now, delivery in heard])
+    assert len(heard) == pytest.approx(20 * 50, abs=4)
+    assert ages.min() >= 0.04
+    assert ages.max() <= 0.0611
+    assert ages.mean() == pytest.approx(0.0505, abs=0.001)
+
+
+def test_the_noise_has_the_variance_that_the_estimates_tell():
+    heard = listen(EstimatorSettings())
+    errors = np.array([np.subtract(d.pose, motion(d.stamp)) for _, d in heard])
+    assert errors.var(axis=0) == pytest.approx(tuple(heard[0][1].variances), rel=0.2)
+    assert abs(errors.mean(axis=0)) == pytest.approx((0.0, 0.0, 0.0), abs=2e-4)
+
+
+def test_without_noise_the_estimate_is_the_motion():
+    heard = listen(EstimatorSettings(position_noise=0.0, yaw_noise=0.0), duration=1.0)
+    for _, delivery in heard:
+        assert delivery.pose == pytest.approx(tuple(motion(delivery.stamp)))
+
+
+def test_losses_and_silence_leave_gaps():
+    lossy = listen(EstimatorSettings(loss=0.3))
+    assert len(lossy) == pytest.approx(700, abs=60)
+    silent = listen(EstimatorSettings(silent_from=5.0, silent_for=2.0))
+    stamps = [delivery.stamp for _, delivery in silent]
+    assert not [stamp for stamp in stamps if 5.0 <= stamp < 7.0]
+    assert max(stamps) > 19.0
+
+
+def test_the_same_seed_gives_the_same_estimates():
+    assert listen(EstimatorSettings(), 1.0) == listen(EstimatorSettings(), 1.0)
+    assert listen(EstimatorSettings(), 1.0) != listen(EstimatorSettings(seed=2), 1.0)
+
+
+def test_estimates_may_overtake_one_another():
+    heard = listen(EstimatorSettings(latency=0.1, jitter=0.05), duration=5.0)
+    stamps = [delivery.stamp for _, delivery in heard]
+    assert stamps != sorted(stamps)
+
+
+def test_estimates_from_the_future_are_rejected():
+    with pytest.raises(ParameterError, match='future'):
+        EstimatorSettings(latency=0.01, jitter=0.02)

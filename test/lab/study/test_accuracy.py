@@ -1,0 +1,64 @@
+from dataclasses import replace
+import math
+
+from mechanism import DESIGN
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import LimitError, ParameterError
+from facade_manipulator.kinematics import (
+    Carriages,
+    Geometry,
+    jacobian,
+    mechanism_of,
+    Pose,
+)
+from facade_manipulator.lab.study.accuracy import DriveTrain, worth, worth_rows
+
+TRAIN = DriveTrain()
+
+
+LONG = Geometry(link_errors=(1e-3, -2e-3), platform_errors=(2e-3, 0.0), rail_angle=0.02,
+                tool=(0.01, 0.05, 0.1))
+
+
+@pytest.mark.parametrize(('geometry', 'y', 'theta'), [
+    (DESIGN, 0.1, 0.03), (DESIGN, 0.25, -0.1), (DESIGN, 0.3, 0.05), (LONG, 0.3, 0.05)])
+def test_errors_are_those_of_many_machines(geometry, y, theta):
+    random = np.random.default_rng(1)
+    q = np.array(mechanism_of(geometry).inverse_kinematics(Pose(0.0, y, theta)))
+    heads = []
+    for _ in range(2000):
+        made = replace(geometry, **{
+            name: tuple(getattr(geometry, name) + 1e-5 * random.standard_normal(2))
+            for name in ('link_errors', 'platform_errors')})
+        heads.append(mechanism_of(made).forward_kinematics(
+            Carriages(*(q + 1e-5 * random.standard_normal(3)).tolist())))
+    found = worth(geometry, y, theta, DriveTrain(carriage_error=1e-5, length_error=1e-5)).errors
+    assert found == pytest.approx(np.std(heads, axis=0), rel=0.08)
+
+
+def test_the_pressing_force_is_that_of_the_weakest_carriage():
+    assert worth(DESIGN, 0.06, 0.0, TRAIN).pressing == pytest.approx(20.4, abs=0.1)
+    assert worth(DESIGN, 0.25, 0.0, TRAIN).pressing == pytest.approx(119.0, abs=0.1)
+
+
+@pytest.mark.parametrize('theta', [0.0, 0.15])
+def test_on_the_ellipses_the_carriages_are_at_their_limits(theta):
+    at, rates = worth(DESIGN, 0.25, theta, TRAIN), jacobian(DESIGN, Pose(0.0, 0.25, theta))
+    for (most, least, angle), demand, limit in (
+            (at.speeds, rates, TRAIN.speed), (at.forces, np.linalg.inv(rates).T, TRAIN.force)):
+        for size, turn in ((most, angle), (least, angle + math.pi / 2.0)):
+            asked = demand @ (size * math.cos(turn), size * math.sin(turn), 0.0)
+            assert np.linalg.norm(asked) == pytest.approx(limit)
+
+
+def test_what_cannot_be_reached_is_worth_nothing():
+    with pytest.raises(LimitError):
+        worth(DESIGN, 0.4, 0.0, TRAIN)
+    assert [row.y for row in worth_rows(DESIGN, [0.2, 0.4], TRAIN)] == [0.2]
+
+
+def test_a_drive_train_without_force_is_rejected():
+    with pytest.raises(ParameterError, match='force'):
+        DriveTrain(force=0.0)

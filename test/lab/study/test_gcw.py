@@ -1,0 +1,95 @@
+import math
+
+from mechanism import NO_GAP
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.study import count_poses, Grid, measure
+from facade_manipulator.lab.study.gcw import case_geometry, grid_y, PAPER, PoseCount, table2
+
+COARSE = Grid(0.01, 0.004, 0.03)
+
+
+def brute_force(geometry, grid, threshold, characteristic_length):
+    """Count every grid pose on its own, by eqs 7-8, 18, 19 and the Jacobian's own norms."""
+    length, half = geometry.link_length, geometry.platform_half_length
+    steps = int(0.5 * math.pi / grid.theta)
+    x, y, theta = np.meshgrid(
+        np.arange(-120, 121) * grid.x, grid_y(geometry, grid),
+        np.arange(-steps, steps + 1) * grid.theta, indexing='ij')
+    rise, span = half * np.sin(theta), half * np.cos(theta)
+    u1, u2 = y - rise, y + rise
+    with np.errstate(all='ignore'):
+        s1, s2 = np.sqrt(length ** 2 - u1 * u1), np.sqrt(length ** 2 - u2 * u2)
+        q1, q2 = x - span + s1, x + span - s2
+        reachable = (s1 > 0) & (s2 > 0) & (q1 >= geometry.stroke[0]) & (q2 <= geometry.stroke[1])
+        for distance in (span - s1, span - s2):
+            reachable &= (distance > 0) & (distance >= geometry.carriage_gap)
+        y1, t1 = -u1 / s1, (u1 * span + s1 * rise) / s1 / characteristic_length
+        y2, t2 = u2 / s2, (u2 * span - s2 * rise) / s2 / characteristic_length
+        determinant = y1 * t2 - y2 * t1
+        forward = 3 + y1 ** 2 + y2 ** 2 + t1 ** 2 + t2 ** 2
+        backward = 1 + (y1 ** 2 + y2 ** 2 + t1 ** 2 + t2 ** 2 + (y1 - y2) ** 2
+                        + (t1 - t2) ** 2) / determinant ** 2
+        good = 3 / np.sqrt(forward * backward) >= threshold
+        beyond = determinant >= 0.0  # det J = −b N/(s1 s2)
+    return PoseCount(int(reachable.sum()), int((reachable & good).sum()),
+                     int((reachable & beyond).sum()))
+
+
+@pytest.mark.parametrize('geometry', [
+    NO_GAP, Geometry(0.25, 0.45, (-0.5, 0.6), 0.01), Geometry(0.34, 0.36, carriage_gap=0.0),
+    Geometry(0.15, 0.55, (-0.5, 0.5), 0.0), Geometry(0.4, 0.3, (-0.21, 0.5), 0.03)])
+@pytest.mark.parametrize(('threshold', 'length'), [(0.001, 0.001), (0.2, 1.0)])
+def test_counts_are_those_of_brute_force_to_the_last_pose(geometry, threshold, length):
+    count = count_poses(geometry, COARSE, threshold, length)
+    assert count == brute_force(geometry, COARSE, threshold, length)
+    assert count.total > 0
+
+
+def test_an_empty_workspace_counts_nothing():
+    count = count_poses(Geometry(0.15, 0.55, (-0.3, 0.3), 0.0), COARSE)
+    assert count == PoseCount(0, 0, 0)
+    assert math.isnan(count.ratio)
+
+
+@pytest.mark.parametrize('grid', [Grid(x=0.0), Grid(y=-0.001), Grid(theta=math.nan)])
+def test_a_grid_needs_positive_spacings(grid):
+    with pytest.raises(ParameterError, match='grid spacing'):
+        count_poses(NO_GAP, grid)
+
+
+@pytest.mark.parametrize(('threshold', 'length'), [(-0.1, 1.0), (math.nan, 1.0), (0.1, 0.0)])
+def test_a_threshold_and_a_characteristic_length_are_checked(threshold, length):
+    with pytest.raises(ParameterError):
+        count_poses(NO_GAP, COARSE, threshold, length)
+
+
+def test_table_2_has_the_papers_ratios_to_their_three_digits():
+    rows = table2()
+    assert [round(row['ratio'], 3) for row in rows] == [row.ratio for row in PAPER]
+
+
+def test_with_a_stroke_of_one_metre_the_ratios_move_by_a_thousandth_at_most():
+    for row in table2(1.0):
+        assert row['ratio'] == pytest.approx(row['paper']['ratio'], abs=0.0011)
+
+
+def test_the_areas_stand_beside_the_papers_and_are_not_tuned_to_them():
+    rows = table2()
+    assert list(rows[0]) == ['l', 'b', 'ratio', 'area_section', 'area_union', 'paper']
+    assert rows[-1]['paper'] == {'area': 0.328, 'ratio': 0.986, 'good_area': 0.323}
+    for row in rows:
+        assert 0.0 < row['area_section'] < row['area_union']
+
+
+def test_counts_approach_the_integrals():
+    geometry = case_geometry(0.3, 0.4, 1.0)
+    count = count_poses(geometry, Grid(0.002, 0.001, math.radians(0.25)))
+    of = measure(geometry, 0.001, 0.001, 512, 256)
+    assert count.ratio == pytest.approx(of.ratio, abs=1e-3)
+    assert count.beyond / count.total == pytest.approx(of.beyond_share, abs=4e-3)
+    cell = 0.002 * 0.001 * math.radians(0.25)
+    assert count.total * cell == pytest.approx(of.volume, rel=5e-3)

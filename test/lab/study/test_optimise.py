@@ -1,0 +1,128 @@
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.study import theta_max, y_range
+from facade_manipulator.lab.study.optimise import OBJECTIVES, optimise, sweep_size
+from facade_manipulator.lab.study.requirements import Requirements, theta_peak, y_travel
+from facade_manipulator.lab.study.section import section_area
+from facade_manipulator.lab.study.tables import summarise
+
+SHORT_LINE = {'link_range': (0.340, 0.356)}  # keeps the integrals few
+
+
+@pytest.mark.parametrize('objective', ['area', 'good_area'])
+def test_along_the_papers_sum_the_areas_peak_where_the_links_are_as_long_as_b(objective):
+    found = optimise(objective)
+    assert found.link_length == pytest.approx(0.350, abs=2e-5)
+    assert found.active == ('l + b = 0.7 m', 'order of the carriages, l = b - gap')
+    assert found.designs == sweep_size(objective, Requirements()) == 251
+
+
+def test_along_the_papers_sum_the_ratio_peaks_one_millimetre_before():
+    found = optimise('ratio', Requirements(**SHORT_LINE))
+    assert found.link_length == pytest.approx(0.349, abs=1e-3)
+    assert found.value == pytest.approx(0.986, abs=5e-4)
+
+
+def test_the_volume_before_n_peaks_at_shorter_links():
+    found = optimise('volume', Requirements(link_range=(0.328, 0.338)))
+    assert found.link_length == pytest.approx(0.332, abs=1e-3)
+    assert found.merits['volume'] == found.value
+
+
+def test_without_the_sum_the_area_grows_to_the_box():
+    found = optimise('area', Requirements(length_sum=0.0))
+    assert found.active == ('l <= 0.4 m', 'order of the carriages, l = b - gap')
+    assert found.value > optimise('area').value
+
+
+def test_the_optimum_beats_every_design_of_the_sweep():
+    need = Requirements(length_sum=0.0, carriage_gap=0.02, stroke_length=0.9)
+    length, half = np.meshgrid(np.linspace(0.15, 0.4, 60), np.linspace(0.3, 0.55, 60))
+    assert optimise('area', need).value >= section_area(length, half, 0.9, 0.02).max()
+
+
+def test_a_requirement_that_binds_is_met_and_named():
+    asked = math.radians(25.0)
+    found = optimise('area', Requirements(min_theta=asked))
+    reached = theta_peak(found.link_length, found.platform_half_length, 0.0)
+    assert reached == pytest.approx(asked, abs=1e-4) and reached >= asked - 1e-9
+    assert found.active == ('l + b = 0.7 m', 'min_theta = 0.4363 rad')
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('length', 'half', 'gap'), [
+    (0.352, 0.348, 0.0), (0.352, 0.348, 0.02), (0.25, 0.45, 0.0), (0.34, 0.36, 0.01),
+    (0.4, 0.3, 0.02)])
+def test_the_peak_angle_is_that_of_the_limits(length, half, gap):
+    geometry = Geometry(length, half, carriage_gap=gap)
+    lower, upper = y_range(geometry)
+    peak = max(theta_max(geometry, y) for y in np.linspace(lower, upper, 4000)[1:-1])
+    found = theta_peak(length, half, gap)
+    assert peak - 1e-6 <= found <= peak + 4e-4  # the kink lies between two of the 4000
+
+
+def test_the_range_of_y_is_that_of_the_limits():
+    lower, upper = y_range(Geometry(carriage_gap=0.02))
+    found = y_travel(np.array([0.352]), np.array([0.348]), Requirements(carriage_gap=0.02))
+    assert found[0] == pytest.approx(upper - lower)
+
+
+@pytest.mark.parametrize(('asked', 'words'), [
+    ({'min_theta': 1.2}, r'min_theta = 1.2 rad conflicts .* the most is 0\.6'),
+    ({'min_y_travel': 0.4}, r'min_y_travel = 0.4 m conflicts .* the most is 0.35 m'),
+    ({'min_conditioning': 0.9, 'characteristic_length': 1.0},
+     'min_conditioning = 0.9 conflicts .* no design reaches it'),
+    ({'min_theta': math.radians(30.0), 'min_y_travel': 0.345},
+     'min_y_travel = 0.345 m and min_theta = 0.5236 rad exclude each other'),
+    ({'min_y_travel': 0.34, 'min_conditioning': 0.2, 'characteristic_length': 1.0},
+     'min_y_travel = 0.34 m with min_conditioning = 0.2 conflicts'),
+])
+def test_infeasible_requirements_are_rejected_with_the_conflict(asked, words):
+    with pytest.raises(ParameterError, match=words):
+        optimise('area', Requirements(**asked))
+
+
+@pytest.mark.parametrize(('asked', 'words'), [
+    ({'link_range': (0.4, 0.3)}, 'link_range .* is empty'),
+    ({'platform_range': (0.5, 0.4)}, 'platform_range .* is empty'),
+    ({'length_sum': 2.0}, 'length_sum = 2 m conflicts'),
+    ({'length_sum': -0.7}, 'length_sum = -0.7 m is below'),
+    ({'carriage_gap': 0.3}, 'carriage_gap'),
+    ({'carriage_gap': 0.1, 'stroke_length': 0.2}, 'no room for three carriages'),
+    ({'min_theta': math.nan}, 'min_theta'),
+    ({'threshold': 2.0}, 'threshold = 2 is above'),
+])
+def test_requirements_that_make_no_sense_are_rejected(asked, words):
+    with pytest.raises(ParameterError, match=words):
+        Requirements(**asked)
+
+
+def test_an_unknown_objective_is_rejected_with_the_known_ones():
+    with pytest.raises(ParameterError, match='none of area, good_area, volume, ratio'):
+        optimise('beauty')
+
+
+def test_a_sweep_reports_every_design_as_done():
+    done = []
+    optimise('volume', Requirements(**SHORT_LINE), done.append)
+    assert sum(done) == sweep_size('volume', Requirements(**SHORT_LINE)) == 17
+
+
+def test_every_objective_is_positive_for_the_design():
+    length, half = np.array([0.352]), np.array([0.348])
+    for objective in OBJECTIVES.values():
+        assert objective.evaluate(length, half, Requirements(), lambda count: None)[0] > 0.0
+
+
+def test_the_summary_of_the_design_agrees_with_the_design_page():
+    summary = summarise(Geometry(carriage_gap=0.0), 0.001, 0.001)
+    assert summary['y_min'] == pytest.approx(0.05292, abs=1e-5)
+    assert math.degrees(summary['theta_max']) == pytest.approx(19.02, abs=0.01)
+    assert summary['ratio'] == pytest.approx(0.986, abs=2e-3)
+    with pytest.raises(ParameterError, match='workspace is empty'):
+        summarise(Geometry(0.15, 0.55, (-0.3, 0.3), 0.0), 0.001, 0.001)

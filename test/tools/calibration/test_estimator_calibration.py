@@ -1,0 +1,188 @@
+"""Mounting and delay of the estimator, found from a recording."""
+
+import csv
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+from facade_manipulator.errors import CalibrationError, ParameterError
+from facade_manipulator.kinematics import compose, Geometry, Pose, relative
+from facade_manipulator.lab.gondola.machines import record_estimator
+from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
+from facade_manipulator.lab.gondola.sensors import EstimatorSettings
+from facade_manipulator.prediction import EstimateSettings
+from facade_manipulator.tools.calibration import fit_estimator
+from facade_manipulator.tools.calibration.__main__ import main
+
+GEOMETRY = Geometry()
+BREEZE = Sway(SwaySettings())
+NOISE = (1e-3, 1e-3, 1e-3)
+MOUNTING = (0.5, 0.3, math.radians(0.5))
+LIMITS = np.array([5e-3, 5e-3, math.radians(0.05), 3e-3])
+
+
+def compensated(time):
+    return relative(BREEZE.at(time), Pose(0.0, 0.25, 0.0))
+
+
+def wandering(time):
+    return Pose(0.05 * math.sin(0.7 * time), 0.25, 0.0)
+
+
+def values(found):
+    return (*found.settings.mounting, found.settings.delay)
+
+
+def record(mounting=MOUNTING, delay=0.02, seed=1, head=wandering, motion=BREEZE.at, **changes):
+    settings = EstimatorSettings(mounting=mounting, stamp_error=delay, seed=seed, **changes)
+    return record_estimator(motion, settings, GEOMETRY, head)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('head', 'seed'), [(compensated, 0), (wandering, 1), (wandering, 2)])
+def test_two_minutes_of_breeze_show_mounting_and_delay(seed, head):
+    random = np.random.default_rng(seed)
+    mounting = (*random.uniform(-1.0, 1.0, 2).tolist(), random.normal(0.0, 0.02))
+    delay = random.uniform(-0.05, 0.05)
+    found = fit_estimator(GEOMETRY, record(mounting, delay, seed, head))
+    off = np.abs(np.subtract(values(found), (*mounting, delay)))
+    assert (off < LIMITS).all()
+    assert (off < 4.0 * np.array([*found.deviations.values()])).all()
+    assert found.residual == pytest.approx(NOISE, rel=0.4)  # and what is left of the estimator's
+
+
+def test_stamps_since_1970_are_as_good():
+    recording = record()
+    for table in recording:
+        table[:, 0] += 1.8e9
+    found = fit_estimator(GEOMETRY, recording)
+    assert (np.abs(np.subtract(values(found), (*MOUNTING, 0.02))) < LIMITS).all()
+
+
+def test_the_origin_of_the_second_measurement_does_not_matter():
+    recording = record()
+    tracker = Pose(3.0, -1.0, 0.1)
+    wall = np.array([(time, *compose(tracker, Pose(*head))) for time, *head in recording.wall])
+    found = fit_estimator(GEOMETRY, recording._replace(wall=wall))
+    assert np.abs(np.subtract(values(found), (*MOUNTING, 0.02))).max() < 5e-3
+    assert found.turn == pytest.approx(0.1, abs=2e-3)
+
+
+def test_a_camera_that_sees_no_angle_is_enough_while_the_carriages_move():
+    recording = record()
+    recording.wall[:, 3] = np.nan
+    found = fit_estimator(GEOMETRY, recording)
+    off = np.subtract(values(found), (*MOUNTING, 0.02))
+    assert (np.abs(off) < 4.0 * np.array([*found.deviations.values()])).all()
+    assert math.isnan(found.residual[2])
+
+
+def test_outliers_on_the_wall_move_nothing():
+    recording = record()
+    recording.wall[::50, 1] += 0.05
+    found = fit_estimator(GEOMETRY, recording)
+    assert (np.abs(np.subtract(values(found), (*MOUNTING, 0.02))) < LIMITS).all()
+
+
+@pytest.mark.long
+def test_axes_that_are_turned_are_found_by_a_second_measurement_along_those_of_facade():
+    found = fit_estimator(GEOMETRY, record(axes=0.3), ('x', 'y', 'yaw', 'delay', 'axes'))
+    assert found.settings.axes == pytest.approx(0.3, abs=math.radians(0.05))
+    assert (np.abs(np.subtract(values(found), (*MOUNTING, 0.02))) < LIMITS).all()
+    with pytest.raises(ParameterError, match='turn is none of x, y, yaw, delay, axes'):
+        fit_estimator(GEOMETRY, record(), ('turn',))
+
+
+def slipping(recording):
+    """Return what `lateral_offset` shows of it: x alone, while a goal stands."""
+    wall = recording.wall[recording.wall[:, 0] % 6.0 > 2.5]
+    wall[:, 2:] = np.nan
+    return recording._replace(wall=wall)
+
+
+def test_the_slip_along_the_wall_shows_the_delay_and_the_lever_arm_alone():
+    recording, present = slipping(record()), EstimateSettings(mounting=(0.5, 0.0, MOUNTING[2]))
+    with pytest.raises(CalibrationError, match='look for less with --find y delay'):
+        fit_estimator(GEOMETRY, recording, present=present)
+    found = fit_estimator(GEOMETRY, recording, ('y', 'delay'), present)
+    assert (np.abs(np.subtract(values(found), (*MOUNTING, 0.02))) < LIMITS).all()
+    assert found.settings.mounting[::2] == present.mounting[::2]
+    assert list(found.deviations) == ['y', 'delay']
+
+
+def still(_):
+    return Pose(0.0, 0.0, 0.0)
+
+
+def test_a_gondola_that_hangs_still_shows_nothing():
+    with pytest.raises(CalibrationError, match='hangs still'):
+        fit_estimator(GEOMETRY, record(motion=still))
+
+
+def test_a_gondola_that_does_not_turn_shows_no_lever_arm():
+    def sliding(time):
+        return BREEZE.at(time)._replace(theta=0.0)
+
+    with pytest.raises(CalibrationError, match='cannot show x of the mounting'):
+        fit_estimator(GEOMETRY, record(motion=sliding))
+
+
+def test_a_gap_is_named():
+    with pytest.raises(CalibrationError, match='disturbance: a gap of 2'):
+        fit_estimator(GEOMETRY, record(silent_from=30.0, silent_for=2.0))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(('table', 'column', 'factor'), [
+    ('disturbance', 1, 1e-3), ('disturbance', 1, -1.0), ('wall', 3, math.radians(1.0))])
+def test_another_unit_or_sign_is_a_contradiction(table, column, factor):
+    recording = record()
+    getattr(recording, table)[:, column] *= factor
+    with pytest.raises(CalibrationError, match='contradict each other.*another unit, sign'):
+        fit_estimator(GEOMETRY, recording)
+
+
+def test_a_wall_of_empty_cells_is_named():
+    recording = record()
+    recording.wall[:, 1:] = np.nan
+    with pytest.raises(CalibrationError, match='wall: nothing of x, y, theta is measured'):
+        fit_estimator(GEOMETRY, recording)
+
+
+def test_carriages_where_the_links_do_not_close_are_named():
+    recording = record()
+    recording.joints[(recording.joints[:, 0] >= 20.0) & (recording.joints[:, 0] < 21.0), 1] *= 9.0
+    with pytest.raises(CalibrationError, match='joints: (19.9|20.0). s .* links do not close'):
+        fit_estimator(GEOMETRY, recording)
+
+
+def test_recordings_that_do_not_overlap_are_rejected():
+    recording = record()
+    with pytest.raises(CalibrationError, match='in common'):
+        fit_estimator(GEOMETRY, recording._replace(disturbance=recording.disturbance[:500]))
+
+
+def test_a_time_that_does_not_ascend_is_named():
+    recording = record()
+    recording.joints[7, 0] = recording.joints[6, 0]
+    with pytest.raises(CalibrationError, match='joints: the time must ascend, row 8'):
+        fit_estimator(GEOMETRY, recording)
+
+
+def test_the_command_writes_mounting_and_delay_for_the_compensator(tmp_path, capsys):
+    arguments, columns = ['estimator'], {'joints': ('q1', 'q2', 'q3')}
+    for name, table in record()._asdict().items():
+        path = tmp_path / f'{name}.csv'
+        with path.open('w', newline='') as file:
+            rows = csv.writer(file)
+            rows.writerow(['time', *columns.get(name, ('x', 'y', 'theta'))])
+            rows.writerows(table.tolist())
+        arguments += [f'--{name}', str(path)]
+    target = tmp_path / 'calibrated.yaml'
+    assert main([*arguments, '--output', str(target)]) == 0
+    assert 'delay' in capsys.readouterr().out
+    estimate = yaml.safe_load(target.read_text())['/**/compensator']['ros__parameters']['estimate']
+    assert estimate['mounting'] == pytest.approx(MOUNTING, abs=5e-3)
+    assert estimate['delay'] == pytest.approx(0.02, abs=3e-3)

@@ -1,0 +1,332 @@
+"""The errors of a machine, found from its head."""
+
+import csv
+from dataclasses import replace
+import sys
+
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
+from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
+from facade_manipulator.lab.gondola.bench.calibration import DRAWING, rms, try_machines
+from facade_manipulator.lab.gondola.machines import make_machine, measure_heads, ShopSettings
+from facade_manipulator.lab.gondola.practice import main as practise
+from facade_manipulator.parameter_file import ALL_NODES, read_settings
+from facade_manipulator.resources import config_path
+from facade_manipulator.tools.calibration import (
+    candidates,
+    heads,
+    identify,
+    Measurements,
+    Noise,
+    plan,
+    spread,
+    UNKNOWNS,
+    unknowns_named,
+    values_of,
+)
+from facade_manipulator.tools.calibration.__main__ import main
+from facade_manipulator.tools.calibration.design import choose, information
+from facade_manipulator.tools.calibration.unknowns import (
+    BACKLASH,
+    screw_unknowns,
+    sensitivity,
+    with_screw_tables,
+    with_values,
+)
+
+SHOP = ShopSettings()
+POSES = plan(DRAWING, UNKNOWNS, 24)
+MADE = make_machine(DRAWING, SHOP, np.random.default_rng(5))
+
+
+def measured(noise=SHOP, seed=6):
+    return measure_heads(MADE, POSES, noise, np.random.default_rng(seed))
+
+
+def geometry_in(path):
+    return read_settings(path, ALL_NODES, 'geometry', Geometry)
+
+
+@pytest.mark.long
+def test_made_up_machines_are_found_within_their_deviations_and_their_heads_with_them():
+    trial = try_machines(12)
+    assert trial.within >= 0.99
+    assert (rms(trial.after) < 1.5 * rms(trial.share)).all()
+    assert (rms(trial.after) < 0.1 * rms(trial.before)).all()
+    assert trial.blamed <= 1
+
+
+def test_without_noise_the_machine_is_found_exactly():
+    silent = replace(SHOP, position_noise=0.0, angle_noise=0.0)
+    found = identify(DRAWING, UNKNOWNS, Measurements(POSES, measured(silent)),
+                     Noise(position=1e-6, angle=3e-6))
+    assert heads(found.geometry, POSES) == pytest.approx(heads(MADE, POSES), abs=2e-7)
+    assert found.unidentified == []
+    assert found.values == pytest.approx(values_of(MADE, UNKNOWNS), abs=5e-5)
+
+
+def test_what_can_not_be_known_apart_is_named():
+    found = identify(DRAWING, UNKNOWNS, Measurements(POSES, measured()))
+    assert len(found.unidentified) == 1
+    assert {'platform from B1 to P', 'x of the head on the platform'} <= set(
+        found.unidentified[0])
+    less = unknowns_named(['link_errors', 'carriage_offsets', 'rail_angle', 'tool.1'])
+    assert identify(DRAWING, less, Measurements(POSES, measured())).unidentified == []
+
+
+@pytest.mark.parametrize(('row', 'axis', 'error'), [(3, 0, 0.002), (11, 1, -0.001), (20, 2, 0.01)])
+def test_a_measurement_that_contradicts_the_rest_is_found_and_left_out(row, axis, error):
+    spoilt = measured()
+    spoilt[row, axis] += error
+    found = identify(DRAWING, UNKNOWNS, Measurements(POSES, spoilt))
+    assert found.outliers == [(row, axis)]
+    assert heads(found.geometry, POSES) == pytest.approx(heads(MADE, POSES), abs=4e-4)
+
+
+@pytest.mark.parametrize(('columns', 'names'), [
+    ((1,), ['tool.1', 'link_errors']), ((0, 1), ['link_errors', 'tool.1', 'rail_angle'])])
+def test_one_number_of_a_dial_gauge_or_two_of_a_camera_are_enough_for_less(columns, names):
+    unknowns = unknowns_named(names)
+    made = with_values(DRAWING, unknowns, values_of(MADE, unknowns))
+    full = measure_heads(made, POSES, SHOP, np.random.default_rng(7))
+    part = np.full_like(full, np.nan)
+    part[:, columns] = full[:, columns]
+    found = identify(DRAWING, unknowns, Measurements(POSES, part))
+    off = (found.values - values_of(made, unknowns)) / np.sqrt(np.diag(found.covariance))
+    assert np.abs(off).max() < 3.5
+    assert heads(found.geometry, POSES)[:, 1] == pytest.approx(heads(made, POSES)[:, 1], abs=2e-4)
+
+
+def test_planned_poses_show_more_than_as_many_at_random():
+    permitted = candidates(DRAWING)
+    rows = information(DRAWING, UNKNOWNS, permitted, Noise())
+
+    def worth(chosen):
+        return np.linalg.slogdet(np.eye(len(UNKNOWNS)) + sum(
+            rows[k].T @ rows[k] for k in chosen))[1]
+
+    best, random = choose(rows, 24), np.random.default_rng(2)
+    assert len(set(best)) == 24
+    assert worth(best) > 2.0 + max(
+        worth(random.choice(len(rows), 24, replace=False)) for _ in range(20))
+
+
+def test_every_planned_pose_is_permitted_even_to_a_machine_with_errors():
+    for carriages in POSES.tolist():
+        mechanism_of(MADE).check(Carriages(*carriages))
+
+
+def test_the_sensitivity_to_the_offsets_is_that_to_a_shift():
+    rates = sensitivity(DRAWING, UNKNOWNS, POSES)
+    shift = rates[:, :, 4:7].sum(axis=2)
+    assert shift == pytest.approx(np.tile([1.0, 0.0, 0.0], (len(POSES), 1)), abs=1e-6)
+
+
+def with_screws(machine, random):
+    """Return the machine with screws that are uneven and have play."""
+    return replace(machine, backlash=tuple(random.uniform(0.0, 3e-4, 3).tolist()), **{
+        f'screw_errors_{name}': tuple((1e-4 * random.standard_normal(5)).tolist())
+        for name in Carriages._fields})
+
+
+@pytest.mark.long
+def test_tables_of_the_screws_and_their_backlash_are_found_with_the_rest():
+    drawing, random = with_screw_tables(DRAWING, 5), np.random.default_rng(3)
+    unknowns = (*UNKNOWNS, *BACKLASH, *screw_unknowns(drawing))
+    poses = plan(drawing, unknowns, 48)
+    assert set(poses[:, 3]) == {-1.0, 1.0}
+    held = candidates(drawing)[::9]
+    held = np.column_stack([held, np.resize([1.0, -1.0], len(held))])
+    for _ in range(3):
+        made = with_screws(make_machine(drawing, SHOP, random), random)
+        found = identify(drawing, unknowns, Measurements(
+            poses, measure_heads(made, poses, SHOP, random)))
+        deviations = np.sqrt(np.diag(found.covariance))
+        assert (np.abs(found.values - values_of(made, unknowns)) < 3.5 * deviations).all()
+        assert (deviations[11:14] < 6e-5).all()
+        left = rms(heads(made, held) - heads(found.geometry, held))
+        assert (left < 2.0 * rms(spread(found.geometry, unknowns, found.covariance, held))).all()
+        assert (left < 0.2 * rms(heads(made, held) - heads(DRAWING, held))).all()
+
+
+def test_backlash_is_not_found_without_the_direction_of_arrival():
+    with pytest.raises(CalibrationError, match='no row says in which direction'):
+        identify(DRAWING, (*UNKNOWNS, *BACKLASH), Measurements(POSES, measured()))
+
+
+def test_a_table_of_a_screw_says_the_same_with_more_entries():
+    coarse = replace(DRAWING, screw_errors_q1=(1e-4, -1e-4, 0.0))
+    fine = with_screw_tables(coarse, 5)
+    assert fine.screw_errors_q1 == pytest.approx((1e-4, 0.0, -1e-4, -5e-5, 0.0))
+    assert fine.screw_errors_q2 == (0.0,) * 5
+    assert heads(fine, POSES) == pytest.approx(heads(coarse, POSES), abs=1e-12)
+    with pytest.raises(ParameterError, match='2 are the least'):
+        with_screw_tables(coarse, 1)
+
+
+def test_too_few_poses_are_rejected():
+    with pytest.raises(CalibrationError, match='too few poses: 9 measured numbers for 11'):
+        identify(DRAWING, UNKNOWNS, Measurements(POSES[:3], measured()[:3]))
+
+
+def test_the_measurements_of_another_machine_are_rejected():
+    random = np.random.default_rng(9)
+    for wrong in (measured() + 0.002 * random.standard_normal((24, 3)),
+                  measured() + 0.03 * (random.random((24, 3)) < 0.4)):
+        with pytest.raises(CalibrationError, match='contradict'):
+            identify(DRAWING, UNKNOWNS, Measurements(POSES, wrong))
+
+
+def test_carriages_at_which_no_machine_closes_are_named():
+    with pytest.raises(LimitError):
+        measure_heads(MADE, np.array([[-0.5, 0.5, 0.0]]), SHOP, np.random.default_rng(0))
+    far = POSES.copy()
+    far[2] = -0.5, 0.5, 0.0
+    with pytest.raises(CalibrationError, match='row 3: the links do not close'):
+        identify(DRAWING, UNKNOWNS, Measurements(far, measured()))
+
+
+def test_an_unknown_that_no_machine_has_is_rejected():
+    with pytest.raises(ParameterError, match='wheel is none of'):
+        unknowns_named(['wheel'])
+
+
+@pytest.fixture
+def table(tmp_path):
+    """Return how to write a table of measurements, changed as one likes."""
+    def write(change=lambda rows: rows):
+        rows = [['q1', 'q2', 'q3', 'x_mm', 'y_mm', 'theta_deg']]
+        rows += [[*q, x * 1e3, y * 1e3, np.rad2deg(theta)]
+                 for q, (x, y, theta) in zip(POSES.tolist(), measured().tolist(), strict=True)]
+        path = tmp_path / 'measured.csv'
+        with path.open('w', newline='') as file:
+            csv.writer(file).writerows(change(rows))
+        return path
+
+    return write
+
+
+def test_the_command_writes_a_copy_with_the_errors_and_every_comment(table, tmp_path, capsys):
+    target, picture = tmp_path / 'calibrated.yaml', tmp_path / 'accuracy.png'
+    assert main(
+        ['geometry', str(table()), '--output', str(target), '--picture', str(picture)]) == 0
+    said = capsys.readouterr().out
+    assert 'length of link 1' in said and 'held-out poses' in said
+    before, after = (
+        path.read_text().splitlines() for path in (config_path('manipulator.yaml'), target))
+    new = [line.split(':')[0].strip() for line in after if line not in before]
+    assert new == ['link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool']
+    assert [line for line in after if line in before] == before
+    assert heads(geometry_in(target), POSES) == pytest.approx(heads(MADE, POSES), abs=3e-4)
+    assert picture.read_bytes().startswith(b'\x89PNG')
+
+
+def test_the_command_reads_what_is_typed_into_its_plan(tmp_path, monkeypatch, capsys):
+    path = tmp_path / 'poses.csv'
+    assert main(['geometry', '--plan', str(path), '--count', '12']) == 0
+    with path.open() as file:
+        rows = list(csv.DictReader(file))
+    carriages = np.array([[float(row[name]) for name in ('q1', 'q2', 'q3')] for row in rows])
+    found = measure_heads(MADE, carriages, SHOP, np.random.default_rng(8))
+    for row, head in zip(rows, found.tolist(), strict=True):
+        row.update(zip(('x', 'y', 'theta'), head, strict=True))
+    typed = [list(rows[0]), *(map(str, row.values()) for row in rows)]
+    monkeypatch.setattr(sys, 'stdin', [','.join(line) + '\n' for line in typed])
+    assert main(['geometry', '-']) == 0
+    assert len(rows) == 12 and 'scatter' in capsys.readouterr().out
+
+
+def test_a_dial_gauge_is_enough_for_what_it_shows(table, tmp_path):
+    target = tmp_path / 'calibrated.yaml'
+    only_y = table(lambda rows: [[*row[:3], '', row[4], ''] if k else row
+                                 for k, row in enumerate(rows)])
+    find = ['--find', 'tool.1', 'link_errors', 'carriage_offsets', 'rail_angle']
+    assert main(['geometry', str(only_y), *find, '--output', str(target)]) == 0
+    off = heads(geometry_in(target), POSES) - heads(MADE, POSES)
+    assert np.abs(off[:, 1]).max() < 5e-4
+    assert main(['geometry', str(only_y), '--noise', '0.001', '0.02']) == 1
+
+
+@pytest.mark.long
+def test_the_command_plans_for_the_screws_and_writes_their_errors(tmp_path, capsys):
+    path, target = tmp_path / 'poses.csv', tmp_path / 'calibrated.yaml'
+    screws = ['--backlash', '--screws', '3']
+    assert main(['geometry', '--plan', str(path), '--count', '40', *screws]) == 0
+    assert practise([str(path), '--folder', str(tmp_path)]) == 0
+    assert main(['geometry', str(path), *screws, '--output', str(target)]) == 0
+    found, said = geometry_in(target), capsys.readouterr().out
+    assert len(found.screw_errors_q2) == 3 and max(found.backlash) < 2e-4
+    assert 'backlash of the screw of q3' in said and 'screw of q1, error at +0.500 m' in said
+    path.write_text(path.read_text().replace(',1.000000,', ',2,'))
+    assert main(['geometry', str(path), *screws]) == 1
+    assert 'direction = 2 is none of 1, -1 and 0' in capsys.readouterr().err
+
+
+def cell(row, column, value):
+    def change(rows):
+        rows[row][column] = value
+        return rows
+
+    return change
+
+
+@pytest.mark.parametrize(('change', 'message'), [
+    (cell(4, 1, ''), 'line 5: q2 is missing'),
+    (cell(4, 4, 'about 250'), "line 5: y_mm = 'about 250' is not a number"),
+    (cell(0, 4, 'y'), 'if it is in mm, name the column y_mm'),
+    (cell(0, 5, 'theta'), 'if it is in deg, name the column theta_deg'),
+    (cell(0, 3, 'x'), 'if it is in mm, name the column x_mm'),
+    (cell(0, 4, 'x'), 'has x in two units'),
+    (lambda rows: [['# a'], *rows[:2], [], *cell(3, 1, '')(rows)[2:]], 'line 6: q2 is missing'),
+    (lambda rows: [rows[0], *([*row[:4], row[4] / 1e3, row[5]] for row in rows[1:])],
+     'if it is in m, name the column y_m'),
+    (cell(0, 2, 'Q'), 'has no column q3'),
+    (lambda rows: rows[:1], 'has no rows'),
+    (lambda rows: [*rows[:5], [*rows[5][:3], '', '', ''], *rows[6:]], 'row 5 has no measurement'),
+    (lambda rows: [rows[0]] + rows[1:3] * 8, 'poses that cannot show enough'),
+    (lambda rows: cell(9, 4, rows[9][4] + 2.0)(rows), 'some measurements contradict the rest'),
+], ids=range(13))
+def test_bad_input_is_named_and_nothing_is_written(table, tmp_path, capsys, change, message):
+    target = tmp_path / 'calibrated.yaml'
+    assert main(['geometry', str(table(change)), '--output', str(target)]) == 1
+    assert message in capsys.readouterr().err
+    assert not target.exists()
+
+
+def test_a_table_of_a_spreadsheet_with_decimal_commas_says_the_same(table, tmp_path):
+    targets = [tmp_path / name for name in ('a.yaml', 'b.yaml')]
+    path = table()
+    assert main(['geometry', str(path), '--output', str(targets[0])]) == 0
+    path.write_text(path.read_text().replace(',', ';').replace('.', ','))
+    assert main(['geometry', str(path), '--output', str(targets[1])]) == 0
+    assert targets[0].read_text() == targets[1].read_text()
+
+
+def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, capsys):
+    nowhere = tmp_path / 'none'
+    for arguments, message in (
+            (['--plan', str(nowhere / 'p.csv')], 'p.csv cannot be written'),
+            (['--plan', str(tmp_path / 'p.csv'), '--count', '0'], '0 poses are none to plan'),
+            ([str(table()), '--picture', str(nowhere / 'a.png')], 'a.png cannot be written'),
+            ([str(table()), '--output', str(nowhere / 'a.yaml')], 'a.yaml cannot be written')):
+        assert main(['geometry', *arguments]) == 1
+        assert message in capsys.readouterr().err
+
+
+def test_a_file_that_is_none_is_named(table, tmp_path, capsys):
+    for text, message in (('[1', 'cannot be read'), ('- 1', 'not a parameter file'),
+                          ('/**: {ros__parameters: {geometry: {wheel: 1}}}', 'geometry')):
+        source = tmp_path / 'other.yaml'
+        source.write_text(text)
+        assert main(['geometry', str(table()), '--parameters', str(source)]) == 1
+        assert message in capsys.readouterr().err
+    assert main(['geometry', str(tmp_path / 'none.csv')]) == 1
+    assert 'cannot be read' in capsys.readouterr().err
+
+
+def test_without_scipy_the_command_says_what_to_install(table, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, 'scipy.optimize', None)
+    assert main(['geometry', str(table())]) == 1
+    assert "the extra 'study'" in capsys.readouterr().err

@@ -1,0 +1,127 @@
+"""Command `lag`: the fits against known answers, then three simulated axes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+
+from facade_manipulator.drives.cia402 import AxisSettings
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.lab.drives.demand import Interpolator
+from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
+from facade_manipulator.tools.commissioning import Machine
+from facade_manipulator.tools.commissioning.lag import (
+    AxisDynamics,
+    draw,
+    find_backlash,
+    fit_friction,
+    fit_sine,
+    Response,
+    response,
+    triangle,
+    unlike,
+)
+from facade_manipulator.tools.commissioning.motion import PERIOD
+
+TIME = np.arange(400) * PERIOD
+
+
+@pytest.mark.parametrize('frequency', [0.5, 2.0, 10.0])
+@pytest.mark.parametrize(('gain', 'lag'), [(1.0, 0.0), (0.8, 0.012), (1.1, 0.02)])
+def test_gain_and_lag_of_a_known_answer_come_back(frequency, gain, lag):
+    angle = 2.0 * np.pi * frequency * TIME
+    found = response(frequency, np.sin(angle),
+                     gain * np.sin(angle - 2.0 * np.pi * frequency * lag) + 3.0)
+    assert (found.gain, found.lag) == pytest.approx((gain, lag), abs=1e-9)
+
+
+def test_a_sine_is_fitted_beside_an_offset_and_noise():
+    noise = np.random.default_rng(0).normal(0.0, 0.1, len(TIME))
+    found = fit_sine(2.0 * np.sin(2.0 * np.pi * TIME) + 5.0 + noise, 1.0)
+    assert abs(found) == pytest.approx(2.0, abs=0.03)
+
+
+def test_known_friction_comes_back_beside_inertia():
+    sines = [speed * np.sin(2.0 * np.pi * TIME) for speed in (0.01, 0.02)]
+    assert fit_friction([
+        (sine, 6.0 * np.sign(sine) + 40.0 * sine + 3.0 * np.gradient(sine, PERIOD))
+        for sine in sines]) == pytest.approx((6.0, 40.0), rel=1e-6)
+
+
+@pytest.mark.parametrize('lag', [0.002, 0.012, 0.03])
+@pytest.mark.parametrize('backlash', [0.0, 0.0002, 0.0006, 0.001])
+def test_known_backlash_comes_back_and_no_more_than_the_force_needs_to_rise(backlash, lag):
+    axis, steps = AxisSettings(), 10
+    motor = SimulatedMotor(SimulationSettings(backlash=backlash, lag=lag), axis)
+    demand, samples = Interpolator(0.0), []
+    for target in triangle():
+        demand.latch(target * axis.counts_per_metre, PERIOD)
+        for _ in range(steps):
+            motor.follow(*demand.step(PERIOD / steps), PERIOD / steps, np.inf, np.inf)
+        samples.append((motor.position / axis.counts_per_metre, motor.torque))
+    found = find_backlash(*np.array(samples).T)
+    assert backlash <= found <= backlash + 6e-5
+
+
+def axis(lag, gain=1.0, coulomb=4.0):
+    return AxisDynamics(tuple(
+        Response(frequency, gain / np.hypot(1.0, 2.0 * np.pi * frequency * lag), lag, 0.0)
+        for frequency in (1.0, 5.0, 20.0, 25.0)), coulomb, 10.0, 0.0)
+
+
+def test_the_bandwidth_is_where_the_gain_falls_to_three_decibels():
+    assert axis(0.01).bandwidth == pytest.approx(15.9, rel=0.15)
+    assert axis(0.001).bandwidth is None
+
+
+def test_without_slow_sines_the_lag_is_that_of_the_slowest():
+    fast = axis(0.01)._replace(responses=axis(0.01).responses[1:])
+    assert fast.lag == 0.01
+
+
+def test_an_axis_unlike_the_others_is_named():
+    found = {'q1': axis(0.005), 'q2': axis(0.005), 'q3': axis(0.02, coulomb=20.0)}
+    warnings = unlike(found)
+    assert len(warnings) == 2 and all(warning.startswith('q3') for warning in warnings)
+    assert unlike(dict.fromkeys(('q1', 'q2', 'q3'), axis(0.005))) == []
+
+
+def test_a_picture_of_an_unknown_ending_is_rejected_in_a_message(tmp_path):
+    with pytest.raises(ParameterError, match='lag.nonsense cannot be written'):
+        draw(tmp_path / 'lag.nonsense', {'q1': axis(0.005)})
+
+
+@pytest.mark.long
+def test_lag_and_friction_of_the_simulated_axes_are_found_and_written(make_rig, capsys):
+    rig = make_rig('--lag', '0.012', '--coulomb-friction', '8', '--viscous-friction', '30',
+                   '--backlash', '0.0006').configured()
+    assert rig.run('lag', '--links', 'uncoupled', '--frequencies', '1', '2') == 0, (
+        capsys.readouterr())
+    driver = Machine(rig.parameters).parameters
+    assert driver['controller']['drive_lag'] == pytest.approx(0.012, abs=0.004)
+    friction = yaml.safe_load(rig.parameters.read_text())['/**/ik_service'][
+        'ros__parameters']['friction']
+    at_20 = [coulomb + 0.02 * viscous for coulomb, viscous in zip(
+        friction['coulomb'], friction['viscous'], strict=True)]  # apart they are known less well
+    assert at_20 == pytest.approx([8.0 + 0.6] * 3, rel=0.2)
+    results = [entry['result'] for entry in Machine(rig.parameters).journal
+               if entry['check'] == 'lag']
+    assert len(results) == 3
+    for result in results:
+        assert float(result.split(', ')[-1].removesuffix(' mm')) == pytest.approx(0.65, abs=0.05)
+    assert (rig.folder / 'machine.lag.png').stat().st_size > 1000
+
+
+@pytest.mark.parametrize('frequency', ['0', '30', 'nan'])
+def test_a_frequency_that_cannot_be_measured_moves_nothing(make_rig, capsys, frequency):
+    rig = make_rig().configured()
+    assert rig.run('lag', 'q1', '--links', 'uncoupled', '--frequencies', frequency) == 1
+    assert 'is not between 0.1 and 25 Hz' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('links', ['coupled', 'uncoupled'])
+def test_an_axis_that_is_none_is_one_message(make_rig, capsys, links):
+    rig = make_rig().configured()
+    assert rig.run('lag', 'q9', '--links', links) == 1
+    assert 'q9 is none of q1, q2, q3' in capsys.readouterr().err

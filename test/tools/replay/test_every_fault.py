@@ -1,0 +1,87 @@
+"""The fault table, recorded from the bus, stops the drives once more for the same causes."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+from can.interfaces.virtual import VirtualBus
+from fault_table import ROWS
+import pytest
+from virtual_world import World
+
+from facade_manipulator.blackbox import Received, RecordedRun
+from facade_manipulator.drives.controller import ControllerState
+from facade_manipulator.motion import Setpoint
+from facade_manipulator.tools.replay import StopReplay
+from facade_manipulator.tools.replay.stop import drive_faults, Stop
+
+NODE_IDS = {f'q{number}.node_id': number for number in (1, 2, 3)}
+STOPPED = (ControllerState.STOPPED, ControllerState.BUS_LOST)
+MOVING, SPEED, LEAD, BOUND = 0.2, 0.02, 0.04, 0.7  # s, m/s, s, s
+# the other errors of drives differ by their codes alone, and no drive shows what the bus did
+REPLAYED = ('following error 8611', 'position lost 7380', 'undervoltage 3220',
+            'safe torque off 8A88', 'unknown code B123', 'TPDO missing', 'heartbeat missing',
+            'unexpected boot-up')
+
+
+class Recorded:
+    """A machine that moves until its drives stop, and who listens on the bus."""
+
+    def __init__(self, faults) -> None:
+        """Let each of `faults`, pairs of a time since motion began [s] and a function, happen."""
+        self.world = world = World()
+        try:
+            for request in ('configure', 'home', 'activate'):
+                world.finish(world.controller.request(request), 60.0)
+            self.base, self.begin = world.follower.motion.position, world.time.now
+            self.faults = sorted(faults, key=lambda fault: fault[0])
+            with VirtualBus(world.channel) as bus:
+                world.run(MOVING + BOUND, self._live)
+                self.frames = list(iter(lambda: bus.recv(0.0), None))
+            self.start = world.time.time() - world.time.now + self.begin
+            self.cause = world.controller.snapshot().cause
+        finally:
+            world.close()
+
+    def _live(self) -> None:
+        world, since = self.world, self.world.time.now - self.begin
+        while self.faults and self.faults[0][0] <= since:
+            self.faults.pop(0)[1](self)
+        if world.controller.snapshot().state not in STOPPED:
+            world.stream(Setpoint(
+                world.time.time() + LEAD, tuple(q + SPEED * (since + LEAD) for q in self.base),
+                (SPEED,) * 3))
+
+    @property
+    def simulator(self):
+        """What an injection of the fault table wants of its rig."""
+        @contextmanager
+        def access():
+            yield self.world.drives
+        return SimpleNamespace(access=access)
+
+    def run(self) -> RecordedRun:
+        """Return what the black box would have in its file."""
+        made = RecordedRun(begin=self.start, end=self.start + MOVING + BOUND,
+                           parameters={'driver': NODE_IDS})
+        made.topics['can_frames'] = [
+            Received(frame.timestamp, SimpleNamespace(
+                id=frame.arbitration_id, dlc=frame.dlc, data=bytes(frame.data)))
+            for frame in self.frames if frame.timestamp >= self.start]
+        return made
+
+
+def as_replayed(fault):
+    return lambda rig: getattr(rig.world.drives[fault.axis], fault.method)(*fault.arguments)
+
+
+@pytest.mark.parametrize('name', REPLAYED)
+def test_a_fault_of_a_drive_is_found_on_the_bus_and_stops_it_again_for_the_same_cause(name):
+    recorded = Recorded([(MOVING, ROWS[name].inject)])
+    assert ROWS[name].message in recorded.cause
+    faults = drive_faults(recorded.run())
+    replayed = Recorded([(fault.time - recorded.start, as_replayed(fault)) for fault in faults])
+    assert StopReplay(
+        Stop(0.0, recorded.cause), Stop(0.0, replayed.cause), faults, []).is_alike, (
+        recorded.cause, replayed.cause, faults)

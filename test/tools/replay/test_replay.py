@@ -1,0 +1,267 @@
+"""A recording once more: what was computed then comes out again, and stops have their cause."""
+
+from __future__ import annotations
+
+import math
+import re
+import sys
+from types import SimpleNamespace as Message
+
+import numpy as np
+import pytest
+
+from facade_manipulator import config_path
+from facade_manipulator.blackbox import Kept, read_recording, Received, RecordedRun, write_mcap
+from facade_manipulator.blackbox.can_frames import CAN_TOPIC, frame_bytes
+from facade_manipulator.compensation import Compensator
+from facade_manipulator.errors import ManipulatorError, RecordError
+from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.motion import GoalSettings, SetpointStream
+from facade_manipulator.prediction import EstimateGate, EstimateSettings
+from facade_manipulator.tools.calibration import read_table
+from facade_manipulator.tools.replay import replay_poses, replay_setpoints, StopReplay
+from facade_manipulator.tools.replay.__main__ import main
+from facade_manipulator.tools.replay.poses import INPUTS
+from facade_manipulator.tools.replay.report import page
+from facade_manipulator.tools.replay.stop import (
+    drive_faults,
+    drives_at_home,
+    recorded_stop,
+    replay_stop,
+    Stop,
+)
+
+BEGIN, PERIOD, DURATION = 1000.0, 0.01, 25.0
+GOAL = Pose(0.05, 0.26, 0.02)
+NODE_IDS = {f'q{n}.node_id': n for n in (1, 2, 3)}
+
+
+def header(time):
+    return Message(stamp=Message(sec=math.floor(time), nanosec=round(1e9 * (time % 1.0))))
+
+
+def pose_message(time, pose):
+    return Message(header=header(time), pose=Message(
+        position=Message(x=pose.x, y=pose.y, z=0.0),
+        orientation=Message(x=0.0, y=0.0, z=math.sin(pose.theta / 2), w=math.cos(pose.theta / 2))))
+
+
+def sway(time):
+    return Pose(0.05 * math.sin(1.3 * time), 0.01 * math.sin(2.1 * time), 0.02 * math.sin(time))
+
+
+@pytest.fixture(scope='module')
+def run():
+    """Return what the nodes would have said in half a minute, made by the objects they use."""
+    geometry, run = Geometry(), RecordedRun(begin=BEGIN, end=BEGIN + DURATION)
+    run.parameters = {node: {} for node in ('compensator', 'ik_service', 'driver')}
+    run.parameters['driver'] = dict(NODE_IDS)
+    compensator = Compensator(geometry)
+    stream = SetpointStream(geometry, GoalSettings())
+
+    def note(topic, time, message):
+        run.topics[topic].append(Received(time, message))
+
+    for tick in range(round(DURATION / PERIOD)):
+        now = BEGIN + tick * PERIOD
+        if tick == 100:
+            note('goal_pose', now - 0.001, pose_message(now, GOAL))
+            compensator.set_goal(GOAL)
+        if tick % 2:
+            estimate = pose_message(now - 0.03, sway(now - 0.03))
+            estimate.pose = Message(pose=estimate.pose, covariance=[1e-6] * 36)
+            note('disturbance', now - 0.001, estimate)
+            compensator.add_estimate(now - 0.001, now - 0.03, sway(now - 0.03), [1e-6] * 3)
+        corrected = compensator.update(now)
+        if corrected is not None:
+            note('corrected_pose', now, pose_message(corrected.time, corrected.pose))
+            setpoint = stream.setpoint(corrected.time, corrected.pose)
+            note('joint_setpoints', now, Message(
+                header=header(corrected.time), name=['q3', 'q1', 'q2'],
+                position=np.roll(setpoint.position, 1).tolist(),
+                velocity=np.roll(setpoint.velocity, 1).tolist()))
+    return run
+
+
+def test_poses_and_setpoints_come_out_as_they_were(run):
+    poses, setpoints = replay_poses(run), replay_setpoints(run)
+    assert len(poses.errors) > 400
+    assert np.abs(poses.errors).max() < 1e-6
+    assert len(setpoints.errors) == len(run.topics['corrected_pose'])
+    assert np.abs(setpoints.errors).max() < 1e-8  # stamps are cut to nanoseconds
+    text = page(CAN_PATH, run, poses, setpoints, None)
+    assert text.count('as recorded') == 2
+
+
+def test_another_software_is_seen(run):
+    other = RecordedRun(**{**run.__dict__, 'parameters': {
+        **run.parameters, 'ik_service': {'geometry.link_length': 0.353}}})
+    assert np.abs(replay_setpoints(other).errors).max() > 1e-4
+    assert '**different**' in page(
+        CAN_PATH, other, replay_poses(other), replay_setpoints(other), None)
+
+
+def test_what_is_missing_is_named(run):
+    empty = RecordedRun(begin=BEGIN, end=BEGIN + 1.0)
+    with pytest.raises(RecordError, match='parameters of compensator'):
+        replay_poses(empty)
+    empty.parameters = run.parameters
+    assert 'not enough was recorded' in page(
+        CAN_PATH, empty, replay_poses(empty), replay_setpoints(empty), None)
+    with pytest.raises(ManipulatorError, match='no joint_setpoints'):
+        replay_stop(empty, 5.0)
+    unknown = RecordedRun(begin=BEGIN, end=BEGIN + 1.0, topics=run.topics)
+    with pytest.raises(RecordError, match='parameters of driver'):
+        replay_stop(unknown, 5.0)
+
+
+def test_odometry_is_an_estimate_in_the_replay_as_in_the_node():
+    taken = []
+    compensator = Message(
+        gate=EstimateGate(EstimateSettings(mounting=(0.5, 0.2, 0.0))),
+        add_estimate=lambda *arguments: taken.append(arguments))
+    message = pose_message(BEGIN, Pose(0.55, 0.2, 0.0))
+    message.pose = Message(pose=message.pose, covariance=list(range(36)))
+    for child in ('rail', 'prism'):
+        message.child_frame_id = child
+        INPUTS['disturbance_odometry'](compensator, BEGIN + 0.03, message)
+    of_rail, of_prism = taken
+    assert of_rail == (BEGIN + 0.03, BEGIN, Pose(0.55, 0.2, 0.0), (0.0, 7.0, 35.0), 0.0)
+    assert of_prism[2] == pytest.approx((0.05, 0.0, 0.0))
+
+
+def test_the_disturbance_is_written_for_a_scenario_without_what_the_nodes_reject(
+        run, tmp_path, monkeypatch, capsys):
+    estimates = [*run.topics['disturbance'][:3]]
+    broken = pose_message(BEGIN + 1e-3, Pose(math.nan, 0.0, 0.0))
+    broken.pose = Message(pose=broken.pose)
+    made = RecordedRun(begin=BEGIN, topics={'disturbance': [
+        *estimates, Received(BEGIN, broken), estimates[0]]})
+    monkeypatch.setattr('facade_manipulator.tools.replay.__main__.read_recording', lambda _: made)
+    path = tmp_path / 'sway.csv'
+    assert main(['a.mcap', '--disturbance', str(path)]) == 0
+    assert '3 estimates over 0.0 s written' in capsys.readouterr().out
+    table = read_table(path, ('time', 'x', 'y', 'theta'))
+    assert table[:, 0] == pytest.approx([0.0, 0.02, 0.04])
+    assert table[:, 1] == pytest.approx([sway(BEGIN - 0.02 + 0.02 * k).x for k in range(3)])
+
+
+# --- stops
+
+CAN_PATH = Message(name='blackbox.mcap')
+
+
+def status(time, name, **values):
+    return Received(time, Message(status=[Message(
+        name=f'driver: {name}', message='',
+        values=[Message(key=key.replace('_', ' '), value=value)
+                for key, value in values.items()])]))
+
+
+def frames(*items):
+    return [Received(time, Message(id=cob_id, dlc=len(data), data=list(data.ljust(8, b'\0'))))
+            for time, cob_id, data in sorted(items)]
+
+
+def recorded(**topics):
+    run = RecordedRun(begin=BEGIN, end=BEGIN + 10.0, parameters={'driver': dict(NODE_IDS)})
+    run.topics.update(topics)
+    return run
+
+
+def test_the_first_stop_after_motion_counts():
+    run = recorded(**{'/diagnostics': [
+        status(BEGIN - 60, 'operation', state='active', cause=''),
+        status(BEGIN - 50, 'operation', state='stopped', cause='before the recording'),
+        status(BEGIN + 1, 'operation', state='stopped', cause='of yesterday'),
+        status(BEGIN + 2, 'operation', state='active', cause=''),
+        status(BEGIN + 3, 'operation', state='stopped', cause='q2: 8611h'),
+        status(BEGIN + 4, 'operation', state='stopped', cause='another')]})
+    assert recorded_stop(run) == Stop(BEGIN + 3, 'q2: 8611h')
+    assert recorded_stop(recorded()) is None
+
+
+def test_faults_are_read_from_the_bus_with_their_time():
+    beats = [(BEGIN + 0.1 * k, cob_id, b'\5') for k in range(100) for cob_id in (0x701, 0x703)]
+    run = recorded(can_frames=frames(
+        *beats, (BEGIN + 2.0, 0x702, b'\5'),
+        (BEGIN + 5.0, 0x081, bytes.fromhex('1186') + bytes(6)),
+        (BEGIN + 5.1, 0x083, bytes.fromhex('3081') + bytes(6)), (BEGIN + 6.0, 0x703, b'\0')))
+    told = [(fault.time - BEGIN, fault.axis, fault.description) for fault in drive_faults(run)]
+    assert told == [(2.0, 1, 'falls silent'), (5.0, 0, 'reports error 8611h'),
+                    (6.0, 2, 'restarts')]
+
+
+def test_without_frames_faults_are_read_from_diagnostics():
+    run = recorded(**{'/diagnostics': [
+        status(BEGIN - 1, 'q2', error_code='7305h'),
+        status(BEGIN + 1, 'q1', error_code='0000h', **{'heartbeat age [s]': '0.02'}),
+        status(BEGIN + 2, 'q1', error_code='8611h', **{'heartbeat age [s]': 'None'}),
+        status(BEGIN + 3, 'q1', error_code='8611h'),
+        status(BEGIN + 4, 'q3', error_code='-', **{'heartbeat age [s]': '0.5'})]})
+    told = [(fault.time - BEGIN, fault.axis, fault.description) for fault in drive_faults(run)]
+    assert told == [(2.0, 0, 'reports error 8611h'), (3.5, 2, 'falls silent')]
+
+
+def test_causes_are_compared_without_their_numbers():
+    def alike(a, b):
+        return StopReplay(a and Stop(0.0, a), b and Stop(0.0, b), [], []).is_alike
+    assert alike('late for 331.5 ms', 'late for 250 ms')
+    assert not alike('late for 331 ms', 'q2: late')
+    assert not alike('late', None)
+    assert alike(None, None)
+
+
+@pytest.mark.parametrize('known, used', [('[17, 35, 37]', 37), ('[17, 35]', 35)])
+def test_the_replay_begins_at_home_by_a_method_that_the_drive_type_knows(tmp_path, known, used):
+    source = config_path('drives/simulated.yaml')
+    (tmp_path / 'cia402.eds').write_bytes(source.with_name('cia402.eds').read_bytes())
+    path = tmp_path / 'own.yaml'
+    path.write_text(re.sub(r'homing_methods: .*', f'homing_methods: {known}', source.read_text()))
+    run = recorded()
+    run.parameters['driver'] |= {'q1.profile': str(path), 'q1.homing_method': 17}
+    axis = drives_at_home(run, (-0.05, 0.15, 0.05))[0]
+    assert (axis.homing_method, axis.home_position) == (used, -0.05)
+
+
+# --- files
+
+@pytest.mark.long
+def test_a_file_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
+    path = tmp_path / 'whole.mcap'
+    kept = [Kept(0.001 * k, 'can_frames', frame_bytes(BEGIN, k & 0x7FF, bytes(8)))
+            for k in range(60_000)]
+    write_mcap(path, [CAN_TOPIC], kept, BEGIN, {
+        'black box': {'reasons': 'a\nb', 'namespace': '/gondola_1', 'begin': str(BEGIN)},
+        'parameters of driver': {'q1.node_id': '1'}})
+    whole = read_recording(path)
+    assert (whole.reasons, whole.damage, len(whole.topics['can_frames'])) == (
+        ['a', 'b'], '', 60_000)
+    assert whole.parameters == {'driver': {'q1.node_id': 1}}
+    (tmp_path / 'half.mcap').write_bytes(path.read_bytes()[:path.stat().st_size // 2])
+    half = read_recording(tmp_path / 'half.mcap')
+    assert half.damage
+    assert 0 < len(half.topics['can_frames']) < 60_000
+    ids = [one.message.id for one in half.topics['can_frames']]
+    assert ids == [k & 0x7FF for k in range(len(ids))]
+
+
+def test_without_what_draws_the_page_is_written(tmp_path, monkeypatch, capsys):
+    path = tmp_path / 'a.mcap'
+    write_mcap(path, [CAN_TOPIC], [Kept(0.0, 'can_frames', frame_bytes(BEGIN, 1, b''))], BEGIN, {
+        'black box': {'reasons': 'a', 'namespace': '/', 'begin': str(BEGIN)}})
+    monkeypatch.delitem(sys.modules, 'facade_manipulator.tools.replay.picture', raising=False)
+    monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
+    assert main([str(path), '--no-drives', '--output', str(tmp_path)]) == 1
+    assert 'python3-matplotlib' in capsys.readouterr().err
+    assert [made.name for made in tmp_path.glob('replay*')] == ['replay.md']
+
+
+@pytest.mark.parametrize('content', [b'', b'no mcap at all', b'\x89MCAP0\r\n'])
+def test_what_is_no_file_of_the_black_box_is_a_message(tmp_path, capsys, content):
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(content)
+    assert main([str(path)]) == 1
+    assert str(path) in capsys.readouterr().err
+    assert main([str(tmp_path / 'none.mcap')]) == 1
+    assert 'No such file' in capsys.readouterr().err
