@@ -126,7 +126,7 @@ class SetpointFollower:
 
     def change_limits(self, limits: MotionLimits) -> None:
         """
-        Keep other limits from the next cycle on; beyond new ones the carriages slow down.
+        Keep other limits from the next cycle on; what is beyond new ones brakes by the old ones.
 
         Lower ones reject no setpoint: the carriages come later.
         """
@@ -161,9 +161,10 @@ class SetpointFollower:
         """
         if self.motion is None:
             return
-        motion = self._limiter.slow(self.motion, seconds)
+        limiter = self._limiter
+        motion = limiter.slow(self.motion, seconds)
         try:
-            self._stop = self._checked_stop(motion)
+            self._stop = self._checked_stop(limiter, motion)
         except ManipulatorError:
             motion, self._stop = CarriageMotion(motion.position), iter(())
         self.motion = motion
@@ -279,11 +280,13 @@ class SetpointFollower:
     def _follow(self, position: Triple, velocity: Triple) -> CarriageMotion:
         """Go where the target is, as long as there is a path to rest from there."""
         limiter = self._limiter
+        if not limiter.keeps(self.motion):
+            return self._brake()
         limiter.speed = min(limiter.limits.speed, self._fastest_at(self.motion.position))
         direct = limiter.reach(self.motion, position, velocity)
         try:
             motion = direct or limiter.chase(self.motion, position, velocity)
-            self._stop = self._checked_stop(motion)
+            self._stop = self._checked_stop(limiter, motion)
         except ManipulatorError as error:
             self.last_rejection = str(error)
             return self._brake()
@@ -291,9 +294,11 @@ class SetpointFollower:
         self.limited_cycles += direct is None
         return motion
 
-    def _checked_stop(self, motion: CarriageMotion) -> Iterator[PlannedState]:
+    def _checked_stop(
+        self, limiter: PathLimiter, motion: CarriageMotion
+    ) -> Iterator[PlannedState]:
         """Return the path to rest, or raise why it is not allowed."""
-        stop = self._limiter.stop(motion)
+        stop = limiter.stop(motion)
         # first the end, which most likely fails; what is sent is checked once more before the bus
         self._check(*[position for position, _, _ in reversed(stop)], motion.position)
         return iter(stop)

@@ -37,6 +37,7 @@ ZERO = (0.0, 0.0, 0.0)
 FEED_FORWARD_SHARE = 0.8  # of the speed limit: what remains is for catching up
 PLAN_TOLERANCE = 1e-9  # m, and per s and s²: such a motion is the one that was planned
 ROUNDING = 1e-9  # relative
+TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
 MARGIN = 0.003  # m, for what the speed lacks while the carriages slow down to it
 
 
@@ -163,6 +164,19 @@ class PathLimiter:
         return self.advance(motion, (
             tuple(e + t for e, t in zip(error, target, strict=True)),
             tuple(e + w for e, w in zip(rate, frame, strict=True)), acceleration))
+
+    def keeps(self, motion: CarriageMotion) -> bool:
+        """
+        Return whether a motion is inside the limits, and can go on to be.
+
+        One that is not, because they were lowered, must brake by the limits that it was planned
+        with: a lower jerk could not end its acceleration before it is too fast.
+        """
+        limits = self.limits
+        most = limits.speed * (1.0 + TOLERANCE)
+        return (_greatest(motion.acceleration) <= limits.acceleration * (1.0 + TOLERANCE)
+                and _greatest(motion.velocity) <= most
+                and _greatest(self._extreme_velocity(motion)) <= most)
 
     def slow(self, motion: CarriageMotion, seconds: float) -> CarriageMotion:
         """Return what is left of a motion where it is, all axes having braked for a while [s]."""

@@ -3,7 +3,7 @@ import itertools
 import math
 
 from command_watch import differences
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import pytest
 
@@ -355,16 +355,34 @@ def towards_the_border(time):
     return Setpoint(time, (HOME[0] + way, HOME[1] + way, HOME[2]), (speed, speed, 0.0))
 
 
+lowered = st.builds(
+    lambda speed, acceleration, ramp: MotionLimits(speed, acceleration, acceleration / ramp),
+    st.floats(0.01, 0.5), st.floats(0.1, 3.0), st.floats(0.02, 1.0))
+
+
 @settings(max_examples=40)
-@given(st.floats(0.3, 1.2), st.floats(0.1, 3.0))
-def test_limits_that_are_lowered_while_moving_lead_nobody_over_the_border(time, acceleration):
-    made = follower()
-    made.add(towards_the_border(0.0), 0.0)
-    run(made, 0.0, time, towards_the_border)
-    made.change_limits(MotionLimits(speed=0.5, acceleration=acceleration, jerk=150.0))
-    for _, position in run(made, time, 4.0, towards_the_border):
+@given(st.floats(0.01, 1.2), lowered)
+@example(0.06, MotionLimits(0.2, 1.0, 3.0))  # at 0.16 m/s, and still accelerating
+@example(0.08, MotionLimits(0.5, 3.0, 5.0))
+def test_limits_that_are_lowered_while_moving_make_nobody_faster_and_lead_nobody_over_the_border(
+        time, limits):
+    made, unchanged = follower(), follower()
+    for one in (made, unchanged):
+        one.add(towards_the_border(0.0), 0.0)
+        before = run(one, 0.0, time, towards_the_border)
+    to_rest = run(unchanged, round(time / PERIOD) * PERIOD, time + 0.4, stream=None)
+    most = max(limits.speed, *speeds_of(before[-2:]), *speeds_of([*before[-1:], *to_rest]))
+    made.change_limits(limits)
+    after = run(made, round(time / PERIOD) * PERIOD, time + 2.0, towards_the_border)
+    assert max(speeds_of([*before[-1:], *after])) <= most + 1e-6
+    assert max(speeds_of(after[40:])) <= limits.speed + 1e-6
+    for _, position in after:
         inside(position)
-    assert made.motion.at_rest
+
+
+def speeds_of(commanded):
+    return [abs(b - a) / PERIOD for (_, before), (_, after) in itertools.pairwise(commanded)
+            for a, b in zip(before, after, strict=True)]
 
 
 @pytest.mark.parametrize('held', [1, 3, 7, 10])
