@@ -39,7 +39,7 @@ KEPT_MARGINS = 1000
 TOLERATED = 2.0  # of the limits: carriages come later; beyond that a setpoint is wrong
 SHORTEST = 0.02  # s: in less, backlash alone changes the velocity
 OLDEST = 0.2  # s, age beyond which a setpoint is rejected: it is of no use any more
-EARLIEST = 1.0  # s, how far in the future a setpoint may be meant: beyond that a clock is wrong
+EARLIEST = 0.5  # s, the longest horizon of a compensator: what is meant for later has a wrong clock
 
 
 @settings
@@ -191,8 +191,8 @@ class SetpointFollower:
         self._require_finite(setpoint)
         self._check(setpoint.position)
         with self._writing:
-            last = self._last_setpoint(now)
-            self._require_timely(setpoint, now, last)
+            self._require_timely(setpoint, now)
+            last = self._setpoint_before(setpoint.time, now)
             self._require_near(setpoint, last)
             self._require_feasible(setpoint, last)
             self._smooth(setpoint)
@@ -233,15 +233,22 @@ class SetpointFollower:
                 self._newest = newest
                 self.margins.append(newest - latch_time)
 
-    def _last_setpoint(self, now: float) -> Setpoint | None:
+    def _setpoint_before(self, time: float, now: float) -> Setpoint | None:
         """
-        Return the setpoint that the next one continues; a silent stream is forgotten.
+        Return the setpoint that one for a time [s] continues; a silent stream is forgotten.
 
-        So is one that is meant for a time which the clock, being set back, has yet to come to.
+        Those for later are replaced: one that was stamped ahead holds up none that comes after it.
         """
-        for time, setpoint in self._stream.newest():
-            if -EARLIEST <= now - time <= self.settings.stale_after:
-                return setpoint
+        newest = self._stream.newest()
+        if newest and newest[0][0] > now + EARLIEST:  # the clock was set back
+            self._stream.clear()
+        elif newest and time <= min(newest[0][0], self._sampled):
+            raise InputError(
+                'out_of_order', f'setpoint is meant for {self._sampled - time:.3g} s before '
+                'what is commanded already, and later ones are known')
+        before, _ = self._stream.around(math.nextafter(time, -math.inf))
+        if before is not None and now - before[0] <= self.settings.stale_after:
+            return before[1]
         self._stream.clear()
         return None
 
@@ -321,17 +328,13 @@ class SetpointFollower:
                 if not math.isfinite(value):
                     raise InputError.not_finite(f'setpoint {name} of {carriage}', value, unit)
 
-    def _require_timely(self, setpoint: Setpoint, now: float, last: Setpoint | None) -> None:
+    def _require_timely(self, setpoint: Setpoint, now: float) -> None:
         age = now - setpoint.time
         if not age <= OLDEST:
             raise InputError('stale', f'setpoint is {age:.3g} s old, bound {OLDEST:g} s')
         if -age > EARLIEST:
             raise InputError(
                 'future', f'setpoint is meant for {-age:.3g} s from now, bound {EARLIEST:g} s')
-        if last is not None and setpoint.time <= last.time:
-            raise InputError(
-                'out_of_order', f'setpoint is {last.time - setpoint.time:.3g} s earlier than '
-                'the one before it, or of the same time')
 
     def _require_near(self, setpoint: Setpoint, last: Setpoint | None) -> None:
         if self.motion is None:
@@ -349,15 +352,21 @@ class SetpointFollower:
             if abs(value) > self._fastest:
                 raise SetpointLimitError(
                     f'setpoint velocity of {carriage}', abs(value), self._fastest, 'm/s', 'above')
-        if last is None:
-            return
+        if last is not None:
+            self._require_consistent(setpoint, last)
+
+    def _require_consistent(self, setpoint: Setpoint, last: Setpoint) -> None:
+        """Accept the mean velocity since the last setpoint, or one that a carriage can come to."""
         elapsed = setpoint.time - last.time
-        bound = 0.5 * self._hardest * max(elapsed, SHORTEST)
-        for carriage, value, before, after in zip(
-                CARRIAGES, setpoint.velocity, last.position, setpoint.position, strict=True):
+        backlash = 0.5 * self._hardest * SHORTEST
+        bound = max(0.5 * self._hardest * elapsed, backlash)
+        for carriage, start, end, before, after in zip(
+                CARRIAGES, last.velocity, setpoint.velocity, last.position, setpoint.position,
+                strict=True):
             mean = (after - before) / elapsed
-            if abs(value - mean) > bound:
+            difference, bend = abs(end - mean), abs(0.5 * (start + end) - mean)
+            if difference > bound or (difference > backlash and bend > 0.5 * bound):
                 raise InputError(
-                    'inconsistent', f'setpoint velocity of {carriage} = {value:.4g} m/s, but its '
-                    f'positions change by {mean:.4g} m/s: the difference is above the bound '
-                    f'{bound:.4g} m/s')
+                    'inconsistent', f'setpoint velocity of {carriage} = {end:.4g} m/s, but its '
+                    f'positions change by {mean:.4g} m/s, after {start:.4g} m/s: at most '
+                    f'{self._hardest:g} m/s^2 are possible')

@@ -16,7 +16,12 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 from facade_manipulator.motion import MotionLimits, Setpoint
-from facade_manipulator.motion.follower import Activity, SetpointFollower, StreamSettings
+from facade_manipulator.motion.follower import (
+    Activity,
+    SetpointFollower,
+    StreamSettings,
+    TOLERATED,
+)
 
 PERIOD = 0.01
 LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)
@@ -143,14 +148,46 @@ def test_a_bad_setpoint_is_rejected_with_its_reason(setpoint, reason):
     assert made.sample(1.0) == HOME
 
 
-def test_a_setpoint_out_of_order_is_rejected_and_the_next_in_order_taken():
+def test_a_setpoint_for_a_time_that_has_been_commanded_is_rejected_and_the_next_in_order_taken():
     made = follower()
-    made.add(sine(1.02), 1.0)
-    for late in (1.02, 1.01):
-        with pytest.raises(InputError) as rejection:
+    run(made, 0.0, 1.0)
+    for late in (1.005, 0.98):
+        with pytest.raises(InputError, match='commanded already') as rejection:
             made.add(sine(late), 1.0)
         assert rejection.value.reason == 'out_of_order'
-    made.add(sine(1.03), 1.0)
+    run(made, 1.0, 1.1)
+    assert made.activity is Activity.FOLLOWING
+
+
+@pytest.mark.parametrize('strays', [[50], [50, 51, 52, 53]])
+def test_setpoints_from_far_ahead_give_way_to_those_that_come_after_them(strays):
+    made, farthest = follower(), 0.0
+    for k in range(100):
+        now = k * PERIOD
+        if k in strays:
+            ahead = sine(now + 0.5)
+            made.add(ahead._replace(position=tuple(q + 0.02 for q in ahead.position)), now)
+        made.add(sine(now + 0.03), now)
+        away = [abs(a - b) for a, b in zip(
+            made.sample(now + 0.02), sine(now + 0.02).position, strict=True)]
+        farthest = max(farthest, *away) if k > 30 else 0.0
+    assert farthest < 1e-4
+    assert made.activity is Activity.FOLLOWING
+
+
+@pytest.mark.parametrize('interval', [0.01, 0.03, 0.1])
+@pytest.mark.parametrize('velocity', [0.1, 0.15, 0.2, 0.3, 0.45])
+def test_a_velocity_with_positions_that_stand_still_moves_hardly_anything(interval, velocity):
+    made, farthest = follower(), 0.0
+    for k in range(200):
+        now = k * PERIOD
+        if k % round(interval / PERIOD) == 0:
+            with suppress(InputError):
+                made.add(Setpoint(now + 0.03, HOME, (0.0, velocity, 0.0)), now)
+        farthest = max(farthest, abs(made.sample(now + 0.02)[1] - HOME[1]))
+    # 0.15 m/s are possible where a setpoint comes every 0.1 s, which are bridged before a brake
+    most, silence = 0.25 * TOLERATED * LIMITS.acceleration * 0.1, 0.1
+    assert farthest < most * silence + 0.5 * most ** 2 / LIMITS.acceleration + 0.003
 
 
 @pytest.mark.parametrize('step', [-30.0, -5.0, 5.0, 30.0])
