@@ -39,7 +39,7 @@ KEPT_MARGINS = 1000
 TOLERATED = 2.0  # of the limits: carriages come later; beyond that a setpoint is wrong
 SHORTEST = 0.02  # s: in less, backlash alone changes the velocity
 OLDEST = 0.2  # s, age beyond which a setpoint is rejected: it is of no use any more
-EARLIEST = 0.5  # s, the longest horizon of a compensator: what is meant for later has a wrong clock
+EARLIEST = 0.5  # s, the longest horizon of a compensator: beyond it a clock is wrong
 
 
 @settings
