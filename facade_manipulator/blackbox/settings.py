@@ -11,14 +11,15 @@ class BlackBoxSettings:
     """What of the past is in a file, and how many files there may be."""
 
     folder: str = parameter(
-        STATE_FOLDER, 'Folder of the files; made if it is not there')
+        'Folder of the files; made if it is not there', default=STATE_FOLDER)
     duration: float = parameter(
-        120.0, 'How long before a stop a file begins', unit='s', minimum=1.0, maximum=3600.0)
+        'How long before a stop a file begins', default=120.0, unit='s', minimum=1.0,
+        maximum=3600.0)
     aftermath: float = parameter(
-        3.0, 'How long after a stop a file goes on', unit='s', minimum=0.0, maximum=60.0)
+        'How long after a stop a file goes on', default=3.0, unit='s', minimum=0.0, maximum=60.0)
     memory: float = parameter(
-        128.0, 'Memory for what is kept; a file begins later where it does not suffice',
+        'Memory for what is kept; a file begins later where it does not suffice', default=128.0,
         unit='MB', minimum=1.0, maximum=4096.0)
     disk: float = parameter(
-        1000.0, 'Space for all files of the folder; the oldest is deleted when they need more',
-        unit='MB', minimum=1.0, maximum=1e6)
+        'Space for all files of the folder; the oldest is deleted when they need more',
+        default=1000.0, unit='MB', minimum=1.0, maximum=1e6)

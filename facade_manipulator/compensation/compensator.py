@@ -60,15 +60,16 @@ class CompensationSettings:
     """How far ahead and how fast the compensation moves the head."""
 
     horizon: float = parameter(
-        0.06, 'How far ahead of its publication a corrected pose is meant', unit='s',
+        'How far ahead of its publication a corrected pose is meant', default=0.06, unit='s',
         minimum=0.005, maximum=0.5, read_only=True)
     min_conditioning: float = parameter(
-        0.05, 'Least local conditioning index of a corrected pose', minimum=0.0, maximum=1.0)
+        'Least local conditioning index of a corrected pose', default=0.05, minimum=0.0,
+        maximum=1.0)
     speed: tuple[float, ...] = parameter(
-        (0.45, 0.4, 1.2), 'Highest speed of the head along the rail: x, y, theta',
+        'Highest speed of the head along the rail: x, y, theta', default=(0.45, 0.4, 1.2),
         unit='m/s, rad/s', minimum=1e-3, maximum=10.0, elements=Pose._fields)
     acceleration: tuple[float, ...] = parameter(
-        (2.8, 2.5, 7.0), 'Highest acceleration of the head along the rail: x, y, theta',
+        'Highest acceleration of the head along the rail: x, y, theta', default=(2.8, 2.5, 7.0),
         unit='m/s^2, rad/s^2', minimum=1e-2, maximum=100.0, elements=Pose._fields)
 
 

@@ -28,10 +28,11 @@ LEAST_SPEED = 0.005  # m/s RMS, below which a gondola hangs still
 class LateralSettings:
     """Gains and limits of the lateral regulator."""
 
-    enabled: bool = parameter(False, 'Whether lateral_offset is regulated')
-    integral: float = parameter(1.5, 'Integral gain', unit='1/s', minimum=0.0, maximum=20.0)
+    enabled: bool = parameter('Whether lateral_offset is regulated', default=False)
+    integral: float = parameter(
+        'Integral gain', default=1.5, unit='1/s', minimum=0.0, maximum=20.0)
     range: float = parameter(
-        0.1, 'Furthest shift along the wall', unit='m', minimum=1e-3, maximum=1.0)
+        'Furthest shift along the wall', default=0.1, unit='m', minimum=1e-3, maximum=1.0)
 
 
 class LateralRegulator:

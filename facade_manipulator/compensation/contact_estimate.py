@@ -16,13 +16,14 @@ class FrictionSettings:
     """Friction of the three carriages: measure it by slow strokes off the wall."""
 
     coulomb: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), 'Friction that does not depend on speed: q1, q2, q3', unit='N',
+        'Friction that does not depend on speed: q1, q2, q3', default=(0.0, 0.0, 0.0), unit='N',
         minimum=0.0, maximum=1e4, elements=Carriages._fields)
     viscous: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), 'Friction per speed: q1, q2, q3', unit='N s/m',
+        'Friction per speed: q1, q2, q3', default=(0.0, 0.0, 0.0), unit='N s/m',
         minimum=0.0, maximum=1e5, elements=Carriages._fields)
     efficiency: float = parameter(
-        0.8, 'Efficiency of gear and screw together, as of the axes', minimum=0.51, maximum=1.0)
+        'Efficiency of gear and screw together, as of the axes', default=0.8, minimum=0.51,
+        maximum=1.0)
 
 
 def contact_wrench(

@@ -46,13 +46,14 @@ class CorrectionSettings:
     """How the correction fades in and out."""
 
     enabled: bool = parameter(
-        True, 'Whether the correction is enabled at start; later it is compensator/enable',
+        'Whether the correction is enabled at start; later it is compensator/enable', default=True,
         read_only=True)
     fade_time: float = parameter(
-        3.0, 'Time in which the correction fades in or out', unit='s', minimum=0.1, maximum=60.0)
+        'Time in which the correction fades in or out', default=3.0, unit='s', minimum=0.1,
+        maximum=60.0)
     silence: float = parameter(
-        0.5, 'Age of the newest estimate from which the estimator counts as silent', unit='s',
-        minimum=0.05, maximum=10.0)
+        'Age of the newest estimate from which the estimator counts as silent', default=0.5,
+        unit='s', minimum=0.05, maximum=10.0)
 
 
 class CorrectionMode(enum.Enum):

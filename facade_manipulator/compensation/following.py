@@ -136,12 +136,13 @@ class ArrivalSettings:
     """How near the head must be to its goal, and for how long."""
 
     distance: float = parameter(
-        0.005, 'Distance on the wall within which a goal is reached', unit='m', minimum=1e-4,
-        maximum=0.1)
+        'Distance on the wall within which a goal is reached', default=0.005, unit='m',
+        minimum=1e-4, maximum=0.1)
     angle: float = parameter(
-        0.01, 'Angle within which a goal is reached', unit='rad', minimum=1e-4, maximum=0.5)
+        'Angle within which a goal is reached', default=0.01, unit='rad', minimum=1e-4,
+        maximum=0.5)
     dwell: float = parameter(
-        0.2, 'How long the head must be so near', unit='s', minimum=0.0, maximum=10.0)
+        'How long the head must be so near', default=0.2, unit='s', minimum=0.0, maximum=10.0)
 
 
 class GoalState(Enum):

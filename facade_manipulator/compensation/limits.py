@@ -86,7 +86,7 @@ class WorkspaceLimitSettings:
     """How close to the limits of the mechanism the compensation goes."""
 
     margin: float = parameter(
-        0.004, 'Distance kept from reach, stroke and carriage gap', unit='m', minimum=1e-4,
+        'Distance kept from reach, stroke and carriage gap', default=0.004, unit='m', minimum=1e-4,
         maximum=0.1)
 
 

@@ -32,20 +32,21 @@ class SuspensionSettings:
     """
 
     mass: float = parameter(
-        0.0, 'Mass of the gondola; 0 if it is not known, then no press is checked', unit='kg',
-        minimum=0.0, maximum=1e5)
+        'Mass of the gondola; 0 if it is not known, then no press is checked', default=0.0,
+        unit='kg', minimum=0.0, maximum=1e5)
     cable_length: float = parameter(
-        30.0, 'Free length of the cables', unit='m', minimum=1.0, maximum=500.0)
+        'Free length of the cables', default=30.0, unit='m', minimum=1.0, maximum=500.0)
     cable_distance: float = parameter(
-        1.2, 'Distance of the two cables', unit='m', minimum=0.1, maximum=20.0)
+        'Distance of the two cables', default=1.2, unit='m', minimum=0.1, maximum=20.0)
     guide_stiffness: float = parameter(
-        0.0, 'Stiffness of the guide that keeps the gondola at the wall', unit='N/m',
+        'Stiffness of the guide that keeps the gondola at the wall', default=0.0, unit='N/m',
         minimum=0.0, maximum=1e6)
     guide_lever: float = parameter(
-        0.0, 'Distance of either end of the guide from the middle; 0 for one guide there',
+        'Distance of either end of the guide from the middle; 0 for one guide there', default=0.0,
         unit='m', minimum=0.0, maximum=10.0)
     yaw_radius: float = parameter(
-        0.7, 'Radius of gyration about the vertical axis', unit='m', minimum=0.05, maximum=10.0)
+        'Radius of gyration about the vertical axis', default=0.7, unit='m', minimum=0.05,
+        maximum=10.0)
 
     @property
     def stiffness(self) -> Triple:

@@ -50,8 +50,9 @@ STEEPEST_SCREW = 0.05  # change of a screw's error over its way; a screw of any 
 
 def _error(default: tuple[float, ...], description: str, **info: Any) -> Any:
     """Declare lengths by which the machine differs from its drawing."""
-    return parameter(default, description, unit='m', minimum=-0.05, maximum=0.05, read_only=True,
-                     **info)
+    return parameter(
+        description, default=default, unit='m', minimum=-0.05, maximum=0.05, read_only=True,
+        **info)
 
 
 @dataclass(frozen=True)
@@ -74,18 +75,19 @@ class Geometry:
     """
 
     link_length: float = parameter(
-        0.352, 'Length of the two links', unit='m', minimum=1e-3, maximum=100.0, read_only=True)
+        'Length of the two links', default=0.352, unit='m', minimum=1e-3, maximum=100.0,
+        read_only=True)
     platform_half_length: float = parameter(
-        0.348, 'Half the length of the platform, joint to end-effector point',
+        'Half the length of the platform, joint to end-effector point', default=0.348,
         unit='m', minimum=1e-3, maximum=100.0, read_only=True)
     stroke: tuple[float, float] = parameter(
-        (-0.5, 0.5), 'Least and greatest carriage position',
+        'Least and greatest carriage position', default=(-0.5, 0.5),
         unit='m', minimum=-100.0, maximum=100.0, read_only=True)
     carriage_gap: float = parameter(
-        0.02, 'Least distance of neighbouring carriages',
+        'Least distance of neighbouring carriages', default=0.02,
         unit='m', minimum=0.0, maximum=100.0, read_only=True)
     carriage_length: float = parameter(
-        0.0, 'Distance of neighbouring carriages at which they touch',
+        'Distance of neighbouring carriages at which they touch', default=0.0,
         unit='m', minimum=0.0, maximum=100.0, read_only=True)
     link_errors: tuple[float, ...] = _error(
         (0.0, 0.0), 'By how much each link is longer than link_length', elements=('A1', 'A2'))
@@ -94,16 +96,16 @@ class Geometry:
     carriage_offsets: tuple[float, ...] = _error(
         (0.0, 0.0, 0.0), 'Where each carriage stands when its drive says 0', elements=CARRIAGES)
     backlash: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), 'Play of each screw between its two directions', unit='m', minimum=0.0,
-        maximum=0.01, elements=CARRIAGES, read_only=True)
+        'Play of each screw between its two directions', default=(0.0, 0.0, 0.0), unit='m',
+        minimum=0.0, maximum=0.01, elements=CARRIAGES, read_only=True)
     rail_angle: float = parameter(
-        0.0, 'Angle of the real rail in frame rail', unit='rad', minimum=-0.2, maximum=0.2,
+        'Angle of the real rail in frame rail', default=0.0, unit='rad', minimum=-0.2, maximum=0.2,
         read_only=True)
     tool: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), 'Pose of the head on the platform: x, y, theta', unit='m, m, rad',
+        'Pose of the head on the platform: x, y, theta', default=(0.0, 0.0, 0.0), unit='m, m, rad',
         minimum=-0.5, maximum=0.5, elements=Pose._fields, read_only=True)
     screw_span: tuple[float, ...] = parameter(
-        (-0.5, 0.5), 'Positions of the first and the last error of the screws', unit='m',
+        'Positions of the first and the last error of the screws', default=(-0.5, 0.5), unit='m',
         minimum=-100.0, maximum=100.0, elements=('first', 'last'), read_only=True)
     screw_errors_q1: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A1, evenly spaced')
     screw_errors_q2: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A2, evenly spaced')

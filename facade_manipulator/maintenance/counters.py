@@ -35,13 +35,13 @@ class ServiceSettings:
     """After how much work the machine wants service; 0 asks for none."""
 
     folder: str = parameter(
-        STATE_FOLDER, 'Folder of the counters; empty: none are kept',
+        'Folder of the counters; empty: none are kept', default=STATE_FOLDER,
         read_only=True)
     hours: float = parameter(
-        0.0, 'Time under power after which service is due, 0 for never', unit='h', minimum=0.0,
-        maximum=1e6)
+        'Time under power after which service is due, 0 for never', default=0.0, unit='h',
+        minimum=0.0, maximum=1e6)
     travel: float = parameter(
-        0.0, 'Travel of a carriage after which service is due, 0 for never', unit='km',
+        'Travel of a carriage after which service is due, 0 for never', default=0.0, unit='km',
         minimum=0.0, maximum=1e6)
 
 

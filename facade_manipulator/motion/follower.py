@@ -47,10 +47,10 @@ class StreamSettings:
     """How late and how far a setpoint may be."""
 
     stale_after: float = parameter(
-        0.1, 'Silence after which the carriages brake and hold', unit='s',
+        'Silence after which the carriages brake and hold', default=0.1, unit='s',
         minimum=0.01, maximum=OLDEST)
     first_step: float = parameter(
-        0.05, 'How far from the carriages a stream may begin or jump', unit='m',
+        'How far from the carriages a stream may begin or jump', default=0.05, unit='m',
         minimum=0.001, maximum=0.5)
 
 

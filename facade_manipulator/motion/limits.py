@@ -46,11 +46,12 @@ class MotionLimits:
     """Bounds on the motion of each carriage."""
 
     speed: float = parameter(
-        0.5, 'Highest speed of a carriage', unit='m/s', minimum=0.001, maximum=5.0)
+        'Highest speed of a carriage', default=0.5, unit='m/s', minimum=0.001, maximum=5.0)
     acceleration: float = parameter(
-        3.0, 'Highest acceleration of a carriage', unit='m/s^2', minimum=0.01, maximum=50.0)
+        'Highest acceleration of a carriage', default=3.0, unit='m/s^2', minimum=0.01,
+        maximum=50.0)
     jerk: float = parameter(
-        150.0, 'Highest jerk of a carriage', unit='m/s^3', minimum=0.1, maximum=10000.0)
+        'Highest jerk of a carriage', default=150.0, unit='m/s^3', minimum=0.1, maximum=10000.0)
 
     def __post_init__(self) -> None:
         if self.jerk < self.acceleration:

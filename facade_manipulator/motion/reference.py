@@ -29,13 +29,13 @@ class ReferenceSettings:
     """How fast the head moves on the wall: x, y and θ."""
 
     speed: tuple[float, ...] = parameter(
-        (0.2, 0.1, 0.4), 'Highest speed: x, y, theta', unit='m/s, rad/s', minimum=1e-3,
+        'Highest speed: x, y, theta', default=(0.2, 0.1, 0.4), unit='m/s, rad/s', minimum=1e-3,
         maximum=5.0, elements=Pose._fields)
     acceleration: tuple[float, ...] = parameter(
-        (0.6, 0.4, 1.5), 'Highest acceleration: x, y, theta', unit='m/s^2, rad/s^2',
+        'Highest acceleration: x, y, theta', default=(0.6, 0.4, 1.5), unit='m/s^2, rad/s^2',
         minimum=1e-2, maximum=50.0, elements=Pose._fields)
     jerk: tuple[float, ...] = parameter(
-        (6.0, 4.0, 15.0), 'Highest jerk: x, y, theta', unit='m/s^3, rad/s^3', minimum=0.1,
+        'Highest jerk: x, y, theta', default=(6.0, 4.0, 15.0), unit='m/s^3, rad/s^3', minimum=0.1,
         maximum=1e4, elements=Pose._fields)
 
 

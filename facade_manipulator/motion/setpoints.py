@@ -64,7 +64,7 @@ class GoalSettings:
     """What ik_service accepts as a goal."""
 
     min_conditioning: float = parameter(
-        0.05, 'Least local conditioning index of a goal (unit of length b/0.348)',
+        'Least local conditioning index of a goal (unit of length b/0.348)', default=0.05,
         minimum=0.0, maximum=1.0)
 
 

@@ -78,7 +78,7 @@ class RateSettings:
     """How often the node publishes."""
 
     rate: float = parameter(
-        100.0, 'Rate of corrected poses', unit='Hz', minimum=10.0, maximum=1000.0)
+        'Rate of corrected poses', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
 
 
 class GoalReport:

@@ -23,7 +23,8 @@ class ContactSettings:
     """Whether the drives are the force sensor."""
 
     from_drives: bool = parameter(
-        False, 'Whether contact_wrench is published from the torque of the drives', read_only=True)
+        'Whether contact_wrench is published from the torque of the drives', default=False,
+        read_only=True)
 
 
 class ContactView:

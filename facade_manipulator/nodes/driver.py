@@ -80,20 +80,20 @@ class DriverSettings:
     """What the node itself does beside the controller."""
 
     simulate_drives: bool = parameter(
-        False, 'Whether the driver starts simulated drives on its own virtual bus',
+        'Whether the driver starts simulated drives on its own virtual bus', default=False,
         read_only=True)
     configure_at_start: bool = parameter(
-        False, 'Whether the driver configures itself when it starts; it never powers the drives',
-        read_only=True)
+        'Whether the driver configures itself when it starts; it never powers the drives',
+        default=False, read_only=True)
     joint_states_rate: float = parameter(
-        100.0, 'How often joint_states is published at most: every cycle, or one in so many',
-        unit='Hz', minimum=1.0, maximum=500.0, read_only=True)
+        'How often joint_states is published at most: every cycle, or one in so many',
+        default=100.0, unit='Hz', minimum=1.0, maximum=500.0, read_only=True)
     software_stop_timeout: float = parameter(
-        0.5, 'Silence of software_stop, once received, that stops the drives and forbids power',
-        unit='s', minimum=0.05, maximum=10.0)
+        'Silence of software_stop, once received, that stops the drives and forbids power',
+        default=0.5, unit='s', minimum=0.05, maximum=10.0)
     software_stop_topics: tuple[str, ...] = parameter(
-        ('software_stop',), 'Topics on which supervisors forbid power, one for each of them',
-        read_only=True)
+        'Topics on which supervisors forbid power, one for each of them',
+        default=('software_stop',), read_only=True)
 
 
 class DriverNode(ManagedNode):

@@ -82,8 +82,8 @@ class LinkageSettings:
     """What the picture cannot know by itself."""
 
     wall_distance: float = parameter(
-        0.3, 'Distance of the wall from the rail in still air, for the picture alone', unit='m',
-        minimum=-10.0, maximum=10.0)
+        'Distance of the wall from the rail in still air, for the picture alone', default=0.3,
+        unit='m', minimum=-10.0, maximum=10.0)
 
 
 class LinkageView:

@@ -22,7 +22,8 @@ class WorkspaceSettings:
     """How fine the map of the workspace is."""
 
     resolution: float = parameter(
-        0.005, 'Side of a cell of ik_service/workspace', unit='m', minimum=0.001, maximum=0.1)
+        'Side of a cell of ik_service/workspace', default=0.005, unit='m', minimum=0.001,
+        maximum=0.1)
 
 
 class WorkspaceMap:

@@ -27,22 +27,22 @@ class EstimateSettings:
     """How noisy the estimates of the disturbance are, and of what and when they are."""
 
     position_noise: float = parameter(
-        1e-3, 'Standard deviation in x and y where the message has none', unit='m',
+        'Standard deviation in x and y where the message has none', default=1e-3, unit='m',
         minimum=1e-5, maximum=1.0)
     yaw_noise: float = parameter(
-        1.75e-3, 'Standard deviation in yaw where the message has none', unit='rad',
+        'Standard deviation in yaw where the message has none', default=1.75e-3, unit='rad',
         minimum=1e-5, maximum=1.0)
     mounting: tuple[float, ...] = parameter(
-        (0.0, 0.0, 0.0), 'Where the estimator is mounted on the rail: x, y, yaw',
+        'Where the estimator is mounted on the rail: x, y, yaw', default=(0.0, 0.0, 0.0),
         unit='m, m, rad', minimum=-20.0, maximum=20.0, elements=('x', 'y', 'yaw'))
     axes: float = parameter(
-        0.0, "Angle from the axes of facade to those of the estimator's x and y", unit='rad',
-        minimum=-math.pi, maximum=math.pi)
+        "Angle from the axes of facade to those of the estimator's x and y", default=0.0,
+        unit='rad', minimum=-math.pi, maximum=math.pi)
     delay: float = parameter(
-        0.0, 'How much later than the motion the stamps of the estimator are', unit='s',
+        'How much later than the motion the stamps of the estimator are', default=0.0, unit='s',
         minimum=-0.5, maximum=0.5)
     tilt: float = parameter(
-        0.05, 'Largest tilt of the rail out of the plane; it is left out of the estimate',
+        'Largest tilt of the rail out of the plane; it is left out of the estimate', default=0.05,
         unit='rad', minimum=1e-3, maximum=0.2)
 
 

@@ -56,12 +56,12 @@ class PredictionSettings:
     """Settings of the disturbance's prediction."""
 
     memory: float = parameter(
-        60.0, 'Time constant with which what was learnt is forgotten', unit='s', minimum=5.0,
-        maximum=600.0)
+        'Time constant with which what was learnt is forgotten', default=60.0, unit='s',
+        minimum=5.0, maximum=600.0)
     acceleration: tuple[float, ...] = parameter(
-        (1.0, 0.7, 1.4),
         'Acceleration beyond which a motion is compensated in part: x, y, theta',
-        unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0, elements=Pose._fields)
+        default=(1.0, 0.7, 1.4), unit='m/s^2, rad/s^2', minimum=1e-3, maximum=100.0,
+        elements=Pose._fields)
 
     # fixed: only tests have a reason to change it
     speed: tuple[float, ...] = (2.0, 2.0, 2.0)  # m/s, rad/s, beyond which no motion is predicted

@@ -29,10 +29,10 @@ class BusSettings:
     """Which CAN interface the drives are on."""
 
     interface: str = parameter(
-        'virtual', 'Kind of CAN interface, as python-can names it', read_only=True)
-    channel: str = parameter('can0', 'Name of the CAN interface', read_only=True)
+        'Kind of CAN interface, as python-can names it', default='virtual', read_only=True)
+    channel: str = parameter('Name of the CAN interface', default='can0', read_only=True)
     bitrate: int = parameter(
-        1_000_000, 'Bit rate of the bus', unit='bit/s', minimum=10_000, maximum=1_000_000,
+        'Bit rate of the bus', default=1_000_000, unit='bit/s', minimum=10_000, maximum=1_000_000,
         read_only=True)
 
     def __str__(self) -> str:

@@ -26,49 +26,49 @@ class AxisSettings(AxisScale):
 
     velocity_unit: str = 'counts_per_second'  # the drive's profile says it, not the operator
     node_id: int = parameter(
-        1, 'CANopen node id of the drive', minimum=1, maximum=pdo.MASTER_NODE_ID - 1,
+        'CANopen node id of the drive', default=1, minimum=1, maximum=pdo.MASTER_NODE_ID - 1,
         read_only=True)
     profile: str = parameter(
-        'simulated', 'Drive type: name of a file in config/drives', read_only=True)
+        'Drive type: name of a file in config/drives', default='simulated', read_only=True)
     vendor_id: int = parameter(
-        0, 'Vendor id the drive must have (1018h:1); 0 accepts any',
+        'Vendor id the drive must have (1018h:1); 0 accepts any', default=0,
         minimum=0, maximum=2**32 - 1, read_only=True)
     product_code: int = parameter(
-        0, 'Product code the drive must have (1018h:2); 0 accepts any',
+        'Product code the drive must have (1018h:2); 0 accepts any', default=0,
         minimum=0, maximum=2**32 - 1, read_only=True)
     serial_number: int = parameter(
-        0, 'Serial number the drive must have (1018h:4); 0 accepts any, swapped axes included',
-        minimum=0, maximum=2**32 - 1, read_only=True)
+        'Serial number the drive must have (1018h:4); 0 accepts any, swapped axes included',
+        default=0, minimum=0, maximum=2**32 - 1, read_only=True)
     limit_margin: float = parameter(
-        0.005, "How far beyond the stroke the drive's own position limits lie",
+        "How far beyond the stroke the drive's own position limits lie", default=0.005,
         unit='m', minimum=0.0, maximum=0.1, read_only=True)
     max_speed: float = parameter(
-        0.6, 'Speed limit of the drive', unit='m/s', minimum=0.001, maximum=5.0, read_only=True)
+        'Speed limit of the drive', default=0.6, unit='m/s', minimum=0.001, maximum=5.0,
+        read_only=True)
     max_acceleration: float = parameter(
-        6.0, 'Acceleration limit of the drive', unit='m/s^2', minimum=0.01, maximum=100.0,
+        'Acceleration limit of the drive', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0,
         read_only=True)
     stop_deceleration: float = parameter(
-        6.0, 'Deceleration of a quick stop', unit='m/s^2', minimum=0.01, maximum=100.0,
+        'Deceleration of a quick stop', default=6.0, unit='m/s^2', minimum=0.01, maximum=100.0,
         read_only=True)
     following_error_window: float = parameter(
-        0.015, 'Following error that trips the drive, and difference of two that stops all: at '
-        'most three quarters of what carriage_gap keeps carriages from touching', unit='m',
-        minimum=1e-5, maximum=0.5,
-        read_only=True)
+        'Following error that trips the drive, and difference of two that stops all: at '
+        'most three quarters of what carriage_gap keeps carriages from touching', default=0.015,
+        unit='m', minimum=1e-5, maximum=0.5, read_only=True)
     home_position: float = parameter(
-        0.0, 'Where the carriage is at its home position', unit='m', minimum=-10.0, maximum=10.0,
-        read_only=True)
+        'Where the carriage is at its home position', default=0.0, unit='m', minimum=-10.0,
+        maximum=10.0, read_only=True)
     homing_method: int = parameter(
-        37, 'Homing method of CiA 402; 37 takes the present position as home',
+        'Homing method of CiA 402; 37 takes the present position as home', default=37,
         minimum=-128, maximum=127, read_only=True)
     homing_rank: int = parameter(
-        1, 'Axes of one rank home together, lower ranks first', minimum=1, maximum=3,
+        'Axes of one rank home together, lower ranks first', default=1, minimum=1, maximum=3,
         read_only=True)
     homing_speed: float = parameter(
-        0.05, 'Speed towards the switch or hard stop', unit='m/s', minimum=1e-4, maximum=1.0,
-        read_only=True)
+        'Speed towards the switch or hard stop', default=0.05, unit='m/s', minimum=1e-4,
+        maximum=1.0, read_only=True)
     homing_current: float = parameter(
-        1.0, 'Motor current that means a hard stop', unit='A', minimum=0.01, maximum=100.0,
+        'Motor current that means a hard stop', default=1.0, unit='A', minimum=0.01, maximum=100.0,
         read_only=True)
 
     # fixed: the stroke is the mechanism's, of the rest only tests have a reason to change it

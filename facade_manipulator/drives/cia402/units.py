@@ -41,24 +41,25 @@ class AxisScale:
     """
 
     pulses_per_revolution: int = parameter(
-        500, 'Encoder lines per revolution of the motor; a line gives four counts',
+        'Encoder lines per revolution of the motor; a line gives four counts', default=500,
         minimum=1, maximum=1_000_000, read_only=True)
     gear_ratio: float = parameter(
-        4.3, 'Revolutions of the motor per revolution of the screw',
+        'Revolutions of the motor per revolution of the screw', default=4.3,
         minimum=1e-3, maximum=1000.0, read_only=True)
     lead: float = parameter(
-        0.02, 'Travel of the carriage per revolution of the screw', unit='m',
+        'Travel of the carriage per revolution of the screw', default=0.02, unit='m',
         minimum=1e-4, maximum=1.0, read_only=True)
     direction: int = parameter(
-        1, '1: positive counts move the carriage to positive q; -1: the other way round',
+        '1: positive counts move the carriage to positive q; -1: the other way round', default=1,
         minimum=-1, maximum=1, read_only=True)
     rated_torque: float = parameter(
-        0.0545, 'Rated torque of the motor', unit='N m', minimum=1e-6, maximum=1000.0,
+        'Rated torque of the motor', default=0.0545, unit='N m', minimum=1e-6, maximum=1000.0,
         read_only=True)
     efficiency: float = parameter(
-        0.8, 'Efficiency of gear and screw together', minimum=0.01, maximum=1.0, read_only=True)
+        'Efficiency of gear and screw together', default=0.8, minimum=0.01, maximum=1.0,
+        read_only=True)
     velocity_unit: str = parameter(
-        'counts_per_second', 'Unit in which the drive states velocities',
+        'Unit in which the drive states velocities', default='counts_per_second',
         choices=tuple(VELOCITY_UNITS), read_only=True)
 
     def __post_init__(self) -> None:

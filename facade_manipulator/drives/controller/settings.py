@@ -12,33 +12,33 @@ class ControllerSettings(GroupSettings):
     """The cycle, its supervision and the time-outs."""
 
     rate: int = parameter(
-        100, 'Cycles per second; a whole number of milliseconds each', unit='Hz',
+        'Cycles per second; a whole number of milliseconds each', default=100, unit='Hz',
         minimum=10, maximum=500, read_only=True)
     reset_nodes: bool = parameter(
-        True, 'Whether configure resets the drives, so that nothing old is left in them',
+        'Whether configure resets the drives, so that nothing old is left in them', default=True,
         read_only=True)
     boot_timeout: float = parameter(
-        5.0, 'Longest time from reset to boot-up message', unit='s', minimum=0.1, maximum=60.0,
-        read_only=True)
+        'Longest time from reset to boot-up message', default=5.0, unit='s', minimum=0.1,
+        maximum=60.0, read_only=True)
     heartbeat_timeout: float = parameter(
-        0.15, 'Silence after which master and drives take each other for lost', unit='s',
+        'Silence after which master and drives take each other for lost', default=0.15, unit='s',
         minimum=0.02, maximum=1.0, read_only=True)
     watchdog_timeout: float = parameter(
-        2.0, 'Silence of the node after which powered drives ramp down and the loop ends',
+        'Silence of the node after which powered drives ramp down and the loop ends', default=2.0,
         unit='s', minimum=0.1, maximum=10.0, read_only=True)
     max_missed_cycles: int = parameter(
-        3, 'Missed cycles in a row of one axis that stop all', minimum=1, maximum=10,
+        'Missed cycles in a row of one axis that stop all', default=3, minimum=1, maximum=10,
         read_only=True)
     drive_lag: float = parameter(
-        0.0, 'How far the carriages lag behind the interpolated target', unit='s',
+        'How far the carriages lag behind the interpolated target', default=0.0, unit='s',
         minimum=0.0, maximum=0.5, read_only=True)
     realtime_priority: int = parameter(
-        0, 'SCHED_FIFO priority of the control thread; 0 leaves it to the normal scheduler',
-        minimum=0, maximum=99, read_only=True)
+        'SCHED_FIFO priority of the control thread; 0 leaves it to the normal scheduler',
+        default=0, minimum=0, maximum=99, read_only=True)
     lock_memory: bool = parameter(
-        False, 'Whether the process locks its memory against paging', read_only=True)
+        'Whether the process locks its memory against paging', default=False, read_only=True)
     cpu: int = parameter(
-        -1, 'CPU that the control thread is bound to; -1 leaves it free',
+        'CPU that the control thread is bound to; -1 leaves it free', default=-1,
         minimum=-1, maximum=1023, read_only=True)
 
     # fixed: only tests have a reason to change them

@@ -64,7 +64,8 @@ DELIVERY_PERIOD = 0.005
 class ScenarioSettings:
     """Which scenario is simulated; its file has all the numbers."""
 
-    scenario: str = parameter('', 'A name in config/scenarios or a file; empty for a breeze')
+    scenario: str = parameter(
+        'A name in config/scenarios or a file; empty for a breeze', default='')
 
 
 class GondolaSimulatorNode(Node):

@@ -27,55 +27,61 @@ class SimulationSettings:
     """What a simulated axis is made of."""
 
     lag: float = parameter(
-        0.005, 'Time constant with which the servo follows its demand', unit='s',
+        'Time constant with which the servo follows its demand', default=0.005, unit='s',
         minimum=0.0, maximum=1.0)
     peak_speed: float = parameter(
-        1.0, 'Speed that the motor reaches', unit='m/s', minimum=1e-3, maximum=100.0)
+        'Speed that the motor reaches', default=1.0, unit='m/s', minimum=1e-3, maximum=100.0)
     peak_acceleration: float = parameter(
-        20.0, 'Acceleration that the motor reaches', unit='m/s^2', minimum=1e-2, maximum=1000.0)
+        'Acceleration that the motor reaches', default=20.0, unit='m/s^2', minimum=1e-2,
+        maximum=1000.0)
     peak_torque: float = parameter(
-        2000.0, 'Torque that the motor reaches, in thousandths of the rated torque',
+        'Torque that the motor reaches, in thousandths of the rated torque', default=2000.0,
         minimum=1.0, maximum=30000.0)
     moving_mass: float = parameter(
-        2.0, 'Mass that the carriage moves', unit='kg', minimum=0.0, maximum=1000.0)
+        'Mass that the carriage moves', default=2.0, unit='kg', minimum=0.0, maximum=1000.0)
     rotor_inertia: float = parameter(
-        1e-6, 'Inertia of rotor, gear and screw at the motor', unit='kg m^2', minimum=0.0,
+        'Inertia of rotor, gear and screw at the motor', default=1e-6, unit='kg m^2', minimum=0.0,
         maximum=1.0)
     coulomb_friction: float = parameter(
-        4.0, 'Friction that does not depend on speed', unit='N', minimum=0.0, maximum=1e4)
+        'Friction that does not depend on speed', default=4.0, unit='N', minimum=0.0, maximum=1e4)
     viscous_friction: float = parameter(
-        10.0, 'Friction per speed', unit='N s/m', minimum=0.0, maximum=1e5)
+        'Friction per speed', default=10.0, unit='N s/m', minimum=0.0, maximum=1e5)
     coasting_deceleration: float = parameter(
-        5.0, 'Deceleration without power, by friction', unit='m/s^2', minimum=1e-2, maximum=1000.0)
+        'Deceleration without power, by friction', default=5.0, unit='m/s^2', minimum=1e-2,
+        maximum=1000.0)
     lower_stop: float = parameter(
-        -0.56, 'Lower hard stop of the rail', unit='m', minimum=-10.0, maximum=10.0)
+        'Lower hard stop of the rail', default=-0.56, unit='m', minimum=-10.0, maximum=10.0)
     upper_stop: float = parameter(
-        0.56, 'Upper hard stop of the rail', unit='m', minimum=-10.0, maximum=10.0)
+        'Upper hard stop of the rail', default=0.56, unit='m', minimum=-10.0, maximum=10.0)
     lower_switch: float = parameter(
-        -0.545, 'Lower limit switch: on from here down', unit='m', minimum=-10.0, maximum=10.0)
+        'Lower limit switch: on from here down', default=-0.545, unit='m', minimum=-10.0,
+        maximum=10.0)
     upper_switch: float = parameter(
-        0.545, 'Upper limit switch: on from here up', unit='m', minimum=-10.0, maximum=10.0)
+        'Upper limit switch: on from here up', default=0.545, unit='m', minimum=-10.0,
+        maximum=10.0)
     home_switch: float = parameter(
-        0.0, 'Middle of the home switch', unit='m', minimum=-10.0, maximum=10.0)
+        'Middle of the home switch', default=0.0, unit='m', minimum=-10.0, maximum=10.0)
     home_switch_width: float = parameter(
-        0.01, 'Travel over which the home switch is on', unit='m', minimum=1e-4, maximum=1.0)
+        'Travel over which the home switch is on', default=0.01, unit='m', minimum=1e-4,
+        maximum=1.0)
     home_switch_opens: bool = parameter(
-        False, 'Whether the home switch opens at home: its input is on everywhere else')
+        'Whether the home switch opens at home: its input is on everywhere else', default=False)
     home_switch_bounce: float = parameter(
-        0.0, 'Travel around an edge of the home switch over which it bounces', unit='m',
+        'Travel around an edge of the home switch over which it bounces', default=0.0, unit='m',
         minimum=0.0, maximum=0.01)
     backlash: float = parameter(
-        0.0, 'Play between the motor, whose encoder counts, and the carriage', unit='m',
+        'Play between the motor, whose encoder counts, and the carriage', default=0.0, unit='m',
         minimum=0.0, maximum=0.01)
     contact_stiffness: float = parameter(
-        60e3, 'Force on a hard stop per travel that the servo still wants', unit='N/m',
+        'Force on a hard stop per travel that the servo still wants', default=60e3, unit='N/m',
         minimum=1.0, maximum=1e9)
     boot_time: float = parameter(
-        0.05, 'Time from reset to the boot-up message', unit='s', minimum=0.0, maximum=10.0)
+        'Time from reset to the boot-up message', default=0.05, unit='s', minimum=0.0,
+        maximum=10.0)
     firmware_version: str = parameter(
-        '1.0', 'Software version that the drive reports (100Ah)')
+        'Software version that the drive reports (100Ah)', default='1.0')
     missing_objects: tuple[int, ...] = parameter(
-        (), 'Indices of objects that this drive does not have')
+        'Indices of objects that this drive does not have', default=())
 
     def __post_init__(self) -> None:
         order = ('lower_stop', 'lower_switch', 'upper_switch', 'upper_stop')

@@ -20,27 +20,30 @@ ENDS = (-0.5, 0.5)
 class FacadeSettings:
     """Where the wall is, how the brush feels on it, and its steps."""
 
-    present: bool = parameter(False, 'Whether there is a wall to touch')
+    present: bool = parameter('Whether there is a wall to touch', default=False)
     distance: float = parameter(
-        0.23, 'Distance of the wall from the rail in still air', unit='m', minimum=-10.0,
+        'Distance of the wall from the rail in still air', default=0.23, unit='m', minimum=-10.0,
         maximum=10.0)
     stiffness: float = parameter(
-        600.0, 'Stiffness of the brush', unit='N/m', minimum=1.0, maximum=1e6)
+        'Stiffness of the brush', default=600.0, unit='N/m', minimum=1.0, maximum=1e6)
     wall_stiffness: float = parameter(
-        1e7, 'Stiffness of the wall behind the brush', unit='N/m', minimum=1.0, maximum=1e9)
+        'Stiffness of the wall behind the brush', default=1e7, unit='N/m', minimum=1.0,
+        maximum=1e9)
     damping: float = parameter(
-        25.0, 'Damping of the brush', unit='N s/m', minimum=0.0, maximum=1e5)
-    friction: float = parameter(0.3, 'Coefficient of friction', minimum=0.0, maximum=3.0)
+        'Damping of the brush', default=25.0, unit='N s/m', minimum=0.0, maximum=1e5)
+    friction: float = parameter('Coefficient of friction', default=0.3, minimum=0.0, maximum=3.0)
     friction_speed: float = parameter(
-        0.01, 'Speed at which friction is nearly full', unit='m/s', minimum=1e-4, maximum=1.0)
-    width: float = parameter(0.3, 'Width of the brush', unit='m', minimum=0.0, maximum=5.0)
-    step_positions: tuple[float, ...] = parameter(
-        (), 'Where the wall steps, ascending along x', unit='m', minimum=-100.0, maximum=100.0)
-    step_heights: tuple[float, ...] = parameter(
-        (), 'By how much it steps towards the gondola at each place', unit='m', minimum=-1.0,
+        'Speed at which friction is nearly full', default=0.01, unit='m/s', minimum=1e-4,
         maximum=1.0)
+    width: float = parameter('Width of the brush', default=0.3, unit='m', minimum=0.0, maximum=5.0)
+    step_positions: tuple[float, ...] = parameter(
+        'Where the wall steps, ascending along x', default=(), unit='m', minimum=-100.0,
+        maximum=100.0)
+    step_heights: tuple[float, ...] = parameter(
+        'By how much it steps towards the gondola at each place', default=(), unit='m',
+        minimum=-1.0, maximum=1.0)
     step_length: float = parameter(
-        0.06, 'Length over which the brush rolls over the edge of a step', unit='m',
+        'Length over which the brush rolls over the edge of a step', default=0.06, unit='m',
         minimum=1e-3, maximum=1.0)
 
     def __post_init__(self) -> None:

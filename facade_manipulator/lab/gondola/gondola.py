@@ -38,30 +38,32 @@ YAW, VERTICAL = 4, 5
 class GondolaSettings(SuspensionSettings):
     """The gondola and its cables."""
 
-    mass: float = parameter(500.0, 'Mass', unit='kg', minimum=10.0, maximum=1e4)
+    mass: float = parameter('Mass', default=500.0, unit='kg', minimum=10.0, maximum=1e4)
     body_height: float = parameter(
-        0.9, 'Centre of gravity below the lower end of the cables', unit='m', minimum=0.05,
+        'Centre of gravity below the lower end of the cables', default=0.9, unit='m', minimum=0.05,
         maximum=10.0)
     rail_height: float = parameter(
-        0.9, 'Rail below the lower end of the cables', unit='m', minimum=0.0, maximum=10.0)
+        'Rail below the lower end of the cables', default=0.9, unit='m', minimum=0.0, maximum=10.0)
     gyration_radius: float = parameter(
-        0.6, 'Radius of gyration about horizontal axes', unit='m', minimum=0.05, maximum=10.0)
+        'Radius of gyration about horizontal axes', default=0.6, unit='m', minimum=0.05,
+        maximum=10.0)
     cable_stiffness: float = parameter(
-        4e6, 'EA of both cables together', unit='N', minimum=1e4, maximum=1e9)
-    guide_stiffness: float = inherited(SuspensionSettings, 'guide_stiffness', 600.0)
-    guide_lever: float = inherited(SuspensionSettings, 'guide_lever', 0.6)
+        'EA of both cables together', default=4e6, unit='N', minimum=1e4, maximum=1e9)
+    guide_stiffness: float = inherited(SuspensionSettings, 'guide_stiffness', default=600.0)
+    guide_lever: float = inherited(SuspensionSettings, 'guide_lever', default=0.6)
     rail_offset: float = parameter(
-        0.0, 'Distance of the rail from the plane of the cables, towards the wall', unit='m',
-        minimum=-2.0, maximum=2.0)
+        'Distance of the rail from the plane of the cables, towards the wall', default=0.0,
+        unit='m', minimum=-2.0, maximum=2.0)
     reaction: bool = parameter(
-        True, 'Whether the gondola feels the head; false only in a scenario that is named so')
+        'Whether the gondola feels the head; false only in a scenario that is named so',
+        default=True)
     damping_ratio: float = parameter(
-        0.02, 'Damping of every mode', minimum=0.0, maximum=0.9)
+        'Damping of every mode', default=0.02, minimum=0.0, maximum=0.9)
     area: float = parameter(
-        2.0, 'Area in the wind', unit='m^2', minimum=0.0, maximum=100.0)
-    drag_coefficient: float = parameter(1.2, 'Drag coefficient', minimum=0.0, maximum=5.0)
+        'Area in the wind', default=2.0, unit='m^2', minimum=0.0, maximum=100.0)
+    drag_coefficient: float = parameter('Drag coefficient', default=1.2, minimum=0.0, maximum=5.0)
     pressure_offset: float = parameter(
-        0.15, 'Offset of the wind force from the centre, which makes yaw', unit='m',
+        'Offset of the wind force from the centre, which makes yaw', default=0.15, unit='m',
         minimum=-5.0, maximum=5.0)
 
 

@@ -22,13 +22,14 @@ CAMERA_NOISE = (1e-3, 1e-3, 1e-3)  # m, m, rad, of the wall
 class ShopSettings:
     """Standard deviations of a machine's errors and of the measurements of its head."""
 
-    length: float = parameter(5e-4, 'Of a link and of half a platform', unit='m', minimum=0.0)
+    length: float = parameter(
+        'Of a link and of half a platform', default=5e-4, unit='m', minimum=0.0)
     offset: float = parameter(
-        1e-3, 'Of a carriage, and of the head on the platform', unit='m', minimum=0.0)
+        'Of a carriage, and of the head on the platform', default=1e-3, unit='m', minimum=0.0)
     angle: float = parameter(
-        3.5e-3, 'Of the rail, and of the head on the platform', unit='rad', minimum=0.0)
-    position_noise: float = parameter(1e-4, 'Of a measured x or y', unit='m', minimum=0.0)
-    angle_noise: float = parameter(3.5e-4, 'Of a measured theta', unit='rad', minimum=0.0)
+        'Of the rail, and of the head on the platform', default=3.5e-3, unit='rad', minimum=0.0)
+    position_noise: float = parameter('Of a measured x or y', default=1e-4, unit='m', minimum=0.0)
+    angle_noise: float = parameter('Of a measured theta', default=3.5e-4, unit='rad', minimum=0.0)
 
 
 def make_machine(

@@ -27,20 +27,20 @@ class SwaySettings:
     """Amplitudes, frequencies and phases of the sines of each axis; empty for a still axis."""
 
     x_amplitude: tuple[float, ...] = parameter(
-        (0.1, 0.02), 'Amplitudes along the rail', unit='m', minimum=0.0, maximum=2.0)
+        'Amplitudes along the rail', default=(0.1, 0.02), unit='m', minimum=0.0, maximum=2.0)
     x_frequency: tuple[float, ...] = parameter(
-        (0.11, 0.3), 'Frequencies along the rail', unit='Hz', minimum=0.0, maximum=20.0)
-    x_phase: tuple[float, ...] = parameter((0.3, 1.0), 'Phases along the rail', unit='rad')
+        'Frequencies along the rail', default=(0.11, 0.3), unit='Hz', minimum=0.0, maximum=20.0)
+    x_phase: tuple[float, ...] = parameter('Phases along the rail', default=(0.3, 1.0), unit='rad')
     y_amplitude: tuple[float, ...] = parameter(
-        (0.015,), 'Amplitudes towards the wall', unit='m', minimum=0.0, maximum=2.0)
+        'Amplitudes towards the wall', default=(0.015,), unit='m', minimum=0.0, maximum=2.0)
     y_frequency: tuple[float, ...] = parameter(
-        (0.2,), 'Frequencies towards the wall', unit='Hz', minimum=0.0, maximum=20.0)
-    y_phase: tuple[float, ...] = parameter((0.5,), 'Phases towards the wall', unit='rad')
+        'Frequencies towards the wall', default=(0.2,), unit='Hz', minimum=0.0, maximum=20.0)
+    y_phase: tuple[float, ...] = parameter('Phases towards the wall', default=(0.5,), unit='rad')
     yaw_amplitude: tuple[float, ...] = parameter(
-        (2.0 * DEGREE,), 'Amplitudes of the yaw', unit='rad', minimum=0.0, maximum=0.5)
+        'Amplitudes of the yaw', default=(2.0 * DEGREE,), unit='rad', minimum=0.0, maximum=0.5)
     yaw_frequency: tuple[float, ...] = parameter(
-        (0.15,), 'Frequencies of the yaw', unit='Hz', minimum=0.0, maximum=20.0)
-    yaw_phase: tuple[float, ...] = parameter((0.0,), 'Phases of the yaw', unit='rad')
+        'Frequencies of the yaw', default=(0.15,), unit='Hz', minimum=0.0, maximum=20.0)
+    yaw_phase: tuple[float, ...] = parameter('Phases of the yaw', default=(0.0,), unit='rad')
 
     def __post_init__(self) -> None:
         for axis in ('x', 'y', 'yaw'):

@@ -35,22 +35,23 @@ Sections = Mapping[str, Any]
 class MissionSettings:
     """What moves the gondola and what the head is to do meanwhile."""
 
-    description: str = parameter('', 'What happens')
+    description: str = parameter('What happens', default='')
     motion: str = parameter(
-        'sway', 'What moves the gondola', choices=('sway', 'wind', 'recording'))
+        'What moves the gondola', default='sway', choices=('sway', 'wind', 'recording'))
     recording: str = parameter(
-        '', "CSV file of a recorded disturbance, in the scenario's file relative to that")
+        "CSV file of a recorded disturbance, in the scenario's file relative to that", default='')
     duration: float = parameter(
-        60.0, 'How long the scenario lasts', unit='s', minimum=1.0, maximum=3600.0)
+        'How long the scenario lasts', default=60.0, unit='s', minimum=1.0, maximum=3600.0)
     goal_period: float = parameter(
-        6.0, 'Time from one goal to the next', unit='s', minimum=0.5, maximum=600.0)
+        'Time from one goal to the next', default=6.0, unit='s', minimum=0.5, maximum=600.0)
     goals: tuple[float, ...] = parameter(
-        (0.0, 0.25, 0.0, 0.12, 0.25, 0.0, -0.12, 0.25, 0.0, -0.12, 0.265, 0.0524,
-         0.12, 0.265, 0.0524, 0.12, 0.24, -0.0524),
-        'Goals on the wall, one after the other: x, y, theta of each', unit='m, rad',
-        minimum=-10.0, maximum=10.0)
+        'Goals on the wall, one after the other: x, y, theta of each',
+        default=(0.0, 0.25, 0.0, 0.12, 0.25, 0.0, -0.12, 0.25, 0.0, -0.12, 0.265, 0.0524,
+                 0.12, 0.265, 0.0524, 0.12, 0.24, -0.0524),
+        unit='m, rad', minimum=-10.0, maximum=10.0)
     waits: bool = parameter(
-        False, 'Whether the demo sends a goal as soon as the one before is reached, by go_to')
+        'Whether the demo sends a goal as soon as the one before is reached, by go_to',
+        default=False)
 
     def __post_init__(self) -> None:
         if not self.goals or len(self.goals) % len(Pose._fields):

@@ -20,27 +20,28 @@ FAULTS = ('none', 'silent', 'stuck', 'jump', 'reversed', 'late')
 class EstimatorSettings:
     """How often, how late and how well the disturbance is estimated."""
 
-    rate: float = parameter(50.0, 'Rate of estimates', unit='Hz', minimum=0.1, maximum=1000.0)
+    rate: float = parameter(
+        'Rate of estimates', default=50.0, unit='Hz', minimum=0.1, maximum=1000.0)
     latency: float = parameter(
-        0.05, 'Mean age of an estimate when it comes', unit='s', minimum=0.0, maximum=5.0)
+        'Mean age of an estimate when it comes', default=0.05, unit='s', minimum=0.0, maximum=5.0)
     jitter: float = parameter(
-        0.01, 'The age varies by plus or minus this', unit='s', minimum=0.0, maximum=5.0)
+        'The age varies by plus or minus this', default=0.01, unit='s', minimum=0.0, maximum=5.0)
     position_noise: float = parameter(
-        1e-3, 'Standard deviation of x and y', unit='m', minimum=0.0, maximum=1.0)
+        'Standard deviation of x and y', default=1e-3, unit='m', minimum=0.0, maximum=1.0)
     yaw_noise: float = parameter(
-        1.7453e-3, 'Standard deviation of the yaw', unit='rad', minimum=0.0, maximum=1.0)
+        'Standard deviation of the yaw', default=1.7453e-3, unit='rad', minimum=0.0, maximum=1.0)
     drift: float = parameter(
-        0.0, 'Speed at which the estimate of x wanders off', unit='m/s', minimum=-0.1,
+        'Speed at which the estimate of x wanders off', default=0.0, unit='m/s', minimum=-0.1,
         maximum=0.1)
     loss: float = parameter(
-        0.0, 'Share of estimates that never come', minimum=0.0, maximum=1.0)
+        'Share of estimates that never come', default=0.0, minimum=0.0, maximum=1.0)
     silent_from: float = parameter(
-        0.0, 'When a silence begins, counted from the start', unit='s', minimum=0.0)
-    silent_for: float = parameter(0.0, 'How long it lasts', unit='s', minimum=0.0)
-    mounting: tuple[float, ...] = inherited(EstimateSettings, 'mounting', (0.0, 0.0, 0.0))
-    axes: float = inherited(EstimateSettings, 'axes', 0.0)
-    stamp_error: float = inherited(EstimateSettings, 'delay', 0.0)
-    seed: int = parameter(1, 'Seed of noise, jitter and losses', minimum=0)
+        'When a silence begins, counted from the start', default=0.0, unit='s', minimum=0.0)
+    silent_for: float = parameter('How long it lasts', default=0.0, unit='s', minimum=0.0)
+    mounting: tuple[float, ...] = inherited(EstimateSettings, 'mounting', default=(0.0, 0.0, 0.0))
+    axes: float = inherited(EstimateSettings, 'axes', default=0.0)
+    stamp_error: float = inherited(EstimateSettings, 'delay', default=0.0)
+    seed: int = parameter('Seed of noise, jitter and losses', default=1, minimum=0)
 
     def __post_init__(self) -> None:
         if self.jitter > self.latency:
@@ -96,17 +97,18 @@ class ForceSensorSettings:
     """How well the sensor measures the wrench on the head, and how it breaks."""
 
     force_noise: float = parameter(
-        0.5, 'Standard deviation of the forces', unit='N', minimum=0.0, maximum=100.0)
+        'Standard deviation of the forces', default=0.5, unit='N', minimum=0.0, maximum=100.0)
     moment_noise: float = parameter(
-        0.05, 'Standard deviation of the moment', unit='N m', minimum=0.0, maximum=100.0)
-    fault: str = parameter('none', 'How the sensor breaks', choices=FAULTS)
+        'Standard deviation of the moment', default=0.05, unit='N m', minimum=0.0, maximum=100.0)
+    fault: str = parameter('How the sensor breaks', default='none', choices=FAULTS)
     fault_from: float = parameter(
-        0.0, 'When it breaks, counted from its first measurement', unit='s', minimum=0.0)
+        'When it breaks, counted from its first measurement', default=0.0, unit='s', minimum=0.0)
     jump: float = parameter(
-        20.0, 'By how much the force jumps', unit='N', minimum=-1e3, maximum=1e3)
+        'By how much the force jumps', default=20.0, unit='N', minimum=-1e3, maximum=1e3)
     delay: float = parameter(
-        0.2, 'How late a late sensor is, without saying so', unit='s', minimum=0.0, maximum=2.0)
-    seed: int = parameter(1, 'Seed of the noise', minimum=0)
+        'How late a late sensor is, without saying so', default=0.2, unit='s', minimum=0.0,
+        maximum=2.0)
+    seed: int = parameter('Seed of the noise', default=1, minimum=0)
 
 
 class ForceSensor:

@@ -28,8 +28,9 @@ class WallSettings:
     """When a sample of the head's error counts, and who sees it."""
 
     settling_time: float = parameter(
-        2.5, 'Time for which a goal must have stood', unit='s', minimum=0.0, maximum=60.0)
-    slip_sensor: bool = parameter(False, 'Whether a sensor sees the head slip along the wall')
+        'Time for which a goal must have stood', default=2.5, unit='s', minimum=0.0, maximum=60.0)
+    slip_sensor: bool = parameter(
+        'Whether a sensor sees the head slip along the wall', default=False)
 
 
 class WallSample(NamedTuple):

@@ -32,21 +32,22 @@ class WindSettings:
     """Mean wind, turbulence and seed."""
 
     spectrum: str = parameter(
-        'kaimal', 'Spectrum of the gusts', choices=('kaimal', 'von_karman'))
+        'Spectrum of the gusts', default='kaimal', choices=('kaimal', 'von_karman'))
     mean_speed: float = parameter(
-        4.0, 'Mean wind at the height of the gondola', unit='m/s', minimum=0.1, maximum=40.0)
+        'Mean wind at the height of the gondola', default=4.0, unit='m/s', minimum=0.1,
+        maximum=40.0)
     height: float = parameter(
-        40.0, 'Height above ground', unit='m', minimum=1.0, maximum=1000.0)
+        'Height above ground', default=40.0, unit='m', minimum=1.0, maximum=1000.0)
     roughness_length: float = parameter(
-        0.3, 'Roughness length of the ground: 0.3 suburbs, 1 city', unit='m', minimum=1e-4,
+        'Roughness length of the ground: 0.3 suburbs, 1 city', default=0.3, unit='m', minimum=1e-4,
         maximum=5.0)
     direction: float = parameter(
-        0.5, 'Angle of the mean wind from the wall: 0 blows along x, pi/2 onto the wall',
+        'Angle of the mean wind from the wall: 0 blows along x, pi/2 onto the wall', default=0.5,
         unit='rad', minimum=-math.pi, maximum=math.pi)
     integral_length: float = parameter(
-        60.0, 'Length of the eddies of the von Kármán spectrum', unit='m', minimum=0.1,
+        'Length of the eddies of the von Kármán spectrum', default=60.0, unit='m', minimum=0.1,
         maximum=1000.0)
-    seed: int = parameter(1, 'Seed of the gusts', minimum=0)
+    seed: int = parameter('Seed of the gusts', default=1, minimum=0)
 
     def __post_init__(self) -> None:
         if self.height <= 2.0 * self.roughness_length:

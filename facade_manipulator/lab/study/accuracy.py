@@ -37,20 +37,22 @@ class DriveTrain:
     """What carries the head, and how exactly it is made."""
 
     carriage_error: float = parameter(
-        1e-4, 'Standard deviation of a carriage position', unit='m', minimum=0.0, maximum=0.1)
-    length_error: float = parameter(
-        1e-4, 'Standard deviation of a link and of half the platform', unit='m', minimum=0.0,
+        'Standard deviation of a carriage position', default=1e-4, unit='m', minimum=0.0,
         maximum=0.1)
+    length_error: float = parameter(
+        'Standard deviation of a link and of half the platform', default=1e-4, unit='m',
+        minimum=0.0, maximum=0.1)
     screw_stiffness: float = parameter(
-        2e7, 'Axial stiffness of a screw with its bearings', unit='N/m', minimum=1.0,
+        'Axial stiffness of a screw with its bearings', default=2e7, unit='N/m', minimum=1.0,
         maximum=1e12)
     link_stiffness: float = parameter(
-        2e7, 'Axial stiffness of a link with its joints', unit='N/m', minimum=1.0, maximum=1e12)
+        'Axial stiffness of a link with its joints', default=2e7, unit='N/m', minimum=1.0,
+        maximum=1e12)
     force: float = parameter(
-        59.0, 'Continuous force of a carriage along the rail', unit='N', minimum=0.1,
+        'Continuous force of a carriage along the rail', default=59.0, unit='N', minimum=0.1,
         maximum=1e6)
     speed: float = parameter(
-        0.5, 'Speed of a carriage', unit='m/s', minimum=1e-3, maximum=10.0)
+        'Speed of a carriage', default=0.5, unit='m/s', minimum=1e-3, maximum=10.0)
 
 
 class Worth(NamedTuple):

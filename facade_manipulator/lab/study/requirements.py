@@ -27,26 +27,30 @@ class Requirements:
     """What every design must satisfy, and what is called good."""
 
     link_range: tuple[float, float] = parameter(
-        (0.150, 0.400), 'Least and greatest l (Table 1)', unit='m', minimum=1e-3, maximum=100.0)
+        'Least and greatest l (Table 1)', default=(0.150, 0.400), unit='m', minimum=1e-3,
+        maximum=100.0)
     platform_range: tuple[float, float] = parameter(
-        (0.300, 0.550), 'Least and greatest b (Table 1)', unit='m', minimum=1e-3, maximum=100.0)
+        'Least and greatest b (Table 1)', default=(0.300, 0.550), unit='m', minimum=1e-3,
+        maximum=100.0)
     length_sum: float = parameter(
-        0.7, 'l + b; 0 leaves it free', unit='m', minimum=0.0, maximum=200.0)
-    stroke_length: float = parameter(1.0, 'Stroke Q', unit='m', minimum=1e-3, maximum=200.0)
+        'l + b; 0 leaves it free', default=0.7, unit='m', minimum=0.0, maximum=200.0)
+    stroke_length: float = parameter(
+        'Stroke Q', default=1.0, unit='m', minimum=1e-3, maximum=200.0)
     carriage_gap: float = parameter(
-        0.0, 'Least distance of neighbouring carriages: none in the paper, 0.02 in the machine',
-        unit='m', minimum=0.0, maximum=100.0)
+        'Least distance of neighbouring carriages: none in the paper, 0.02 in the machine',
+        default=0.0, unit='m', minimum=0.0, maximum=100.0)
     min_y_travel: float = parameter(
-        0.0, 'Least range of y at θ = 0', unit='m', minimum=0.0, maximum=100.0)
+        'Least range of y at θ = 0', default=0.0, unit='m', minimum=0.0, maximum=100.0)
     min_theta: float = parameter(
-        0.0, 'Least |θ| reachable at some y before N = 0', unit='rad', minimum=0.0, maximum=1.6)
+        'Least |θ| reachable at some y before N = 0', default=0.0, unit='rad', minimum=0.0,
+        maximum=1.6)
     min_conditioning: float = parameter(
-        0.0, 'Least index over the range of y asked for', minimum=0.0, maximum=1.0)
+        'Least index over the range of y asked for', default=0.0, minimum=0.0, maximum=1.0)
     threshold: float = parameter(
-        0.001, 'Least index of a good pose', minimum=0.0, maximum=1.0)
+        'Least index of a good pose', default=0.001, minimum=0.0, maximum=1.0)
     characteristic_length: float = parameter(
-        0.001, 'Unit of length of the index: 0.001 in the paper, 1 shows weak poses at the rail',
-        unit='m', minimum=1e-9, maximum=1e3)
+        'Unit of length of the index: 0.001 in the paper, 1 shows weak poses at the rail',
+        default=0.001, unit='m', minimum=1e-9, maximum=1e3)
 
     def __post_init__(self) -> None:
         for name in ('link_range', 'platform_range'):

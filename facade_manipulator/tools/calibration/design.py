@@ -36,9 +36,11 @@ class Noise:
     """How well the head is measured."""
 
     position: float = parameter(
-        1e-4, 'Standard deviation of a measured x or y', unit='m', minimum=1e-7, maximum=0.1)
+        'Standard deviation of a measured x or y', default=1e-4, unit='m', minimum=1e-7,
+        maximum=0.1)
     angle: float = parameter(
-        3.5e-4, 'Standard deviation of a measured theta', unit='rad', minimum=1e-7, maximum=0.1)
+        'Standard deviation of a measured theta', default=3.5e-4, unit='rad', minimum=1e-7,
+        maximum=0.1)
 
     @property
     def deviations(self) -> np.ndarray:
