@@ -18,7 +18,7 @@ REQUIRES = [
     'mcap>=1.2,<2',  # the black box's files, which Foxglove and ros2 bag read
     'mcap-ros2-support>=0.5.5,<1',  # reads their messages by the definitions in the file
     'PyYAML>=6,<7',  # drive profiles and scenarios
-    'typing_extensions>=4.1,<5',  # checkers know the fields of settings, with Python 3.10, too
+    'typing-extensions>=4.1,<5',  # checkers know the fields of settings, with Python 3.10, too
     'rich>=13,<16',  # tables in the terminal: demo, monitor, commission, study
     'ruamel.yaml>=0.17.21,<0.19',  # parameter files that a tool writes keep their comments
 ]
