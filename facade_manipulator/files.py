@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 import csv
+import errno
+import os
 from pathlib import Path
+import shutil
 
 
 @contextmanager
@@ -13,11 +16,17 @@ def atomic_write(path: Path) -> Iterator[Path]:
     """
     Lend the path of a draft beside a file; it takes the file's name when the block ends well.
 
-    A draft that is not completed goes; what had the name before stays.
+    A draft that is not completed goes; what had the name before stays. Its mode is kept, and a
+    link still leads to it; a file that may not be written is an OSError.
     """
+    path = path.resolve()
+    if path.exists() and not os.access(path, os.W_OK):
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(path))
     draft = path.with_name(f'.{path.name}.part')
     try:
         yield draft
+        if path.exists():
+            shutil.copymode(path, draft)
         draft.replace(path)
     finally:
         with suppress(OSError):

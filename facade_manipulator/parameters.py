@@ -8,7 +8,7 @@ parameters (`facade_manipulator.ros.parameters`).
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, Field, field, fields
 from difflib import get_close_matches
 import math
@@ -124,23 +124,6 @@ def settings_from(
     names = {f'{prefix}.{name}' if prefix else name: name for name in parameter_fields(cls)}
     return cls(**defaults | as_fields({
         names[name]: value for name, value in values.items() if name in names}))
-
-
-def given_parameters(content: Mapping[str, Any], node: str = '') -> Iterator[tuple[str, str, Any]]:
-    """Yield node, full name and value of every parameter in the content of a parameter file."""
-    for name, inner in content.items():
-        if name == 'ros__parameters':
-            yield from ((node, *one) for one in _flat(inner or {}))
-        elif isinstance(inner, dict):
-            yield from given_parameters(inner, f'{node}/{name}')
-
-
-def _flat(tree: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    for name, content in tree.items():
-        if isinstance(content, dict):
-            yield from _flat(content, f'{prefix}{name}.')
-        else:
-            yield f'{prefix}{name}', content
 
 
 def check_parameters(instance: Any) -> None:

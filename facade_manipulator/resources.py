@@ -14,6 +14,7 @@ from pathlib import Path
 import sys
 
 PACKAGE = Path(__file__).resolve().parent
+MACHINE_FILE = Path('machine.yaml')  # the parameter file of a machine, in the present folder
 # what the machine writes about itself; ROS_HOME is where ROS itself puts its logs
 STATE_FOLDER = os.path.join(os.environ.get('ROS_HOME') or '~/.ros', PACKAGE.name)
 
@@ -47,3 +48,8 @@ def share_directories() -> Iterator[Path]:
         share = Path(prefix) / 'share' / PACKAGE.name
         if share.is_dir():
             yield share
+
+
+def or_installed(path: Path) -> Path:
+    """Return a parameter file, or that of the package where it has not been written yet."""
+    return path if path.exists() else config_path('manipulator.yaml')

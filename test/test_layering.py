@@ -36,7 +36,7 @@ MACHINE = {
 ALL_OF_IT = set(MACHINE) | {'ros', 'nodes'}
 TOOLS = {
     'tools.calibration': SETTINGS | {'blackbox', 'kinematics', 'messages', 'prediction'},
-    'tools.commissioning': SETTINGS | DRIVES | {'maintenance'},
+    'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance'},
     'tools.deployment': BASE | {'files', 'resources'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
     'tools.stopping': ALL_OF_IT,

@@ -19,12 +19,11 @@ from typing import NamedTuple
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-import yaml
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import given_parameters, nearest
+from facade_manipulator.parameter_file import given_parameters, NODE_NAMES
+from facade_manipulator.parameters import nearest
 
-NODE_NAMES = ('compensator', 'driver', 'gondola_simulator', 'ik_service', 'recorder')
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 # of the release before, one line a name, to be deleted one release later: the present name, or
 # what holds now; a name that ends in ``.*`` stands for all below it
@@ -101,9 +100,8 @@ def _given(words: list[str]) -> Iterator[Given]:
 
 def _given_in(file: Path) -> Iterator[Given]:
     """Yield what a file gives that ROS has read already."""
-    content = yaml.safe_load(file.read_text(encoding='utf-8')) or {}
-    for node, name, _ in given_parameters(content):
-        yield Given(node.rpartition('/')[2], name, f'in {file.name}')
+    for one in given_parameters(file):
+        yield Given(one.node, one.name, f'in {file.name}')
 
 
 class NoParameterError(ParameterNotDeclaredException):

@@ -1,28 +1,25 @@
 """
 What is left between the carriages when something fails, with the parameters of a file.
 
-No node: it reads the file as the driver would, without a namespace, and prints.
+No node: it reads the files as the driver would, and prints.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import Any
-
-import yaml
 
 from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
 from facade_manipulator.drives.controller import ControllerSettings
-from facade_manipulator.errors import exit_status, ParameterError
+from facade_manipulator.errors import exit_status
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import Outcome, StoppingAnalysis
 from facade_manipulator.motion import MotionLimits
-from facade_manipulator.parameters import given_parameters, parameter_fields, settings_from
+from facade_manipulator.parameter_file import read_settings
 from facade_manipulator.resources import config_path
 
-NODES = ('**', 'driver')  # whose sections the driver reads
 MILLIMETRES = 1e3
 SPEEDS = 5  # of the table
 
@@ -54,29 +51,12 @@ def read_analysis(files: Sequence[Path]) -> tuple[Geometry, StoppingAnalysis]:
         A file is no parameter file, or names what the driver does not know.
 
     """
-    values: dict[str, Any] = {}
-    for path in files:
-        try:
-            content = yaml.safe_load(path.read_text(encoding='utf-8'))
-            values.update((name, value) for node, name, value in given_parameters(content)
-                          if node.rpartition('/')[2] in NODES)
-        except (yaml.YAMLError, AttributeError) as error:
-            raise ParameterError(f'{path} is no parameter file: {error}') from error
-    geometry = _settings(Geometry, values, 'geometry')
-    axes = tuple(_settings(AxisSettings, values, name, **defaults)
+    read = partial(read_settings, files, 'driver')
+    geometry = read('geometry', Geometry)
+    axes = tuple(read(name, AxisSettings, **defaults)
                  for name, defaults in axis_defaults(geometry.stroke).items())
     return geometry, StoppingAnalysis(
-        geometry, _settings(MotionLimits, values, 'limits'), axes,
-        _settings(ControllerSettings, values, 'controller'))
-
-
-def _settings(cls: type, values: dict[str, Any], prefix: str, **defaults: Any) -> Any:
-    known = parameter_fields(cls)
-    for name in values:
-        section, _, field = name.partition('.')
-        if section == prefix and field not in known:
-            raise ParameterError(f'{name} is no parameter of the driver')
-    return settings_from(cls, values, prefix, **defaults)
+        geometry, read('limits', MotionLimits), axes, read('controller', ControllerSettings))
 
 
 def report(geometry: Geometry, analysis: StoppingAnalysis) -> list[str]:

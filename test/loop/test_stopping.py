@@ -94,8 +94,9 @@ def test_the_command_prints_the_analysis_of_a_file(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(('text', 'message'), [
-    ('/**/driver:\n  ros__parameters:\n    limits: {sped: 0.3}\n', 'limits.sped is no parameter'),
-    ('just words', 'is no parameter file'),
+    ('/**/driver:\n  ros__parameters:\n    limits: {sped: 0.3}\n',
+     "no parameter limits.sped: did you mean 'speed'"),
+    ('just words', 'is not a parameter file'),
 ])
 def test_the_command_rejects_what_the_driver_would_not_read(tmp_path, capsys, text, message):
     file = tmp_path / 'wrong.yaml'

@@ -59,7 +59,8 @@ class Demo:
         self, options: argparse.Namespace, console: Console, interrupted: Event
     ) -> None:
         self.options = options
-        self.geometry = read_settings(options.parameters, ALL_NODES, 'geometry', Geometry)
+        self.geometry = read_settings(
+            _parameter_files(options), ALL_NODES, 'geometry', Geometry, f'/{options.namespace}')
         self.console = console
         self._interrupted = interrupted
         self._is_stopping = False
@@ -181,10 +182,13 @@ class Demo:
             self.client.close()
 
 
+def _parameter_files(options: argparse.Namespace) -> list[Path]:
+    return [options.parameters, config_path('simulation.yaml')]
+
+
 def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:
-    files = [options.parameters, config_path('simulation.yaml')]
     arguments = ['--ros-args', '-r', f'__ns:=/{options.namespace}']
-    for file in files:
+    for file in _parameter_files(options):
         arguments += ['--params-file', str(file)]
     if name == 'gondola_simulator' and options.scenario:
         arguments += ['-p', f'scenario:={options.scenario}']

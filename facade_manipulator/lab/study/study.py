@@ -103,7 +103,7 @@ def _geometry(options: argparse.Namespace) -> Geometry:
     if options.parameters is not None:
         if given.keys() & {'link_length', 'platform_half_length', 'stroke'}:
             raise ParameterError('--parameters has the lengths: --l, --b and --stroke have no use')
-        return read_settings(options.parameters, ALL_NODES, 'geometry', Geometry)
+        return read_settings([options.parameters], ALL_NODES, 'geometry', Geometry)
     if 'stroke' in given:
         given = given | {'stroke': _stroke(options.stroke)}
     return settings_from(Geometry, given, carriage_gap=0.0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+import csv
 from pathlib import Path
 import sys
 from typing import Any
@@ -14,9 +15,14 @@ from facade_manipulator.errors import CalibrationError, exit_status, file_errors
 from facade_manipulator.files import write_table
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.messages import CARRIAGES
-from facade_manipulator.parameter_file import ALL_NODES, read_settings, write_parameters
+from facade_manipulator.parameter_file import (
+    ALL_NODES,
+    read_parameters,
+    read_settings,
+    write_parameters,
+)
 from facade_manipulator.prediction import EstimateSettings
-from facade_manipulator.resources import config_path
+from facade_manipulator.resources import MACHINE_FILE, or_installed
 from facade_manipulator.tools.calibration.design import Noise, plan
 from facade_manipulator.tools.calibration.estimator_fit import (
     DEFAULT,
@@ -57,12 +63,13 @@ from facade_manipulator.tools.calibration.wall_fit import (
     touched_points,
 )
 
-COMPENSATOR, RECORDED = '/**/compensator', '.mcap'
+COMMISSIONED = '.node_id', '.serial_number', '.direction', '.lead', '.profile'
+COMPENSATOR, RECORDED = 'compensator', '.mcap'
 EXAMPLES = """
 examples:
   calibrate geometry --plan poses.csv
-  calibrate geometry measured.csv --output calibrated.yaml --picture accuracy.png
-  calibrate estimator blackbox_000007_20261122T083000Z.mcap --output calibrated.yaml
+  calibrate geometry measured.csv --output machine.yaml --picture accuracy.png
+  calibrate estimator blackbox_000007_20261122T083000Z.mcap --output machine.yaml
   calibrate estimator --disturbance disturbance.csv --joints joints.csv --wall wall.csv
   calibrate wall touches.csv
 """
@@ -123,15 +130,15 @@ def calibrate_wall(options: argparse.Namespace) -> None:
         estimate, distance = along_wall(estimate, found)
         turned = [(COMPENSATOR, 'estimate', {
             'mounting': estimate.mounting, 'axes': estimate.axes})]
-    _write(options, ('/**/ik_service', 'linkage', {'wall_distance': distance}), *turned)
+    _write(options, ('ik_service', 'linkage', {'wall_distance': distance}), *turned)
 
 
 def _geometry(options: argparse.Namespace) -> Geometry:
-    return read_settings(options.parameters, ALL_NODES, 'geometry', Geometry)
+    return read_settings([options.parameters], ALL_NODES, 'geometry', Geometry)
 
 
 def _estimate(options: argparse.Namespace) -> EstimateSettings:
-    return read_settings(options.parameters, COMPENSATOR, 'estimate', EstimateSettings)
+    return read_settings([options.parameters], COMPENSATOR, 'estimate', EstimateSettings)
 
 
 def _write(options: argparse.Namespace, *found: tuple[str, str, dict[str, Any]]) -> None:
@@ -139,10 +146,24 @@ def _write(options: argparse.Namespace, *found: tuple[str, str, dict[str, Any]])
     if options.output is None:
         return
     source = options.parameters
+    for other in filter(Path.exists, (options.output, MACHINE_FILE)):
+        _require_same_drives(source, other)
     for node, section, values in found:
         write_parameters(source, options.output, node, {section: values})
         source = options.output
     print(f'{options.output} is written')
+
+
+def _require_same_drives(source: Path, other: Path) -> None:
+    """Raise a CalibrationError where commissioning found out what a copy would lose."""
+    here, there = ({name: value for name, value in read_parameters([path], 'driver').items()
+                    if name.endswith(COMMISSIONED)} for path in (source, other))
+    if here != there:
+        names = ', '.join(sorted(
+            name for name in here | there if here.get(name) != there.get(name)))
+        raise CalibrationError(
+            f'{other} describes the drives otherwise than {source} ({names}): nothing is written; '
+            f'calibrate with --parameters {other} --output {other}')
 
 
 def _touches(
@@ -194,11 +215,22 @@ def _write_plan(path: Path, geometry: Geometry, carriages: np.ndarray) -> None:
     """Write where to measure, with empty cells for what is measured."""
     directions = ['direction'] * (carriages.shape[1] - len(CARRIAGES))
     poses = np.hstack([carriages, heads(geometry, carriages)])
+    _require_unmeasured(path)
     with file_errors(path):
         write_table(
             path, [*CARRIAGES, *directions, *(f'goal_{name}' for name in AXES), *AXES],
             ([f'{value:.6f}' for value in pose] + [''] * len(AXES) for pose in poses))
     print(f'{path} has {len(carriages)} poses; fill in x, y and theta, or what you measure')
+
+
+def _require_unmeasured(path: Path) -> None:
+    if path.exists():
+        with path.open(newline='', encoding='utf-8') as file:
+            rows = list(csv.DictReader(file))
+        if any(row[name] for row in rows for name in row
+               if name and name.partition('_')[0] in AXES):
+            raise CalibrationError(
+                f'{path} has measured values: nothing is written; name another file for the plan')
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -218,8 +250,9 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(run=run)
         add(command)
         command.add_argument('--parameters', type=Path, metavar='YAML',
-                             default=config_path('manipulator.yaml'),
-                             help='parameter file of the machine (default the installed one)')
+                             default=or_installed(MACHINE_FILE),
+                             help='parameter file of the machine (default machine.yaml, or the '
+                                  'installed one)')
         command.add_argument('--output', type=Path, metavar='YAML',
                              help='write a copy of it with what was found')
     return made

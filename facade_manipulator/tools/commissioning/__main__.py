@@ -11,6 +11,7 @@ import sys
 
 from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.errors import exit_status
+from facade_manipulator.resources import MACHINE_FILE
 from facade_manipulator.tools.commissioning import (
     identify,
     keep,
@@ -61,7 +62,7 @@ def _command(
     add = command.add_argument
     if has_axis:
         add('axis', choices=AXIS_NAMES)
-    add('--parameters', type=Path, default=Path('machine.yaml'), metavar='YAML',
+    add('--parameters', type=Path, default=MACHINE_FILE, metavar='YAML',
         help='parameter file of this machine; made of the installed one when something is written '
              '(default machine.yaml)')
     add('--interface', help='kind of CAN interface; default: that of the parameter file')

@@ -167,7 +167,7 @@ def run_lag(context: Context) -> None:
         friction = {'coulomb': [round(found[name].coulomb, 2) for name in AXIS_NAMES],
                     'viscous': [round(found[name].viscous, 1) for name in AXIS_NAMES]}
         operator.agree(f'{machine.path} gets friction of ik_service: {friction}')
-        machine.write({'friction': friction}, node='/**/ik_service')
+        machine.write({'friction': friction}, node='ik_service')
 
 
 class AxisRecord(NamedTuple):

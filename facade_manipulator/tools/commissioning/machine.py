@@ -7,25 +7,25 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
 from facade_manipulator.drives.canopen import BusSettings
-from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.files import atomic_write
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.maintenance import ServiceSettings
 from facade_manipulator.parameter_file import (
-    ALL_NODES,
     read_parameters,
-    read_section,
     read_settings,
     write_parameters,
 )
-from facade_manipulator.resources import config_path
+from facade_manipulator.resources import or_installed
 
-DRIVER = '/**/driver'
+DRIVER = 'driver'
+Class = TypeVar('Class')
 
 
 @dataclass(frozen=True)
@@ -37,54 +37,49 @@ class Machine:
     @property
     def source(self) -> Path:
         """The file that is read."""
-        return self.path if self.path.exists() else config_path('manipulator.yaml')
+        return or_installed(self.path)
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """The parameters of the driver by section; raises a ParameterError."""
-        return read_parameters(self.source, DRIVER)
+        """The parameters that the file gives the driver; raises a ParameterError."""
+        return read_parameters([self.source], DRIVER)
 
     def axis(self, name: str) -> AxisSettings:
         """Return the settings of an axis; raises a ParameterError for what none can have."""
         if name not in AXIS_NAMES:
             raise ParameterError(f'{name} is none of {", ".join(AXIS_NAMES)}')
-        return read_settings(
-            self.source, DRIVER, name, AxisSettings, **axis_defaults(self._stroke)[name])
+        stroke = self._read('geometry', Geometry).stroke
+        return self._read(name, AxisSettings, **axis_defaults(stroke)[name])
 
-    @property
-    def _stroke(self) -> tuple[float, float]:
-        geometry = read_section(self.source, ALL_NODES, 'geometry')
-        stroke = geometry.get('stroke', (AxisSettings.lower_limit, AxisSettings.upper_limit))
-        try:
-            least, greatest = stroke
-            return float(least), float(greatest)
-        except (TypeError, ValueError):
-            raise ParameterError(f'{self.source}: geometry.stroke = {stroke!r} is not a pair of '
-                                 'positions [least, greatest] in m') from None
+    def _read(self, section: str, cls: type[Class], **defaults: Any) -> Class:
+        return read_settings([self.source], DRIVER, section, cls, **defaults)
 
     @property
     def axes(self) -> dict[str, AxisSettings]:
-        """Settings of all axes by name; raises a ParameterError."""
-        return {name: self.axis(name) for name in AXIS_NAMES}
+        """Settings of all axes by name; raises a ParameterError, also where two have one id."""
+        axes = {name: self.axis(name) for name in AXIS_NAMES}
+        check_axes(tuple(axes.values()))
+        return axes
 
     def bus(self, **changes: Any) -> BusSettings:
         """Return the bus of the file, with what is not None of `changes`."""
         given = {name: value for name, value in changes.items() if value is not None}
-        return replace(read_settings(self.source, DRIVER, 'bus', BusSettings), **given)
+        return replace(self._read('bus', BusSettings), **given)
 
     @property
     def service(self) -> ServiceSettings:
         """Where the counters are and when service is due; raises a ParameterError."""
-        return read_settings(self.source, DRIVER, 'service', ServiceSettings)
+        return self._read('service', ServiceSettings)
 
     def check_writable(self) -> None:
         """Raise a ParameterError, before drives are changed, if nothing can be written down."""
         self.axes  # noqa: B018 - reads them
         folder = self.path.resolve().parent
-        if not os.access(folder, os.W_OK):
+        if not os.access(folder, os.W_OK) or (
+                self.path.exists() and not os.access(self.path, os.W_OK)):
             raise ParameterError(
-                f'{self.path} cannot be written, {folder} is missing or protected: nothing was '
-                'done; name another file with --parameters')
+                f'{self.path} cannot be written, it or {folder} is missing or protected: nothing '
+                'was done; name another file with --parameters')
 
     def write(self, sections: Mapping[str, Mapping[str, Any]], node: str = DRIVER) -> None:
         """

@@ -89,12 +89,12 @@ def _parameters(machine: Machine) -> Iterator[tuple[Any, ...]]:
     axes = machine.axes
     written = ' '.join(entry['result'] for entry in machine.journal
                        if entry['check'] == 'written')
-    given = {name: machine.parameters.get(name) or {} for name in AXIS_NAMES}
+    given = machine.parameters
     for item in parameter_fields(AxisSettings).values():
         origin = 'default'
         if any(f'{name}.{item.name}:' in written for name in AXIS_NAMES):
             origin = 'measured'
-        elif any(item.name in values for values in given.values()):
+        elif any(f'{name}.{item.name}' in given for name in AXIS_NAMES):
             origin = 'paper' if item.name in _FROM_PAPER else 'parameter file'
         yield (item.name, *(getattr(axes[name], item.name) for name in AXIS_NAMES), origin)
 

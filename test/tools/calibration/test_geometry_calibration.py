@@ -12,7 +12,12 @@ from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
 from facade_manipulator.lab.gondola.bench.calibration import DRAWING, rms, try_machines
 from facade_manipulator.lab.gondola.machines import make_machine, measure_heads, ShopSettings
 from facade_manipulator.lab.gondola.practice import main as practise
-from facade_manipulator.parameter_file import ALL_NODES, read_settings
+from facade_manipulator.parameter_file import (
+    ALL_NODES,
+    read_parameters,
+    read_settings,
+    write_parameters,
+)
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.calibration import (
     candidates,
@@ -46,7 +51,7 @@ def measured(noise=SHOP, seed=6):
 
 
 def geometry_in(path):
-    return read_settings(path, ALL_NODES, 'geometry', Geometry)
+    return read_settings([path], ALL_NODES, 'geometry', Geometry)
 
 
 @pytest.mark.long
@@ -247,6 +252,34 @@ def test_a_dial_gauge_is_enough_for_what_it_shows(table, tmp_path):
     off = heads(geometry_in(target), POSES) - heads(MADE, POSES)
     assert np.abs(off[:, 1]).max() < 5e-4
     assert main(['geometry', str(only_y), '--noise', '0.001', '0.02']) == 1
+
+
+def test_what_commissioning_found_is_kept_or_the_command_writes_nothing(
+        table, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    machine, shipped = tmp_path / 'machine.yaml', str(config_path('manipulator.yaml'))
+    drives = {'q2': {'direction': -1, 'lead': 0.01, 'serial_number': 4712}}
+    write_parameters(config_path('manipulator.yaml'), machine, 'driver', drives)
+    before = machine.read_text()
+    for target in ('machine.yaml', 'calibrated.yaml'):
+        assert main(['geometry', str(table()), '--parameters', shipped, '--output', target]) == 1
+        assert '(q2.direction, q2.lead, q2.serial_number): nothing' in capsys.readouterr().err
+    assert machine.read_text() == before and not (tmp_path / 'calibrated.yaml').exists()
+    assert main(['geometry', str(table()), '--output', 'machine.yaml']) == 0
+    assert read_parameters([machine], 'driver')['q2.direction'] == -1
+    assert heads(geometry_in(machine), POSES) == pytest.approx(heads(MADE, POSES), abs=3e-4)
+
+
+def test_a_plan_never_takes_the_place_of_measurements(tmp_path, capsys):
+    path = tmp_path / 'poses.csv'
+    for _ in range(2):
+        assert main(['geometry', '--plan', str(path), '--count', '12']) == 0
+    head, first, *rest = path.read_text().splitlines()
+    measured_one = '\n'.join([head.replace(',y,', ',y_mm,'), first[:-1] + '0.01', *rest])
+    path.write_text(measured_one)
+    assert main(['geometry', '--plan', str(path), '--count', '12']) == 1
+    assert 'has measured values: nothing is written' in capsys.readouterr().err
+    assert path.read_text() == measured_one
 
 
 @pytest.mark.long

@@ -99,7 +99,7 @@ def test_lag_and_friction_of_the_simulated_axes_are_found_and_written(make_rig, 
     assert rig.run('lag', '--links', 'uncoupled', '--frequencies', '1', '2') == 0, (
         capsys.readouterr())
     driver = Machine(rig.parameters).parameters
-    assert driver['controller']['drive_lag'] == pytest.approx(0.012, abs=0.004)
+    assert driver['controller.drive_lag'] == pytest.approx(0.012, abs=0.004)
     friction = yaml.safe_load(rig.parameters.read_text())['/**/ik_service'][
         'ros__parameters']['friction']
     at_20 = [coulomb + 0.02 * viscous for coulomb, viscous in zip(

@@ -71,16 +71,24 @@ def test_a_journal_that_is_none_is_named_and_left_alone(make_rig, capsys):
 
 
 @pytest.mark.parametrize('content, reason', [
-    ('/**: {ros__parameters: {geometry: {stroke: 0.5}}}', 'geometry.stroke = 0.5 is not a pair'),
-    ('/**: {ros__parameters: {geometry: {stroke: [0.5]}}}', 'geometry.stroke = .0.5. is not a'),
-    ('/**: {ros__parameters: {geometry: {stroke: [a, b]}}}', 'geometry.stroke = .*a pair'),
-    ('/**: {ros__parameters: {geometry: {stroke: }}}', 'geometry.stroke = None is not a pair'),
-    ('/**: {ros__parameters: {geometry: 1.0}}', 'geometry = 1.0 is not a table'),
-    ('/**/driver: {ros__parameters: {q1: [1]}}', 'q1 = .1. is not a table'),
-    ('/**/driver: {ros__parameters: {q1: {2: 3, nodeid: 1}}}', 'q1 has no parameter 2'),
+    ('/**: {ros__parameters: {geometry: {stroke: 0.5}}}', 'stroke'),
+    ('/**: {ros__parameters: {geometry: {stroke: [0.5]}}}', 'stroke = .0.5,. is not a pair'),
+    ('/**: {ros__parameters: {geometry: {stroke: }}}', '.*geometry.stroke has no value'),
+    ('/**: {ros__parameters: {geometry: 1.0}}', 'it is not a table'),
+    ('/**/driver: {ros__parameters: {q1: [1]}}', 'it is not a table'),
+    ('/**/driver: {ros__parameters: {q1: {2: 3}}}', 'there is no parameter q1.2'),
+    ('/**/driver: {ros__parameters: {limit: {speed: 3}, q1: {nodeid: 1}}}',
+     "there is no parameter q1.nodeid: did you mean 'node_id'"),
 ])
 def test_a_parameter_file_with_a_malformed_section_is_one_message(tmp_path, content, reason):
     path = tmp_path / 'machine.yaml'
     path.write_text(content)
-    with pytest.raises(ParameterError, match=f'machine.yaml: {reason}'):
+    with pytest.raises(ParameterError, match=f'machine.yaml.*: {reason}'):
         Machine(path).axis('q1')
+
+
+def test_two_axes_with_one_node_id_are_rejected(tmp_path):
+    path = tmp_path / 'machine.yaml'
+    path.write_text('/**/driver: {ros__parameters: {q2.node_id: 3}}')
+    with pytest.raises(ParameterError, match='two axes have the same node_id'):
+        Machine(path).axes  # noqa: B018 - reads them
