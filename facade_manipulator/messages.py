@@ -199,12 +199,14 @@ def in_order(
     if len(values) != len(names):
         raise InputError('names', f'{what} has {len(values)} values for {len(names)} names')
     if tuple(names) == CARRIAGES:  # any order will do, but it costs
-        return tuple(values)
+        q1, q2, q3 = values
+        return q1, q2, q3
     if sorted(names) != sorted(CARRIAGES):
         raise InputError(
             'names', f'{what} names {quoted(list(names))}, '
             f'expected each of {", ".join(CARRIAGES)} once')
-    return tuple(values[names.index(name)] for name in CARRIAGES)
+    q1, q2, q3 = (values[names.index(name)] for name in CARRIAGES)
+    return q1, q2, q3
 
 
 def planar_wrench(message: Any) -> Wrench:

@@ -286,7 +286,7 @@ def _yaml() -> Any:
     """Return what reads and writes YAML with its comments; PyYAML drops them."""
     from ruamel.yaml import YAML
 
-    made = YAML()
+    made: Any = YAML()  # whose width is said to be an int
     made.preserve_quotes = True
     made.width = math.inf
     return made

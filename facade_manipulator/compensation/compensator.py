@@ -329,7 +329,7 @@ class Compensator:
         if self.goal is None:
             return None
         if self._last is None or self.following.is_off_path(now):
-            self._initialise(now, aim, disturbance.position)
+            self._initialise(now, aim, disturbance.position, self.goal)
         elif self.goal != self._planned_goal:
             self._reference.retarget(aim, self.goal)
         if self.goal != self._planned_goal:
@@ -362,12 +362,12 @@ class Compensator:
             time, pose, reference, shifted, disturbance, inside.saturation_error,
             subtract(wanted, tracked))
 
-    def _initialise(self, now: float, aim: float, disturbance: Pose) -> None:
+    def _initialise(self, now: float, aim: float, disturbance: Pose, goal: Pose) -> None:
         """Begin the path where the head stands, or at the goal if that is not known."""
         self._tracker.reset()
         self.following.begin(now)
         self.initialisations += 1
-        newest, start = self.following.newest(now), self.goal
+        newest, start = self.following.newest(now), goal
         if newest is not None:
             start = subtract(compose(disturbance, newest[1]), self.contact.present)
-        self._reference.initialise(aim, HeadMotion(start), self.goal)
+        self._reference.initialise(aim, HeadMotion(start), goal)

@@ -156,12 +156,12 @@ class Correction:
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate, from several at once where they come fast."""
-        estimate = self._mean.add(estimate)
-        if estimate is None:
+        mean = self._mean.add(estimate)
+        if mean is None:
             return
-        smooth = self.mode is CorrectionMode.ACTIVE and self._time is not None
-        self.predictor.update(estimate.stamp, estimate.pose, estimate.variances)
-        if smooth:
+        smooth = self.mode is CorrectionMode.ACTIVE
+        self.predictor.update(mean.stamp, mean.pose, mean.variances)
+        if smooth and self._time is not None:
             self._smooth.clear()
             self._smooth.begin(
                 self._time, self._state.minus(self._aim()), SMOOTHING)
@@ -187,7 +187,7 @@ class Correction:
 
         """
         if self.age(now) > self.settings.silence:
-            newest = 'none has come yet' if self.predictor.stamp is None else (
+            newest = 'none has come yet' if not self._has_estimates else (
                 f'the newest is {self.age(now):.1f} s old, bound {self.settings.silence:g} s')
             raise ManipulatorError(f'cannot tare without a fresh estimate: {newest}')
         nominal = self.predictor.predict(now).position
@@ -218,19 +218,22 @@ class Correction:
 
     def deviations(self) -> tuple[float, ...] | None:
         """Return the prediction's standard deviations one evaluation horizon ahead."""
-        predictor = self.predictor
-        if predictor.stamp is None:
+        if not self._has_estimates:
             return None
-        return predictor.deviations(predictor.stamp + EVALUATION_HORIZON)
+        return self.predictor.deviations(self.predictor.stamp + EVALUATION_HORIZON)
 
     def age(self, now: float) -> float:
         """Return the age of the newest estimate [s], infinity before the first."""
-        return math.inf if self.predictor.stamp is None else now - self.predictor.stamp
+        return now - self.predictor.stamp
+
+    @property
+    def _has_estimates(self) -> bool:
+        return self.predictor.stamp > -math.inf
 
     def _present_mode(self, now: float) -> CorrectionMode:
         if not self.enabled:
             return CorrectionMode.DISABLED
-        if self.predictor.stamp is None:
+        if not self._has_estimates:
             return CorrectionMode.NO_ESTIMATE
         if abs(self.age(now)) > self.settings.silence:
             return CorrectionMode.SILENT
@@ -260,7 +263,7 @@ class Correction:
 
     def disturbance(self, time: float) -> Pose:
         """Return where the rail is at a time [s], whether that is corrected or not."""
-        return ZERO_POSE if self.predictor.stamp is None else self.motion(time).position
+        return self.motion(time).position if self._has_estimates else ZERO_POSE
 
     @property
     def is_complete(self) -> bool:

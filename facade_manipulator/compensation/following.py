@@ -169,12 +169,11 @@ class ArrivalWatch:
 
     def __init__(self, settings: ArrivalSettings) -> None:
         self.settings = settings
-        self._near_since: float | None = None
-        self._is_reached = False
+        self.begin()
 
     def begin(self) -> None:
         """Watch another goal from now on."""
-        self._near_since, self._is_reached = None, False
+        self._near_since, self._is_reached = math.inf, False
 
     def update(
         self, now: float, error: Pose | None, path_time: float, is_held_back: bool
@@ -197,16 +196,12 @@ class ArrivalWatch:
         if error is not None:
             distance, angle = math.hypot(error.x, error.y), abs(error.theta)
         near = path_time <= 0.0 and self._is_near(distance, angle)
-        if not near:
-            self._near_since = None
-        elif self._near_since is None:
-            self._near_since = now
-        self._is_reached = near and (
-            self._is_reached or now - self._near_since >= self.settings.dwell)
+        self._near_since = min(self._near_since, now) if near else math.inf
+        dwelt = max(now - self._near_since, 0.0)
+        self._is_reached = near and (self._is_reached or dwelt >= self.settings.dwell)
         if self._is_reached:
             return GoalProgress(GoalState.REACHED, distance, angle, 0.0)
         state = GoalState.HELD_BACK if is_held_back else GoalState.MOVING
-        dwelt = now - self._near_since if near else 0.0
         return GoalProgress(
             state, distance, angle, max(path_time, 0.0) + self.settings.dwell - dwelt)
 

@@ -64,8 +64,9 @@ class SuspensionSettings:
     @property
     def periods(self) -> Triple:
         """Periods of x, y and yaw [s]."""
-        return tuple(
+        x, y, yaw = (
             math.tau * math.sqrt(m / k) for m, k in zip(self.inertia, self.stiffness, strict=True))
+        return x, y, yaw
 
     def swing(self, force: float, amplitude: float, period: float) -> tuple[float, float]:
         """
@@ -96,9 +97,10 @@ class SuspensionSettings:
 
     def energy(self, swing: MotionState) -> Triple:
         """Return the energy of a swing about the rest in x, y and yaw [J]."""
-        return tuple(
+        x, y, yaw = (
             0.5 * (k * position ** 2 + m * velocity ** 2) for k, m, position, velocity in zip(
                 self.stiffness, self.inertia, *swing, strict=True))
+        return x, y, yaw
 
 
 def _harmonics(ratio: float) -> float:

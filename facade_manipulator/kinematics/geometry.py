@@ -104,7 +104,7 @@ class Geometry:
     tool: tuple[float, ...] = parameter(
         'Pose of the head on the platform: x, y, theta', default=(0.0, 0.0, 0.0), unit='m, m, rad',
         minimum=-0.5, maximum=0.5, elements=Pose._fields, read_only=True)
-    screw_span: tuple[float, ...] = parameter(
+    screw_span: tuple[float, float] = parameter(
         'Positions of the first and the last error of the screws', default=(-0.5, 0.5), unit='m',
         minimum=-100.0, maximum=100.0, elements=('first', 'last'), read_only=True)
     screw_errors_q1: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A1, evenly spaced')
@@ -188,14 +188,14 @@ def _numbers(item: Field, value: object) -> float | tuple[float, ...]:
     return tuple(_number(item.name, element) for element in value)
 
 
-def _number(name: str, value: object) -> float:
+def _number(name: str, value: Any) -> float:
     try:
         return float(value)
     except (TypeError, ValueError):
         raise ParameterError(f'{name} = {value!r} is not a number') from None
 
 
-def _stroke(value: object) -> tuple[float, float]:
+def _stroke(value: Any) -> tuple[float, float]:
     try:
         least, greatest = value
     except (TypeError, ValueError):

@@ -12,7 +12,9 @@ from __future__ import annotations
 
 from enum import Enum
 from math import cos, isfinite, sin, sqrt
-from typing import Any
+from typing import TypeVar
+
+import numpy as np
 
 from facade_manipulator.errors import (
     CarriageGapError,
@@ -40,6 +42,7 @@ _TINY = 1e-300
 # s, c, u1, u2, s1, s2 of `links`: plain tuples, because naming the fields would cost as much as
 # computing them.
 Links = tuple[float, float, float, float, float, float]
+Number = TypeVar('Number', float, np.ndarray)
 _new_tuple = tuple.__new__
 NO_BACKLASH = (0.0, 0.0, 0.0)
 
@@ -175,13 +178,15 @@ def take_up(geometry: Geometry, carriages: Carriages, velocity: Carriages) -> Ca
         for q, v, play in zip(carriages, velocity, geometry.backlash, strict=True)))
 
 
-def branch_number(at: Links) -> float:
+def branch_number(at: tuple[Number, Number, Number, Number, Number, Number]) -> Number:
     """N [m²] of `parallel_singularity`, from the links of a pose; on floats as on arrays."""
     sine, cosine, u1, u2, s1, s2 = at
     return u1 * (u2 * cosine - s2 * sine) + u2 * (u1 * cosine + s1 * sine)
 
 
-def squared_index(at: Links, ratio1: Any, ratio2: Any) -> Any:
+def squared_index(
+    at: tuple[Number, Number, Number, Number, Number, Number], ratio1: float, ratio2: float
+) -> Number:
     """
     Square of the conditioning index, on floats as on arrays: one formula for both arithmetics.
 

@@ -17,6 +17,7 @@ length near the machine's own size it also flags weak authority near the rail.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 import struct
 
@@ -33,7 +34,7 @@ from facade_manipulator.kinematics.inverse import (
 )
 
 _empty = np.empty
-_pack_matrix = struct.Struct('9d').pack_into
+_pack_matrix: Callable[..., None] = struct.Struct('9d').pack_into  # any buffer, arrays too
 
 
 def jacobian(

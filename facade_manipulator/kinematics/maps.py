@@ -12,6 +12,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics.geometry import Geometry, Pose
@@ -22,6 +23,8 @@ from facade_manipulator.kinematics.mechanism import mechanism_of
 UNREACHABLE = -1
 FULL = 100
 MAX_CELLS = 4_000_000
+#: what `kinematics.inverse.Links` has of one pose, of many
+Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
 class PoseMap(NamedTuple):
@@ -29,13 +32,13 @@ class PoseMap(NamedTuple):
     The workspace over (y, θ), each field of the broadcast shape.
 
     ``lower`` and ``upper`` are the ends of the reachable x [m], NaN where reach, order, gap or
-    stroke leave none; ``index`` is the local conditioning index and ``number`` the N of the
+    stroke leave none; ``conditioning`` is the local conditioning index and ``number`` the N of the
     parallel singularity [m²], NaN only beyond reach.
     """
 
     lower: np.ndarray
     upper: np.ndarray
-    index: np.ndarray
+    conditioning: np.ndarray
     number: np.ndarray
 
     @property
@@ -44,7 +47,7 @@ class PoseMap(NamedTuple):
         return np.nan_to_num(self.upper - self.lower)
 
 
-def link_arrays(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+def link_arrays(geometry: Geometry, y: ArrayLike, theta: ArrayLike) -> Arrays:
     """Heights and projections as `kinematics.inverse.links` gives them; NaN beyond reach."""
     y, theta = np.atleast_1d(y, theta)  # so that what follows may write into arrays
     square = geometry.link_length * geometry.link_length
@@ -58,7 +61,9 @@ def link_arrays(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[n
     return sine, np.cos(theta), height1, height2, np.sqrt(root1), np.sqrt(root2)
 
 
-def x_intervals(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, ...]:
+def x_intervals(
+    geometry: Geometry, y: ArrayLike, theta: ArrayLike
+) -> tuple[np.ndarray, np.ndarray]:
     """
     Return the ends (lower, upper) of the reachable x [m] by reach, order, gap and stroke.
 
@@ -68,7 +73,7 @@ def x_intervals(geometry: Geometry, y: np.ndarray, theta: np.ndarray) -> tuple[n
 
 
 def pose_map(
-    geometry: Geometry, y: np.ndarray, theta: np.ndarray, characteristic_length: float = 1.0
+    geometry: Geometry, y: ArrayLike, theta: ArrayLike, characteristic_length: float = 1.0
 ) -> PoseMap:
     """
     All maps of every (y, θ) at once.
@@ -94,7 +99,7 @@ def pose_map(
         branch_number(at))
 
 
-def intervals_of(geometry: Geometry, at: tuple[np.ndarray, ...]) -> tuple[np.ndarray, np.ndarray]:
+def intervals_of(geometry: Geometry, at: Arrays) -> tuple[np.ndarray, np.ndarray]:
     """Return the ends of the reachable x [m] from the links of every pose, as `x_intervals`."""
     _, cosine, _, _, projection1, projection2 = at
     span = geometry.platform_half_length * cosine
@@ -110,7 +115,7 @@ def intervals_of(geometry: Geometry, at: tuple[np.ndarray, ...]) -> tuple[np.nda
 
 
 def index_of(
-    geometry: Geometry, at: tuple[np.ndarray, ...], characteristic_length: float
+    geometry: Geometry, at: Arrays, characteristic_length: float
 ) -> np.ndarray:
     """Local conditioning index from the links of every pose, as `pose_map` has it."""
     ratio = geometry.platform_half_length / characteristic_length
@@ -158,7 +163,7 @@ def lci_grid(
     x = geometry.stroke[0] + resolution * (np.arange(columns) + 0.5)
     y = resolution * (np.arange(rows) + 0.5)
     row = pose_map(geometry, y, theta, characteristic_length)
-    values = np.where(row.number > 0.0, row.index, np.nan)  # NaN > 0 is False
+    values = np.where(row.number > 0.0, row.conditioning, np.nan)  # NaN > 0 is False
     values[np.isnan(row.lower)] = np.nan
     cells = np.full((rows, columns), UNREACHABLE, np.int8)
     inside = ~np.isnan(values)
@@ -178,4 +183,5 @@ def _grid_shape(geometry: Geometry, resolution: float) -> tuple[int, int]:
         raise ParameterError(
             f'resolution = {resolution:g} m makes more than {MAX_CELLS} cells of '
             f'{extents[0]:g} m by {extents[1]:g} m')
-    return tuple(max(1, int(np.ceil(extent / resolution - 1e-9))) for extent in extents)
+    columns, rows = (max(1, int(np.ceil(extent / resolution - 1e-9))) for extent in extents)
+    return columns, rows

@@ -19,6 +19,7 @@ import numpy as np
 from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.continuation import Continuation, Sample
+from facade_manipulator.prediction.estimate import Variances
 from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, FilterBank, LEVEL
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
@@ -77,19 +78,18 @@ class DisturbancePredictor:
 
     Attributes
     ----------
-    stamp, since : float or None
-        Of the last estimate and of the first that was learnt from [s].
+    stamp, since : float
+        Of the last estimate and of the first that was learnt from [s]; −∞ before any.
 
     """
 
     def __init__(self, settings: PredictionSettings) -> None:
         self.settings = settings
-        self.stamp: float | None = None
-        self.since: float | None = None
+        self.stamp = self.since = -math.inf
         self._reach = np.array(settings.speed)[:, None] * HORIZONS
         self._acceleration = np.array(settings.acceleration)
 
-    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+    def update(self, stamp: float, values: Pose, variances: Variances) -> None:
         """
         Learn from an estimate.
 
@@ -100,12 +100,12 @@ class DisturbancePredictor:
             before, or much later, everything is learnt again.
         values : Pose
             Estimated disturbance.
-        variances : Pose
+        variances : Variances
             Variances of the estimate's noise, above 0.
 
         """
         measured, noise = np.array(values), np.array(variances)
-        if self.stamp is None or not 0.0 < stamp - self.stamp <= LONGEST_GAP:
+        if not 0.0 < stamp - self.stamp <= LONGEST_GAP:
             interval = self._interval = FIRST_INTERVAL
             self._start(stamp, measured, noise)
         else:

@@ -38,7 +38,7 @@ def test_maps_are_the_scalar_functions_pose_by_pose(geometry, y, theta):
     of = pose_map(geometry, np.array(y)[:, None], np.array(theta), 0.348)
     for row, column in np.ndindex(len(y), len(theta)):
         pose = Pose(0.0, y[row], theta[column])
-        assert of.index[row, column] == pytest.approx(
+        assert of.conditioning[row, column] == pytest.approx(
             scalar(local_conditioning_index, geometry, pose, 0.348), rel=1e-9, nan_ok=True)
         assert of.number[row, column] == pytest.approx(
             scalar(parallel_singularity, geometry, pose), abs=1e-12, nan_ok=True)

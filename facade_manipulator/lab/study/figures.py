@@ -107,12 +107,13 @@ def figure_9(study: Study) -> Figure:
             study.need, characteristic_length=EVEN_LENGTH, threshold=0.0)), strict=True):
         section = _section_map(geometry, need.characteristic_length)
         theta, y, of = _turn_map(geometry, need.characteristic_length)
-        scale = Normalize(0.0, np.nanmax(of.index))
+        scale = Normalize(0.0, np.nanmax(of.conditioning))
         _draw_section(row[0], section, scale)
         label(row[0], X_LABEL, Y_LABEL, 'section θ = 0')
-        row[1].pcolormesh(theta, y, of.index, cmap=COLOUR_MAP, norm=scale, rasterized=True)
+        row[1].pcolormesh(theta, y, of.conditioning, cmap=COLOUR_MAP, norm=scale, rasterized=True)
         if need.threshold > 0.0:
-            row[1].contour(theta, y, of.index, [need.threshold], colors=ORANGE, linewidths=1.4)
+            row[1].contour(
+                theta, y, of.conditioning, [need.threshold], colors=ORANGE, linewidths=1.4)
             row[1].plot([], [], color=ORANGE, label=f'LCI = {need.threshold:g}')
             row[1].legend(loc='lower right')
         label(row[1], THETA_LABEL, Y_LABEL, 'at any x')
@@ -156,7 +157,7 @@ def _section_map(
     y = np.linspace(1e-6, geometry.link_length, 601)
     of = pose_map(geometry, y, 0.0, characteristic_length)
     inside = (of.lower[:, None] <= x) & (x <= of.upper[:, None])
-    return x * MILLIMETRES, y * MILLIMETRES, np.where(inside, of.index[:, None], np.nan)
+    return x * MILLIMETRES, y * MILLIMETRES, np.where(inside, of.conditioning[:, None], np.nan)
 
 
 def _turn_map(
@@ -167,8 +168,8 @@ def _turn_map(
     end = np.nanmax(theta_bounds(geometry, y))
     theta = np.linspace(-1.05 * end, 1.05 * end, 701)
     of = pose_map(geometry, y[:, None], theta, characteristic_length)
-    index = np.where(np.isnan(of.lower) | (of.number <= 0.0), np.nan, of.index)
-    return np.degrees(theta), y * MILLIMETRES, of._replace(index=index)
+    index = np.where(np.isnan(of.lower) | (of.number <= 0.0), np.nan, of.conditioning)
+    return np.degrees(theta), y * MILLIMETRES, of._replace(conditioning=index)
 
 
 def _draw_section(
@@ -227,7 +228,7 @@ def _draw_slices(axes, geometry: Geometry, scale: Normalize) -> None:
                        for x, at in corners])
         beyond = of.number[row, column] <= 0.0
         colours.append(to_rgba(GREY, 0.2) if beyond
-                       else (*colour_of(of.index[row, column])[:3], 0.85))
+                       else (*colour_of(of.conditioning[row, column])[:3], 0.85))
     axes.add_collection3d(Poly3DCollection(strips, facecolors=colours, edgecolors='none',
                                               antialiased=False))
     _frame(axes, geometry, end)

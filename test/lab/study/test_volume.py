@@ -26,7 +26,7 @@ def of_section(design, threshold=0.0, characteristic_length=1.0, nodes=40_000):
     geometry = Geometry(length, half, (-0.5 * stroke, 0.5 * stroke), gap)
     y = (np.arange(nodes) + 0.5) * length / nodes
     of = pose_map(geometry, y, 0.0, characteristic_length)
-    return float((of.width * (of.index >= threshold)).sum() * length / nodes)
+    return float((of.width * (of.conditioning >= threshold)).sum() * length / nodes)
 
 
 @given(designs)
@@ -108,8 +108,8 @@ def test_on_the_singular_curves_the_determinants_vanish(length):
     edge = serial_curve(geometry, theta)
     inside = pose_map(geometry, edge * (1.0 - 1e-9), theta)
     outside = pose_map(geometry, edge * (1.0 + 1e-9), theta)
-    assert np.isfinite(inside.index[~np.isnan(edge)]).all()
-    assert np.isnan(outside.index).all()
+    assert np.isfinite(inside.conditioning[~np.isnan(edge)]).all()
+    assert np.isnan(outside.conditioning).all()
 
 
 def test_the_design_has_no_parallel_singularity_before_the_rail():
@@ -124,7 +124,7 @@ def test_the_drawn_configurations_are_singular_or_regular_as_their_notes_say():
     for name in 'bd':
         case = by_name[name]
         of = pose_map(case.geometry, case.pose.y, case.pose.theta)
-        assert abs(of.number[0]) > 1e-4 and of.index[0] > 0.0
+        assert abs(of.number[0]) > 1e-4 and of.conditioning[0] > 0.0
     assert by_name['c'].pose.y == by_name['c'].geometry.link_length
     missed = by_name['e']
     assert abs(pose_map(missed.geometry, missed.pose.y, missed.pose.theta).number[0]) < 1e-9

@@ -64,7 +64,7 @@ class Run(NamedTuple):
         predictor = self.loop.compensator.correction.predictor
         for _ in range(round(duration / PERIOD)):
             self.steps.append(self.loop.step())
-            if isinstance(predictor, DisturbancePredictor) and predictor.stamp is not None:
+            if isinstance(predictor, DisturbancePredictor) and predictor.stamp > -math.inf:
                 time = predictor.stamp + HORIZON
                 self.expected[time] = (
                     *predictor.predict(time).position, *predictor.deviations(time))
