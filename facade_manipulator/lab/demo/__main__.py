@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from contextlib import closing
 from itertools import cycle
 import json
 import os
@@ -24,31 +23,33 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
 from rclpy.signals import SignalHandlerOptions
 from rich.console import Console
-from rich.progress import Progress
 from std_srvs.srv import Trigger
 import yaml
 
 from facade_manipulator import config_path
+from facade_manipulator.blackbox import read_recording
 from facade_manipulator.errors import INTERRUPTED, ManipulatorError, missing_package
+from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.demo.course import course_of, HEAD
 from facade_manipulator.lab.demo.processes import NodeProcesses
-from facade_manipulator.lab.demo.record import Recorder
 from facade_manipulator.lab.demo.report import (
+    counters,
     draw,
+    figures,
     PICTURES,
-    remove_pictures,
-    summarise,
     SUMMARY,
-    write_json,
+    summary_lines,
 )
-from facade_manipulator.lab.demo.view import summary_lines
 from facade_manipulator.lab.gondola import compensator_parameters, load_scenario, Scenario
 from facade_manipulator.nodes.monitor import Observer, REFRESH_PERIOD, screen
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
 
-NODES = ('gondola_simulator', 'driver', 'manipulator')
+NODES = ('gondola_simulator', 'driver', 'manipulator', 'recorder')
 FIRST_GOAL_AFTER = 1.0
+KEPT = 300.0  # s of a longer run, which the recorder keeps for the pictures
+SAVE_TIMEOUT = 60.0  # s
 FAILED = 1
 
 
@@ -70,8 +71,6 @@ class Demo:
         self.client = ManipulatorClient(
             options.namespace, 'demo_supervisor', self._check_interrupt)
         self.observer = Observer(self.client)
-        self.recorder = Recorder(
-            self.client.node, self.scenario.wall.settling_time)
 
     def run(self) -> None:
         """Run to the end; whatever happens the drives stop first, then the nodes end."""
@@ -80,19 +79,22 @@ class Demo:
             self._bring_up()
             begin = time.monotonic()
             self._strokes()
-            summary = self._report(time.monotonic() - begin)
+            self.client.spin(1.2)  # the nodes' last counters come within a second
+            counted = counters(self.client, time.monotonic() - begin)
+            recording = self._save()
         finally:
             self._is_stopping = True  # nothing interrupts the stopping of the drives
             self._stop()
         self._is_stopping = False
-        self._draw(summary)
+        self._report(recording, counted)
 
     def _check_interrupt(self) -> None:
         if self._interrupted.is_set() and not self._is_stopping:
             raise KeyboardInterrupt
 
     def _start_nodes(self) -> None:
-        remove_pictures(self.output)
+        for name in PICTURES:  # beside a new summary an earlier run's would mislead
+            (self.output / name).unlink(missing_ok=True)
         self.console.print(
             f'starting {", ".join(NODES)} in namespace {self.options.namespace} '
             f'(logs in {self.output}/)')
@@ -146,28 +148,26 @@ class Demo:
         if goal != self.client.goal:
             self.client.send_goal(goal)
 
-    def _report(self, duration: float) -> dict:
-        self.recorder.stop()
-        reply = self.client.call(Trigger, 'gondola_simulator/report', Trigger.Request())
-        measured = json.loads(reply.message)
-        self.client.spin(1.2)  # the nodes' last counters come within a second
-        summary = summarise(measured, self.client, duration)
-        write_json(self.output / SUMMARY, summary)
-        self.console.print(*summary_lines(summary, self.scenario), sep='\n')
-        return summary
+    def _save(self) -> Path:
+        """Return the recorder's file of the run."""
+        saved = self.client.call(Trigger, 'recorder/save', Trigger.Request(), SAVE_TIMEOUT)
+        if not saved.success:
+            raise ManipulatorError(f'recorder: {saved.message}')
+        return Path(saved.message.removeprefix('recorded in '))
 
-    def _draw(self, summary: dict) -> None:
-        """Draw the report when the drives have stopped already; Ctrl-C ends it."""
+    def _report(self, recording: Path, counted: dict) -> None:
+        """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
+        run = read_recording(recording)
+        course = course_of(run, self.scenario.wall.settling_time)
+        summary = {'axes': figures(course), **counted}
+        with atomic_write(self.output / SUMMARY) as draft:
+            draft.write_text(json.dumps(summary, indent=2) + '\n')
+        self.console.print(*summary_lines(summary, self.scenario), sep='\n')
         self.console.print(f'drawing the pictures in {self.output}/')
-        with (closing(draw(self.output, self.recorder, summary, self.scenario, self.geometry))
-              as shares,
-              Progress(console=self.console, transient=True,
-                       disable=not self.console.is_terminal) as progress):
-            task = progress.add_task('report', total=1.0)
-            for share in shares:
-                self._check_interrupt()
-                progress.update(task, completed=share)
-        written = (name for name in (SUMMARY, *PICTURES) if (self.output / name).exists())
+        draw(self.output, run, course, summary, self.scenario, self.geometry,
+             self._check_interrupt)
+        written = (name for name in (SUMMARY, *PICTURES, recording.name)
+                   if (self.output / name).exists())
         self.console.print(f'written in {self.output}/: {", ".join(written)}')
 
     def _stop(self) -> None:
@@ -188,12 +188,16 @@ def _parameter_files(options: argparse.Namespace) -> list[Path]:
 
 def _ros_arguments(name: str, options: argparse.Namespace, scenario: Scenario) -> list[str]:
     arguments = ['--ros-args', '-r', f'__ns:=/{options.namespace}']
-    for file in _parameter_files(options):
+    if name == 'recorder':
+        return [*arguments, '-p', f'folder:={options.output.resolve()}', '-p', f'duration:={KEPT}',
+                '-r', f'head_on_wall:={HEAD}']
+    files = _parameter_files(options)
+    if name == 'manipulator':
+        files.append(_write_parameters(options, scenario))
+    for file in files:
         arguments += ['--params-file', str(file)]
     if name == 'gondola_simulator' and options.scenario:
         arguments += ['-p', f'scenario:={options.scenario}']
-    if name == 'manipulator':
-        arguments += ['--params-file', str(_write_parameters(options, scenario))]
     return arguments
 
 

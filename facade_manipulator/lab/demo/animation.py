@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image  # matplotlib needs it too
 
 from facade_manipulator.kinematics import compose, Geometry, joints, mechanism_of, Pose, relative
-from facade_manipulator.lab.demo.record import TimeCourse
+from facade_manipulator.lab.demo.course import Course
 from facade_manipulator.lab.gondola import Facade, FacadeSettings, SCALES
 from facade_manipulator.lab.gondola.pictures import GOAL, WITH, WITHOUT
 
@@ -27,7 +27,7 @@ GONDOLA_SIZE = (0.6, 0.12, 0.03)  # m: half its length, its far and its near sid
 CROSS = 0.035
 
 
-def frames(course: TimeCourse, geometry: Geometry, wall: FacadeSettings) -> Iterator[Image.Image]:
+def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator[Image.Image]:
     """
     Yield the last seconds of a run, of two samples at least, frame by frame in one palette.
 
@@ -52,14 +52,14 @@ def save(path: Path, images: list[Image.Image]) -> None:
 class Drawing:
     """One figure whose lines are moved from frame to frame."""
 
-    def __init__(self, course: TimeCourse, geometry: Geometry, wall: FacadeSettings) -> None:
+    def __init__(self, course: Course, geometry: Geometry, wall: FacadeSettings) -> None:
         self._course = course
         self._geometry = geometry
         self._figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
         self._canvas = FigureCanvasAgg(self._figure)
         self._panel = self._figure.add_axes((0.09, 0.13, 0.89, 0.73))
-        self._rails = course.rails()
-        self._standing = course.goals + course.uncompensated
+        self._without = course.uncompensated
+        self._standing = course.references + self._without
         self._gondola, = self._panel.fill([], [], color=GONDOLA)
         self._lines = _lines(self._panel)
         self._text = self._figure.text(0.09, 0.955, '', va='top', family='monospace', fontsize=9)
@@ -78,7 +78,7 @@ class Drawing:
         trail = slice(int(np.searchsorted(self._course.times, time - TRAIL)), now + 1)
         goal = Pose(*self._course.goals[now])
         places = {
-            **_mechanism(self._geometry, self._rails[now],
+            **_mechanism(self._geometry, self._course.rails[now],
                          Pose(*self._course.heads[now])),
             'goal': _cross(goal), 'standing': _cross(Pose(*self._standing[now])),
             'head trail': self._course.heads[trail, :2],
@@ -88,8 +88,8 @@ class Drawing:
         for name, points in places.items():
             self._lines[name].set_data(*(1e3 * np.asarray(points).T))
         self._text.set_text('\n'.join((
-            f'{time:6.1f} s  without compensation {_triple(self._course.uncompensated[now])}',
-            f'          error on the wall    {_triple(self._course.errors[now])}')))
+            f'{time:6.1f} s  without compensation    {_triple(self._without[now])}',
+            f'          from where it should be {_triple(self._course.errors[now])}')))
 
     def image(self) -> Image.Image:
         """Return what is shown."""
@@ -99,7 +99,7 @@ class Drawing:
         return Image.fromarray(np.asarray(self._canvas.buffer_rgba())).convert('RGB')
 
     def _set_limits(self) -> None:
-        sway = 1.1 * np.abs(self._course.uncompensated[:, :2]).max(axis=0)
+        sway = 1.1 * np.abs(self._without[:, :2]).max(axis=0)
         least, greatest = self._geometry.stroke
         half = max(GONDOLA_SIZE[0], abs(least), abs(greatest)) + sway[0] + 0.02
         self._panel.set(xlim=(-1e3 * half, 1e3 * half),

@@ -1,36 +1,32 @@
-"""What the demo leaves: summary.json, pictures and an animation, each whole or not at all."""
+"""What the demo leaves: figures, pictures and an animation, each file whole or not at all."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-import json
+from collections.abc import Callable
+import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.demo.record import Recorder, TimeCourse
-from facade_manipulator.lab.gondola import AXES, Scenario
+from facade_manipulator.lab.demo.course import Course, forces_of
+from facade_manipulator.lab.gondola import AXES, SCALES, Scenario, UNITS
 from facade_manipulator.ros import ManipulatorClient
 
-KEPT = ('disturbance_rms', 'residual_rms', 'attenuation_db')  # of each axis
 SUMMARY = 'summary.json'
 TIME_COURSES, SPECTRUM, PATH, FORCE, LINKAGE = PICTURES = (
     'time_courses.png', 'spectrum.png', 'path.png', 'force.png', 'linkage.gif')
-LEAST_SAMPLES = 10
 
 
-def summarise(measured: dict, client: ManipulatorClient, duration: float) -> dict:
-    """
-    Return what summary.json holds of a run whose strokes took a duration [s].
-
-    `measured` is the gondola simulator's report; the client knows the nodes' last counters.
-    """
+def counters(client: ManipulatorClient, duration: float) -> dict[str, Any]:
+    """Return what the nodes counted during strokes of a duration [s]."""
     def count(component: str, key: str) -> int:
         return int(client.value(component, key) or 0)
 
     return {
-        'axes': {axis: {key: measured['axes'][axis][key] for key in KEPT} for axis in AXES},
         'duration_s': round(duration, 3),
         'pipeline_latency_ms': _latency(client),
         'bus_cycles': count('driver: bus', 'cycles'),
@@ -38,6 +34,15 @@ def summarise(measured: dict, client: ManipulatorClient, duration: float) -> dic
         'rejected_goals': count('ik_service: goal', 'rejected'),
         'drive_faults': count('driver: operation', 'drive faults'),
     }
+
+
+def figures(course: Course) -> dict[str, dict[str, float]]:
+    """Return RMS of disturbance and error and the attenuation of each axis."""
+    without, errors = (np.sqrt(np.mean(values[course.counts] ** 2, axis=0)).tolist()
+                       for values in (course.uncompensated, course.errors))
+    return {axis: {'disturbance_rms': before, 'residual_rms': after,
+                   'attenuation_db': 20.0 * math.log10(before / after)}
+            for axis, before, after in zip(AXES, without, errors, strict=True)}
 
 
 def _latency(client: ManipulatorClient) -> dict[str, float | None]:
@@ -60,57 +65,56 @@ def _latency(client: ManipulatorClient) -> dict[str, float | None]:
         for name, margin in margins.items()}
 
 
-def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file whole or not at all."""
-    with atomic_write(path) as draft:
-        draft.write_text(json.dumps(content, indent=2) + '\n')
+def summary_lines(summary: dict, scenario: Scenario) -> list[str]:
+    """Return the figures of a run, and which axes give way in its scenario."""
+    lines = [f'{"":8}{"uncompensated":>16}{"compensated":>16}{"attenuation":>14}   (RMS)']
+    for axis, result in summary['axes'].items():
+        scale, unit = getattr(SCALES, axis), getattr(UNITS, axis)
+        without, error, attenuation = result.values()
+        lines.append(f'{axis:8}{_cell(scale * without, unit)}{_cell(scale * error, unit)}'
+                     f'{attenuation:>11.3g} dB')
+    return [
+        *lines,
+        f'{summary["bus_cycles"]} bus cycles, {summary["missed_cycles"]} missed, '
+        f'{summary["drive_faults"]} drive faults, {summary["rejected_goals"]} goals rejected',
+        *(f'{axis} gives way to the wall: its shift is meant' for axis in giving_way(scenario))]
 
 
-def remove_pictures(folder: Path) -> None:
-    """Remove an earlier run's pictures: beside a new summary they would mislead."""
-    for name in PICTURES:
-        (folder / name).unlink(missing_ok=True)
+def giving_way(scenario: Scenario) -> list[str]:
+    """Return the axes that give way to the wall: there the head leaves the goal on purpose."""
+    compensator = scenario.compensator
+    return [axis for axis, impedance in (
+        ('y', compensator.impedance), ('theta', compensator.yaw_impedance)) if impedance.enabled]
+
+
+def _cell(value: float, unit: str) -> str:
+    return f'{f"{value:.3g} {unit}":>16}'
 
 
 def draw(
-    folder: Path, recorder: Recorder, summary: dict, scenario: Scenario, geometry: Geometry
-) -> Iterator[float]:
-    """
-    Draw everything and yield the share that is done, 0 to 1.
-
-    Who closes the iterator early leaves only complete files.
-    """
+    folder: Path, run: RecordedRun, course: Course, summary: dict, scenario: Scenario,
+    geometry: Geometry, check: Callable[[], None],
+) -> None:
+    """Draw everything; what `check` raises ends it, with complete files alone."""
     # matplotlib comes in here, so that the nodes' start does not wait for it
-    from facade_manipulator.lab.demo import animation
+    from facade_manipulator.lab.demo import animation, pictures
     from facade_manipulator.lab.gondola.pictures import save
 
-    course = recorder.newest()
-    if len(course.times) < LEAST_SAMPLES:
-        return
-    for done, (name, figure) in enumerate(_figures(recorder, course, summary, scenario), 1):
+    drawn = {
+        TIME_COURSES: pictures.time_courses(course, summary['axes'], giving_way(scenario)),
+        SPECTRUM: pictures.spectrum(course), PATH: pictures.paths(course)}
+    times, forces = forces_of(run, course)
+    if len(times):
+        impedance = scenario.compensator.impedance
+        drawn[FORCE] = pictures.pressing(
+            course, times, forces, impedance.force if impedance.enabled else None)
+    for name, figure in drawn.items():
+        check()
         with atomic_write(folder / name) as draft:
             save(figure, draft)
-        yield 0.1 * done
     images = []
     for image in animation.frames(course, geometry, scenario.facade):
+        check()
         images.append(image)
-        yield 0.4 + 0.5 * len(images) / animation.FRAMES
     with atomic_write(folder / LINKAGE) as draft:
         animation.save(draft, images)
-    yield 1.0
-
-
-def _figures(
-    recorder: Recorder, course: TimeCourse, summary: dict, scenario: Scenario
-) -> Iterator[tuple[str, Any]]:
-    """Yield the name and the figure of each picture."""
-    from facade_manipulator.lab.demo import pictures
-
-    yield TIME_COURSES, pictures.time_courses(recorder.entire(), summary['axes'])
-    yield SPECTRUM, pictures.spectrum(course)
-    yield PATH, pictures.paths(course)
-    times, forces = recorder.forces()
-    impedance = scenario.compensator.impedance
-    if len(times):
-        yield FORCE, pictures.pressing(
-            course, times, forces, impedance.force if impedance.enabled else None)
