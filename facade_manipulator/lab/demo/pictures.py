@@ -8,7 +8,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from facade_manipulator.lab.demo.course import Course
-from facade_manipulator.lab.gondola import SCALES, UNITS
+from facade_manipulator.lab.demo.report import decibels
+from facade_manipulator.lab.gondola import AXES, SCALES, UNITS
 from facade_manipulator.lab.gondola.pictures import (
     amplitudes,
     attenuation,
@@ -65,14 +66,14 @@ def time_courses(
     return figure
 
 
-def spectrum(course: Course) -> Figure:
+def spectrum(course: Course, giving_way: Collection[str]) -> Figure:
     """Draw amplitudes and attenuation against the frequency, of each axis."""
     times = np.linspace(course.times[0], course.times[-1], len(course.times))
     used = np.interp(times, course.times, course.counts) >= 1.0  # no sample across an end of them
     figure = new_figure(13, 7, 'The disturbance, and what remains of it')
     panels = figure.subplots(2, 3, sharex=True, sharey='row')
     without, errors = SCALES * course.uncompensated, SCALES * course.errors
-    for i, title in enumerate(TITLES):
+    for i, (axis, title) in enumerate(zip(AXES, TITLES, strict=True)):
         (frequencies, present), (_, before), (_, after) = (
             amplitudes(np.interp(times, course.times, values[:, i]), times[1] - times[0], counts)
             for values, counts in (
@@ -82,7 +83,8 @@ def spectrum(course: Course) -> Figure:
                               color=WITH, marker='o', ms=4, lw=1.0)
         panels[1, i].axhline(0.0, color=WITHOUT, ls='--', lw=1.0)
         panels[1, i].set_xlim(LOWEST, HIGHEST)
-        panels[0, i].set_title(title.split(' [')[0], fontsize=10)
+        panels[0, i].set_title(title.split(' [')[0] + (
+            ': gives way, its shift is meant' if axis in giving_way else ''), fontsize=10)
         label(panels[1, i], 'frequency [Hz]', 'attenuation [dB]')
     for panel in panels.flat:
         panel.label_outer()
@@ -127,4 +129,4 @@ def pressing(
 def _figures(result: dict[str, float], i: int) -> str:
     without, error = (SCALES[i] * result[name] for name in ('disturbance_rms', 'residual_rms'))
     return (f'RMS {without:.3g} {UNITS[i]} → {error:.3g} {UNITS[i]} '
-            f'({result["attenuation_db"]:.1f} dB)')
+            f'({decibels(result["attenuation_db"])})')

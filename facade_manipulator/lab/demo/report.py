@@ -36,13 +36,14 @@ def counters(client: ManipulatorClient, duration: float) -> dict[str, Any]:
     }
 
 
-def figures(course: Course) -> dict[str, dict[str, float]]:
+def figures(course: Course) -> dict[str, dict[str, float | None]]:
     """Return RMS of disturbance and error and the attenuation of each axis."""
     without, errors = (np.sqrt(np.mean(values[course.counts] ** 2, axis=0)).tolist()
                        for values in (course.uncompensated, course.errors))
-    return {axis: {'disturbance_rms': before, 'residual_rms': after,
-                   'attenuation_db': 20.0 * math.log10(before / after)}
-            for axis, before, after in zip(AXES, without, errors, strict=True)}
+    return {axis: {
+        'disturbance_rms': before, 'residual_rms': after,
+        'attenuation_db': 20.0 * math.log10(before / after) if before and after else None}
+        for axis, before, after in zip(AXES, without, errors, strict=True)}
 
 
 def _latency(client: ManipulatorClient) -> dict[str, float | None]:
@@ -72,12 +73,17 @@ def summary_lines(summary: dict, scenario: Scenario) -> list[str]:
         scale, unit = getattr(SCALES, axis), getattr(UNITS, axis)
         without, error, attenuation = result.values()
         lines.append(f'{axis:8}{_cell(scale * without, unit)}{_cell(scale * error, unit)}'
-                     f'{attenuation:>11.3g} dB')
+                     f'{decibels(attenuation):>14}')
     return [
         *lines,
         f'{summary["bus_cycles"]} bus cycles, {summary["missed_cycles"]} missed, '
         f'{summary["drive_faults"]} drive faults, {summary["rejected_goals"]} goals rejected',
         *(f'{axis} gives way to the wall: its shift is meant' for axis in giving_way(scenario))]
+
+
+def decibels(attenuation: float | None) -> str:
+    """Return an attenuation for people; there is none of nothing."""
+    return '-' if attenuation is None else f'{attenuation:.3g} dB'
 
 
 def giving_way(scenario: Scenario) -> list[str]:
@@ -100,9 +106,10 @@ def draw(
     from facade_manipulator.lab.demo import animation, pictures
     from facade_manipulator.lab.gondola.pictures import save
 
+    shifted = giving_way(scenario)
     drawn = {
-        TIME_COURSES: pictures.time_courses(course, summary['axes'], giving_way(scenario)),
-        SPECTRUM: pictures.spectrum(course), PATH: pictures.paths(course)}
+        TIME_COURSES: pictures.time_courses(course, summary['axes'], shifted),
+        SPECTRUM: pictures.spectrum(course, shifted), PATH: pictures.paths(course)}
     times, forces = forces_of(run, course)
     if len(times):
         impedance = scenario.compensator.impedance

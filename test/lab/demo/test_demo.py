@@ -1,6 +1,7 @@
 """The demo as people run it: a process, its report, and what is left after Ctrl-C."""
 
 import json
+import math
 import os
 from pathlib import Path
 import re
@@ -12,10 +13,16 @@ import numpy as np
 import pytest
 from support import children, wait_until
 
+from facade_manipulator.blackbox import Received, RecordedRun
+from facade_manipulator.errors import RecordError
+from facade_manipulator.kinematics import add, compose, invert, Pose
 from facade_manipulator.lab.demo.__main__ import Demo
-from facade_manipulator.lab.demo.record import settled, Thinned
+from facade_manipulator.lab.demo.course import course_of, HEAD
+from facade_manipulator.lab.demo.pictures import spectrum, time_courses
+from facade_manipulator.lab.demo.report import figures
 from facade_manipulator.lab.gondola import load_scenario
 from facade_manipulator.lab.gondola.pictures import amplitudes, attenuation
+from facade_manipulator.messages import planar_numbers, stamp_numbers
 
 DEMO = 'facade_manipulator.lab.demo'
 SETTLED = 10.0
@@ -89,21 +96,60 @@ def test_a_plan_is_followed_from_goal_to_goal_until_the_time_is_over():
     assert printed == ['7 goals reached, one after the other']
 
 
-@pytest.mark.parametrize('count', [0, 1, 10, 11, 1000, 12345])
-def test_a_long_run_is_thinned_evenly(count):
-    thinned = Thinned(10)
-    for i in range(count):
-        thinned.append(i)
-    steps = np.diff(thinned.items)
-    assert len(thinned.items) <= 10 and len(thinned.items) >= min(count, 5)
-    assert len(set(steps)) <= 1 and thinned.items[:1] == [0][:count]
+def message(time, pose):
+    sec, nanosec = stamp_numbers(time)
+    x, y, z, qx, qy, qz, qw = planar_numbers(Pose(*pose))
+    return Received(time, SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=sec, nanosec=nanosec)),
+        pose=SimpleNamespace(position=SimpleNamespace(x=x, y=y, z=z),
+                             orientation=SimpleNamespace(x=qx, y=qy, z=qz, w=qw))))
 
 
-def test_a_goal_counts_when_it_has_stood():
-    goals = np.array([[0.0] * 3] * 3 + [[0.1, 0.0, 0.0]] * 4)
-    assert list(settled(np.arange(7.0), goals, 2.0)) == [False, False, True] + 2 * [False] + [
-        True, True]
-    assert len(settled(np.empty(0), np.empty((0, 3)), 2.0)) == 0
+@pytest.fixture
+def course():
+    """Return a run whose head is where it should be but for 1 mm at 1 Hz, while goals leap."""
+    run, begin = RecordedRun(begin=1000.0, end=1040.0), 1000.0
+    for k in range(4000):
+        time = 0.0101 * k
+        goal = Pose(0.1 * (time // 6.0 % 2), 0.25, 0.0)
+        reference = Pose(0.1 * abs(1.0 - time / 6.0 % 2.0), 0.25, 0.0)
+        head = add(reference, Pose(*np.multiply((1.0, 0.1, 0.1), 1e-3 * math.sin(6.2832 * time))))
+        rail = Pose(0.05 * math.sin(time), 0.01, 0.02)
+        if k % 100 == 0:
+            run.topics['goal_pose'].append(message(begin + time, goal))
+        for topic, pose in ((HEAD, head), ('compensator/reference', reference),
+                            ('end_effector_pose', compose(invert(rail), head))):
+            run.topics[topic].append(message(begin + time, pose))
+    return course_of(run, 2.5)
+
+
+def test_an_error_of_a_millimetre_is_one_in_figures_and_spectrum_while_goals_leap(course):
+    assert 0.4 < course.settled.mean() < 0.7
+    assert figures(course)['x']['residual_rms'] == pytest.approx(1e-3 / math.sqrt(2), rel=0.02)
+    assert course.uncompensated[:, 1] == pytest.approx(0.01 + 0.02 * course.references[:, 0],
+                                                       abs=1e-4)
+    panel = spectrum(course, []).axes[0]
+    frequencies, amplitude = panel.lines[1].get_data()
+    assert frequencies[amplitude.argmax()] == pytest.approx(1.0, abs=0.03)
+    assert amplitude.max() == pytest.approx(1.0, rel=0.15)  # between two bins
+    assert amplitude[frequencies > 3.0].max() < 0.1  # mm, no leap of 100 mm
+
+
+def test_without_a_goal_that_stood_all_samples_count(course):
+    moving = course._replace(settled=np.zeros_like(course.settled))
+    assert figures(moving)['x']['residual_rms'] == pytest.approx(1e-3 / math.sqrt(2), rel=0.02)
+
+
+def test_an_axis_that_gives_way_has_no_attenuation_in_its_title(course):
+    titles = [panel.get_title('left') for panel in time_courses(
+        course, figures(course), ['y']).axes[::2]]
+    assert ['dB' in title for title in titles] == [True, False, True]
+    assert 'its shift from the goal is meant' in titles[1]
+
+
+def test_too_short_a_run_is_said():
+    with pytest.raises(RecordError, match='0 poses of the head and 0 goals are too few'):
+        course_of(RecordedRun(), 2.5)
 
 
 @pytest.mark.parametrize('share', [1.0, 0.6])
@@ -125,7 +171,7 @@ def test_a_killed_demo_takes_its_nodes_with_it(start_process, tmp_path):
     process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
     wait_until(lambda: ' 0.0 s ' in process.log.read_text(), 'the first line', RUN_DEADLINE)
     nodes = children(process.pid)
-    assert len(nodes) == 3
+    assert len(nodes) == 4
     os.kill(process.pid, signal.SIGKILL)
     wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in nodes), 'the nodes to end')
 
@@ -147,7 +193,7 @@ def test_drives_that_stop_end_the_demo_with_the_reason(start_process, tmp_path):
     process = start_process(DEMO, '--duration', '60', '--output', str(tmp_path / 'report'))
     wait_until(lambda: ' 0.0 s ' in process.log.read_text(), 'the first line', RUN_DEADLINE)
     driver = next(pid for pid in children(process.pid)
-                  if b'nodes.driver' in Path(f'/proc/{pid}/cmdline').read_bytes())
+                  if b'start.driver' in Path(f'/proc/{pid}/cmdline').read_bytes())
     loop, = children(driver)
     os.kill(loop, signal.SIGSTOP)
     wait_until(lambda: Path(f'/proc/{loop}/stat').read_text().split()[2] == 'T', 'the freeze')
