@@ -86,11 +86,11 @@ class StoppingAnalysis:
         self.separation = Separation(
             touching=geometry.carriage_length,
             deceleration=min(axis.stop_deceleration for axis in axes),
-            silence=(controller.max_missed_cycles + 1) * controller.period,
+            silence=(controller.max_missed_cycles + 1) * controller.period + self._lag,
             window=max(axis.following_error_window for axis in axes),
-            tracking=reported + max(axis.following_error_time for axis in axes),
+            tracking=reported + max(axis.following_error_time for axis in axes) + self._lag,
             tolerated=geometry.carriage_gap - MEASURED_SHARE * self._free,
-            report=reported)
+            report=reported + self._lag)
 
     @property
     def outcomes(self) -> list[Outcome]:

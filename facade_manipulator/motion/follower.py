@@ -308,7 +308,16 @@ class SetpointFollower:
         stop = limiter.stop(motion)
         # first the end, which most likely fails; what is sent is checked once more before the bus
         self._check(*[position for position, _, _ in reversed(stop)], motion.position)
+        self._require_slow_near(motion[:3], *stop)
         return iter(stop)
+
+    def _require_slow_near(self, *path: PlannedState) -> None:
+        """Let nobody come near a neighbour faster than he could stop if that one stood dead."""
+        for position, velocity, _ in path:
+            speed, bound = max(map(abs, velocity)), self._fastest_at(position)
+            if speed > bound:
+                raise SetpointLimitError(
+                    'speed of a carriage so near its neighbour', speed, bound, 'm/s', 'above')
 
     def _brake(self) -> CarriageMotion:
         """Go on to rest on the path that was checked when the present motion was chosen."""

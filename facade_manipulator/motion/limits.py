@@ -38,7 +38,7 @@ FEED_FORWARD_SHARE = 0.8  # of the speed limit: what remains is for catching up
 PLAN_TOLERANCE = 1e-9  # m, and per s and s²: such a motion is the one that was planned
 ROUNDING = 1e-9  # relative
 TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
-MARGIN = 0.003  # m, for what the speed lacks while the carriages slow down to it
+MARGIN = 0.001  # m, for the speed that a carriage still gains until it brakes
 
 
 @settings

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import replace
 import math
-import random
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.errors import CarriageGapError, ManipulatorError
-from facade_manipulator.motion import Setpoint, SetpointFollower, StreamSettings
 from facade_manipulator.motion.limits import (
     CarriageMotion,
     MotionLimits,
@@ -105,17 +101,6 @@ WINDOW, TOLERATED, DECELERATION = 0.015, 0.015, 6.0
 SILENCE, TRACKING, REPORT = 4, 3, 2  # cycles
 SEPARATION = Separation(
     0.0, DECELERATION, SILENCE * PERIOD, WINDOW, TRACKING * PERIOD, TOLERATED, REPORT * PERIOD)
-NEIGHBOURS = ((0, 2), (2, 1))  # left and right
-
-
-def gaps(positions):
-    return [positions[right] - positions[left] for left, right in NEIGHBOURS]
-
-
-def keeps_gap(*path):
-    gap = min(min(gaps(positions)) for positions in path)
-    if gap < GAP:
-        raise CarriageGapError('gap', gap, GAP, 'm', 'below')
 
 
 @given(st.floats(0.01, 0.5))
@@ -129,56 +114,6 @@ def test_the_distance_that_a_speed_needs_allows_it_and_no_more(speed):
 def test_farther_apart_carriages_may_be_no_slower(distance, other):
     near, far = sorted((distance, other))
     assert SEPARATION.speed(near) <= SEPARATION.speed(far)
-
-
-def least_left(path, dead, other, sign, cycle):
-    """Return what is left to a carriage that is dead, silent or not, when the other has braked."""
-    stands = path[cycle][dead]
-    seen = next((
-        number + cycles - 1 for number in range(cycle, len(path))
-        for cycles, found in (
-            (REPORT, sign * (path[number][other] - stands) < TOLERATED),
-            (TRACKING, abs(path[number][dead] - stands) > WINDOW)) if found), 0)
-    left = []
-    for brakes in (cycle + SILENCE, seen):
-        if 0 < brakes < len(path):
-            speed = (path[brakes][other] - path[brakes - 1][other]) / PERIOD
-            braking = math.copysign(0.5 * speed ** 2 / DECELERATION, speed)
-            left.append(sign * (path[brakes][other] + braking - stands))
-    return min(left, default=math.inf)
-
-
-@pytest.mark.parametrize('seed', range(30))
-def test_no_carriage_runs_into_one_that_stands_dead(seed):
-    chance = random.Random(seed)
-    left, right = chance.uniform(GAP, 0.08), chance.uniform(GAP, 0.08)
-    common, *swings = [
-        (chance.uniform(0.0, 0.2), chance.uniform(0.5, 5.0), chance.uniform(0.0, 6.3))
-        for _ in range(4)]
-    apart = chance.choice((0.05, 0.2, 1.0))
-    made = SetpointFollower(StreamSettings(), LIMITS, PERIOD, keeps_gap, fastest=lambda positions:
-                            SEPARATION.speed(min(gaps(positions))))
-    made.reset((-left, right, 0.0))
-    start = made.motion.position
-
-    def stream(time):
-        position, velocity = list(start), [0.0] * 3
-        for number, swing in enumerate(swings):
-            for scale, (size, rate, phase) in ((apart, swing), (2.0, common)):
-                angle = rate * time + phase
-                position[number] += scale * size * (math.sin(angle) - math.sin(phase))
-                velocity[number] += scale * size * rate * math.cos(angle)
-        return Setpoint(time, tuple(position), tuple(velocity))
-
-    path = []
-    for cycle in range(200):
-        with suppress(ManipulatorError):
-            made.add(stream(cycle * PERIOD + 0.03), cycle * PERIOD)
-        path.append(made.sample(cycle * PERIOD + 0.02))
-    for cycle in range(len(path)):
-        for one, two in NEIGHBOURS:
-            assert least_left(path, one, two, 1.0, cycle) > 0.0
-            assert least_left(path, two, one, -1.0, cycle) > 0.0
 
 
 def test_how_far_beyond_the_stroke_a_weak_brake_leads():
