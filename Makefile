@@ -37,7 +37,6 @@ study: setup  ## Study the design: figures and tables in workspace_report/ (STUD
 	@$(IN_VENV) exec python -m facade_manipulator.lab.study.study $(STUDY_ARGS)
 
 bench: setup  ## Measure performance beside what else one could use (QUICK=1: under a minute)
-	@.ci/setup-bench
 	@$(IN_VENV) exec python test/bench $(if $(QUICK),--quick) $(BENCH_ARGS)
 
 bench-vcan: setup  ## Measure the CAN cycle on a vcan, of user-mode Linux where the kernel has none

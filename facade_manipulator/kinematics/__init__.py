@@ -6,12 +6,6 @@ carriages A1, A3, A2 stand on y = 0 in that order; q3 = x.
 """
 
 from .assembly import assembly_modes as assembly_modes
-from .batch import (
-    forward_kinematics_batch as forward_kinematics_batch,
-)
-from .batch import (
-    inverse_kinematics_batch as inverse_kinematics_batch,
-)
 from .forward import forward_kinematics as forward_kinematics
 from .geometry import (
     Carriages as Carriages,

@@ -12,7 +12,6 @@ from pathlib import Path
 import sys
 import time
 
-from bottleneck import add_bottlenecks
 import ros
 import sections
 import table
@@ -56,9 +55,6 @@ def main() -> int:
     table.show(rows)
     path = table.write(rows, options.output)
     table.draw(rows, growth, path.with_suffix('.png'))
-    add_bottlenecks(growth)
-    for title, one in growth.items():
-        print(f'{title}, what it meets first: {one["bottleneck"]}')
     table.write_whole(growth, options.output / 'growth.json')
     print(f'\n{path} and {path.with_suffix(".png")} written')
     return 1 if failed else 0

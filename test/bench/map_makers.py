@@ -70,16 +70,16 @@ def blocked_map():
     return run, 1, run()
 
 
-def ours_map(spacing: float = STEP):
+def ours_map():
     from facade_manipulator.kinematics import Geometry
     from facade_manipulator.lab.study.gcw import count_poses, Grid
 
-    geometry, grid = Geometry(), Grid(spacing, spacing)
+    geometry, grid = Geometry(), Grid(STEP, STEP)
 
     def run():
         return count_poses(geometry, grid, THRESHOLD, UNIT)
 
-    return run, 1, run()[:2] if spacing == STEP else []
+    return run, 1, run()[:2]
 
 
 def ours_map_memory():
@@ -160,5 +160,3 @@ MAKERS = {
     'sweep: x-y grids': grid_sweep, 'sweep: numeric y': numeric_sweep,
     'sweep: closed form': closed_sweep,
 }
-for _spacing in (0.004, 0.002, 0.0005, 0.00025):
-    MAKERS[f'map: ours, {1e3 * _spacing:g} mm'] = lambda s=_spacing: ours_map(s)

@@ -19,18 +19,16 @@ from typing import NamedTuple
 
 HERE = Path(__file__).resolve().parent
 SOURCE = HERE.parents[1]
-BENCH_PYTHON = SOURCE / '.venv' / 'bench' / 'bin' / 'python'
 WHEEL_SETTINGS = ('_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'LD_LIBRARY_PATH', 'AMENT_PREFIX_PATH')
 AGREEMENT = 1e-6
 PATIENCE = 30.0  # s, for a worker to end
 
 
 class Contender(NamedTuple):
-    """What is timed: a function of `module`, ours in this interpreter, else in the extras'."""
+    """What is timed: a function of `module`."""
 
     name: str
     module: str
-    ours: bool = True
 
 
 class Worker:
@@ -38,13 +36,8 @@ class Worker:
 
     def __init__(self, contender: Contender, quick: bool) -> None:
         self.contender = contender
-        python = sys.executable if contender.ours else str(BENCH_PYTHON)
-        if not Path(python).exists():
-            self.ready = {'missing': f'there is no {python}, make bench installs it'}
-            self._process = None
-            return
         self._process = subprocess.Popen(
-            [python, str(HERE / 'worker.py'), contender.module, contender.name,
+            [sys.executable, str(HERE / 'worker.py'), contender.module, contender.name,
              'quick' if quick else 'full'],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=_environment())
 
@@ -57,8 +50,6 @@ class Worker:
         return self
 
     def __exit__(self, *_) -> None:
-        if self._process is None:
-            return
         self._process.stdin.close()
         self._process.wait(PATIENCE)
 

@@ -1,4 +1,4 @@
-"""One pose at a time: the package, plain math, numpy, and the general solvers."""
+"""One pose at a time: the package, plain math, numpy, and scipy's general solver."""
 
 from __future__ import annotations
 
@@ -151,123 +151,10 @@ def scipy_forward():
     return over(solve, CARRIAGES)
 
 
-def casadi_solver(unknown_is_pose):
-    """Newton's method on the closure by casadi, derivatives generated."""
-    import casadi
-
-    u, p = casadi.SX.sym('u', 2), casadi.SX.sym('p', 3)
-    (q1, q2), (x, y, theta) = casadi.vertsplit(u), casadi.vertsplit(p)
-    if unknown_is_pose:
-        (y, theta), (q1, q2, x) = casadi.vertsplit(u), casadi.vertsplit(p)
-    rise, span = HALF * casadi.sin(theta), HALF * casadi.cos(theta)
-    closure = casadi.vertcat((x - span - q1) ** 2 + (y - rise) ** 2 - LENGTH ** 2,
-                             (x + span - q2) ** 2 + (y + rise) ** 2 - LENGTH ** 2)
-    return casadi.rootfinder('solve', 'newton', {'x': u, 'p': p, 'g': closure})
-
-
-def casadi_inverse():
-    solver = casadi_solver(False)
-
-    def solve(pose):
-        q = solver((pose[0] - 0.1, pose[0] + 0.1), pose).elements()
-        return q[0], q[1], pose[0]
-
-    return over(solve, POSES)
-
-
-def casadi_forward():
-    solver = casadi_solver(True)
-    return over(lambda q: (q[2], *solver(START[1:], q).elements()), CARRIAGES)
-
-
-def pinocchio_inverse():
-    """Two legs, prismatic and revolute, whose tips Newton's method puts on the platform."""
-    import numpy as np
-    import pinocchio
-
-    model, tips = pinocchio.Model(), []
-    for side in (-1.0, 1.0):
-        carriage = model.addJoint(
-            0, pinocchio.JointModelPX(), pinocchio.SE3.Identity(), f'carriage{side}')
-        link = model.addJoint(
-            carriage, pinocchio.JointModelRZ(), pinocchio.SE3.Identity(), f'link{side}')
-        tip = pinocchio.SE3(np.eye(3), np.array([LENGTH, 0.0, 0.0]))
-        tips.append(model.addFrame(pinocchio.Frame(
-            f'tip{side}', link, 0, tip, pinocchio.FrameType.OP_FRAME)))
-    data = model.createData()
-    start = np.array([-0.1, math.pi - 0.8, 0.1, 0.8])
-    frame = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
-
-    def solve(pose):
-        x, y, theta = pose
-        rise, span = HALF * math.sin(theta), HALF * math.cos(theta)
-        wanted = np.array([x - span, y - rise, x + span, y + rise])
-        q, residual, slope = start + [x, 0.0, x, 0.0], np.empty(4), np.empty((4, 4))
-        for _ in range(20):
-            pinocchio.computeJointJacobians(model, data, q)
-            for k, tip in enumerate(tips):
-                rows = slice(2 * k, 2 * k + 2)
-                residual[rows] = pinocchio.updateFramePlacement(
-                    model, data, tip).translation[:2]
-                slope[rows] = pinocchio.getFrameJacobian(model, data, tip, frame)[:2]
-            residual -= wanted
-            if abs(residual).max() < 1e-10:
-                break
-            q -= np.linalg.solve(slope, residual)
-        return q[0], q[2], x
-
-    return over(solve, POSES)
-
-
-MECHANISM = f"""
-<mujoco><option gravity="0 0 0"/><worldbody>
-<body name="c1"><joint name="q1" type="slide" axis="1 0 0"/><geom size=".01"/>
- <body name="l1"><joint name="a1" axis="0 0 1"/><geom size=".01"/>
-  <site name="t1" pos="{LENGTH} 0 0"/></body></body>
-<body name="c2"><joint name="q2" type="slide" axis="1 0 0"/><geom size=".01"/>
- <body name="l2"><joint name="a2" axis="0 0 1"/><geom size=".01"/>
-  <site name="t2" pos="{LENGTH} 0 0"/></body></body>
-<body name="platform"><joint name="q3" type="slide" axis="1 0 0"/>
- <joint name="y" type="slide" axis="0 1 0"/><joint name="theta" axis="0 0 1"/><geom size=".01"/>
- <site name="p"/><site name="b1" pos="{-HALF} 0 0"/><site name="b2" pos="{HALF} 0 0"/></body>
-</worldbody><equality>
-<connect site1="t1" site2="b1"/><connect site1="t2" site2="b2"/></equality></mujoco>
-"""
-
-
-def mink_inverse():
-    """Differential inverse kinematics until the head is there and the loops are closed."""
-    import mink
-    import mujoco
-    import numpy as np
-
-    model = mujoco.MjModel.from_xml_string(MECHANISM)
-    head = mink.FrameTask('p', 'site', position_cost=1.0, orientation_cost=1.0)
-    loops = mink.EqualityConstraintTask(model, cost=1.0)
-    angle = math.asin(0.25 / LENGTH)
-    reach = HALF - math.sqrt(LENGTH ** 2 - 0.25 ** 2)
-    start = np.array([-reach, math.pi - angle, reach, angle, 0.0, 0.25, 0.0])
-
-    def solve(pose):
-        configuration = mink.Configuration(model, q=start)
-        head.set_target(mink.SE3.from_rotation_and_translation(
-            mink.SO3.from_z_radians(pose[2]), np.array([pose[0], pose[1], 0.0])))
-        for _ in range(30):
-            speed = mink.solve_ik(configuration, [head, loops], 1.0, 'daqp', damping=1e-12)
-            configuration.integrate_inplace(speed, 1.0)
-            if abs(speed).max() < 1e-8:
-                break
-        return configuration.q[0], configuration.q[2], configuration.q[4]
-
-    return over(solve, POSES[:8])
-
-
 MAKERS = {
     'inverse: ours': ours_inverse, 'inverse: ours, all limits': ours_certify,
     'inverse: math': math_inverse, 'inverse: numpy': numpy_inverse,
-    'inverse: scipy root': scipy_inverse, 'inverse: casadi': casadi_inverse,
-    'inverse: pinocchio': pinocchio_inverse, 'inverse: mink': mink_inverse,
+    'inverse: scipy root': scipy_inverse,
     'forward: ours': ours_forward, 'forward: scipy root': scipy_forward,
-    'forward: casadi': casadi_forward,
     'jacobian: ours': ours_jacobian, 'jacobian: numpy': numpy_jacobian,
 }
