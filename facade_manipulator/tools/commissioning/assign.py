@@ -17,9 +17,16 @@ from canopen.lss import LssError, LssMaster
 
 from facade_manipulator.drives.canopen import NmtCommand
 from facade_manipulator.errors import CommissioningError
-from facade_manipulator.tools.commissioning.bus import BOOT_TIMEOUT, number_or_none, ToolBus
+from facade_manipulator.tools.commissioning.bus import (
+    BOOT_TIMEOUT,
+    NODE_IDS,
+    number_or_none,
+    ToolBus,
+)
+from facade_manipulator.tools.commissioning.scan import has_unconfigured, is_drive, SERIAL
 
 UNCONFIGURED = 255
+STORING_TIME = 3.0  # s; CiA 305 bounds it nowhere, and 0.3 s were seen
 _NO_LSS = (
     "no drive answers LSS (CiA 305): set the node id in the maker's tool (or by the switches on "
     'the drive), one drive at a time, store it there, switch the power off and on, and scan')
@@ -45,37 +52,79 @@ class Assignment:
         """Take all node ids, without storing that; a CommissioningError if none knows LSS."""
         self._lss.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
         self._configure(UNCONFIGURED)
-        self._lss.send_switch_state_global(LssMaster.WAITING_STATE)
-        self._bus.command(NmtCommand.RESET_COMMUNICATION)
+        self._take_effect()
         time.sleep(0.5)
 
     def find(self) -> Iterator[Found]:
-        """Yield the drives that have no node id, one after the other; each is then selected."""
+        """
+        Yield the nodes that have no node id, one after the other; each is then selected.
+
+        Raises a CommissioningError for one that cannot be told apart, or takes no node id.
+        """
+        seen: set[Found] = set()
         while True:
+            self._lss.send_switch_state_global(LssMaster.WAITING_STATE)
             found, identity = self._lss.fast_scan()
             if not found:
-                return
-            yield Found(*identity)
+                break
+            if (one := Found(*identity)) in seen:
+                raise CommissioningError(f'the node with serial number {one.serial_number} took a '
+                                         'node id and is without one again')
+            seen.add(one)
+            yield one
+        if has_unconfigured(self._bus):
+            raise CommissioningError(
+                'a node without a node id answers, but its identity is not found: repeat with '
+                '--lss-timeout 0.5, or connect it alone and use --only')
 
-    def give(self, node_id: int) -> None:
-        """
-        Give the selected drive a node id, store it, and let the drive come up.
-
-        Raises a CommissioningError if it does not; the message says in what state it is.
-        """
+    def lend(self, node_id: int) -> int | None:
+        """Give the selected node an id that is not stored; return its device type (1000h)."""
         self._configure(node_id)
+        self._take_effect()
+        drive = self._bus.objects(node_id)
+        end = time.monotonic() + BOOT_TIMEOUT
+        while (kind := number_or_none(drive, 0x1000)) is None and time.monotonic() < end:
+            time.sleep(0.05)
+        return kind
+
+    def give(self, node_id: int, found: Found) -> None:
+        """
+        Give a drive a node id, store it, and see that it is stored.
+
+        Raises a CommissioningError if it is not; the message says in what state the drive is.
+        """
+        try:
+            is_selected = self._lss.send_switch_state_selective(*found)
+        except LssError:
+            is_selected = False
+        if not is_selected:
+            raise CommissioningError(f'the drive {found.serial_number} does not answer any more: '
+                                     'nothing is stored in it')
+        self._give_selected(node_id)
+        self.verify(node_id, found.serial_number)
+
+    def give_alone(self, node_id: int) -> None:
+        """Give a node id to the one drive on the bus; raises what `give` does."""
+        self._lss.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
+        self._give_selected(node_id)
+
+    def _give_selected(self, node_id: int) -> None:
+        self._configure(node_id)
+        timeout = self._lss.RESPONSE_TIMEOUT
+        self._lss.RESPONSE_TIMEOUT = max(timeout, STORING_TIME)
         try:
             self._lss.store_configuration()
         except LssError as error:
             raise CommissioningError(
                 f'the drive took node id {node_id} but did not store it ({error}): it has its old '
                 'one again after its power was off and on; do that, then assign again') from error
-        self._lss.send_switch_state_global(LssMaster.WAITING_STATE)
+        finally:
+            self._lss.RESPONSE_TIMEOUT = timeout
+        self._take_effect()
 
-    def give_alone(self, node_id: int) -> None:
-        """Give a node id to the one drive on the bus; raises what `give` does."""
-        self._lss.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
-        self.give(node_id)
+    def _take_effect(self) -> None:
+        """End the configuration of all; some take their node id only when they are reset."""
+        self._lss.send_switch_state_global(LssMaster.WAITING_STATE)
         self._bus.command(NmtCommand.RESET_COMMUNICATION)
 
     def _configure(self, node_id: int) -> None:
@@ -89,16 +138,19 @@ class Assignment:
                 'one again after its power was off and on') from error
 
     def verify(self, node_id: int, serial_number: int) -> None:
-        """Wait for a drive's new node id; a CommissioningError if another has it, or none."""
+        """Reset a drive and read what it has stored; a CommissioningError if it is elsewhere."""
         drive = self._bus.objects(node_id)
-        end = time.monotonic() + BOOT_TIMEOUT
-        while (serial := number_or_none(drive, 0x1018, 4)) is None and time.monotonic() < end:
-            time.sleep(0.05)
-        if serial != serial_number:
-            what = 'no drive' if serial is None else f'the drive {serial}'
-            raise CommissioningError(
-                f'{what} answers as node {node_id} instead of {serial_number}: the node id is '
-                'stored; switch its power off and on, then scan')
+        for command, what in ((NmtCommand.RESET_COMMUNICATION, 'before'),
+                              (NmtCommand.RESET_NODE, 'after')):
+            self._bus.command(command, node_id)
+            end = time.monotonic() + BOOT_TIMEOUT
+            while (serial := number_or_none(drive, *SERIAL)) is None and time.monotonic() < end:
+                time.sleep(0.05)
+            if serial != serial_number:
+                who = 'no drive' if serial is None else f'the drive {serial}'
+                raise CommissioningError(
+                    f'{who} answers as node {node_id} instead of {serial_number} {what} a reset: '
+                    'switch its power off and on, then scan')
 
 
 def assign_all(
@@ -107,22 +159,26 @@ def assign_all(
     """
     Give all drives on the bus their node ids by axis; return which drive is which axis.
 
-    `axis_of` says which axis a drive moves, empty for none. Raises a CommissioningError with the
-    state in which the drives are.
+    `axis_of` says which axis a drive moves, empty for none; what is not a drive is not asked for.
+    Each node gets an id that is not stored first, so that none answers for another. Raises a
+    CommissioningError with the state in which the drives are.
     """
-    assignment.take_all()
     given: dict[str, Found] = {}
+    spare = (number for number in reversed(NODE_IDS) if number not in node_ids.values())
     try:
+        assignment.take_all()
         for found in assignment.find():
+            if not is_drive(assignment.lend(next(spare))):
+                continue
             axis = axis_of(found)
             if axis in given:
                 raise CommissioningError(f'two drives for {axis}')
             if axis:
-                assignment.give(node_ids[axis])
-                assignment.verify(node_ids[axis], found.serial_number)
+                assignment.give(node_ids[axis], found)
                 given[axis] = found
-    except CommissioningError as error:
-        raise CommissioningError(f'{error}. {_state(given, node_ids)}') from error
+    except (CommissioningError, KeyboardInterrupt) as error:
+        cause = str(error) or 'stopped by Ctrl-C'
+        raise CommissioningError(f'{cause}. {_state(given, node_ids)}') from error
     missing = node_ids.keys() - given.keys()
     if missing:
         raise CommissioningError(
@@ -134,5 +190,5 @@ def assign_all(
 
 def _state(given: dict[str, Found], node_ids: dict[str, int]) -> str:
     done = ', '.join(f'{axis} is node {node_ids[axis]} (serial number {found.serial_number})'
-                     for axis, found in given.items()) or 'No drive has a new node id'
+                     for axis, found in given.items()) or 'No drive has stored a new node id'
     return f'{done}; the others have their old ones again after their power was off and on'

@@ -10,7 +10,13 @@ from facade_manipulator.tools.commissioning.assign import assign_all, Assignment
 from facade_manipulator.tools.commissioning.bitrate import guess_bitrate
 from facade_manipulator.tools.commissioning.bus import BOOT_TIMEOUT, ToolBus
 from facade_manipulator.tools.commissioning.context import Context
-from facade_manipulator.tools.commissioning.scan import findings, has_unconfigured, Node, scan
+from facade_manipulator.tools.commissioning.scan import (
+    findings,
+    has_unconfigured,
+    is_drive,
+    Node,
+    scan,
+)
 
 _COLUMNS = ('node', 'serial number', 'name', 'firmware', 'vendor', 'product', 'state', 'profile')
 
@@ -95,12 +101,17 @@ def _assign_one(
             '--only wants one drive alone on the bus, found '
             f'{sum(max(1, len(node.serials)) for node in nodes)}: nothing was done; unplug the '
             'others')
+    if nodes and not is_drive(nodes[0].device_type):
+        raise CommissioningError(f'node {nodes[0].node_id} is not a drive (1000h): nothing was '
+                                 'done')
     context.operator.agree(
         f'The one drive on this bus becomes node {node_ids[name]} ({name}) and stores it.')
     assignment.give_alone(node_ids[name])
     drive = bus.objects(node_ids[name])
     bus.wait_for(lambda: 0x700 + node_ids[name] in bus.latest, BOOT_TIMEOUT)
-    return {name: Found(*(drive.read_number(0x1018, n) for n in range(1, 5)))}
+    found = Found(*(drive.read_number(0x1018, n) for n in range(1, 5)))
+    assignment.verify(node_ids[name], found.serial_number)
+    return {name: found}
 
 
 def _axis_of(found: Found, context: Context) -> str:
@@ -108,7 +119,7 @@ def _axis_of(found: Found, context: Context) -> str:
     if serials:
         return dict(zip(serials, AXIS_NAMES, strict=True)).get(found.serial_number, '')
     answer = context.operator.ask(
-        f'Drive with serial number {found.serial_number} (product {found.product_code}): which '
+        f'Drive with serial number {found.serial_number} (product {found.product_code:X}h): which '
         f'carriage does it move? [{"/".join(AXIS_NAMES)}, or nothing]', '--serials')
     if answer and answer not in AXIS_NAMES:
         raise CommissioningError(f'{answer} is none of {", ".join(AXIS_NAMES)}')

@@ -19,8 +19,10 @@ _PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
 _UPLOAD, _ANSWERED = 0x40, b'\x43'
 _REQUEST = struct.Struct('<BHB4x')
-_SERIAL = (0x1018, 4)
+SERIAL = (0x1018, 4)
 DRIVE_TYPE = 402
+_ALL = 0x80  # asks every node without a node id for an answer to fastscan
+_WITHOUT_ID = bytes([lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE]), bytes([lss.CS_IDENTIFY_SLAVE])
 
 
 class Node(NamedTuple):
@@ -43,9 +45,12 @@ class Node(NamedTuple):
     @property
     def profile(self) -> str:
         """The drive type that fits; empty for none."""
-        if self.device_type is None or self.device_type & 0xFFFF != DRIVE_TYPE:
-            return ''
-        return fitting_profile(self.vendor_id)
+        return fitting_profile(self.vendor_id) if is_drive(self.device_type) else ''
+
+
+def is_drive(device_type: int | None) -> bool:
+    """Return whether a device type (1000h) is that of a drive, and not of an I/O module."""
+    return device_type is not None and device_type & 0xFFFF == DRIVE_TYPE
 
 
 def scan(bus: ToolBus) -> list[Node]:
@@ -63,7 +68,7 @@ def _ask(bus: ToolBus, node_ids: Iterable[int]) -> list[Frame]:
     """Ask for serial numbers; return what comes then."""
     def ask() -> None:
         for node_id in node_ids:
-            bus.frames.send(pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *_SERIAL))
+            bus.frames.send(pdo.sdo_request_cob_id(node_id), _REQUEST.pack(_UPLOAD, *SERIAL))
             time.sleep(_PACE)
 
     return bus.collect(_ANSWER, ask)
@@ -94,13 +99,16 @@ def _text(drive: SdoChannel, index: int) -> str:
 
 
 def has_unconfigured(bus: ToolBus) -> bool:
-    """Return whether a drive without a node id answers (LSS, identify non-configured slaves)."""
-    question = bytes([lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE]).ljust(8, b'\0')
-    return any(
-        frame.cob_id == lss.LssMaster.LSS_RX_COBID
-        and frame.data[:1] == bytes([lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE])
-        for frame in bus.collect(
-            _ANSWER, lambda: bus.frames.send(lss.LssMaster.LSS_TX_COBID, question)))
+    """Return whether a node without a node id answers; some know fastscan alone."""
+    questions = (bytes([lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE]).ljust(8, b'\0'),
+                 bytes([lss.CS_FAST_SCAN, 0, 0, 0, 0, _ALL, 0, 0]))
+
+    def ask() -> None:
+        for question in questions:
+            bus.frames.send(lss.LssMaster.LSS_TX_COBID, question)
+
+    return any(frame.cob_id == lss.LssMaster.LSS_RX_COBID and frame.data[:1] in _WITHOUT_ID
+               for frame in bus.collect(_ANSWER, ask))
 
 
 def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) -> Iterator[str]:
