@@ -85,7 +85,8 @@ def test_the_ids_are_those_of_the_carriages_and_a_stranger_gets_none(
     assert [axis.serial_number for axis in axes.values()] == [300, 100, 200]
 
 
-def test_nobody_is_asked_which_carriage_an_io_module_moves(slaves, commission, monkeypatch, capsys):
+def test_nobody_is_asked_which_carriage_an_io_module_moves(
+        slaves, commission, monkeypatch, capsys):
     slaves(1, s60=IO_MODULE)
     monkeypatch.setattr('builtins.input', pytest.fail)
     assert commission('assign', *SERIALS) == 1
