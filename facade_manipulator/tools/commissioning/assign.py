@@ -26,7 +26,7 @@ from facade_manipulator.tools.commissioning.bus import (
 from facade_manipulator.tools.commissioning.scan import has_unconfigured, is_drive, SERIAL
 
 UNCONFIGURED = 255
-STORING_TIME = 3.0  # s; CiA 305 bounds it nowhere, and 0.3 s were seen
+STORING_TIME = 3.0  # s; CiA 305 has no bound; 0.3 s and more were seen
 _NO_LSS = (
     "no drive answers LSS (CiA 305): set the node id in the maker's tool (or by the switches on "
     'the drive), one drive at a time, store it there, switch the power off and on, and scan')
@@ -59,7 +59,7 @@ class Assignment:
         """
         Yield the nodes that have no node id, one after the other; each is then selected.
 
-        Raises a CommissioningError for one that cannot be told apart, or takes no node id.
+        Raises a CommissioningError for one whose identity is not found, or that takes no node id.
         """
         seen: set[Found] = set()
         while True:

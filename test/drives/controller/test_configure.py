@@ -131,6 +131,42 @@ def test_a_drive_that_answers_without_an_end_ends_the_request_in_time(rig, monke
     assert rig.state is ControllerState.UNCONFIGURED
 
 
+class LateDrive(SimulatedDrive):
+    """A drive that looks at each SDO request some time after it has come."""
+
+    delay = 0.0
+
+    def __init__(self, *arguments) -> None:
+        self._requests = []
+        super().__init__(*arguments)
+
+    def receive(self, cob_id, data, now):
+        if cob_id != 0x600 + self.node_id:
+            return super().receive(cob_id, data, now)
+        self._requests.append((now + self.delay, cob_id, data))
+        return []
+
+    def advance(self, now):
+        answers = []
+        while self._requests and self._requests[0][0] <= now:
+            answers += super().receive(*self._requests.pop(0)[1:], now)
+        return answers + super().advance(now)
+
+    @property
+    def deadline(self):
+        return min([super().deadline, *(due for due, *_ in self._requests[:1])])
+
+
+@pytest.mark.parametrize(('delay', 'bound'), [(0.02, 5.0), (0.2, 30.0)])
+def test_drives_that_answer_slowly_are_configured_side_by_side(
+        make_rig, monkeypatch, delay, bound):
+    monkeypatch.setattr(LateDrive, 'delay', delay)
+    rig = make_rig(drives=[LateDrive(axis, SimulationSettings()) for axis in DEFAULT_AXES])
+    begun = time.monotonic()
+    rig.controller.request('configure').result(bound)
+    assert 20 * delay < time.monotonic() - begun < bound
+
+
 def answer_without_an_end(drive: SimulatedDrive) -> None:
     """Let a drive answer each SDO request with segments of which there is no last one."""
     receive = drive.receive
