@@ -203,7 +203,10 @@ class ControlLoop:
 
     def close(self) -> None:
         """Ramp down, power off, close bus and channel; waits for it."""
-        self.controller.close()
+        try:
+            _log.info(self.controller.close())
+        except ManipulatorError as error:
+            _log.error(str(error))
         if self.simulator is not None:
             self.simulator.stop()
         self._channel.close()

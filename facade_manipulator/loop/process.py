@@ -20,6 +20,7 @@ import socket
 import subprocess
 import sys
 from threading import Lock
+import time
 from typing import Any
 
 from facade_manipulator.drives.cia402 import Cause
@@ -44,6 +45,7 @@ CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and c
 # feeds, 3 s of them: without a bus the loop sends a state each second. Not a time, since a node
 # that stood still itself finds old states, and a loop that is well.
 MAX_UNANSWERED = 150
+READ_PERIOD = 0.01  # s, of what the loop says while it ends
 MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 
@@ -112,6 +114,7 @@ class LoopProcess:
         self._jobs: dict[int, Future] = {}
         self._unanswered = 0
         self._closing = False
+        self._farewell: Future | None = None
         self._decoded = None, first
         self._latest: Message | None = None
         self._states: deque[Message] = deque(maxlen=MAX_STATES)
@@ -271,16 +274,33 @@ class LoopProcess:
             if job is not None:
                 job.set_exception(DriveError(reason))
 
-    def close(self) -> None:
-        """Ramp down, power off, close the bus, end the process; waits for it."""
+    def close(self) -> str:
+        """
+        Ramp down, power off, close the bus, end the process; waits for it.
+
+        Raises
+        ------
+        DriveError
+            Of which drives the power is not confirmed off.
+
+        """
+        if self._farewell is None:
+            self._farewell = self._end()
+        return self._farewell.result()
+
+    def _end(self) -> Future:
         self._closing = True
+        job, end = self.request('close'), time.monotonic() + CLOSE_TIMEOUT
+        while not job.done() and time.monotonic() < end:
+            self.read()
+            time.sleep(READ_PERIOD)
         self._send('close', must_arrive=True)
         try:
-            self._process.wait(CLOSE_TIMEOUT)
+            self._process.wait(max(0.0, end - time.monotonic()) if job.done() else 0.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
-        self.read()
-        self._lose('the control loop is closed')
+        self._lose('the control loop has not said that the power of the drives is off')
+        return job
 
 
 def _receive_ready(channel: Channel) -> tuple[ControllerSnapshot, StreamStatus]:

@@ -32,7 +32,7 @@ from facade_manipulator.drives.controller import (
     ControllerState,
     Finding,
 )
-from facade_manipulator.errors import DriveStateError, InputError, ManipulatorError
+from facade_manipulator.errors import DriveError, DriveStateError, InputError, ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop import (
     LoopProcess,
@@ -163,8 +163,10 @@ class DriverNode(ManagedNode):
 
     def close(self) -> None:
         """Ramp down, power off, leave the bus; ends the loop's process."""
-        self._loop.close()
-        self.get_logger().info('The drives are off and the bus is closed.')
+        try:
+            self.get_logger().info(self._loop.close())
+        except DriveError as error:
+            self.get_logger().error(str(error))
         self._worker.shutdown()
         self._counting.close()
 
@@ -273,11 +275,7 @@ class DriverNode(ManagedNode):
         return self._worker.submit(begin_again)
 
     def _shut_down(self) -> Future:
-        def close() -> str:
-            self._loop.close()
-            return 'drives off, bus closed'
-
-        return self._worker.submit(close)
+        return self._worker.submit(self._loop.close)
 
     def _receive_setpoint(self, data: bytes) -> None:
         try:
@@ -303,7 +301,7 @@ class DriverNode(ManagedNode):
         self._log_stop(snapshot)
         self._publish_status()
         if snapshot.state not in ACTIVE_STATES:
-            self.fall_back(to_unconfigured=self._loop.is_lost)
+            self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))
         outcome = snapshot.outcome(), self._last_failure
         if outcome != self._published_outcome:
             self._published_outcome = outcome

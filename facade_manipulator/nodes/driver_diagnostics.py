@@ -52,7 +52,8 @@ class StatusPublisher:
         elif math.isinf(self._active_since):
             self._active_since = node_time(self._node)
         status = DriverStatus(
-            snapshot.state.value, activity, snapshot.next_step, self._active_since)
+            snapshot.state.value, activity, snapshot.next_step, self._active_since,
+            snapshot.power)
         present = status, *_outcome(snapshot, last_failure)
         if present != self._published:
             self._published = present
@@ -66,6 +67,7 @@ def operation_status(
     """Say what the drives do as a group, why, what was rejected last and what comes next."""
     values = {
         'state': snapshot.state.value,
+        'power': snapshot.power,
         'activity': stream.activity,
         'cause': snapshot.cause,
         'next step': snapshot.next_step,
@@ -107,6 +109,7 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
     values = {
         'node id': axis.node_id,
         'statusword': _hex(axis.statusword),
+        'power': axis.power.value,
         'homed': axis.homed,
         'position [m]': axis.position,
         'velocity [m/s]': axis.velocity,

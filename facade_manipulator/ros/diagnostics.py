@@ -199,19 +199,20 @@ class DriverStatus(NamedTuple):
     next_step: str  #: what the operator does so that goals are followed, ``''`` if they are
     #: since when the drives follow setpoints [s]; infinite while they do not
     active_since: float = math.inf
+    power: str = 'unknown'  #: of the drives, as their statuswords say
 
     def to_message(self, level: str, message: str) -> DiagnosticStatus:
         """Return the message on driver/status."""
         return diagnostic_status('operation', level, message, {
             'state': self.state, 'activity': self.activity, 'next step': self.next_step,
-            'active since': str(self.active_since)})
+            'active since': str(self.active_since), 'power': self.power})
 
     @staticmethod
     def from_message(message: DiagnosticStatus) -> DriverStatus:
         """Return what a message on driver/status says."""
         values = status_values(message)
         return DriverStatus(values['state'], values['activity'], values['next step'],
-                            float(values['active since']))
+                            float(values['active since']), values.get('power', 'unknown'))
 
 
 class DriverWatch:

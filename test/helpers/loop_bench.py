@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 import itertools
 import math
 import os
@@ -18,6 +19,7 @@ from facade_manipulator.drives.canopen.link import BusSettings
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import ControllerState
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.drives import start_simulator
 from facade_manipulator.loop.channel import Channel
@@ -151,5 +153,6 @@ class LoopBench:
         """End everything."""
         self._ended.set()
         self._thread.join()
-        self.process.close()
+        with suppress(ManipulatorError):  # of what a test has done to its loop
+            self.process.close()
         self.listener.shutdown()

@@ -216,7 +216,7 @@ def test_a_message_that_makes_no_sense_ends_nothing(make_bench):
     for message in (('nonsense',), ('request', 1, 'close'), ('setpoint', 'x'), ('limits',)):
         channel.send(*message)
     channel._socket.send(b'garbage')
-    assert 'power is off' in bench.do('configure')
+    assert 'power: confirmed off' in bench.do('configure')
 
 
 # --- what goes through

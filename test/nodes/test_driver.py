@@ -408,7 +408,7 @@ def test_an_active_driver_ends_cleanly_on_a_signal(active_driver, number):
     assert exit_status(process) == 0
     wait_for_the_end_of(loop)
     log = process.log.read_text()
-    assert 'The drives are off and the bus is closed.' in log
+    assert 'The drives have confirmed that their power is off; the bus is closed' in log
     assert 'Traceback' not in log
 
 

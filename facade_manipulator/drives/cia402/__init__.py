@@ -98,6 +98,9 @@ from .states import (
     Mode as Mode,
 )
 from .states import (
+    Power as Power,
+)
+from .states import (
     POWERED_STATES as POWERED_STATES,
 )
 from .states import (
@@ -111,6 +114,9 @@ from .states import (
 )
 from .states import (
     TRANSITIONS as TRANSITIONS,
+)
+from .states import (
+    UNPOWERED_STATES as UNPOWERED_STATES,
 )
 from .units import (
     AxisScale as AxisScale,

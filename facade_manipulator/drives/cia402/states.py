@@ -144,6 +144,18 @@ AUTOMATIC_TRANSITIONS = {
 POWERED_STATES = frozenset({
     State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE,
 })
+# in which no command but those that switch on can give power, and the motor has none
+UNPOWERED_STATES = frozenset({
+    State.NOT_READY_TO_SWITCH_ON, State.SWITCH_ON_DISABLED, State.FAULT,
+})
+
+
+class Power(Enum):
+    """Whether a drive has power on its motor, as far as anybody can know."""
+
+    CONFIRMED_OFF = 'confirmed off'  #: its own statusword says so
+    UNKNOWN = 'unknown'  #: it does not answer, or says what no drive says
+    ON = 'on'  #: or on its way there
 
 _STATE_BITS = 0x6F
 _STATE_OF_BITS = {

@@ -15,13 +15,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 import threading
 import time
 from typing import NamedTuple, TypeVar
 
-from facade_manipulator.drives.canopen import CanBus, NmtCommand, NmtState, SdoChannel
-from facade_manipulator.drives.cia402 import DriveProfile
+from facade_manipulator.drives.canopen import (
+    CanBus,
+    NmtCommand,
+    NmtState,
+    SdoAbortError,
+    SdoChannel,
+)
+from facade_manipulator.drives.canopen.pdo import MASTER_NODE_ID
+from facade_manipulator.drives.cia402 import (
+    decode_state,
+    DriveProfile,
+    POWERED_STATES,
+    State,
+    UNPOWERED_STATES,
+)
 from facade_manipulator.drives.controller.configuration import (
     check_identity,
     compare_objects,
@@ -31,7 +45,12 @@ from facade_manipulator.drives.controller.configuration import (
     verify_objects,
     write_objects,
 )
-from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.monitor import (
+    AxisMonitor,
+    REST_SPEED,
+    STATUSWORD,
+    VELOCITY,
+)
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import (
     DriveError,
@@ -42,13 +61,16 @@ from facade_manipulator.errors import (
 )
 
 LOOK_PERIOD = 0.005  # s
+ASKING_TIMEOUT = 0.5  # s, for one object of a drive that need not be there
+CONSUMER_HEARTBEAT, CONTROLWORD = 0x1016, 0x6040
+DISABLE_VOLTAGE = bytes(2)
 TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
 Result = TypeVar('Result')
 
 
-def _limit_time(drive: Drive) -> None:
+def _limit_time(drive: Drive, timeout: float) -> None:
     """Let a drive that answers for ever, or late each time, end as a silent one does."""
-    drive.objects.deadline = time.monotonic() + TURN_TIMEOUT
+    drive.objects.deadline = time.monotonic() + timeout
 
 
 class Finding(NamedTuple):
@@ -140,7 +162,7 @@ class Commissioning:
 
         """
         for drive in self._drives:
-            _limit_time(drive)
+            _limit_time(drive, TURN_TIMEOUT)
         with ThreadPoolExecutor(len(self._drives), thread_name_prefix='drive objects') as pool:
             asked = [pool.submit(look, drive) for drive in self._drives]
         results, errors = [], []
@@ -159,6 +181,73 @@ class Commissioning:
         allowed = 1 if self._settings.reset_nodes else 0
         monitors = (drive.monitor for drive in self._drives)
         return [monitor for monitor in monitors if monitor.boot_ups > allowed]
+
+    def unconfirmed(self, monitors: list[AxisMonitor]) -> list[AxisMonitor]:
+        """Switch drives off by SDO, as PDOs may not reach them; return those that do not obey."""
+        asked = [drive for drive in self._drives if drive.monitor in monitors]
+        self._command(NmtCommand.ENTER_PRE_OPERATIONAL, asked)  # stopped ones have no SDO
+        return [drive.monitor for drive in asked
+                if self._switch_off(drive) not in UNPOWERED_STATES]
+
+    def _switch_off(self, drive: Drive) -> State | None:
+        _limit_time(drive, ASKING_TIMEOUT)
+        with suppress(DriveError):  # one that does not answer is asked once more
+            drive.objects.write(CONTROLWORD, 0, DISABLE_VOLTAGE)
+        return self._ask_state(drive)
+
+    def _ask_state(self, drive: Drive) -> State | None:
+        """Return a drive's state, None if it does not answer soon or names no state."""
+        try:
+            return decode_state(self._ask(drive, STATUSWORD))
+        except DriveError:
+            return None
+
+    def _ask(self, drive: Drive, index: int, subindex: int = 0, signed: bool = False) -> int:
+        """Return a number that a drive answers soon, 0 for an object that it does not have."""
+        _limit_time(drive, ASKING_TIMEOUT)
+        try:
+            return drive.objects.read_number(index, subindex, signed)
+        except SdoAbortError:
+            return 0
+
+    def require_unused(self) -> None:
+        """
+        Check, before the first word to them, that nobody else uses the drives.
+
+        A master may be heard seldom or never: what the drives do shows it. Those that ours have
+        left behind are known by the heartbeat that they were told to watch (1016h) and miss; they
+        have stopped, or are about to.
+
+        Raises
+        ------
+        DriveStateError
+            Which drives have power, move, or are operational.
+
+        """
+        uses = zip(self._drives, self._of_each(self._use), strict=True)
+        used = [f'{drive.monitor.title} {use}' for drive, use in uses if use]
+        if used:
+            raise DriveStateError(
+                f'{", ".join(used)}, though not by this driver: the drives are left as they are; '
+                'end whoever commands them, or switch their supply off and on')
+
+    def _use(self, drive: Drive) -> str:
+        """Return what a drive does that nobody here has commanded, ``''`` for nothing."""
+        state = self._ask_state(drive)
+        if state is None:
+            return ''  # it is not there, or its reset shows what is wrong
+        unit = drive.monitor.axis.si_per_unit.velocity
+        velocity = self._ask(drive, VELOCITY, signed=True) * unit
+        if abs(velocity) > REST_SPEED:
+            return f'moves at {velocity:.3g} m/s'
+        node, timeout = divmod(self._ask(drive, CONSUMER_HEARTBEAT, 1), 1 << 16)
+        misses_us = (node == MASTER_NODE_ID
+                     and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout)
+        if state in POWERED_STATES and not (misses_us and state is State.QUICK_STOP_ACTIVE):
+            return f'has power ({state.value})'
+        if drive.monitor.nmt_state == NmtState.OPERATIONAL and not misses_us:
+            return 'is operational'
+        return ''
 
     def check_again(self) -> None:
         """
@@ -197,7 +286,7 @@ class Commissioning:
 
     def _find(self, drive: Drive, what: str, look: Callable[[Drive], str]) -> Finding:
         name = f'{drive.monitor.name} {what}'
-        _limit_time(drive)
+        _limit_time(drive, TURN_TIMEOUT)
         try:
             return Finding(name, True, look(drive))
         except DriveError as error:

@@ -64,6 +64,7 @@ REQUESTS: dict[str, type[Operation]] = {
     'halt': motion_operations.Halt,
     'clear_faults': service_operations.ClearFaults,
     'self_test': service_operations.SelfTest,
+    'close': service_operations.Close,
 }
 _log = logging.getLogger(__name__)
 
@@ -95,7 +96,6 @@ class DriveController:
         self._requests: deque[tuple[Operation, Future[str]]] = deque()
         self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
-        self._closed = False
         self._publish(time.monotonic())
         self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
         self._thread.start()
@@ -104,7 +104,13 @@ class DriveController:
 
     def request(self, name: str) -> Future[str]:
         """Ask for one of `REQUESTS`; return its reply as a future, at once."""
-        return self._request(REQUESTS[name])
+        future: Future[str] = Future()
+        future.set_running_or_notify_cancel()  # from here on nobody can cancel it
+        self._requests.append((REQUESTS[name](self._session), future))
+        self._wake.set()
+        if self._session.is_closed:
+            self._reject_rest()
+        return future
 
     def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
         """Quick stop all axes at once and stay stopped until the faults are cleared."""
@@ -122,29 +128,31 @@ class DriveController:
         """Return the state of controller and axes at the newest cycle."""
         return self._snapshot
 
-    def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> None:
-        """Power the drives off in order, or stop them, then fall silent; waits for it."""
-        future = self._request(service_operations.Close)
-        with suppress(ManipulatorError, FutureTimeoutError):
-            future.result(timeout)
-        self._thread.join(timeout)
-        self._session.worker.shutdown(wait=False)
+    def close(self, timeout: float = 2.0 * CLOSING_TIMEOUT) -> str:
+        """
+        Power the drives off in order, or stop them, then fall silent; waits for it.
 
-    def _request(self, kind: type[Operation]) -> Future[str]:
-        future: Future[str] = Future()
-        future.set_running_or_notify_cancel()  # from here on nobody can cancel it
-        self._requests.append((kind(self._session), future))
-        self._wake.set()
-        if self._closed:
-            self._reject_rest()
-        return future
+        Raises
+        ------
+        DriveError
+            Of which drives the power is not confirmed off.
+
+        """
+        try:
+            return self.request('close').result(timeout)
+        except FutureTimeoutError:
+            raise DriveError('the control loop does not end; the power of the drives is '
+                             'unknown') from None
+        finally:
+            self._thread.join(timeout)
+            self._session.worker.shutdown(wait=False)
 
     # --- the control thread
 
     def _run(self) -> None:
         self._rejected = tuple(request_realtime(self._session.settings))
         _log.info(describe_scheduling())
-        while not self._closed:
+        while not self._session.is_closed:
             try:
                 self._turn()
             except BusError as error:
@@ -156,7 +164,7 @@ class DriveController:
     def _turn(self) -> None:
         if self._requests:
             self._begin_requests()
-        if self._closed:
+        if self._session.is_closed:
             return
         session = self._session
         if session.exchange is None:
@@ -185,7 +193,7 @@ class DriveController:
         return now
 
     def _begin_requests(self) -> None:
-        while self._requests and not self._closed:
+        while self._requests and not self._session.is_closed:
             operation, future = self._requests.popleft()
             try:
                 if self._operation is not None and not operation.interrupts:
@@ -193,6 +201,7 @@ class DriveController:
                                           f'{self._operation.name} is under way')
                 message = operation.begin(time.monotonic())
             except ManipulatorError as error:
+                self._publish(time.monotonic())
                 future.set_exception(self._with_next_step(error))
                 continue
             except Exception as error:
@@ -219,16 +228,17 @@ class DriveController:
             self._succeed(message)
 
     def _succeed(self, message: str) -> None:
-        self._closed = isinstance(self._operation, service_operations.Close)
         future = self._future
         self._operation = self._future = None
         self._publish(time.monotonic())
         future.set_result(self._explained(message) if isinstance(message, str) else message)
 
     def _explained(self, message: str) -> str:
-        """Return the reply to a request, with the next step as it is now."""
+        """Return the reply to a request, with power and next step as they are now."""
         step = self._next_step(self._present_state())
-        return f'{message.rstrip(".")}; next: {step}' if step else message
+        power = self._snapshot.power if self._session.group is not None else ''
+        return '; '.join([message.rstrip('.')] + [
+            f'{what}: {text}' for what, text in (('power', power), ('next', step)) if text])
 
     def _with_next_step(self, error: Exception) -> Exception:
         if isinstance(error, (BusError, DriveError)):
@@ -292,7 +302,7 @@ class DriveController:
 
     def _present_state(self) -> ControllerState:
         session = self._session
-        if self._closed:
+        if self._session.is_closed:
             return ControllerState.CLOSED
         if self._operation is not None and not session.is_stopped:
             return self._operation.state

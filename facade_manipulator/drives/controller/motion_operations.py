@@ -54,7 +54,7 @@ class Deactivate(Operation):
         """Ramp down and wait until the power is off."""
         self.group.disable(now)
         yield from self.until(Phase.OFF)
-        return 'The carriages stand still; the power is off.'
+        return 'The carriages stand still.'
 
 
 class Halt(Operation):
@@ -68,10 +68,10 @@ class Halt(Operation):
         given_up = 'Homing' if self.group.phase is Phase.HOMING else 'The activation'
         self.interrupts = self.group.halt(now)
         if not self.interrupts:
-            return 'The power is off or going off: nothing moves on.'
+            return 'Nothing moves on.'
         yield from self.until(Phase.HALTED, Phase.OFF)
         if self.session.is_off:
-            return f'{given_up} is given up; the power is off.'
+            return f'{given_up} is given up.'
         return 'The carriages stand still and hold.'
 
 

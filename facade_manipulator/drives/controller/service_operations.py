@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from concurrent.futures import Future
+from collections.abc import Callable, Generator
+from typing import TypeVar
 
 from facade_manipulator.drives.canopen import Condition
 from facade_manipulator.drives.cia402 import Cause, CONFIGURE_REMEDY, Phase
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.operation import Operation, result_of, Steps
+from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
     BusError,
@@ -18,10 +20,12 @@ from facade_manipulator.errors import (
 )
 
 CLOSING_TIMEOUT = 3.0
+SDO_TIMEOUT = 1.5  # s, for drives that are to be switched off by SDO
 STOP_AND_CUT = 2  # steps: what still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first word
 SLOWEST = 20  # cycles in which each TPDO comes once
 MAX_BAD_CYCLES = 0.001  # of all
+Result = TypeVar('Result')
 
 
 class Configure(Operation):
@@ -39,11 +43,14 @@ class Configure(Operation):
         while session.exchange.read_until < end:
             now = yield
         session.exchange.require_sole_master()
+        yield from self._done(session.commissioning.require_unused)
+        session.exchange.require_sole_master()
         session.exchange.transmits = True
-        job = session.worker.submit(session.commissioning.configure)
-        while not job.done():
-            now = yield
-        session.notes = self._notes(job)
+        try:
+            session.notes = tuple((yield from self._done(session.commissioning.configure)))
+        except DriveTimeoutError as error:  # a drive that is silent may be on another bus
+            raise DriveTimeoutError(f'{error}. The bus is {session.bus_name}') from error
+        now = yield
         session.exchange.require_sole_master()
         session.start_cycle(now)
         end = now + settings.step_timeout + SLOWEST * settings.period
@@ -55,18 +62,18 @@ class Configure(Operation):
                     f'{", ".join(silent)} did not come in answer to SYNC: '
                     'correct pdos in the profile of the drive')
             if not silent and session.is_off:
-                return f'The drives on {session.bus_name} are configured; the power is off.'
+                return f'The drives on {session.bus_name} are configured.'
             now = yield
         if session.group.needs_configuration:
             raise DriveTimeoutError(session.group.cause.message)
         return f'The drives are configured, but stopped: {session.group.cause.message}.'
 
-    def _notes(self, job: Future) -> tuple[str, ...]:
-        """Return what the worker found; a drive that is silent may be on another bus."""
-        try:
-            return tuple(result_of(job))
-        except DriveTimeoutError as error:
-            raise DriveTimeoutError(f'{error}. The bus is {self.session.bus_name}') from error
+    def _done(self, work: Callable[[], Result]) -> Generator[None, float, Result]:
+        """Wait until the worker has done something; return its result."""
+        job = self.session.worker.submit(work)
+        while not job.done():
+            yield
+        return result_of(job)
 
     def give_up(self) -> None:
         """Close the bus again."""
@@ -80,18 +87,9 @@ class Cleanup(Operation):
 
     def run(self, now: float) -> Steps:
         """Close once the drives have confirmed that their power is off, or had the time to."""
-        session = self.session
-        if session.lost is not None:
-            session.close()
-            return 'The bus was lost; the drives have stopped by themselves.'
         if self.group.is_powered:
             raise DriveStateError('cleanup is not possible while the drives have power')
-        self.group.cut_power(now)
-        end = now + STOP_AND_CUT * session.settings.step_timeout
-        while not session.has_done(Phase.STOPPED) and now < end:
-            now = yield
-        session.close()
-        return 'The drives have no power and the bus is closed.'
+        return (yield from _cut_power_and_close(self.session, now))
 
 
 class ClearFaults(Operation):
@@ -199,14 +197,46 @@ class Close(Operation):
         while self._has_drives and now <= end and (
                 session.group.phase not in (Phase.OFF, Phase.STOPPED)):
             now = yield
-        if self._has_drives:
-            session.group.cut_power(now)
-            end = now + STOP_AND_CUT * session.settings.step_timeout
-        while self._has_drives and now <= end and not session.has_done(Phase.STOPPED):
-            now = yield
-        session.close()
-        return 'The drive controller is closed.'
+        session.is_closed = session.group is None
+        if session.is_closed:
+            session.close()
+            return 'The bus is closed; no drive was configured.'
+        try:
+            return (yield from _cut_power_and_close(session, now))
+        finally:
+            session.is_closed = True
 
     @property
     def _has_drives(self) -> bool:
         return self.session.group is not None and self.session.lost is None
+
+
+def _cut_power_and_close(session: Session, now: float) -> Steps:
+    """
+    Take the power off and close the bus; return the message.
+
+    Raises
+    ------
+    DriveFaultError
+        Which drives have not confirmed that they have no power; the bus is closed all the same.
+
+    """
+    since, end = now, now + STOP_AND_CUT * session.settings.step_timeout
+    if session.lost is None:
+        session.group.cut_power(now)
+    unsure = session.unconfirmed(since)
+    while unsure and now < end and session.lost is None:
+        now = yield
+        unsure = session.unconfirmed(since)
+    if unsure and session.lost is None:
+        job = session.worker.submit(session.commissioning.unconfirmed, unsure)
+        while not job.done() and now < end + SDO_TIMEOUT:
+            now = yield
+        unsure = result_of(job) if job.done() else unsure
+    reason = f'the bus is lost, {session.lost.message}' if session.lost else 'no answer says so'
+    session.close()
+    if unsure:
+        raise DriveFaultError(
+            f'The bus is closed, but the power of {" and ".join(one.title for one in unsure)} is '
+            f'not confirmed off: {reason}; switch the supply off before anybody reaches in')
+    return 'The drives have confirmed that their power is off; the bus is closed.'

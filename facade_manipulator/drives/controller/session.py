@@ -24,6 +24,7 @@ from facade_manipulator.drives.cia402 import (
     Group,
     load_profile,
     Phase,
+    Power,
     Triple,
 )
 from facade_manipulator.drives.controller.bus_load import check_bus_load
@@ -85,6 +86,8 @@ class Session:
         What was skipped at configure.
     forbidden : str
         Why no drive may have power, ``''`` if it may; set by any thread.
+    is_closed : bool
+        Whether it has ended for good.
 
     Raises
     ------
@@ -111,6 +114,7 @@ class Session:
         self.worker = ThreadPoolExecutor(1, thread_name_prefix='drive objects')
         self.collector = Collector()
         self.forbidden = ''
+        self.is_closed = False
         self._bus = bus
         self.bus_name = bus.name
         self._forget()
@@ -160,6 +164,11 @@ class Session:
     def is_off(self) -> bool:
         """Return whether all drives have confirmed that they have no power."""
         return self.has_done(Phase.OFF)
+
+    def unconfirmed(self, since: float) -> list[AxisMonitor]:
+        """Return the drives that have not said since a time [s] that they have no power."""
+        return [one for one in self.monitors if one.answered <= since
+                or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
 
     def has_done(self, phase: Phase) -> bool:
         """Return whether all drives are where a phase wants them."""

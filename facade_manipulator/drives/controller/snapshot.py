@@ -6,7 +6,14 @@ from enum import Enum
 from typing import NamedTuple
 
 from facade_manipulator.drives.canopen import BusStatistics, describe
-from facade_manipulator.drives.cia402 import Cause, decode_state, State, Triple
+from facade_manipulator.drives.cia402 import (
+    Cause,
+    decode_state,
+    Power,
+    State,
+    Triple,
+    UNPOWERED_STATES,
+)
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.errors import DriveStateError
 
@@ -76,6 +83,13 @@ class AxisSnapshot(NamedTuple):
             return None
 
     @property
+    def power(self) -> Power:
+        """Whether there is power on the motor: off only if the drive itself says so now."""
+        if self.is_silent or self.state is None:
+            return Power.UNKNOWN
+        return Power.CONFIRMED_OFF if self.state in UNPOWERED_STATES else Power.ON
+
+    @property
     def error(self) -> str:
         """The last error as a message, ``''`` for none."""
         return describe(self.error_code) if self.error_code else ''
@@ -109,6 +123,14 @@ class ControllerSnapshot(NamedTuple):
     def unhomed(self) -> tuple[str, ...]:
         """Names of the axes that must be homed."""
         return tuple(axis.name for axis in self.axes if not axis.homed)
+
+    @property
+    def power(self) -> str:
+        """Power of the drives in words: of each, unless that is the same of all."""
+        powers = {axis.name: axis.power.value for axis in self.axes}
+        if len({*powers.values()}) == 1:
+            return self.axes[0].power.value
+        return ', '.join(f'{name} {power}' for name, power in powers.items())
 
     def joints(self) -> JointStates | None:
         """

@@ -15,7 +15,7 @@ from support import wait_until
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Controlword, State
 from facade_manipulator.drives.controller.snapshot import ControllerState
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import DriveFaultError, ManipulatorError
 
 # --- the bus goes away
 
@@ -68,7 +68,7 @@ def test_a_lost_bus_can_be_cleaned_up_and_closed(make_rig):
     rig.bus_is_missing = True
     rig.buses[-1].shutdown()
     rig.until(ControllerState.BUS_LOST)
-    rig.do('cleanup')
+    assert 'q3 (node 3) is not confirmed off: the bus is lost' in rig.rejection('cleanup')
     assert rig.state is ControllerState.UNCONFIGURED
 
 
@@ -78,7 +78,8 @@ def test_close_while_the_bus_is_lost(make_rig):
     rig.bus_is_missing = True
     rig.buses[-1].shutdown()
     rig.until(ControllerState.BUS_LOST)
-    rig.controller.close()
+    with pytest.raises(DriveFaultError, match='not confirmed off: the bus is lost'):
+        rig.controller.close()
     assert rig.state is ControllerState.CLOSED
 
 

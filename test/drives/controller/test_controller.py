@@ -19,7 +19,7 @@ from facade_manipulator.errors import DriveStateError, ManipulatorError, Paramet
 
 def test_an_ordinary_day_from_configure_to_cleanup(rig):
     assert rig.state is ControllerState.UNCONFIGURED
-    assert 'power is off' in rig.do('configure')
+    assert 'power: confirmed off' in rig.do('configure')
     assert rig.state is ControllerState.INACTIVE
     assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
     answer = rig.do('home')
@@ -28,7 +28,7 @@ def test_an_ordinary_day_from_configure_to_cleanup(rig):
     assert 'follow' in rig.do('activate')
     assert rig.state is ControllerState.ACTIVE
     wait_until(lambda: rig.carriages[0] > HOME[0] + 0.02, 'the carriages to follow')
-    assert 'power is off' in rig.do('deactivate')
+    assert 'power: confirmed off' in rig.do('deactivate')
     assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
     snapshot = rig.controller.snapshot()
     assert rig.controller.snapshot().joints().positions == pytest.approx(rig.carriages, abs=1e-4)
@@ -63,7 +63,7 @@ def test_every_sync_is_answered_by_commands_before_the_next(rig):
 
 def test_nothing_moves_before_all_axes_are_homed(rig):
     rig.do('configure')
-    with pytest.raises(DriveStateError, match='q3 must be homed; next: home, activate'):
+    with pytest.raises(DriveStateError, match='q3 must be homed; .*next: home, activate'):
         rig.do('activate')
     assert rig.drive_states == [State.SWITCH_ON_DISABLED] * 3
 
@@ -85,7 +85,7 @@ def test_a_halt_while_activating_is_accepted_and_powers_off(make_rig, cycles):
     inactive(rig)
     activation = rig.controller.request('activate')
     rig.cycles(cycles)
-    assert rig.do('halt') == 'The activation is given up; the power is off; next: activate'
+    assert rig.do('halt') == 'The activation is given up; power: confirmed off; next: activate'
     with pytest.raises(DriveStateError, match='cancelled by halt'):
         activation.result(PATIENCE)
     assert rig.state is ControllerState.INACTIVE
@@ -95,7 +95,7 @@ def test_a_halt_while_activating_is_accepted_and_powers_off(make_rig, cycles):
 
 def test_a_halt_where_nothing_moves_is_accepted_and_cancels_nothing(rig):
     inactive(rig)
-    assert 'nothing moves on' in rig.do('halt')
+    assert 'Nothing moves on' in rig.do('halt')
     rig.controller.stop('enough')
     rig.until_stopped()
     clearing = rig.controller.request('clear_faults')
@@ -147,7 +147,8 @@ def test_a_second_request_is_rejected_while_one_is_under_way(rig):
 
 def test_clearing_without_a_fault_says_that_there_is_none(rig):
     inactive(rig)
-    assert rig.do('clear_faults') == 'There is no fault to clear; next: activate'
+    assert rig.do('clear_faults') == (
+        'There is no fault to clear; power: confirmed off; next: activate')
 
 
 @pytest.mark.parametrize('rate', [200, 500])

@@ -245,7 +245,7 @@ def test_stop_is_latched_with_its_cause_until_it_is_cleared(rig, situation):
 def test_no_power_comes_on_while_it_is_forbidden(rig):
     rig.controller.forbid_power('the red button is pressed')  # before there is a bus
     inactive_without_home = rig.do('configure')
-    assert 'power is off' in inactive_without_home
+    assert 'power: confirmed off' in inactive_without_home
     for request in ('home', 'activate'):
         assert 'the red button is pressed' in rig.rejection(request)
     rig.controller.forbid_power('')
