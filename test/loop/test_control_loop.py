@@ -213,7 +213,7 @@ def test_a_node_that_holds_its_interpreters_lock_for_a_second_stops_nothing(make
 def test_a_message_that_makes_no_sense_ends_nothing(make_bench):
     bench = in_thread(make_bench)
     channel = bench.process._channel
-    for message in (('nonsense',), ('request', 1, 'close'), ('setpoint', 'x'), ('limits',)):
+    for message in (('nonsense',), ('request', 1, 'nonsense'), ('setpoint', 'x'), ('limits',)):
         channel.send(*message)
     channel._socket.send(b'garbage')
     assert 'power: confirmed off' in bench.do('configure')
