@@ -25,10 +25,10 @@ from facade_manipulator.drives.canopen import (
     CanBus,
     NmtCommand,
     NmtState,
+    pdo,
     SdoAbortError,
     SdoChannel,
 )
-from facade_manipulator.drives.canopen.pdo import MASTER_NODE_ID
 from facade_manipulator.drives.cia402 import (
     decode_state,
     DriveProfile,
@@ -241,7 +241,7 @@ class Commissioning:
         if abs(velocity) > REST_SPEED:
             return f'moves at {velocity:.3g} m/s'
         node, timeout = divmod(self._ask(drive, CONSUMER_HEARTBEAT, 1), 1 << 16)
-        misses_us = (node == MASTER_NODE_ID
+        misses_us = (node == pdo.MASTER_NODE_ID
                      and 0 < timeout <= 1e3 * self._settings.heartbeat_timeout)
         if state in POWERED_STATES and not (misses_us and state is State.QUICK_STOP_ACTIVE):
             return f'has power ({state.value})'
