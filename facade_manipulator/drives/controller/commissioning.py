@@ -214,9 +214,8 @@ class Commissioning:
         """
         Check, before the first word to them, that nobody else uses the drives.
 
-        A master may be heard seldom or never: what the drives do shows it. Those that ours have
-        left behind are known by the heartbeat that they were told to watch (1016h) and miss; they
-        have stopped, or are about to.
+        A master may be heard seldom or never: what the drives do shows it. Drives that this
+        software has left behind watch its heartbeat (1016h) and miss it: they have stopped.
 
         Raises
         ------
