@@ -214,7 +214,7 @@ class Commissioning:
         """
         Check, before the first word to them, that nobody else uses the drives.
 
-        A master may be heard seldom or never: what the drives do shows it. Drives that this
+        A master may speak seldom or never: what the drives do shows it. Drives that this
         software has left behind watch its heartbeat (1016h) and miss it: they have stopped.
 
         Raises
