@@ -130,17 +130,22 @@ class Commissioning:
             The bus is gone.
 
         """
-        try:
-            notes = self._configure_once()
-        except DriveError:
-            if not self._unexpected_boot_ups():
-                raise
-        if self._unexpected_boot_ups():  # one was switched on just now: its first boot-up misled
-            notes = self._configure_once()
-        for monitor in self._unexpected_boot_ups():
+        for _ in range(2):  # one may be switched on just now: its first boot-up misled
+            notes, error = [], None
+            try:
+                notes = self._configure_once()
+            except DriveError as failure:
+                error = failure
+            doubled = self._unexpected_boot_ups()
+            if not doubled:
+                break
+        for monitor in doubled:
             raise DriveIdentityError(
                 f'{monitor.title} sent {monitor.boot_ups} boot-up messages after one reset: '
-                'more than one drive has this node id, or its power fails')
+                'more than one drive has this node id (commission scan names them), or its power '
+                'fails') from error
+        if error is not None:
+            raise error
         return notes
 
     def _configure_once(self) -> list[str]:

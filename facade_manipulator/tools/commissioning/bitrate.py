@@ -31,8 +31,11 @@ def guess_bitrate(settings: BusSettings, operator: Operator, may_change: bool) -
     operator.agree(f'{settings.channel} is set to listen-only at '
                    f'{", ".join(map(str, BIT_RATES))} bit/s, then back; the drives must be on: '
                    'switch their power off and on meanwhile, so that they send boot-ups.')
-    found = find_bitrate(settings.channel, set_link, count_frames)
-    set_link(settings.channel, found or settings.bitrate, listen_only=False)
+    found = None
+    try:
+        found = find_bitrate(settings.channel, set_link, count_frames)
+    finally:  # whatever ended the search, Ctrl-C too
+        set_link(settings.channel, found or settings.bitrate, listen_only=False)
     operator.say(f'Frames at {found} bit/s: --bitrate {found}, or set the drives to '
                  f'{settings.bitrate}.' if found else 'No frames at any of them.')
 

@@ -167,10 +167,11 @@ def restore(drive: SdoChannel, wanted: Snapshot, present: Snapshot) -> int:
             if found != value:
                 raise CommissioningError(
                     f'{drive.name}: {_label(key)} reads back as {found} instead of {value}')
-    except (DriveError, CommissioningError) as error:
+    except (DriveError, CommissioningError, KeyboardInterrupt) as error:
         raise CommissioningError(
-            f'{error}. {done} objects of {drive.name} were written and nothing is stored: it has '
-            'its old values again after its power was off and on') from error
+            f'{str(error) or "stopped by Ctrl-C"}. {done} objects of {drive.name} were written and '
+            'nothing is stored: it has its old values again after its power was off and on'
+        ) from error
     return len(changes)
 
 
@@ -212,7 +213,7 @@ def store(bus: ToolBus, node_id: int, name: str) -> None:
         raise CommissioningError(
             f'{error}: {name} has stored nothing, the new values last until its power is off'
         ) from error
-    except DriveError as error:
+    except (DriveError, KeyboardInterrupt) as error:
         raise CommissioningError(
             f'{name} stopped answering while it stored: what it holds now is not known. Switch '
             f'its power off and on, then commission compare {name} with its backup and restore '

@@ -18,7 +18,7 @@ from facade_manipulator.tools.commissioning.scan import (
     scan,
 )
 
-_COLUMNS = ('node', 'serial number', 'name', 'firmware', 'vendor', 'product', 'state', 'profile')
+_COLUMNS = ('node', 'serial', 'name', 'firmware', 'vendor', 'product', 'state', 'profile')
 
 
 def add_commands(add: Callable) -> None:
@@ -44,6 +44,10 @@ def run_scan(context: Context) -> int:
         problems = list(findings(nodes, expected, unconfigured))
     operator = context.operator
     operator.table(_COLUMNS, [_row(node) for node in nodes])
+    for node in nodes:
+        if node.errors:
+            operator.say(f'node {node.node_id} has had the errors (newest first) '
+                         + ', '.join(f'{code:04X}h' for code in node.errors))
     for problem in problems:
         operator.say(f'! {problem}')
     if not nodes and not unconfigured:
@@ -54,8 +58,12 @@ def run_scan(context: Context) -> int:
 
 def _row(node: Node) -> tuple:
     serials = ', '.join(str(serial) for serial in node.serials) or 'no answer'
-    return (node.node_id, serials, node.name, node.firmware, node.vendor_id, node.product_code,
-            node.state, node.profile)
+    return (node.node_id, serials, node.name, node.firmware, _hex(node.vendor_id),
+            _hex(node.product_code), node.state, node.profile)
+
+
+def _hex(number: int | None) -> str:
+    return '' if number is None else f'{number:X}h'
 
 
 def run_assign(context: Context) -> None:

@@ -18,7 +18,7 @@ class Operator:
         self.agrees = agrees
         self._console = Console(highlight=False, markup=False, soft_wrap=True)
         if not self._console.is_terminal:
-            self._console.width = 110
+            self._console.width = 80
 
     def say(self, text: str = '') -> None:
         """Print a line."""
@@ -36,7 +36,11 @@ class Operator:
         self.say(action)
         if self.agrees:
             return
-        if self._answer('Do this? [y/N] ').lower() not in ('y', 'yes'):
+        try:
+            answer = self._answer('Do this? [y/N] ')
+        except KeyboardInterrupt:
+            answer = 'no'
+        if answer.lower() not in ('y', 'yes'):
             raise CommissioningError('not done, nothing is changed: the answer was not yes')
 
     def ask(self, question: str, option: str) -> str:
@@ -51,6 +55,7 @@ class Operator:
 
     def _answer(self, question: str) -> str:
         try:
-            return self._console.input(question).strip()
+            return self._console.input(question, markup=False).strip()
         except EOFError:
-            raise CommissioningError('not done: the terminal is closed') from None
+            raise CommissioningError(
+                'not done: nobody answers here; give the answers as options, see --help') from None

@@ -41,6 +41,7 @@ class Node(NamedTuple):
     device_type: int | None = None
     vendor_id: int | None = None
     product_code: int | None = None
+    errors: tuple[int, ...] = ()  #: error history (1003h), newest first
 
     @property
     def profile(self) -> str:
@@ -88,7 +89,13 @@ def _describe(bus: ToolBus, node_id: int, serials: tuple[int, ...]) -> Node:
     drive = bus.objects(node_id)
     return Node(node_id, serials, state, _text(drive, 0x1008), _text(drive, 0x100A),
                 number_or_none(drive, 0x1000), number_or_none(drive, 0x1018, 1),
-                number_or_none(drive, 0x1018, 2))
+                number_or_none(drive, 0x1018, 2), tuple(_errors(drive)))
+
+
+def _errors(drive: SdoChannel) -> Iterator[int]:
+    for subindex in range(1, (number_or_none(drive, 0x1003) or 0) + 1):
+        if error := number_or_none(drive, 0x1003, subindex):
+            yield error & 0xFFFF  # above it is what the maker adds
 
 
 def _text(drive: SdoChannel, index: int) -> str:
@@ -113,7 +120,8 @@ def has_unconfigured(bus: ToolBus) -> bool:
 
 def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) -> Iterator[str]:
     """Yield what is wrong with what a scan found; nothing where all is as expected."""
-    found = {node.node_id: node for node in nodes}
+    is_mixed = unconfigured or any(len(node.serials) > 1 for node in nodes)
+    remedy = 'commission assign' if is_mixed else 'check its power, its plug, its node id'
     for node in nodes:
         if len(node.serials) > 1:
             serials = ', '.join(str(serial) for serial in sorted(set(node.serials)))
@@ -125,9 +133,8 @@ def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) ->
     if unconfigured:
         yield 'there is a drive without a node id: commission assign'
     for name, node_id in expected.items():
-        if node_id not in found:
-            yield (f'{name} (node {node_id} in the parameter file) is silent: check its power, '
-                   'its plug, its node id')
+        if node_id not in {node.node_id for node in nodes}:
+            yield f'{name} (node {node_id} in the parameter file) is silent: {remedy}'
 
 
 def only_drive(bus: ToolBus, axis: AxisSettings, name: str, **details: object) -> SdoChannel:

@@ -76,8 +76,9 @@ def test_a_drive_that_lacks_a_required_object_is_rejected_by_its_name(make_rig):
     assert rig.state is ControllerState.UNCONFIGURED
 
 
-def test_two_drives_on_one_node_id_are_found(make_rig):
-    rig = make_rig(drives=simulated_drives((*DEFAULT_AXES, DEFAULT_AXES[1])))
+@pytest.mark.parametrize('others', [DEFAULT_AXES, (DEFAULT_AXES[0], DEFAULT_AXES[1])])
+def test_two_drives_on_one_node_id_are_found_also_where_a_third_is_missing(make_rig, others):
+    rig = make_rig(drives=simulated_drives((*others, DEFAULT_AXES[1])))
     with pytest.raises(DriveIdentityError, match=r'q2 \(node 2\) sent \d boot-up messages'):
         rig.do('configure')
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 import os
 
 import can
@@ -9,8 +10,12 @@ from commission_rig import SERIALS
 import pytest
 import yaml
 
+from facade_manipulator.drives.canopen import BusSettings
+from facade_manipulator.errors import CommissioningError
+from facade_manipulator.tools.commissioning import bitrate
 from facade_manipulator.tools.commissioning.bitrate import find_bitrate
 from facade_manipulator.tools.commissioning.machine import Machine
+from facade_manipulator.tools.commissioning.operator import Operator
 
 FAST = ('--lss-timeout', '0.15')
 ASSIGN = ('assign', *FAST, '--serials', *map(str, SERIALS))
@@ -29,7 +34,49 @@ def test_a_scan_names_duplicates_and_silent_nodes(make_rig, capsys):
     assert rig.run('scan') == 1
     said = capsys.readouterr().out
     assert '3 drives have node id 1 (serial numbers 4711, 4712, 4713)' in said
-    assert 'q2 (node 2 in the parameter file) is silent' in said
+    assert 'q2 (node 2 in the parameter file) is silent: commission assign' in said
+
+
+def test_a_scan_shows_what_went_wrong_in_a_drive_in_eighty_columns(make_rig, capsys):
+    rig = make_rig()
+    with rig.simulator.access() as drives:
+        for code in (0x7300, 0x8611):
+            drives[1].inject_fault(code)
+            drives[1].remove_cause()
+    rig.run('scan')
+    said = capsys.readouterr().out
+    assert 'node 2 has had the errors (newest first) 8611h, 7300h' in said
+    assert max(len(line) for line in said.splitlines() if '│' in line) <= 80
+
+
+@pytest.mark.parametrize('ending', ['n', KeyboardInterrupt, EOFError])
+def test_a_prompt_shows_what_may_be_answered_and_without_a_yes_nothing_is_done(
+        capsys, monkeypatch, ending):
+    def answer(*_):
+        if ending == 'n':
+            return ending
+        raise ending
+
+    monkeypatch.setattr('builtins.input', answer)
+    with pytest.raises(CommissioningError, match='not done'):
+        Operator().agree('The drive is reset.')
+    assert 'Do this? [y/N]' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('ending', [None, KeyboardInterrupt])
+def test_whatever_ends_the_search_for_a_bit_rate_the_interface_is_as_before(monkeypatch, ending):
+    def count(_):
+        if ending:
+            raise ending
+        return 0, 0
+
+    links = []
+    monkeypatch.setattr(bitrate, 'set_link', lambda *link, **mode: links.append((link, mode)))
+    monkeypatch.setattr(bitrate, 'count_frames', count)
+    with pytest.raises(KeyboardInterrupt) if ending else nullcontext():
+        bitrate.guess_bitrate(BusSettings(interface='socketcan', channel='can7'), Operator(True),
+                              may_change=True)
+    assert links[-1] == (('can7', 1_000_000), {'listen_only': False})
 
 
 def test_a_scan_finds_drives_without_a_node_id(make_rig, capsys):
@@ -135,12 +182,24 @@ def test_a_file_that_cannot_be_written_in_the_end_leaves_the_lines_to_write(
     assert str(rig.parameters) in capsys.readouterr().err
 
 
-def test_without_a_yes_nothing_is_done(make_rig, capsys, monkeypatch):
-    rig = make_rig('--new')
-    monkeypatch.setattr('builtins.input', lambda *_: 'n')
-    assert rig.run(*ASSIGN, yes=False) == 1
-    assert 'nothing is changed' in capsys.readouterr().err
-    assert {drive.node_id for drive in rig.drives} == {1}
+@pytest.mark.parametrize('at', [0, 1, 2, 3])
+def test_ctrl_c_at_any_prompt_of_assign_leaves_the_stored_ids_and_says_so(
+        make_rig, capsys, monkeypatch, at):
+    rig, asked = make_rig('--new'), []
+
+    def answer(*_):
+        asked.append('')
+        if len(asked) > at:
+            raise KeyboardInterrupt
+        return ('y', 'q1', 'q2')[len(asked) - 1]
+
+    monkeypatch.setattr('builtins.input', answer)
+    assert rig.run('assign', *FAST, yes=False) == 1
+    assert ('nothing is changed', 'stopped by Ctrl-C. No drive has stored a new',
+            'Ctrl-C. q1 is node 1 (serial', 'q2 is node 2 (serial')[at] in capsys.readouterr().err
+    assert sorted(drive.lss.stored for drive in rig.drives) == [[1, 1, 1], [1, 1, 1], [1, 1, 1],
+                                                                [1, 1, 2]][at]
+    assert not rig.parameters.exists()
 
 
 def test_the_journal_keeps_what_was_done(make_rig):
