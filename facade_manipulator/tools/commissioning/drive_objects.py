@@ -10,14 +10,14 @@ CiA 306: electronic data sheet (EDS) and device configuration file (DCF).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from canopen import export_od, import_od, ObjectDictionary
-from canopen.objectdictionary import ODVariable
+from canopen.objectdictionary import datatypes, ODVariable
 
 from facade_manipulator.drives.canopen import pdo, SdoAbortError, SdoChannel
 from facade_manipulator.errors import CommissioningError, DriveError, file_errors, ParameterError
@@ -39,6 +39,7 @@ class Snapshot(NamedTuple):
     node_id: int
     values: dict[Key, Any]
     dictionary: ObjectDictionary
+    sizes: dict[Key, int]  #: bytes that an object has, where the description says otherwise
 
     def variable(self, key: Key) -> ODVariable | None:
         """Return what the object dictionary says of an object."""
@@ -66,14 +67,38 @@ def take_snapshot(drive: SdoChannel, eds: Path) -> Snapshot:
     read.
     """
     dictionary = read_dictionary(eds, drive.node_id)
-    values = {}
+    values, sizes = {}, {}
     for variable in variables(dictionary):
         key = variable.index, variable.subindex
-        wanted = variable.readable and variable.writable and key[0] not in _COMMANDS
-        if wanted or key in IDENTITY:
+        if is_kept(variable) or key in IDENTITY:
             with suppress(SdoAbortError):
-                values[key] = variable.decode_raw(drive.read(*key))
-    return Snapshot(drive.name, drive.node_id, values, dictionary)
+                data = drive.read(*key)
+                if variable.fixed_size and 8 * len(data) != len(variable):
+                    sizes[key] = len(data)
+                values[key] = _decoded(variable, data)
+    return Snapshot(drive.name, drive.node_id, values, dictionary, sizes)
+
+
+def is_kept(variable: ODVariable) -> bool:
+    """Return whether an object is a setting: it can be read and written, and does nothing."""
+    return variable.readable and variable.writable and variable.index not in _COMMANDS
+
+
+def _decoded(variable: ODVariable, data: bytes) -> Any:
+    """Return the value of an object, whatever size the description gives a number."""
+    if variable.data_type in datatypes.INTEGER_TYPES:
+        is_signed = variable.data_type in datatypes.SIGNED_TYPES
+        return int.from_bytes(data, 'little', signed=is_signed)
+    return variable.decode_raw(data) if 8 * len(data) == len(variable) or (
+        not variable.fixed_size) else data.hex()
+
+
+def _encoded(variable: ODVariable, value: Any, size: int | None) -> bytes:
+    if size is None:
+        return variable.encode_raw(value)
+    if isinstance(value, str):
+        return bytes.fromhex(value)
+    return value.to_bytes(size, 'little', signed=value < 0)
 
 
 def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
@@ -109,7 +134,7 @@ def read_dcf(path: Path) -> Snapshot:
         raise ParameterError(f'{path} has no values and no node id: it is no DCF of a drive')
     for variable in variables(dictionary):
         variable.relative = '$NODEID' in str(getattr(variable, 'default_raw', ''))
-    return Snapshot(path.name, dictionary.node_id, values, dictionary)
+    return Snapshot(path.name, dictionary.node_id, values, dictionary, {})
 
 
 class Difference(NamedTuple):
@@ -123,7 +148,7 @@ class Difference(NamedTuple):
     @property
     def label(self) -> str:
         """Index and subindex."""
-        return _label(self.key)
+        return label(self.key)
 
     @property
     def row(self) -> tuple[str, str, str, str]:
@@ -131,9 +156,15 @@ class Difference(NamedTuple):
         return self.label, self.name, _shown(self.here), _shown(self.there)
 
 
-def compare(here: Snapshot, there: Snapshot) -> list[Difference]:
-    """Return where two snapshots differ, but for node ids in COB-IDs and the identity."""
-    keys = sorted((here.values.keys() | there.values.keys()) - set(IDENTITY))
+def compare(
+    here: Snapshot, there: Snapshot, of_place: Iterable[Key] = ()
+) -> list[Difference]:
+    """
+    Return where two snapshots differ, but for node ids in COB-IDs and the identity.
+
+    Objects of a place, such as the node id, differ between good drives: they are left out.
+    """
+    keys = sorted((here.values.keys() | there.values.keys()) - {*IDENTITY, *of_place})
     return [
         Difference(key, _name(here if key in here.values else there, key),
                    here.values.get(key), there.values.get(key))
@@ -146,7 +177,9 @@ def _name(snapshot: Snapshot, key: Key) -> str:
     return f'{parent}: {variable.name}' if parent else variable.name
 
 
-def restore(drive: SdoChannel, wanted: Snapshot, present: Snapshot) -> int:
+def restore(
+    drive: SdoChannel, wanted: Snapshot, present: Snapshot, of_place: Iterable[Key] = ()
+) -> int:
     """
     Write what differs, in the order that PDOs need, and read it back; return how many differed.
 
@@ -155,22 +188,22 @@ def restore(drive: SdoChannel, wanted: Snapshot, present: Snapshot) -> int:
     """
     changes = {
         difference.key: wanted.value(difference.key, drive.node_id)
-        for difference in compare(wanted, present)
+        for difference in compare(wanted, present, of_place)
         if difference.here is not None and difference.there is not None}
     done = 0
     try:
         for key, value in _in_order(changes, wanted, drive.node_id):
-            drive.write(*key, wanted.variable(key).encode_raw(value))
+            drive.write(*key, _encoded(wanted.variable(key), value, present.sizes.get(key)))
             done += 1
         for key, value in changes.items():
-            found = wanted.variable(key).decode_raw(drive.read(*key))
+            found = _decoded(wanted.variable(key), drive.read(*key))
             if found != value:
                 raise CommissioningError(
-                    f'{drive.name}: {_label(key)} reads back as {found} instead of {value}')
+                    f'{drive.name}: {label(key)} reads back as {found} instead of {value}')
     except (DriveError, CommissioningError, KeyboardInterrupt) as error:
         raise CommissioningError(
-            f'{str(error) or "stopped by Ctrl-C"}. {done} objects of {drive.name} were written and '
-            'nothing is stored: it has its old values again after its power was off and on'
+            f'{str(error) or "stopped by Ctrl-C"}. {done} objects of {drive.name} were written '
+            'and nothing is stored: it has its old values again after its power was off and on'
         ) from error
     return len(changes)
 
@@ -221,7 +254,8 @@ def store(bus: ToolBus, node_id: int, name: str) -> None:
     bus.reset(node_id)
 
 
-def _label(key: Key) -> str:
+def label(key: Key) -> str:
+    """Return index and subindex as manuals write them."""
     return f'{key[0]:04X}h:{key[1]:02X}'
 
 

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 import shutil
 
-from facade_manipulator.drives.cia402 import AXIS_NAMES, load_profile
+from facade_manipulator.drives.cia402 import AXIS_NAMES, decode_state, load_profile, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, file_errors
-from facade_manipulator.tools.commissioning.bus import ToolBus
+from facade_manipulator.resources import config_path
+from facade_manipulator.tools.commissioning.bus import number_or_none, ToolBus
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.drive_objects import (
     compare,
     IDENTITY,
+    is_kept,
+    label,
     read_dcf,
     restore,
     Snapshot,
     store,
     take_snapshot,
+    variables,
     write_dcf,
 )
 from facade_manipulator.tools.commissioning.drive_profile import differences, draft
 from facade_manipulator.tools.commissioning.scan import only_drive
+
+STATUSWORD = 0x6041
 
 
 def add_commands(add: Callable) -> None:
@@ -92,14 +98,44 @@ def run_backup(context: Context) -> None:
     with context.bus() as bus:
         snapshot = _of_drive(context, bus, name)
     write_dcf(snapshot, path)
+    for line in _share(context, snapshot):
+        context.operator.say(line)
     context.operator.say(f'{path} has {len(snapshot.values)} objects of {name}.')
     context.machine.note('backup', f'{len(snapshot.values)} objects in {path.name}', axis=name)
 
 
+def _share(context: Context, snapshot: Snapshot) -> Iterator[str]:
+    """Yield how much of the drive is kept, and what is kept otherwise than described."""
+    eds = _eds(context, snapshot.source)
+    named = [(one.index, one.subindex) for one in variables(snapshot.dictionary) if is_kept(one)]
+    yield (f'{len(snapshot.values.keys() & set(named))} of the {len(named)} writable objects that '
+           f'{eds.name} names')
+    if config_path('drives') in eds.parents:
+        yield ('! What else the drive has (motor data, gains, inputs, brake) is not kept: give '
+               "the maker's EDS with --eds.")
+    if snapshot.sizes:
+        yield '! Kept as they are, of another size than described: ' + ', '.join(
+            f'{label(key)} ({size} bytes)' for key, size in snapshot.sizes.items())
+
+
+def _eds(context: Context, name: str) -> Path:
+    return context.options.eds or load_profile(context.machine.axis(name).profile).eds
+
+
 def _of_drive(context: Context, bus: ToolBus, name: str) -> Snapshot:
-    axis = context.machine.axis(name)
-    eds = context.options.eds or load_profile(axis.profile).eds
-    return take_snapshot(only_drive(bus, axis, name), eds)
+    """Read a drive; a CommissioningError if it has power: its objects are in use."""
+    drive = only_drive(bus, context.machine.axis(name), name)
+    status = number_or_none(drive, STATUSWORD)
+    if status is not None and (state := decode_state(status)) in POWERED_STATES:
+        raise CommissioningError(
+            f'{name} has power ({state.value}): nothing was done; take it away, then try again')
+    return take_snapshot(drive, _eds(context, name))
+
+
+def _of_place(context: Context, *names: str) -> set[tuple[int, int]]:
+    """Return the objects that belong to a drive's place on the bus."""
+    return {key for name in names if name in AXIS_NAMES
+            for key in load_profile(context.machine.axis(name).profile).of_place}
 
 
 def run_compare(context: Context) -> int:
@@ -108,7 +144,8 @@ def run_compare(context: Context) -> int:
         here, there = (
             _of_drive(context, bus, name) if name in AXIS_NAMES else read_dcf(Path(name))
             for name in (context.options.here, context.options.there))
-    found = compare(here, there)
+    of_place = _of_place(context, context.options.here, context.options.there)
+    found = compare(here, there, of_place)
     if found:
         context.operator.table(('object', 'name', here.source, there.source),
                                [difference.row for difference in found])
@@ -128,7 +165,10 @@ def run_restore(context: Context) -> None:
     with context.bus() as bus:
         present = _of_drive(context, bus, name)
         _check_type(wanted, present)
-        found = compare(wanted, present)
+        of_place = _of_place(context, name)
+        found = compare(wanted, present, of_place)
+        if kept := [label(key) for key in sorted(of_place & wanted.values.keys())]:
+            operator.say(f'{name} keeps what belongs to its place: {", ".join(kept)}')
         if not found:
             operator.say(f'{name} is as {wanted.source} says: nothing to do.')
             return
@@ -136,9 +176,9 @@ def run_restore(context: Context) -> None:
                        [difference.row for difference in found])
         operator.agree(f'{name} gets the values of {wanted.source}, stores them (1010h) and is '
                        'reset. It must have no power on its motor. Nothing moves.')
-        count = restore(bus.objects(node_id, name), wanted, present)
+        count = restore(bus.objects(node_id, name), wanted, present, of_place)
         store(bus, node_id, name)
-        remaining = compare(wanted, _of_drive(context, bus, name))
+        remaining = compare(wanted, _of_drive(context, bus, name), of_place)
     lost = [one.label for one in remaining if None not in (one.here, one.there)]
     if lost:
         raise CommissioningError(
@@ -153,5 +193,5 @@ def _check_type(wanted: Snapshot, present: Snapshot) -> None:
         if wanted.values.get(key) not in (None, present.values.get(key)):
             raise CommissioningError(
                 f'{wanted.source} is of another drive type ({key[0]:X}h:{key[1]:02X} = '
-                f'{wanted.values[key]}, the drive has {present.values.get(key)}): nothing is '
-                'written')
+                f'{wanted.values[key]:X}h, the drive has {present.values.get(key, 0):X}h): '
+                'nothing is written')

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 import yaml
 
@@ -59,6 +61,54 @@ def test_the_backup_of_one_drive_makes_another_like_it_but_for_the_node_id(rig):
     assert rig.run('compare', 'q1', 'q2') == 0
     assert rig.drives[1].objects.values[0x1801, 1] & 0x7F == 2
     assert rig.drives[1].objects.values[RAMP] == 77
+
+
+def test_a_size_that_differs_from_the_description_is_kept_said_and_restored(rig, capsys):
+    eds = rig.folder / 'wrong.eds'
+    head, name, rest = EDS.read_text().partition('[6084]')
+    eds.write_text(head + name + rest.replace('0x0007', '0x0006', 1))
+    change(rig, 0, RAMP, 0x12345)
+    assert rig.run('backup', 'q1', '--eds', str(eds)) == 0
+    said = capsys.readouterr().out
+    assert '6084h:00 (4 bytes)' in said and 'writable objects that wrong.eds names' in said
+    change(rig, 0, RAMP, 77)
+    dcf = str(rig.folder / 'machine.q1.dcf')
+    assert rig.run('restore', 'q1', dcf, '--eds', str(eds)) == 0
+    assert rig.drives[0].objects.values[RAMP] == 0x12345
+
+
+def test_without_the_makers_eds_it_says_that_not_everything_is_kept(rig, capsys):
+    rig.run('backup', 'q1')
+    said = capsys.readouterr().out
+    assert re.search(r'(\d+) of the \1 writable objects that cia402.eds names', said)
+    assert 'not kept: give the maker' in said
+
+
+def test_what_belongs_to_a_place_stays_in_its_drive(rig, capsys):
+    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
+    data.update(eds=str(EDS), of_place=[[0x6084, 0]])
+    profile = rig.folder / 'placed.yaml'
+    profile.write_text(yaml.safe_dump(data))
+    rig.configured(profile=str(profile))
+    rig.run('backup', 'q1')
+    change(rig, 1, RAMP, 77)
+    change(rig, 1, (0x6083, 0), 77)
+    assert rig.run('restore', 'q2', str(rig.folder / 'machine.q1.dcf')) == 0
+    assert 'q2 keeps what belongs to its place: 6084h:00' in capsys.readouterr().out
+    assert rig.drives[1].objects.values[RAMP] == 77 != rig.drives[1].objects.values[0x6083, 0]
+    assert rig.run('compare', 'q1', 'q2') == 0
+
+
+@pytest.mark.parametrize('command', ['backup', 'compare', 'restore'])
+def test_a_powered_drive_is_left_alone(rig, capsys, command):
+    rig.run('backup', 'q1')
+    dcf = str(rig.folder / 'machine.q1.dcf')
+    with rig.simulator.access() as drives:
+        for word in (6, 7, 15):
+            drives[0].objects.write((0x6040, 0), word)
+    assert rig.run(command, 'q1', *([] if command == 'backup' else [dcf])) == 1
+    assert 'q1 has power (operation enabled): nothing was done' in capsys.readouterr().err
+    assert rig.is_enabled()
 
 
 def test_power_lost_while_storing_says_what_is_known(rig, capsys):
