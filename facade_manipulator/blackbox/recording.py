@@ -23,7 +23,7 @@ import time
 from typing import Any, BinaryIO, NamedTuple
 
 from mcap.exceptions import McapError
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
@@ -71,7 +71,7 @@ def write_mcap(
     clock within a file would put its messages out of order. Metadata are records by their name.
     """
     with path.open('wb') as file:
-        writer = Writer(file, CHUNK, compression=CompressionType.ZSTD)
+        writer = Writer(file, CHUNK, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start('ros2', 'facade_manipulator')
         for name, values in metadata.items():
             writer.add_metadata(name, dict(values))
@@ -111,6 +111,8 @@ class RecordedRun:
     parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
     #: of each topic, without its namespace, the messages in the order of time
     topics: dict[str, list[Received]] = field(default_factory=lambda: defaultdict(list))
+    about: dict[str, str] = field(default_factory=dict)  #: such as the ``version`` that wrote it
+    files: dict[str, bytes] = field(default_factory=dict)  #: that came with it, by name
     damage: str = ''  #: why the file could not be read to its end; empty if it could
 
 
@@ -133,23 +135,21 @@ def read_recording(path: Path) -> RecordedRun:
 
 def _read(file: BinaryIO) -> RecordedRun:
     """Turn the records of an MCAP file into a `RecordedRun`, as far as they go."""
-    run, namespace, factory = RecordedRun(), '', DecoderFactory()
+    run, factory = RecordedRun(), DecoderFactory()
     schemas, topics = {}, {}
     try:
-        for record in StreamReader(file).records:
+        for record in StreamReader(file, validate_crcs=True).records:
             match record:
-                case Metadata(name=name, metadata=values) if name == SUMMARY:
-                    namespace = values['namespace'].rstrip('/') + '/'
-                    run.reasons = values['reasons'].splitlines()
-                    run.begin = float(values['begin'])
-                case Metadata(name=name, metadata=values) if name.startswith(PARAMETERS):
-                    run.parameters[name.removeprefix(PARAMETERS)] = {
-                        parameter: json.loads(value) for parameter, value in values.items()}
+                case Metadata(name=name, metadata=values):
+                    _note(run, name, values)
+                case Attachment(name=name, data=data):
+                    run.files[name] = data
                 case Schema():
                     schemas[record.id] = record
                 case Channel(topic=topic):
                     topics[record.id] = (
-                        topic if topic in OF_THE_GRAPH else topic.removeprefix(namespace),
+                        topic if topic in OF_THE_GRAPH else topic.removeprefix(
+                            run.about['namespace'].rstrip('/') + '/'),
                         factory.decoder_for(record.message_encoding, schemas[record.schema_id]))
                 case Message():
                     topic, decode = topics[record.channel_id]
@@ -159,3 +159,13 @@ def _read(file: BinaryIO) -> RecordedRun:
     except Exception as error:  # damaged bytes raise whatever their decoder does
         run.damage = str(error) or type(error).__name__
     return run
+
+
+def _note(run: RecordedRun, name: str, values: dict[str, str]) -> None:
+    """Note a record of metadata."""
+    if name == SUMMARY:
+        run.about, run.reasons = values, values['reasons'].splitlines()
+        run.begin = float(values['begin'])
+    elif name.startswith(PARAMETERS):
+        run.parameters[name.removeprefix(PARAMETERS)] = {
+            parameter: json.loads(value) for parameter, value in values.items()}

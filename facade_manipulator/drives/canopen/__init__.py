@@ -23,6 +23,12 @@ from .bus import (
     Condition as Condition,
 )
 from .bus import (
+    condition_of as condition_of,
+)
+from .bus import (
+    ERROR_FRAME as ERROR_FRAME,
+)
+from .bus import (
     Frame as Frame,
 )
 from .emergency import (

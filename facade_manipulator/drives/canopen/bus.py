@@ -34,7 +34,7 @@ from facade_manipulator.errors import BusError
 
 LATEST_STAMP_AGE = 10.0
 MAX_COB_ID = 0x7FF
-_EXTENDED, _REMOTE, _ERROR = 0x80000000, 0x40000000, 0x20000000
+_EXTENDED, _REMOTE, ERROR_FRAME = 0x80000000, 0x40000000, 0x20000000
 _FRAME = struct.Struct('=IB3x8s')
 _FLEXIBLE = 72  # bytes of a CAN FD frame, so that it is not taken for a classic one cut short
 _STAMP = struct.Struct('@ll')  # seconds and nanoseconds of the system clock
@@ -178,7 +178,7 @@ class CanBus:
         message, _ = self._bus._recv_internal(timeout)
         if message is None:
             return None
-        flags = _ERROR if message.is_error_frame else (
+        flags = ERROR_FRAME if message.is_error_frame else (
             _EXTENDED if message.is_extended_id or message.is_remote_frame or message.is_fd else 0)
         return message.arbitration_id | flags, bytes(message.data), message.timestamp
 
@@ -212,7 +212,8 @@ class CanBus:
     def _send(self, cob_id: int, data: bytes, sampled: float | None) -> None:
         stamp = time.time() if sampled is None else time.time() - time.monotonic() + sampled
         message = can.Message(
-            timestamp=stamp, arbitration_id=cob_id, data=data, is_extended_id=False)
+            timestamp=stamp, arbitration_id=cob_id & ~ERROR_FRAME, data=data,
+            is_extended_id=False, is_error_frame=cob_id >= ERROR_FRAME)
         message.data = data  # the virtual bus copies deeply: a bytearray costs it as much again
         self._bus.send(message)
 
@@ -249,7 +250,7 @@ class CanBus:
 
     def _set_aside(self, identifier: int, data: bytes) -> None:
         """Count what is no frame for us; note what the controller reports of itself."""
-        if not identifier & _ERROR:
+        if not identifier & ERROR_FRAME:
             self._ignored += 1
             return
         self._error_frames += 1

@@ -12,6 +12,7 @@ from facade_manipulator.errors import exit_status, missing_package, RecordError
 from facade_manipulator.files import atomic_write, write_table
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import by_stamp, pose_numbers, projected
+from facade_manipulator.tools.replay.parameters import changed
 from facade_manipulator.tools.replay.poses import (
     Comparison,
     replay_poses,
@@ -26,6 +27,7 @@ EXAMPLES = """
 examples:
   replay blackbox_000007_20261122T083000Z.mcap
   replay blackbox_000007_20261122T083000Z.mcap --no-drives --output monday
+  replay blackbox_000007_20261122T083000Z.mcap --set limits.acceleration=2
   replay blackbox_000007_20261122T083000Z.mcap --disturbance sway.csv
 """
 
@@ -38,14 +40,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _replay(options: argparse.Namespace) -> None:
-    run = read_recording(options.file)
-    poses, setpoints = (_compare(replay, run) for replay in (replay_poses, replay_setpoints))
+    run = changed(read_recording(options.file), options.changes)
+    poses = _compare(replay_poses, run)
+    with_poses = poses if options.changes and len(poses.times) else None
+    setpoints = _compare(lambda one: replay_setpoints(one, with_poses), run)
     stop = None
     if options.drives:
         print(f'simulated drives replay the last {options.seconds:g} s, as long as they took')
-        stop = replay_stop(run, options.seconds)
+        stop = replay_stop(
+            run, options.seconds, (options.changes and setpoints.setpoints) or None)
     options.output.mkdir(parents=True, exist_ok=True)
-    text = page(options.file, run, poses, setpoints, stop)
+    text = page(options.file, run, poses, setpoints, stop, options.changes)
     with atomic_write(options.output / PAGE) as draft:
         draft.write_text(text, encoding='utf-8')
     print(text)
@@ -97,6 +102,8 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
                         help='how long before the stop the drives begin (default 20)')
     parser.add_argument('--no-drives', dest='drives', action='store_false',
                         help='leave out the simulated drives, which replay in real time')
+    parser.add_argument('--set', dest='changes', action='append', default=[], metavar='NAME=VALUE',
+                        help='replay with another parameter: would it have stopped?')
     parser.add_argument('--disturbance', type=Path, metavar='CSV',
                         help='write the recorded disturbance for a scenario, and nothing else')
     return parser.parse_args(arguments)

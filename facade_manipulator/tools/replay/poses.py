@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from heapq import merge
 from typing import Any, NamedTuple
@@ -11,8 +11,8 @@ import numpy as np
 
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.compensation import Compensator, CompensatorSettings, DEFAULTS
-from facade_manipulator.errors import ManipulatorError, RecordError
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import (
     estimate_numbers,
     in_order,
@@ -22,10 +22,12 @@ from facade_manipulator.messages import (
     RAIL,
     seconds,
 )
-from facade_manipulator.motion import GoalSettings, SetpointStream
+from facade_manipulator.motion import GoalSettings, Setpoint, SetpointStream
 from facade_manipulator.parameters import settings_from
+from facade_manipulator.tools.replay.parameters import geometry_of
 
-SETTLING = 20.0  # s: what the compensator learnt before the recording it has to learn again
+# s: what the compensator learnt before the recording it has to learn again; in a short one half
+SETTLING = 20.0
 
 
 class Comparison(NamedTuple):
@@ -36,6 +38,8 @@ class Comparison(NamedTuple):
     replayed: np.ndarray  #: the same, shape (n, 3)
     settled: np.ndarray  #: where the two should be alike, shape (n,)
     rejections: list[str]  #: what the replay rejected
+    #: replayed setpoints, if these are what is compared, and when they are to be sent [s]
+    setpoints: Sequence[tuple[float, Setpoint]] = ()
 
     @classmethod
     def of(
@@ -52,18 +56,20 @@ class Comparison(NamedTuple):
         """Replayed minus recorded where they should be alike, shape (m, 3)."""
         return (self.replayed - self.recorded)[self.settled]
 
+    def first_deviation(self, bound: float) -> float | None:
+        """Return when they first differ by more than a bound [s], None if they never do."""
+        far = np.abs(self.replayed - self.recorded).max(axis=1, initial=0.0) > bound
+        return float(self.times[far & self.settled][0]) if any(far & self.settled) else None
+
 
 def carriages(message: Any) -> tuple[float, float, float]:
     """Return the positions of q1, q2, q3 in a JointState [m], finite or not."""
     return in_order(message.name, message.position, 'position')
 
 
-def geometry_of(run: RecordedRun, node: str) -> Geometry:
-    """Return the mechanism of a node's parameters; raises a RecordError if they are missing."""
-    if node not in run.parameters:
-        raise RecordError(f'the parameters of {node} are not in the recording: it had not '
-                          'answered the recorder yet')
-    return settings_from(Geometry, run.parameters[node], 'geometry')
+def settling_of(run: RecordedRun) -> float:
+    """Return from when on corrected poses should be as they were [s, from the beginning]."""
+    return min(SETTLING, 0.5 * (run.end - run.begin))
 
 
 def replay_poses(run: RecordedRun) -> Comparison:
@@ -89,34 +95,44 @@ def replay_poses(run: RecordedRun) -> Comparison:
             continue
         corrected = compensator.update(now)
         if corrected is not None:
-            pairs.append((corrected.time, _corrected(message), corrected.pose))
-    return Comparison.of(pairs, run.begin + SETTLING, rejections)
+            pairs.append((seconds(message.header.stamp), _corrected(message), corrected.pose))
+    return Comparison.of(pairs, run.begin + settling_of(run), rejections)
 
 
-def replay_setpoints(run: RecordedRun) -> Comparison:
-    """Turn the recorded corrected poses into setpoints; every one should be as it was."""
+def recorded_setpoints(run: RecordedRun) -> list[tuple[float, Setpoint]]:
+    """Return the recorded setpoints and when they were received [s]."""
+    return [(one.time, Setpoint(
+        seconds(one.message.header.stamp), carriages(one.message),
+        in_order(one.message.name, one.message.velocity, 'velocity')))
+        for one in run.topics['joint_setpoints']]
+
+
+def replay_setpoints(run: RecordedRun, poses: Comparison | None = None) -> Comparison:
+    """
+    Turn the recorded corrected poses into setpoints; every one should be as it was.
+
+    With the replayed poses, what the machine would have sent with them.
+    """
     stream = SetpointStream(
         geometry_of(run, 'ik_service'),
         settings_from(GoalSettings, run.parameters['ik_service']))
-    recorded = {_key(one.message): carriages(one.message)
-                for one in run.topics['joint_setpoints']}
+    recorded = {setpoint.time: setpoint.position for _, setpoint in recorded_setpoints(run)}
+    replayed = dict(zip(poses.times, poses.replayed, strict=True)) if poses else None
     rejections: list[str] = []
-    pairs = []
-    for _, message in run.topics['corrected_pose']:
+    pairs, setpoints = [], []
+    for received, message in run.topics['corrected_pose']:
         time = seconds(message.header.stamp)
         with _noted(rejections):
-            setpoint = stream.setpoint(time, _corrected(message))
-            if _key(message) in recorded:
-                pairs.append((time, recorded[_key(message)], setpoint.position))
-    return Comparison.of(pairs, run.begin, rejections)
+            pose = _corrected(message) if replayed is None else Pose(*replayed[time])
+            setpoint = stream.setpoint(time, pose)
+            setpoints.append((received, setpoint))
+            if time in recorded:
+                pairs.append((time, recorded[time], setpoint.position))
+    return Comparison.of(pairs, run.begin, rejections)._replace(setpoints=setpoints)
 
 
 def _corrected(message: Any) -> Pose:
     return planar_pose(message.pose, 'corrected_pose')
-
-
-def _key(message: Any) -> tuple[int, int]:
-    return message.header.stamp.sec, message.header.stamp.nanosec
 
 
 def _add_estimate(compensator: Compensator, now: float, message: Any) -> None:

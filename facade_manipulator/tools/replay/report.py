@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timezone
+from importlib.metadata import version
 import math
 from pathlib import Path
 
@@ -12,8 +13,10 @@ import numpy as np
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES
-from facade_manipulator.tools.replay.poses import Comparison, SETTLING
+from facade_manipulator.tools.replay.parameters import off_default, unmatched
+from facade_manipulator.tools.replay.poses import Comparison, SETTLING, settling_of
 from facade_manipulator.tools.replay.stop import Stop, StopReplay
+from facade_manipulator.tools.replay.timeline import Event, timeline
 
 SAME_SETPOINT = 1e-9  # m
 SAME_POSE = 1e-3  # m or rad: estimates came to the recorder and to the compensator in turns
@@ -21,34 +24,57 @@ SAME_POSE = 1e-3  # m or rad: estimates came to the recorder and to the compensa
 
 def page(
     source: Path, run: RecordedRun, poses: Comparison, setpoints: Comparison,
-    stop: StopReplay | None,
+    stop: StopReplay | None, changes: Sequence[str] = (),
 ) -> str:
     """Return the page as Markdown; `stop` is None where it was not replayed."""
     return '\n'.join([
         f'# Replay of {source.name}', '',
-        *_about(run), '',
+        *_about(run, changes), '',
+        '## What happened', '',
+        *timeline(run, list(_deviations(poses, setpoints))), '',
+        *_listed('Parameters that are not the default', off_default(run)),
         '## Corrected poses and setpoints', '',
         '| replayed | compared | RMS error | greatest error | verdict |', '|---|---|---|---|---|',
         _row('corrected poses', poses, Pose._fields, SAME_POSE),
         _row('setpoints', setpoints, CARRIAGES, SAME_SETPOINT), '',
-        f'Corrected poses count from {SETTLING:g} s after the beginning: what the compensator '
-        'had learnt before, it has to learn again.',
+        f'Corrected poses count from {settling_of(run):g} s after the beginning: what the '
+        f'compensator had learnt before, it has to learn again, which takes up to {SETTLING:g} s.',
         *_rejections('the replay rejected', [*poses.rejections, *setpoints.rejections]), '',
-        '## The stop', '', *_stop(run, stop), ''])
+        '## The stop', '', *_stop(run, stop, changes), ''])
 
 
-def _about(run: RecordedRun) -> Iterator[str]:
+def _about(run: RecordedRun, changes: Sequence[str]) -> Iterator[str]:
+    recorded, present = run.about.get('version', 'unknown'), version('facade_manipulator')
     yield f'From {_clock(run.begin)}, {run.end - run.begin:.1f} s. Written because of:'
     yield ''
     yield from (f'- {reason}' for reason in run.reasons)
+    yield ''
+    yield (f'Recorded and replayed by version {present}.' if recorded == present else
+           f'**Recorded by version {recorded}, replayed by {present}.**')
     if run.damage:
-        yield f'\n**The file is damaged ({run.damage}): this is what there was before.**'
-    changes = [f'{message.node}: {", ".join(item.name for item in message.changed_parameters)}'
-               for time, message in run.topics['/parameter_events']
-               if message.changed_parameters and time >= run.begin]
+        yield f'\n**The file is damaged ({run.damage}): do not trust what follows.**'
     if changes:
-        yield '\nParameters that changed meanwhile; the replay has their last values: ' + (
-            '; '.join(changes))
+        yield f'\n**Replayed with {", ".join(changes)}.**'
+    yield ''
+    yield from _listed('**Parameters of another version**', unmatched(run))
+    later = [f'{message.node}: {", ".join(item.name for item in message.changed_parameters)}'
+             for time, message in run.topics['/parameter_events']
+             if message.changed_parameters and time >= run.begin]
+    yield from _listed('Parameters that changed meanwhile; the replay has their last values',
+                       later)
+
+
+def _listed(what: str, lines: Iterable[str]) -> Iterator[str]:
+    """Yield lines as a list under what they are, if there are any."""
+    if lines := [f'- {line}' for line in lines]:
+        yield from (f'{what}:', '', *lines, '')
+
+
+def _deviations(poses: Comparison, setpoints: Comparison) -> Iterator[Event]:
+    for what, comparison, bound in (('corrected poses', poses, SAME_POSE),
+                                    ('setpoints', setpoints, SAME_SETPOINT)):
+        if (time := comparison.first_deviation(bound)) is not None:
+            yield Event(time, f'**replayed {what} differ from here on**')
 
 
 def _row(name: str, comparison: Comparison, axes: Sequence[str], bound: float) -> str:
@@ -73,23 +99,32 @@ def _rejections(who: str, messages: list[str]) -> Iterator[str]:
         yield f'{len(messages)} times {who} something, first: {messages[0]}'
 
 
-def _stop(run: RecordedRun, stop: StopReplay | None) -> Iterator[str]:
+def _stop(run: RecordedRun, stop: StopReplay | None, changes: Sequence[str]) -> Iterator[str]:
     if stop is None:
         yield 'Not replayed.'
         return
     yield f'- recorded: {_when_and_why(run, stop.recorded)}'
     yield f'- replayed: {_when_and_why(run, stop.replayed)}'
     yield '- the simulated drives were made to do: ' + ('; '.join(
-        f'{CARRIAGES[fault.axis]} {fault.description} at {fault.time - run.begin:.2f} s'
+        f'{fault.who} {fault.description} at {fault.time - run.begin:.2f} s'
         for fault in stop.faults) or 'nothing, the recording shows no fault of a drive')
     yield ''
-    if stop.is_alike:
-        yield 'The same cause.'
-    else:
-        yield ('**Another cause**: what stopped the machine came neither from the setpoints nor '
-               'from what is recorded of the drives. Without frames of the bus, faults are known '
-               'from /diagnostics alone.')
+    yield _verdict(stop, changes)
     yield from _rejections('the driver rejected', stop.rejections)
+
+
+def _verdict(stop: StopReplay, changes: Sequence[str]) -> str:
+    if changes:
+        name = ', '.join(changes)
+        if stop.replayed is None:
+            return f'**With {name} it would not have stopped.**'
+        cause = 'for the same cause' if stop.is_alike else 'for another cause'
+        return f'**With {name} it would have stopped, {cause}.**'
+    if stop.is_alike:
+        return 'The same cause.'
+    return ('**Another cause**: what stopped the machine came neither from the setpoints nor '
+            'from what is recorded of the drives. Without frames of the bus, faults are known '
+            'from /diagnostics alone.')
 
 
 def _when_and_why(run: RecordedRun, stop: Stop | None) -> str:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from pathlib import Path
 import re
+from tempfile import TemporaryDirectory
 import time
 from typing import Any, NamedTuple
 
 from facade_manipulator.blackbox import RecordedRun
-from facade_manipulator.drives.canopen import BusSettings
+from facade_manipulator.drives.canopen import BusSettings, condition_of, ERROR_FRAME
 from facade_manipulator.drives.cia402 import (
     axis_defaults,
     AXIS_NAMES,
@@ -21,13 +23,14 @@ from facade_manipulator.drives.controller import (
     ControllerSettings,
     ControllerState,
 )
-from facade_manipulator.errors import ManipulatorError, RecordError
+from facade_manipulator.errors import ManipulatorError, ParameterError, RecordError
 from facade_manipulator.lab.drives import start_simulator
 from facade_manipulator.loop import LoopProcess, LoopSetup
-from facade_manipulator.messages import seconds, status_values
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.parameters import settings_from
-from facade_manipulator.tools.replay.poses import carriages, geometry_of
+from facade_manipulator.tools.replay.parameters import geometry_of
+from facade_manipulator.tools.replay.poses import recorded_setpoints
+from facade_manipulator.tools.replay.timeline import OPERATION, statuses
 
 PERIOD = 0.01  # s
 LEAD = 0.06  # s until the replay begins
@@ -36,10 +39,10 @@ REQUEST_TIMEOUT = 30.0  # s
 AFTERMATH = 2.0  # s: how long after the recording a stop may still come
 SILENCE = 0.3  # s without a word of a drive while the others go on
 HEARTBEAT_TIMEOUT = 0.5  # s: no carriage depends on it here, and no computer is in time for sure
-OPERATION = 'driver: operation'
 STOPPED = frozenset({ControllerState.STOPPED.value, ControllerState.BUS_LOST.value,
                      ControllerState.LOST.value})
 EMERGENCY, TPDO1, HEARTBEAT = 0x080, 0x180, 0x700  # COB-ID less the node id
+BUS = 0  # the drive through which what concerns all of them comes
 MASTER_IS_MISSING = 0x8130  # a consequence of a stop, never its cause
 
 
@@ -51,6 +54,12 @@ class DriveFault(NamedTuple):
     description: str
     method: str
     arguments: tuple[Any, ...] = ()
+    bus: bool = False  #: whether all drives are concerned
+
+    @property
+    def who(self) -> str:
+        """Return the name of the axis, or that of the bus."""
+        return 'bus:' if self.bus else AXIS_NAMES[self.axis]
 
 
 class Stop(NamedTuple):
@@ -79,20 +88,12 @@ class StopReplay(NamedTuple):
 def recorded_stop(run: RecordedRun) -> Stop | None:
     """Return the first stop that the driver's diagnostics name within the recording."""
     moved = False
-    for stamp, status, values in _statuses(run):
+    for stamp, status, values in statuses(run):
         if status.name.endswith(OPERATION):
             if moved and values.get('state') in STOPPED:
                 return Stop(stamp, values.get('cause', status.message))
             moved |= values.get('state') not in STOPPED
     return None
-
-
-def _statuses(run: RecordedRun) -> Iterator[tuple[float, Any, dict[str, str]]]:
-    """Yield time, status and its values of all diagnostics within the recording."""
-    for received in run.topics['/diagnostics']:
-        if received.time >= run.begin:
-            for status in received.message.status:
-                yield received.time, status, status_values(status)
 
 
 def drive_faults(run: RecordedRun) -> list[DriveFault]:
@@ -110,6 +111,7 @@ def drive_faults(run: RecordedRun) -> list[DriveFault]:
 
 
 def _faults_on_bus(run: RecordedRun, nodes: list[int]) -> Iterator[DriveFault]:
+    yield from _error_frames(run)
     words, beats = dict.fromkeys(range(len(nodes)), run.begin), {}
     for stamp, axis, kind, data in _frames_of_drives(run, nodes):
         if kind == EMERGENCY:
@@ -128,6 +130,16 @@ def _faults_on_bus(run: RecordedRun, nodes: list[int]) -> Iterator[DriveFault]:
                 for axis in _silent(beats) - silent)
 
 
+def _error_frames(run: RecordedRun) -> Iterator[DriveFault]:
+    """Yield what the controller of the interface said of the bus: the driver receives it again."""
+    for stamp, frame in run.topics['can_frames']:
+        data = bytes(frame.data[:frame.dlc])
+        condition = condition_of(frame.id, data) if frame.is_error and stamp >= run.begin else None
+        if condition is not None:
+            yield DriveFault(stamp, BUS, f'the controller is {condition.name.lower()}',
+                             'send_message', (ERROR_FRAME | frame.id, data), bus=True)
+
+
 def _silent(words: dict[int, float]) -> set[int]:
     """Return whose last word [s] is long past while the others go on."""
     newest = max(words.values(), default=0.0)
@@ -141,12 +153,13 @@ def _frames_of_drives(
     for stamp, frame in run.topics['can_frames']:
         node = frame.id & 0x7F
         kind = frame.id - node
-        if node in nodes and kind in (TPDO1, HEARTBEAT, EMERGENCY) and stamp >= run.begin:
+        if (not frame.is_error and node in nodes and kind in (TPDO1, HEARTBEAT, EMERGENCY)
+                and stamp >= run.begin):
             yield stamp, nodes.index(node), kind, bytes(frame.data[:frame.dlc])
 
 
 def _faults_in_diagnostics(run: RecordedRun) -> Iterator[DriveFault]:
-    for stamp, status, values in _statuses(run):
+    for stamp, status, values in statuses(run):
         name = status.name.rpartition('driver: ')[2]
         if name not in AXIS_NAMES:
             continue
@@ -167,9 +180,12 @@ def _silence(time: float, axis: int) -> DriveFault:
     return DriveFault(time, axis, 'falls silent', '__setattr__', ('is_silent', True))
 
 
-def replay_stop(run: RecordedRun, duration: float) -> StopReplay:
+def replay_stop(
+    run: RecordedRun, duration: float,
+    setpoints: Sequence[tuple[float, Setpoint]] | None = None,
+) -> StopReplay:
     """
-    Let simulated drives follow the recorded setpoints and fail as the recorded ones did.
+    Let simulated drives follow the recorded setpoints, or others, and fail as those did.
 
     Takes as long as it took then: the control loop is the real one, in its own process. It begins
     a duration [s] before the stop, or the end of the recording. Raises a RecordError if there is
@@ -177,61 +193,82 @@ def replay_stop(run: RecordedRun, duration: float) -> StopReplay:
     """
     stop = recorded_stop(run)
     begin = (stop.time if stop else run.end) - duration
-    setpoints = [one for one in run.topics['joint_setpoints'] if one.time >= begin]
+    setpoints = [one for one in (recorded_setpoints(run) if setpoints is None else setpoints)
+                 if one[0] >= begin]
     if not setpoints:
         raise RecordError(f'no joint_setpoints within {duration:g} s before the stop')
-    begin = setpoints[0].time
-    setup = _setup(run, carriages(setpoints[0].message))
-    faults = [fault for fault in drive_faults(run) if fault.time >= begin]
+    begin, first = setpoints[0]
     rejections: list[str] = []
-    loop = LoopProcess(setup, lambda _, message: rejections.append(message))
-    try:
-        _power_on(loop)
-        replayed = _play(
-            loop, begin, _actions(run, loop, setpoints, faults), run.end + AFTERMATH)
-    finally:
-        loop.close()
+    with TemporaryDirectory() as folder:
+        for name, content in run.files.items():
+            (Path(folder) / Path(name).name).write_bytes(content)
+        setup = _setup(run, first.position, Path(folder))
+        faults = [fault for fault in drive_faults(run) if fault.time >= begin]
+        loop = LoopProcess(setup, lambda _, message: rejections.append(message))
+        try:
+            _power_on(loop)
+            replayed = _play(
+                loop, begin, _actions(run, loop, setpoints, faults), run.end + AFTERMATH)
+        finally:
+            loop.close()
     return StopReplay(stop, replayed, faults, rejections)
 
 
-def _setup(run: RecordedRun, start: Sequence[float]) -> LoopSetup:
+def _setup(run: RecordedRun, start: Sequence[float], folder: Path) -> LoopSetup:
     """Return the recorded settings, for drives that are at home where the replay begins."""
     geometry, values = geometry_of(run, 'driver'), run.parameters['driver']
     controller = replace(settings_from(ControllerSettings, values, 'controller'),
                          heartbeat_timeout=HEARTBEAT_TIMEOUT)
     return LoopSetup(
-        geometry, controller, drives_at_home(run, start), BusSettings(interface='virtual'),
+        geometry, controller, drives_at_home(run, start, folder), BusSettings(interface='virtual'),
         settings_from(StreamSettings, values, 'stream'),
         settings_from(MotionLimits, values, 'limits'), simulate=start_simulator)
 
 
-def drives_at_home(run: RecordedRun, start: Sequence[float]) -> tuple[AxisSettings, ...]:
-    """Return the recorded settings of the axes, whose home is where they start [m]."""
+def drives_at_home(
+    run: RecordedRun, start: Sequence[float], folder: Path
+) -> tuple[AxisSettings, ...]:
+    """
+    Return the recorded settings of the axes, whose home is where they start [m].
+
+    A drive profile that there is not on this computer is taken from the folder.
+    """
     defaults = axis_defaults(geometry_of(run, 'driver').stroke)
     axes = (settings_from(AxisSettings, run.parameters['driver'], name, **own)
             for name, own in defaults.items())
-    return tuple(
-        replace(axis, home_position=position, homing_method=next(
-            (method for method in HOME_HERE
-             if method in load_profile(axis.profile).homing_methods), axis.homing_method))
-        for axis, position in zip(axes, start, strict=True))
+    return tuple(_at_home(axis, position, folder)
+                 for axis, position in zip(axes, start, strict=True))
+
+
+def _at_home(axis: AxisSettings, position: float, folder: Path) -> AxisSettings:
+    carried = folder / f'{Path(axis.profile).stem}.yaml'
+    try:
+        profile = load_profile(axis.profile)
+    except ParameterError:
+        if not carried.exists():
+            raise
+        axis = replace(axis, profile=str(carried))
+        profile = load_profile(axis.profile)
+    method = next((method for method in HOME_HERE if method in profile.homing_methods),
+                  axis.homing_method)
+    return replace(axis, home_position=position, homing_method=method)
 
 
 def _actions(
-    run: RecordedRun, loop: LoopProcess, setpoints: list, faults: list[DriveFault]
+    run: RecordedRun, loop: LoopProcess, setpoints: list[tuple[float, Setpoint]],
+    faults: list[DriveFault],
 ) -> list[tuple[float, Callable[[float], None]]]:
     """Return what is to be done at which time of the recording; each receives the time's shift."""
     actions: list[tuple[float, Callable[[float], None]]] = [
-        (one.time, lambda shift, message=one.message: loop.send_setpoint(Setpoint(
-            seconds(message.header.stamp) + shift, carriages(message),
-            tuple(message.velocity)))) for one in setpoints]
+        (time, lambda shift, one=one: loop.send_setpoint(one._replace(time=one.time + shift)))
+        for time, one in setpoints]
     actions += [
         (fault.time, lambda _, fault=fault: loop.disturb(
             fault.axis, fault.method, *fault.arguments)) for fault in faults]
     actions += [
         (one.time, lambda _: loop.stop('software_stop was set'))
         for one in run.topics['software_stop']
-        if one.message.data and one.time >= setpoints[0].time]
+        if one.message.data and one.time >= setpoints[0][0]]
     return sorted(actions, key=lambda action: action[0])
 
 

@@ -11,6 +11,7 @@ import pytest
 from virtual_world import World
 
 from facade_manipulator.blackbox import Received, RecordedRun
+from facade_manipulator.drives.canopen import ERROR_FRAME
 from facade_manipulator.drives.controller import ControllerState
 from facade_manipulator.motion import Setpoint
 from facade_manipulator.tools.replay import StopReplay
@@ -19,10 +20,13 @@ from facade_manipulator.tools.replay.stop import drive_faults, Stop
 NODE_IDS = {f'q{number}.node_id': number for number in (1, 2, 3)}
 STOPPED = (ControllerState.STOPPED, ControllerState.BUS_LOST)
 MOVING, SPEED, LEAD, BOUND = 0.2, 0.02, 0.04, 0.7  # s, m/s, s, s
-# the other errors of drives differ by their codes alone, and no drive shows what the bus did
+# the other errors of drives differ by their codes alone
 REPLAYED = ('following error 8611', 'position lost 7380', 'undervoltage 3220',
             'safe torque off 8A88', 'unknown code B123', 'TPDO missing', 'heartbeat missing',
             'unexpected boot-up')
+FAULTS = {name: (ROWS[name].message, ROWS[name].inject) for name in REPLAYED} | {
+    'bus off': ('bus-off', lambda rig: rig.world.drives[0].send_message(
+        ERROR_FRAME | 0x040, bytes(8)))}
 
 
 class Recorded:
@@ -67,7 +71,8 @@ class Recorded:
                            parameters={'driver': NODE_IDS})
         made.topics['can_frames'] = [
             Received(frame.timestamp, SimpleNamespace(
-                id=frame.arbitration_id, dlc=frame.dlc, data=bytes(frame.data)))
+                id=frame.arbitration_id, is_error=frame.is_error_frame, dlc=frame.dlc,
+                data=bytes(frame.data)))
             for frame in self.frames if frame.timestamp >= self.start]
         return made
 
@@ -76,10 +81,11 @@ def as_replayed(fault):
     return lambda rig: getattr(rig.world.drives[fault.axis], fault.method)(*fault.arguments)
 
 
-@pytest.mark.parametrize('name', REPLAYED)
+@pytest.mark.parametrize('name', FAULTS)
 def test_a_fault_of_a_drive_is_found_on_the_bus_and_stops_it_again_for_the_same_cause(name):
-    recorded = Recorded([(MOVING, ROWS[name].inject)])
-    assert ROWS[name].message in recorded.cause
+    cause, inject = FAULTS[name]
+    recorded = Recorded([(MOVING, inject)])
+    assert cause in recorded.cause
     faults = drive_faults(recorded.run())
     replayed = Recorded([(fault.time - recorded.start, as_replayed(fault)) for fault in faults])
     assert StopReplay(

@@ -19,9 +19,12 @@ from facade_manipulator.tools.replay.__main__ import main
 HOME = (-0.1, 0.1, 0.0)
 CAUSES = {
     'an error of a drive': (
-        lambda bench: bench.driver._loop.disturb(1, 'inject_fault', 0x8611), 'following error'),
+        lambda bench: bench.driver._loop.disturb(1, 'inject_fault', 0x8611), 'following error',
+        [], 'The same cause.'),
     'software_stop': (
-        lambda bench: bench.stop.publish(Bool(data=True)), 'software_stop was set'),
+        lambda bench: bench.stop.publish(Bool(data=True)), 'software_stop was set',
+        ['--set', 'limits.acceleration=2'],
+        'With limits.acceleration=2 it would have stopped, for the same cause.'),
 }
 
 
@@ -69,18 +72,18 @@ class Bench:
 
 @pytest.mark.parametrize('name', CAUSES)
 def test_a_stop_is_recorded_and_its_replay_has_the_same_cause(ros, tmp_path, capsys, name):
-    inject, cause = CAUSES[name]
+    inject, cause, changes, verdict = CAUSES[name]
     bench = Bench(ros, tmp_path / 'records')
     bench.stream(lambda: bench.driver._loop.snapshot().axes[2].position > 0.01, 'motion')
     inject(bench)
     bench.stream(lambda: any(bench.folder.glob('*.mcap')), 'the file')
     (path,) = bench.folder.glob('*.mcap')
     with ThreadPoolExecutor(1) as pool:  # it takes as long as it took: the drives want care
-        job = pool.submit(main, [str(path), '--output', str(tmp_path), '--seconds', '5'])
+        job = pool.submit(main, [str(path), '--output', str(tmp_path), '--seconds', '5', *changes])
         ros.until(job.done, 'the replay', 60.0)
     printed = capsys.readouterr().out
     assert job.result() == 0
     assert printed.count(cause) >= 3  # why it was written, recorded, replayed
-    assert 'The same cause.' in printed
+    assert verdict in printed and 'driver: operation: error: stopped' in printed
     assert 'the parameters of compensator are not in the recording' in printed
     assert (tmp_path / 'replay.png').exists()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 import math
 import re
 import sys
@@ -14,13 +15,15 @@ from facade_manipulator import config_path
 from facade_manipulator.blackbox import Kept, read_recording, Received, RecordedRun, write_mcap
 from facade_manipulator.blackbox.can_frames import CAN_TOPIC, frame_bytes
 from facade_manipulator.compensation import Compensator
-from facade_manipulator.errors import ManipulatorError, RecordError
+from facade_manipulator.drives.canopen import ERROR_FRAME
+from facade_manipulator.errors import ManipulatorError, ParameterError, RecordError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.motion import GoalSettings, SetpointStream
 from facade_manipulator.prediction import EstimateGate, EstimateSettings
 from facade_manipulator.tools.calibration import read_table
 from facade_manipulator.tools.replay import replay_poses, replay_setpoints, StopReplay
 from facade_manipulator.tools.replay.__main__ import main
+from facade_manipulator.tools.replay.parameters import changed
 from facade_manipulator.tools.replay.poses import INPUTS
 from facade_manipulator.tools.replay.report import page
 from facade_manipulator.tools.replay.stop import (
@@ -93,6 +96,65 @@ def test_poses_and_setpoints_come_out_as_they_were(run):
     assert text.count('as recorded') == 2
 
 
+def test_a_short_recording_is_compared_from_its_half_on(run):
+    short = RecordedRun(**{**run.__dict__, 'end': BEGIN + 6.0, 'topics': defaultdict(list, {
+        topic: [one for one in items if one.time < BEGIN + 6.0]
+        for topic, items in run.topics.items()})})
+    poses = replay_poses(short)
+    assert 250 < len(poses.errors) < 350 and np.abs(poses.errors).max() < 2e-3  # m, it learns
+
+
+def test_the_page_begins_with_what_differs_and_a_timeline(run):
+    other = RecordedRun(**{**run.__dict__, 'about': {'version': '0.0.7'}})
+    other.parameters = {**run.parameters, 'ik_service': {'geometry.link_length': 0.353},
+                        'compensator': {'estimate.retard': 0.02}}
+    other.topics = defaultdict(list, {**run.topics, '/diagnostics': [
+        status(BEGIN + 1.0, 'operation', state='active'),
+        status(BEGIN + 2.0, 'bus', 'open', missed_cycles='3'),
+        status(BEGIN + 3.0, 'bus', 'open', missed_cycles='5'),
+        status(BEGIN + 4.0, 'bus', 'late by 3 ms', 1, missed_cycles='5'),
+        status(BEGIN + 5.0, 'bus', 'late by 4 ms', 1, missed_cycles='5'),
+        status(BEGIN + 6.0, 'operation', 'stopped: late', 2, state='stopped')]})
+    text = page(CAN_PATH, other, replay_poses(run), replay_setpoints(other), None)
+    assert text.index('Recorded by version 0.0.7') < text.index('## What happened') < text.index(
+        '## Corrected poses')
+    assert 'compensator has no estimate.retard any more' in text
+    assert 'compensator had no estimate.delay then: the default' in text
+    assert 'ik_service geometry.link_length = 0.353 (default 0.352)' in text
+    happened = text[text.index('## What happened'):text.index('Parameters that are not')]
+    assert re.findall(r'- ([\d.]+) s: (.*)', happened) == [
+        ('1.00', 'driver: operation: active'),
+        ('1.06', '**replayed setpoints differ from here on**'),
+        ('3.00', 'driver: bus: missed cycles 3 → 5'),
+        ('4.00', 'driver: bus: warn: late by 3 ms'),
+        ('6.00', 'driver: operation: error: stopped: late')]
+
+
+def test_another_parameter_may_be_given_and_the_page_says_what_it_would_have_done(run):
+    other = changed(run, ['limits.acceleration=2', 'geometry.link_length=0.353'])
+    assert other.parameters['driver']['limits.acceleration'] == 2
+    assert all(values['geometry.link_length'] == 0.353 for values in other.parameters.values())
+    assert 'limits.acceleration' not in run.parameters['driver']
+    with pytest.raises(ParameterError, match="did you mean 'limits.acceleration'"):
+        changed(run, ['limits.aceleration=2'])
+    stops = {None: 'would not have stopped', Stop(BEGIN, 'late'): 'stopped, for the same cause',
+             Stop(BEGIN, 'other'): 'stopped, for another cause'}
+    empty = replay_setpoints(recorded(parameters=run.parameters))
+    for stop, words in stops.items():
+        assert words in page(CAN_PATH, run, empty, empty, StopReplay(
+            Stop(BEGIN, 'late'), stop, [], []), ['limits.acceleration=2'])
+
+
+def test_poses_of_another_parameter_make_other_setpoints(run):
+    other = changed(run, ['geometry.link_length=0.353'])
+    poses = replay_poses(other)
+    setpoints = replay_setpoints(other, poses)
+    assert len(setpoints.setpoints) == len(poses.times)
+    time, setpoint = setpoints.setpoints[-1]
+    assert time == pytest.approx(run.end, abs=0.02)
+    assert np.abs(setpoint.position - setpoints.recorded[-1]).max() > 1e-4
+
+
 def test_another_software_is_seen(run):
     other = RecordedRun(**{**run.__dict__, 'parameters': {
         **run.parameters, 'ik_service': {'geometry.link_length': 0.353}}})
@@ -151,20 +213,23 @@ def test_the_disturbance_is_written_for_a_scenario_without_what_the_nodes_reject
 CAN_PATH = Message(name='blackbox.mcap')
 
 
-def status(time, name, **values):
+def status(time, name, message='', level=0, **values):
     return Received(time, Message(status=[Message(
-        name=f'driver: {name}', message='',
+        name=f'driver: {name}', message=message, level=level,
         values=[Message(key=key.replace('_', ' '), value=value)
                 for key, value in values.items()])]))
 
 
 def frames(*items):
-    return [Received(time, Message(id=cob_id, dlc=len(data), data=list(data.ljust(8, b'\0'))))
+    return [Received(time, Message(
+        id=cob_id & ~ERROR_FRAME, is_error=cob_id >= ERROR_FRAME, dlc=len(data),
+        data=list(data.ljust(8, b'\0'))))
             for time, cob_id, data in sorted(items)]
 
 
-def recorded(**topics):
-    run = RecordedRun(begin=BEGIN, end=BEGIN + 10.0, parameters={'driver': dict(NODE_IDS)})
+def recorded(parameters=None, **topics):
+    run = RecordedRun(begin=BEGIN, end=BEGIN + 10.0,
+                      parameters=parameters or {'driver': dict(NODE_IDS)})
     run.topics.update(topics)
     return run
 
@@ -186,10 +251,13 @@ def test_faults_are_read_from_the_bus_with_their_time():
     run = recorded(can_frames=frames(
         *beats, (BEGIN + 2.0, 0x702, b'\5'),
         (BEGIN + 5.0, 0x081, bytes.fromhex('1186') + bytes(6)),
+        (BEGIN + 7.0, ERROR_FRAME | 0x004, bytes((0, 0x20))),
+        (BEGIN + 8.0, ERROR_FRAME | 0x040, b''),
         (BEGIN + 5.1, 0x083, bytes.fromhex('3081') + bytes(6)), (BEGIN + 6.0, 0x703, b'\0')))
     told = [(fault.time - BEGIN, fault.axis, fault.description) for fault in drive_faults(run)]
     assert told == [(2.0, 1, 'falls silent'), (5.0, 0, 'reports error 8611h'),
-                    (6.0, 2, 'restarts')]
+                    (6.0, 2, 'restarts'), (7.0, 0, 'the controller is passive'),
+                    (8.0, 0, 'the controller is off')]
 
 
 def test_without_frames_faults_are_read_from_diagnostics():
@@ -214,14 +282,17 @@ def test_causes_are_compared_without_their_numbers():
 
 @pytest.mark.parametrize('known, used', [('[17, 35, 37]', 37), ('[17, 35]', 35)])
 def test_the_replay_begins_at_home_by_a_method_that_the_drive_type_knows(tmp_path, known, used):
+    """A profile of another computer comes from the file."""
     source = config_path('drives/simulated.yaml')
     (tmp_path / 'cia402.eds').write_bytes(source.with_name('cia402.eds').read_bytes())
+    run = recorded()
+    run.parameters['driver'] |= {'q1.profile': '/elsewhere/own.yaml', 'q1.homing_method': 17}
+    with pytest.raises(ParameterError, match='/elsewhere/own.yaml'):
+        drives_at_home(run, (-0.05, 0.15, 0.05), tmp_path)
     path = tmp_path / 'own.yaml'
     path.write_text(re.sub(r'homing_methods: .*', f'homing_methods: {known}', source.read_text()))
-    run = recorded()
-    run.parameters['driver'] |= {'q1.profile': str(path), 'q1.homing_method': 17}
-    axis = drives_at_home(run, (-0.05, 0.15, 0.05))[0]
-    assert (axis.homing_method, axis.home_position) == (used, -0.05)
+    axis = drives_at_home(run, (-0.05, 0.15, 0.05), tmp_path)[0]
+    assert (axis.homing_method, axis.home_position, axis.profile) == (used, -0.05, str(path))
 
 
 # --- files
@@ -244,6 +315,22 @@ def test_a_file_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
     assert 0 < len(half.topics['can_frames']) < 60_000
     ids = [one.message.id for one in half.topics['can_frames']]
     assert ids == [k & 0x7FF for k in range(len(ids))]
+
+
+def test_a_changed_bit_is_seen_wherever_it_is(tmp_path):
+    path, other = tmp_path / 'whole.mcap', tmp_path / 'other.mcap'
+    write_mcap(path, [CAN_TOPIC], [Kept(0.001 * k, 'can_frames', frame_bytes(
+        BEGIN, k & 0x7FF, bytes(8))) for k in range(100)], BEGIN, {
+        'black box': {'reasons': 'a', 'namespace': '/', 'begin': str(BEGIN), 'version': '0.0.7'},
+        'parameters of driver': {'q1.node_id': '1'}})
+    whole = path.read_bytes()
+    assert (read_recording(path).damage, read_recording(path).about['version']) == ('', '0.0.7')
+    for place in range(8, whole.index(b'\x0f\x04\0\0\0\0\0\0\0'), 7):  # to the end of the data
+        other.write_bytes(whole[:place] + bytes((whole[place] ^ 4,)) + whole[place + 1:])
+        try:
+            assert read_recording(other).damage, place
+        except RecordError:
+            pass
 
 
 def test_without_what_draws_the_page_is_written(tmp_path, monkeypatch, capsys):

@@ -1,0 +1,59 @@
+"""What happened when, by the diagnostics of a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import re
+from typing import Any, NamedTuple
+
+from facade_manipulator.blackbox import RecordedRun
+from facade_manipulator.messages import status_level, status_values
+
+OPERATION = 'driver: operation'
+COUNTED = {'rejected', 'drive faults', 'missed cycles', 'late commands', 'skipped SYNCs',
+           'error frames', 'worst lateness [ms]'}
+LONGEST = 40  # events on a page
+
+
+class Event(NamedTuple):
+    """Something that changed at a time [s]."""
+
+    time: float
+    text: str
+
+
+def statuses(run: RecordedRun) -> Iterator[tuple[float, Any, dict[str, str]]]:
+    """Yield time, status and its values of all diagnostics within the recording."""
+    for received in run.topics['/diagnostics']:
+        if received.time >= run.begin:
+            for status in received.message.status:
+                yield received.time, status, status_values(status)
+
+
+def events(run: RecordedRun) -> Iterator[Event]:
+    """Yield states, warnings and errors as they begin and end, and what was counted."""
+    said: dict[str, tuple[str, str]] = {}
+    counts: dict[tuple[str, str], float] = {}
+    for time, status, values in statuses(run):
+        name, level = status.name.rpartition('/')[2], status_level(status)
+        text = values.get('state', status.message) if level == 'ok' else status.message
+        present = level, re.sub(r'[\d.]+', '#', text)
+        if said.get(name, present if level == 'ok' and name != OPERATION else None) != present:
+            yield Event(time, f'{name}: {"" if level == "ok" else level + ": "}{text}')
+        said[name] = present
+        for key in COUNTED & values.keys():
+            count = float(values[key])
+            before = counts.setdefault((name, key), count)
+            if count > before:
+                reason = f', last: {values["last rejection"]}' if key == 'rejected' and values.get(
+                    'last rejection') else ''
+                yield Event(time, f'{name}: {key} {before:g} → {count:g}{reason}')
+            counts[name, key] = count
+
+
+def timeline(run: RecordedRun, further: list[Event]) -> list[str]:
+    """Return the events of a recording and further ones, line by line; the last where too many."""
+    ordered = sorted([*events(run), *further], key=lambda event: event.time)
+    left_out = len(ordered) - LONGEST
+    return [*([f'- {left_out} earlier ones left out'] if left_out > 0 else []),
+            *(f'- {event.time - run.begin:.2f} s: {event.text}' for event in ordered[-LONGEST:])]
