@@ -45,7 +45,9 @@ CLOSE_TIMEOUT = 8.0  # s: more than the loop takes to ramp down, power off and c
 # feeds, 3 s of them: without a bus the loop sends a state each second. Not a time, since a node
 # that stood still itself finds old states, and a loop that is well.
 MAX_UNANSWERED = 150
-READ_PERIOD = 0.01  # s, of what the loop says while it ends
+MAX_UNANSWERED_WITHOUT_BUS = 1500  # 30 s: some interfaces take long to open, and nothing runs then
+WITHOUT_BUS = frozenset({ControllerState.UNCONFIGURED, ControllerState.BUS_LOST})
+FEED_PERIOD = 0.02  # s, while it ends
 MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 
@@ -107,7 +109,7 @@ class LoopProcess:
         try:
             first = _receive_ready(channel)
         except ManipulatorError:
-            process.kill()
+            _kill(process)
             channel.close()
             raise
         # only now does anybody else send: the setup has to be first
@@ -153,10 +155,12 @@ class LoopProcess:
         self._send('feed')
         self.read()
         self._unanswered += 1
-        if self._unanswered > MAX_UNANSWERED and self._lost is None:
-            self._process.kill()  # its drives miss the master's heartbeat and stop
+        bound = (MAX_UNANSWERED_WITHOUT_BUS if self.snapshot().state in WITHOUT_BUS
+                 else MAX_UNANSWERED)
+        if self._unanswered > bound and self._lost is None:
+            _kill(self._process)  # its drives miss the master's heartbeat and stop
             self._lose(f'the control loop has sent no state while it was fed '
-                       f'{self._unanswered} times, bound {MAX_UNANSWERED}, and was ended')
+                       f'{self._unanswered} times, bound {bound}, and was ended')
 
     def stop(self, cause: str) -> None:
         """Quick stop all axes at once."""
@@ -292,13 +296,13 @@ class LoopProcess:
         self._closing = True
         job, end = self.request('close'), time.monotonic() + CLOSE_TIMEOUT
         while not job.done() and time.monotonic() < end:
-            self.read()
-            time.sleep(READ_PERIOD)
+            self.feed()
+            time.sleep(FEED_PERIOD)
         self._send('close', must_arrive=True)
         try:
             self._process.wait(max(0.0, end - time.monotonic()) if job.done() else 0.0)
         except subprocess.TimeoutExpired:
-            self._process.kill()
+            _kill(self._process)
         self._lose('the control loop has not said that the power of the drives is off')
         return job
 
@@ -316,6 +320,12 @@ def _receive_ready(channel: Channel) -> tuple[ControllerSnapshot, StreamStatus]:
         raise ManipulatorError(
             'the process of the control loop did not start: see its output above')
     return unpack_state(*content[1:])
+
+
+def _kill(process: subprocess.Popen) -> None:
+    """End a process and collect its exit status, so that no zombie stays."""
+    process.kill()
+    _exit_status(process)
 
 
 def _exit_status(process: subprocess.Popen) -> int | str:

@@ -23,6 +23,7 @@ from facade_manipulator.drives.cia402.states import Controlword, Mode, State
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import DriveError, ParameterError
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.loop import control_loop as control_loop_module
 from facade_manipulator.loop import process as process_module
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.setpoints import Setpoint
@@ -292,7 +293,16 @@ def test_a_loop_that_hangs_is_ended_and_said_to_have_hung(make_bench, monkeypatc
     os.kill(bench.process._process.pid, signal.SIGSTOP)
     bench.until(ControllerState.LOST)
     assert 'has sent no state while it was fed' in bench.process.snapshot().cause
-    assert bench.process._process.wait(PATIENCE) == -signal.SIGKILL
+    assert bench.process._process.returncode == -signal.SIGKILL  # collected: it is no zombie
+
+
+def test_an_interface_that_takes_long_to_open_is_waited_for(make_bench, monkeypatch):
+    monkeypatch.setattr(process_module, 'MAX_UNANSWERED', 20)
+    bench = in_thread(make_bench)
+    open_bus = control_loop_module.open_bus
+    monkeypatch.setattr(
+        control_loop_module, 'open_bus', lambda bus: (time.sleep(1.0), open_bus(bus))[1])
+    assert 'configured' in bench.do('configure')
 
 
 def test_a_node_that_stood_still_does_not_blame_the_loop(make_bench, monkeypatch):

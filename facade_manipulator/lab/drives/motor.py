@@ -20,6 +20,7 @@ STANDSTILL = 1.0  # counts/s: slower than that is at rest
 _TURNING_SPEED = 1e-3  # m/s: by it the direction of the power through gear and screw is clear
 _PRESLIDING = 2e-5  # m: over it friction changes its sign; at rest it keeps what it had
 _TORQUE_FILTER = 0.005  # s
+_LEAST_MASS = 1e-6  # kg
 
 
 @settings
@@ -46,9 +47,6 @@ class SimulationSettings:
         'Friction that does not depend on speed', default=4.0, unit='N', minimum=0.0, maximum=1e4)
     viscous_friction: float = parameter(
         'Friction per speed', default=10.0, unit='N s/m', minimum=0.0, maximum=1e5)
-    coasting_deceleration: float = parameter(
-        'Deceleration without power, by friction', default=5.0, unit='m/s^2', minimum=1e-2,
-        maximum=1000.0)
     lower_stop: float = parameter(
         'Lower hard stop of the rail', default=-0.56, unit='m', minimum=-10.0, maximum=10.0)
     upper_stop: float = parameter(
@@ -232,8 +230,11 @@ class SimulatedMotor:
         return math.copysign(min(0.5 * (root - slack), abs(error) / step), error)
 
     def coast(self, step: float) -> None:
-        """Move without power over one time step."""
-        most = self._settings.coasting_deceleration * self._per_metre * step
+        """Move without power over one time step: friction brakes the masses, rotor and all."""
+        settings, speed = self._settings, abs(self.velocity) / self._per_metre
+        friction = settings.coulomb_friction + settings.viscous_friction * speed
+        mass = max(settings.moving_mass + self._rotor, _LEAST_MASS)
+        most = friction / mass * self._per_metre * step
         self.is_limited = False
         self._move(self.velocity - min(max(self.velocity, -most), most), step, None)
         self.torque = 0.0

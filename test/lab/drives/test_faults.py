@@ -154,7 +154,7 @@ def test_a_reboot_shows_as_a_boot_up_message_and_power_off():
     assert bench.drive.state is State.NOT_READY_TO_SWITCH_ON
     assert bench.wait(0.2) == [(0x702, b'\x00')]
     assert bench.drive.state is State.SWITCH_ON_DISABLED
-    assert bench.drive.motor.carriage_position == pytest.approx(position, abs=0.01)
+    assert bench.drive.motor.carriage_position == pytest.approx(position, abs=0.015)  # it coasts
 
 
 def test_a_swapped_drive_boots_with_its_own_identity():

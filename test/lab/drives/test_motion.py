@@ -195,17 +195,25 @@ def test_a_fault_reaction_is_a_ramp_or_none(option, slow):
     bench.drive.inject_fault(0x8611)
     assert bench.drive.state is (State.FAULT_REACTION_ACTIVE if slow else State.FAULT)
     bench.until(lambda: bench.state is State.FAULT, 20)
-    bench.cycle(20)
+    bench.cycle(60)
     assert bench.motion.velocity == 0
 
 
-def test_switching_off_while_moving_lets_the_carriage_coast_to_rest():
+def test_without_power_a_carriage_coasts_as_far_as_friction_and_mass_let_it():
     bench = enabled().move_at(0.4)
     bench.controlword = Controlword.DISABLE_VOLTAGE
     bench.cycle(2)
-    assert bench.state is State.SWITCH_ON_DISABLED and bench.motion.velocity > 0
-    bench.cycle(20)
+    assert bench.state is State.SWITCH_ON_DISABLED
+    speed, start = bench.motion.velocity / CPM, bench.drive.motor.carriage_position
+    bench.cycle(60)
     assert bench.motion.velocity == 0 and bench.read(0x6077) == 0
+    settings, scale = SimulationSettings(), AxisScale()
+    rotor = scale.efficiency * settings.rotor_inertia * (
+        math.tau * scale.gear_ratio / scale.lead) ** 2
+    mass, coulomb = settings.moving_mass + rotor, settings.coulomb_friction
+    viscous = settings.viscous_friction
+    way = mass / viscous * (speed - coulomb / viscous * math.log(1.0 + viscous * speed / coulomb))
+    assert bench.drive.motor.carriage_position - start == pytest.approx(way, rel=0.02)
 
 
 # --- profile position
