@@ -1,0 +1,187 @@
+"""
+Change the machine's code at random places, and see which changes the tests notice.
+
+``python test/mutate.py --count 20 motion drives/controller`` makes 20 changes in each of these
+packages (all of the machine without a name) and runs the tests that belong to it, those of
+`make check` alone with ``--check``. ``--constants`` makes each named number half as large again
+and half as large instead. What no test notices is printed, and each package's share at the end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
+import os
+from pathlib import Path
+import random
+import shutil
+import subprocess
+import sys
+import tempfile
+from typing import NamedTuple
+
+TOP = Path(__file__).resolve().parents[1]
+PACKAGE = 'facade_manipulator'
+PLACES = ('kinematics', 'prediction', 'compensation', 'motion', 'drives/canopen', 'drives/cia402',
+          'drives/controller', 'loop', 'blackbox', 'maintenance', 'ros', 'nodes')
+BESIDE = {  # tests that belong to a package besides those of its own folder
+    'drives/canopen': ('test/drives/controller',), 'drives/cia402': ('test/drives/controller',),
+    'motion': ('test/drives/controller', 'test/loop'), 'loop': ('test/tools/replay',),
+}
+# not `python -m pytest`, which would import what lies here, not the copy
+PYTEST = str(Path(sys.executable).with_name('pytest'))
+PATIENCE = 240.0  # s: a change that makes the tests hang is noticed, too
+SWAPS: dict[type, type] = {
+    ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt, ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn,
+    ast.NotIn: ast.In, ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div,
+    ast.Div: ast.Mult, ast.And: ast.Or, ast.Or: ast.And, ast.USub: ast.UAdd,
+}
+BY_CHECK = '-m', 'not realtime and not long and not simulated', '--hypothesis-profile=quick'
+BY_ALL = '-m', 'not realtime and not long', '--hypothesis-profile=quick'
+
+
+class Change(NamedTuple):
+    """One change of one file: what stands at some bytes of it, and what instead."""
+
+    file: Path
+    line: int
+    start: int
+    end: int
+    old: str
+    new: str
+
+    def apply(self, tree: Path) -> None:
+        """Make the change in a copy of the package."""
+        source = (TOP / self.file).read_bytes()
+        (tree / self.file).write_bytes(
+            source[:self.start] + self.new.encode() + source[self.end:])
+
+    def undo(self, tree: Path) -> None:
+        """Take it back."""
+        shutil.copy(TOP / self.file, tree / self.file)
+
+    def __str__(self) -> str:
+        return f'{self.file}:{self.line}: {self.old} -> {self.new}'
+
+
+def changed(node: ast.AST) -> Iterator[ast.AST]:
+    """Yield what a small mistake makes of an expression or a statement."""
+    copy = deepcopy(node)
+    if isinstance(copy, ast.Compare) and type(copy.ops[0]) in SWAPS:
+        copy.ops[0] = SWAPS[type(copy.ops[0])]()
+        yield copy
+    elif isinstance(copy, (ast.BinOp, ast.UnaryOp, ast.BoolOp)) and type(copy.op) in SWAPS:
+        copy.op = SWAPS[type(copy.op)]()
+        yield copy
+    elif isinstance(copy, ast.IfExp):
+        copy.body, copy.orelse = copy.orelse, copy.body
+        yield copy
+    elif isinstance(copy, ast.Return) and copy.value is not None:
+        yield ast.Return(ast.Constant(None))
+    elif isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        yield ast.Constant(1.5 * node.value if node.value else 1)
+    elif isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        yield ast.Constant(not node.value)
+
+
+def changes_of(file: Path) -> list[Change]:
+    """Return every small mistake that can be made in a file."""
+    source = (TOP / file).read_text()
+    return [change for node in ast.walk(ast.parse(source))
+            if isinstance(node, (ast.expr, ast.Return)) and not is_text(node)
+            for new in changed(node) for change in [at(file, source, node, new)]]
+
+
+def constants_of(file: Path) -> list[Change]:
+    """Return each named number of a file, half as large again and half as large."""
+    source = (TOP / file).read_text()
+    values = [value for node in ast.parse(source).body if isinstance(node, ast.Assign)
+              for value in ast.walk(node.value)
+              if isinstance(value, ast.Constant) and isinstance(value.value, float)]
+    return [at(file, source, value, ast.Constant(factor * value.value))
+            for value in values for factor in (1.5, 0.5)]
+
+
+def is_text(node: ast.AST) -> bool:
+    """Return whether a node is part of no arithmetic: a text or what makes one."""
+    return isinstance(node, (ast.JoinedStr, ast.FormattedValue)) or (
+        isinstance(node, ast.BinOp) and isinstance(node.left, (ast.JoinedStr, ast.Constant))
+        and not isinstance(getattr(node.left, 'value', ''), (int, float)))
+
+
+def at(file: Path, source: str, node: ast.expr | ast.Return, new: ast.AST) -> Change:
+    """Return the change that puts an expression in a node's place."""
+    starts = [0]
+    for line in source.encode().splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    start = starts[node.lineno - 1] + node.col_offset
+    end = starts[(node.end_lineno or node.lineno) - 1] + (node.end_col_offset or 0)
+    text = ast.unparse(new)
+    return Change(file, node.lineno, start, end, ast.unparse(node),
+                  text if isinstance(node, ast.Return) else f'({text})')
+
+
+def is_noticed(change: Change, tree: Path, place: str, selection: tuple[str, ...]) -> bool:
+    """Run the tests of a package with a change made; return whether any fails."""
+    tests = [test for test in (f'test/{place}', *BESIDE.get(place, ())) if (TOP / test).exists()]
+    change.apply(tree)
+    try:
+        return subprocess.run(
+            [PYTEST, '-x', '-q', '-p', 'no:cacheprovider', *selection, *tests],
+            cwd=TOP, env=os.environ | {'PYTHONPATH': str(tree), 'PYTHONDONTWRITEBYTECODE': '1'},
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, timeout=PATIENCE).returncode != 0
+    except subprocess.TimeoutExpired:
+        return True
+    finally:
+        change.undo(tree)
+
+
+def survivors(
+    place: str, chosen: list[Change], selection: tuple[str, ...], workers: int
+) -> list[Change]:
+    """Return the changes of a package that its tests do not notice."""
+    with tempfile.TemporaryDirectory() as folder:
+        trees = [Path(folder, str(number)) for number in range(workers)]
+        for tree in trees:
+            shutil.copytree(TOP / PACKAGE, tree / PACKAGE,
+                            ignore=shutil.ignore_patterns('__pycache__'))
+            for data in ('package.xml', 'config', 'launch', 'resource'):
+                (tree / data).symlink_to(TOP / data)
+
+        def run(number: int) -> list[Change]:
+            return [change for change in chosen[number::workers]
+                    if not is_noticed(change, trees[number], place, selection)]
+
+        with ThreadPoolExecutor(workers) as pool:
+            return [change for part in pool.map(run, range(workers)) for change in part]
+
+
+def main() -> int:
+    """Print what no test notices and the share of each package."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('places', nargs='*', choices=[*PLACES, []], help='packages')
+    parser.add_argument('--count', type=int, default=10, help='changes of each package')
+    parser.add_argument('--seed', type=int, default=1)
+    parser.add_argument('--constants', action='store_true')
+    parser.add_argument('--check', action='store_true', help='with the tests of make check alone')
+    parser.add_argument('--workers', type=int, default=os.cpu_count())
+    options = parser.parse_args()
+    choose, selection = random.Random(options.seed), BY_CHECK if options.check else BY_ALL
+    find = constants_of if options.constants else changes_of
+    for place in options.places or PLACES:
+        possible = [change for file in sorted((TOP / PACKAGE / place).rglob('*.py'))
+                    for change in find(file.relative_to(TOP))]
+        chosen = choose.sample(possible, min(options.count, len(possible)))
+        left = survivors(place, chosen, selection, options.workers)
+        print(*left, sep='\n')
+        print(f'{place}: {len(chosen) - len(left)} of {len(chosen)} noticed '
+              f'({len(possible)} possible)\n', flush=True)
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
