@@ -81,6 +81,8 @@ class DriveProfile:
     pdos: tuple[Pdo, ...] = pdo.PDO_MAP  #: the process data in use
     #: index and subindex of what belongs to a place on the bus: node id, bit rate
     of_place: tuple[tuple[int, int], ...] = ()
+    #: index and subindex of what makes it blink while it is 1
+    blinks: tuple[tuple[int, int], ...] = ()
 
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object that takes a quantity, None if none does."""
@@ -149,10 +151,14 @@ def _profile(name: str, path: Path, data: Any) -> DriveProfile:
         vendor_id=_integer('vendor_id', data['vendor_id'], 0, 2**32 - 1)
         if 'vendor_id' in data else None,
         pdos=_pdos(data['pdos']) if 'pdos' in data else pdo.PDO_MAP,
-        of_place=tuple(
-            (_integer('index', index, 0x1000, 0xFFFF), _integer('subindex', subindex, 0, 254))
-            for index, subindex in data.get('of_place', ())),
+        of_place=_locations(data.get('of_place', ())),
+        blinks=_locations(data.get('blinks', ())),
     )
+
+
+def _locations(data: Any) -> tuple[tuple[int, int], ...]:
+    return tuple((_integer('index', index, 0x1000, 0xFFFF), _integer('subindex', subindex, 0, 254))
+                 for index, subindex in data)
 
 
 def fitting_profile(vendor_id: int | None) -> str:

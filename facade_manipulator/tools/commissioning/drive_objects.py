@@ -75,7 +75,7 @@ def take_snapshot(drive: SdoChannel, eds: Path) -> Snapshot:
                 data = drive.read(*key)
                 if variable.fixed_size and 8 * len(data) != len(variable):
                     sizes[key] = len(data)
-                values[key] = _decoded(variable, data)
+                values[key] = decoded(variable, data)
     return Snapshot(drive.name, drive.node_id, values, dictionary, sizes)
 
 
@@ -84,7 +84,7 @@ def is_kept(variable: ODVariable) -> bool:
     return variable.readable and variable.writable and variable.index not in _COMMANDS
 
 
-def _decoded(variable: ODVariable, data: bytes) -> Any:
+def decoded(variable: ODVariable, data: bytes) -> Any:
     """Return the value of an object, whatever size the description gives a number."""
     if variable.data_type in datatypes.INTEGER_TYPES:
         is_signed = variable.data_type in datatypes.SIGNED_TYPES
@@ -93,7 +93,8 @@ def _decoded(variable: ODVariable, data: bytes) -> Any:
         not variable.fixed_size) else data.hex()
 
 
-def _encoded(variable: ODVariable, value: Any, size: int | None) -> bytes:
+def encoded(variable: ODVariable, value: Any, size: int | None) -> bytes:
+    """Return the bytes of a value, of another size than described where one is given."""
     if size is None:
         return variable.encode_raw(value)
     if isinstance(value, str):
@@ -153,7 +154,7 @@ class Difference(NamedTuple):
     @property
     def row(self) -> tuple[str, str, str, str]:
         """What an operator reads: object, its name, and the two values."""
-        return self.label, self.name, _shown(self.here), _shown(self.there)
+        return self.label, self.name, shown(self.here), shown(self.there)
 
 
 def compare(
@@ -193,10 +194,10 @@ def restore(
     done = 0
     try:
         for key, value in _in_order(changes, wanted, drive.node_id):
-            drive.write(*key, _encoded(wanted.variable(key), value, present.sizes.get(key)))
+            drive.write(*key, encoded(wanted.variable(key), value, present.sizes.get(key)))
             done += 1
         for key, value in changes.items():
-            found = _decoded(wanted.variable(key), drive.read(*key))
+            found = decoded(wanted.variable(key), drive.read(*key))
             if found != value:
                 raise CommissioningError(
                     f'{drive.name}: {label(key)} reads back as {found} instead of {value}')
@@ -259,7 +260,8 @@ def label(key: Key) -> str:
     return f'{key[0]:04X}h:{key[1]:02X}'
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
+    """Return a value as an operator reads it."""
     if value is None:
         return 'absent'
     return f'{value} ({value:X}h)' if isinstance(value, int) and value > 9 else str(value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 
 from facade_manipulator.drives.cia402 import AXIS_NAMES, fitting_profile
@@ -32,6 +33,11 @@ def add_commands(add: Callable) -> None:
         help='serial numbers, on the labels, of the drives of q1, q2 and q3; default: asked for')
     command.add_argument('--only', choices=AXIS_NAMES,
                          help='there is one drive alone on the bus, and it moves this carriage')
+    add_lss_timeout(command)
+
+
+def add_lss_timeout(command: argparse.ArgumentParser) -> None:
+    """Add what every command that gives node ids has."""
     command.add_argument('--lss-timeout', type=float, default=0.1, metavar='S',
                          help='how long a drive may take to answer (default 0.1)')
 
@@ -68,12 +74,17 @@ def _hex(number: int | None) -> str:
 
 def run_assign(context: Context) -> None:
     """Give node ids, store them, and write ids and serial numbers into the parameter file."""
-    machine, operator, options = context.machine, context.operator, context.options
+    assign(context, lambda found: _axis_of(found, context), context.options.only)
+
+
+def assign(context: Context, axis_of: Callable[[Found], str], only: str | None = None) -> None:
+    """Give node ids to all drives, or to one that is alone; write them down."""
+    machine, operator = context.machine, context.operator
     machine.check_writable()
     node_ids = {name: axis.node_id for name, axis in machine.axes.items()}
     with context.bus() as bus:
-        assignment = Assignment(bus, options.lss_timeout)
-        if options.only:
+        assignment = Assignment(bus, context.options.lss_timeout)
+        if only:
             given = _assign_one(assignment, context, bus, node_ids)
         else:
             operator.agree(
@@ -81,7 +92,7 @@ def run_assign(context: Context) -> None:
                 'its carriage (' + ', '.join(f'{name}: {node_id}' for name, node_id
                                             in node_ids.items()) + ') and stores it. Nothing '
                 'moves.')
-            given = assign_all(assignment, node_ids, lambda found: _axis_of(found, context))
+            given = assign_all(assignment, node_ids, axis_of)
     machine.write({
         name: {'node_id': node_ids[name], 'serial_number': found.serial_number,
                'profile': _profile(context, name, found)}

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 import shutil
 
+from facade_manipulator.drives.canopen import SdoChannel
 from facade_manipulator.drives.cia402 import AXIS_NAMES, decode_state, load_profile, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, file_errors
 from facade_manipulator.resources import config_path
@@ -56,7 +57,7 @@ def run_profile(context: Context) -> int:
     """Draft or check; return 1 where a drive does not fit."""
     options = context.options
     if options.check is not None:
-        return _check(context, options.check or AXIS_NAMES)
+        return check_profiles(context, options.check or AXIS_NAMES)
     if options.eds is None:
         raise CommissioningError('name an EDS to draft a profile from, or --check')
     output = options.output or Path(options.eds.stem + '.yaml')
@@ -76,7 +77,8 @@ def run_profile(context: Context) -> int:
     return 1 if missing else 0
 
 
-def _check(context: Context, names: tuple[str, ...]) -> int:
+def check_profiles(context: Context, names: Sequence[str]) -> int:
+    """Hold drives against their profiles; return 1 where one does not fit."""
     wrong = 0
     with context.bus() as bus:
         for name in names:
@@ -123,13 +125,17 @@ def _eds(context: Context, name: str) -> Path:
 
 
 def _of_drive(context: Context, bus: ToolBus, name: str) -> Snapshot:
-    """Read a drive; a CommissioningError if it has power: its objects are in use."""
+    return take_snapshot(unpowered_drive(context, bus, name), _eds(context, name))
+
+
+def unpowered_drive(context: Context, bus: ToolBus, name: str) -> SdoChannel:
+    """Return a drive's objects; a CommissioningError if it has power: they are in use."""
     drive = only_drive(bus, context.machine.axis(name), name)
     status = number_or_none(drive, STATUSWORD)
     if status is not None and (state := decode_state(status)) in POWERED_STATES:
         raise CommissioningError(
             f'{name} has power ({state.value}): nothing was done; take it away, then try again')
-    return take_snapshot(drive, _eds(context, name))
+    return drive
 
 
 def _of_place(context: Context, *names: str) -> set[tuple[int, int]]:
@@ -161,6 +167,7 @@ def run_restore(context: Context) -> None:
     """Show what differs, ask, write, read back, store, reset, read again."""
     name, operator = context.options.axis, context.operator
     wanted = read_dcf(context.options.file)
+    context.options.eds = context.options.eds or context.options.file  # which describes it all
     node_id = context.machine.axis(name).node_id
     with context.bus() as bus:
         present = _of_drive(context, bus, name)

@@ -15,9 +15,11 @@ from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.machine import Machine
 from facade_manipulator.tools.commissioning.scan import Node, scan
 
-# what must have been done, and for each axis or once
-CHECKS = {'scan': False, 'assign': True, 'profile': True, 'backup': True, 'direction': True,
-          'lead': True, 'jog': True, 'home-switch': True, 'lag': True}
+# what must have been done, once or for each axis, in this order, and by which command
+ONCE = {'scan'}
+CHECKS = {'scan': 'scan', 'assign': 'assign', 'profile': 'profile --check {}',
+          'backup': 'backup {}', 'direction': 'direction {}', 'lead': 'lead {}', 'jog': 'jog {}',
+          'home-switch': 'home-switch {}', 'lag': 'lag'}
 _HERE = (35, 37)  # homing methods that look for nothing
 _FROM_PAPER = {'gear_ratio', 'home_position', 'rated_torque'}
 
@@ -25,6 +27,24 @@ _FROM_PAPER = {'gear_ratio', 'home_position', 'rated_torque'}
 def add_commands(add: Callable) -> None:
     """Add the command to the tool."""
     add('report', run_report, 'One page of the machine, beside its parameter file.')
+
+
+def next_command(context: Context) -> list[str]:
+    """Say what is done, what is next and why; return the next command, empty for none."""
+    machine, say = context.machine, context.operator.say
+    done = [check for check in CHECKS if any(
+        entry['check'] == check and entry['passed'] for entry in machine.journal)]
+    missing = list(open_points(machine, []))
+    say(f'Done on {machine.path}, at least in part: {", ".join(done) or "nothing yet"}; '
+        f'{len(missing)} points are open.')
+    if not missing:
+        return []
+    command, _, why = missing[0].removeprefix('commission ').partition(': ')
+    order = [entry['check'] for entry in machine.journal]
+    if command == 'scan' and 'commission assign' in why and order[-1:] == ['scan']:
+        command = 'assign'
+    say(f'Next: commission {command}, because {why}.')
+    return command.split()
 
 
 def run_report(context: Context) -> int:
@@ -103,16 +123,15 @@ def open_points(machine: Machine, nodes: list[Node]) -> Iterator[str]:
     """Yield what is missing: checks never made or last failed, drives that are not as written."""
     latest = {(entry['check'], entry['axis']): entry for entry in machine.journal}
     axes = machine.axes
-    for check, is_per_axis in CHECKS.items():
-        for axis in AXIS_NAMES if is_per_axis else ('',):
+    for check, command in CHECKS.items():
+        for axis in AXIS_NAMES if check not in ONCE else ('',):
             entry = latest.get((check, axis))
-            of = f' {axis}' if axis else ''
             if entry is None and check == 'home-switch' and axes[axis].homing_method in _HERE:
                 continue
-            if entry is None:
-                yield f'commission {check}{of}: never done'
-            elif not entry['passed']:
-                yield f'commission {check}{of}: {entry["result"]}'
+            if entry is None or not entry['passed']:
+                of = f' ({axis})' if axis and '{' not in command else ''
+                result = 'never done' if entry is None else entry['result']
+                yield f'commission {command.format(axis)}: {result}{of}'
     serials = {node.node_id: node.serials for node in nodes}
     for name, axis in axes.items():
         if nodes and serials.get(axis.node_id) != (axis.serial_number,):

@@ -1,0 +1,96 @@
+"""Commands `object`, `identify` and `replace`, and `commission` without a command."""
+
+from __future__ import annotations
+
+import pytest
+import yaml
+
+from facade_manipulator import config_path
+from facade_manipulator.lab.drives.drive import SimulatedIdentity
+from facade_manipulator.tools.commissioning import Machine
+from facade_manipulator.tools.commissioning.__main__ import main
+
+RAMP, EDS = (0x6084, 0), config_path('drives/cia402.eds')
+FAST = ('--lss-timeout', '0.15')
+
+
+@pytest.fixture
+def rig(make_rig):
+    return make_rig('--serial-numbers', '11', '12', '13').configured(
+        **{name: {'serial_number': 11 + number} for number, name in enumerate(('q1', 'q2', 'q3'))})
+
+
+@pytest.mark.parametrize('name', ['6084h', '0x6084', '6084:00', 'profile deceleration'])
+def test_an_object_is_shown_by_index_or_name_and_written_as_it_reads_back(rig, capsys, name):
+    assert rig.run('object', 'q2', name) == 0
+    assert 'q2: 6084h:00 Profile deceleration = 100000 (186A0h)' in capsys.readouterr().out
+    assert rig.run('object', 'q2', name, '4Dh') == 0
+    assert 'becomes 4Dh until the power is off' in capsys.readouterr().out
+    assert [drive.objects.values[RAMP] for drive in rig.drives] == [100000, 77, 100000]
+
+
+@pytest.mark.parametrize('words, reason', [
+    (('6040h', '15'), 'Controlword is not a setting'), (('6084h', 'much'), 'has 4 bytes, which'),
+    (('6084h', '4294967296'), 'has 4 bytes'), (('profile',), 'objects of the EDS, '),
+    (('5FFFh',), 'names 0 objects of the EDS: give'),
+])
+def test_what_is_not_a_setting_or_not_one_object_is_not_written(rig, capsys, words, reason):
+    assert rig.run('object', 'q1', *words) == 1
+    assert reason in capsys.readouterr().err
+    assert rig.drives[0].objects.values[RAMP] == 100000 and not rig.is_enabled()
+
+
+def test_a_drive_blinks_until_somebody_has_seen_it(rig, capsys, monkeypatch):
+    assert rig.run('identify', 'q2') == 1
+    assert 'look for the serial number 12' in capsys.readouterr().err
+    profile = rig.folder / 'lamp.yaml'
+    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
+    profile.write_text(yaml.safe_dump(data | {'eds': str(EDS), 'blinks': [[0x6098, 0]]}))
+    rig.configured(profile=str(profile))
+    seen = []
+
+    def look(*_):
+        seen.append([drive.objects.values[0x6098, 0] for drive in rig.drives])
+        raise KeyboardInterrupt
+
+    before = rig.drives[0].objects.values[0x6098, 0]
+    monkeypatch.setattr('builtins.input', look)
+    assert rig.run('identify', 'q2', yes=False) == 130
+    assert seen == [[before, 1, before]] and rig.drives[1].objects.values[0x6098, 0] == 0
+
+
+def test_a_new_drive_gets_id_objects_and_checks_of_the_one_before(rig, capsys):
+    with rig.simulator.access() as drives:
+        drives[1].objects.write(RAMP, 77)
+    assert rig.run('replace', 'q2', *FAST) == 1 and 'machine.q2.dcf' in capsys.readouterr().err
+    rig.run('backup', 'q2')
+    with rig.simulator.access() as drives:  # from the box, as all new drives are
+        drives[1].set_identity(SimulatedIdentity(serial_number=99))
+        drives[1].lss.stored = 1
+        drives[1].reboot()
+    assert rig.run('replace', 'q2', *FAST) == 0, capsys.readouterr()
+    rig.power_cut()
+    assert [drive.node_id for drive in rig.drives] == [1, 2, 3]
+    assert rig.drives[1].objects.values[RAMP] == 77
+    machine = Machine(rig.parameters)
+    assert [axis.serial_number for axis in machine.axes.values()] == [11, 99, 13]
+    rig.run('report')
+    assert 'commission direction q2: the drive was replaced' in capsys.readouterr().out
+
+
+def test_without_a_command_it_says_what_is_next_and_goes_on_there(
+        make_rig, capsys, monkeypatch):
+    rig = make_rig('--new')
+    answers = iter(['y', 'y', 'y', 'q1', 'q2', 'q3', 'y', 'y', 'n'])
+    monkeypatch.setattr('builtins.input', lambda *_: next(answers))
+    words = rig.command('next', yes=False)[1:]
+    assert main(words) == 1  # the scan found something
+    said = capsys.readouterr().out
+    assert 'nothing yet' in said and 'Next: commission scan, because never done.' in said
+    assert main(words) == 1
+    said = capsys.readouterr()
+    order = [line.split(',')[0] for line in said.out.splitlines() if line.startswith('Next')]
+    assert order == [f'Next: commission {step}' for step in (
+        'assign', 'scan', 'profile --check q1', 'profile --check q2')]
+    assert 'not done, nothing is changed' in said.err
+    assert sorted(drive.lss.stored for drive in rig.drives) == [1, 2, 3]
