@@ -31,9 +31,18 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+import re
 import sys
 
 INTERRUPTED = 130  # as a shell says of a command that Ctrl-C has ended
+
+
+_NUMBER = re.compile(r'(?<![\w.])-?\d+(?:[.,]\d+)*(?:e[-+]?\d+)?(?!\w)')
+
+
+def without_numbers(message: str) -> str:
+    """Return a message with … for its values: axes such as q2 and codes such as 8611h stay."""
+    return _NUMBER.sub('…', message)
 
 
 class ManipulatorError(Exception):

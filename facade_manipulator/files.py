@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, whatever happens while they are written."""
+"""Files that appear whole or not at all, whatever happens while they are written and after."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ def atomic_write(path: Path) -> Iterator[Path]:
     Lend the path of a draft beside a file; it takes the file's name when the block ends well.
 
     A draft that is not completed goes; what had the name before stays. Its mode is kept, and a
-    link still leads to it; a file that may not be written is an OSError.
+    link still leads to it; a file that may not be written is an OSError. When the block has ended
+    well, the file outlasts a loss of power.
     """
     path = path.resolve()
     if path.exists() and not os.access(path, os.W_OK):
@@ -27,10 +28,21 @@ def atomic_write(path: Path) -> Iterator[Path]:
         yield draft
         if path.exists():
             shutil.copymode(path, draft)
+        sync(draft)
         draft.replace(path)
+        sync(path.parent)
     finally:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
+
+
+def sync(path: Path) -> None:
+    """Return when the disk has a file, or the names in a folder."""
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 def write_table(path: Path, header: Iterable[str], rows: Iterable[Iterable]) -> None:

@@ -1,8 +1,8 @@
 """
 The black box: messages of the last minutes in, one MCAP file per stop, fault or request out.
 
-`MessageRing` keeps them, `RecordTrigger` says when a file is due, `Shelf` writes it whole and
-bounds what the files take of the disk.
+`Stream` keeps them on the disk, `RecordTrigger` says when a file is due, `Shelf` writes it whole
+and bounds what the files take of the disk.
 """
 
 from .arrivals import Arrivals as Arrivals
@@ -18,6 +18,8 @@ from .can_frames import (
 from .can_frames import (
     messages_of as messages_of,
 )
+from .messages import Kept as Kept
+from .messages import RecordedTopic as RecordedTopic
 from .recording import (
     read_recording as read_recording,
 )
@@ -28,14 +30,16 @@ from .recording import (
     RecordedRun as RecordedRun,
 )
 from .recording import (
+    run_metadata as run_metadata,
+)
+from .recording import (
     write_mcap as write_mcap,
 )
 from .recording import (
     write_recording as write_recording,
 )
-from .ring import Kept as Kept
-from .ring import MessageRing as MessageRing
-from .ring import RecordedTopic as RecordedTopic
 from .settings import BlackBoxSettings as BlackBoxSettings
 from .shelf import Shelf as Shelf
+from .stream import Stream as Stream
+from .trigger import DueFile as DueFile
 from .trigger import RecordTrigger as RecordTrigger

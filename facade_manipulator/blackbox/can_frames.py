@@ -18,7 +18,7 @@ import struct
 import threading
 
 from facade_manipulator.blackbox.arrivals import Arrivals
-from facade_manipulator.blackbox.ring import Kept, RecordedTopic
+from facade_manipulator.blackbox.messages import Kept, RecordedTopic
 
 CAN_TOPIC = RecordedTopic('can_frames', 'can_msgs/msg/Frame', """\
 std_msgs/Header header

@@ -13,79 +13,118 @@ encoding `cdr`, schema encoding `ros2msg`.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
+from itertools import chain, islice, takewhile
 import json
-from operator import itemgetter
 from pathlib import Path
-import time
 from typing import Any, BinaryIO, NamedTuple
 
 from mcap.exceptions import McapError
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from facade_manipulator.blackbox.can_frames import CAN_TOPIC, messages_of
-from facade_manipulator.blackbox.ring import Kept, RecordedTopic
+from facade_manipulator.blackbox.messages import Kept, RecordedTopic
 from facade_manipulator.errors import RecordError
 
-OF_THE_GRAPH = ('/diagnostics', '/parameter_events')  # topics of no namespace
+OF_THE_GRAPH = ('/diagnostics', '/parameter_events', '/rosout', '/tf')  # topics of no namespace
 SUMMARY, PARAMETERS = 'black box', 'parameters of '
 _NANOSECONDS = 1e9
 CHUNK = 1 << 20  # byte: what a writer holds in memory before it is compressed
 
 
-def write_recording(
-    path: Path, topics: Iterable[RecordedTopic], kept: tuple[list[Kept], list[Kept]],
-    about: Mapping[str, str], parameters: Mapping[str, Mapping[str, Any]],
-) -> None:
+def write_recording(path: Path, topics: Iterable[RecordedTopic], segments: Sequence[Path],
+                    attachments: Iterable[Path] = (), reason: str = '') -> None:
     """
-    Write a file; raises an OSError if that fails.
+    Make a file of segments of one stream, in their order; raises an OSError if that fails.
 
-    Kept are the last messages of topics and all since, as `MessageRing.copy` returns them. `about`
-    has ``reasons``, line by line, and ``namespace``; parameters are by node and name.
+    Metadata are those of the newest, with a further reason; each segment begins with the last
+    messages of topics before it, of which those of the first are kept.
     """
-    before, newest = kept
-    present = time.monotonic()
-    epoch = time.time() - present
-    begin = newest[0].time if newest else present
+    first, newest = metadata_of(segments[0]), metadata_of(segments[-1])
+    epoch, begin = float(newest[SUMMARY]['epoch']), float(first[SUMMARY]['begin'])
+    reasons = '\n'.join(filter(None, (newest[SUMMARY]['reasons'], reason)))
+    summary = {**newest[SUMMARY], 'reasons': reasons, 'begin': f'{epoch + begin:.6f}'}
     messages = chain.from_iterable(
-        messages_of(one) if one.topic == CAN_TOPIC.topic else (one,) for one in before + newest)
-    write_mcap(path, topics, sorted(messages, key=itemgetter(0)), epoch, {
-        SUMMARY: {**about, 'begin': f'{epoch + begin:.6f}'},
-        **{PARAMETERS + node: {name: json.dumps(value) for name, value in values.items()}
-           for node, values in parameters.items()}})
+        messages_of(one) if one.topic == CAN_TOPIC.topic else (one,)
+        for number, segment in enumerate(segments)
+        for one in islice(_messages(segment), _earlier(segment) if number else 0, None))
+    write_mcap(path, topics, messages, epoch, {**newest, SUMMARY: summary}, begin, attachments)
+
+
+def run_metadata(
+    about: Mapping[str, str], parameters: Mapping[str, Mapping[str, Any]],
+) -> dict[str, dict[str, str]]:
+    """
+    Return the records of a file.
+
+    `about` has ``reasons``, line by line, and ``namespace``; parameters are by node and name.
+    """
+    return {SUMMARY: dict(about), **{
+        PARAMETERS + node: {name: json.dumps(value) for name, value in values.items()}
+        for node, values in parameters.items()}}
+
+
+def metadata_of(path: Path) -> dict[str, dict[str, str]]:
+    """Return the records at the begin of a file by their name; raises a McapError without one."""
+    with path.open('rb') as file:
+        return {record.name: record.metadata for record in takewhile(
+            lambda record: isinstance(record, (Header, Metadata)), StreamReader(file).records)
+            if isinstance(record, Metadata)}
+
+
+def _earlier(segment: Path) -> int:
+    """Return how many messages at the begin of a segment the one before has, too."""
+    return int(metadata_of(segment)[SUMMARY]['earlier'])
+
+
+def _messages(segment: Path) -> Iterator[Kept]:
+    topics: dict[int, str] = {}
+    with segment.open('rb') as file:
+        for record in StreamReader(file).records:
+            match record:
+                case Channel(id=number, topic=topic):
+                    topics[number] = topic
+                case Message(channel_id=number, publish_time=came, data=data):
+                    yield Kept(came / _NANOSECONDS, topics[number], data)
 
 
 def write_mcap(
     path: Path, topics: Iterable[RecordedTopic], messages: Iterable[Kept], epoch: float,
-    metadata: Mapping[str, Mapping[str, str]],
+    metadata: Mapping[str, Mapping[str, str]], begin: float = 0.0,
+    attachments: Iterable[Path] = (),
 ) -> None:
     """
     Write messages, all of them of these topics, to a file; raises an OSError if that fails.
 
     The epoch is the system's time when the monotonic clock was zero [s]: a step of the system's
-    clock within a file would put its messages out of order. Metadata are records by their name.
+    clock within a file would put its messages out of order. What came before the file begins [s]
+    is logged at its begin and keeps its time of publication. Metadata are records by their name.
     """
     with path.open('wb') as file:
         writer = Writer(file, CHUNK, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start('ros2', 'facade_manipulator')
         for name, values in metadata.items():
             writer.add_metadata(name, dict(values))
+        for attached in attachments:
+            writer.add_attachment(0, 0, attached.name, 'text/plain', attached.read_bytes())
         numbers = {topic.topic: _register(writer, topic) for topic in topics}
         for sequence, message in enumerate(messages):
-            stamp = max(0, round((epoch + message.time) * _NANOSECONDS))
-            writer.add_message(numbers[message.topic], stamp, message.data, stamp, sequence)
+            logged, published = (
+                max(0, round((epoch + one) * _NANOSECONDS))
+                for one in (max(message.time, begin), message.time))
+            writer.add_message(
+                numbers[message.topic], logged, message.data, published, sequence)
         writer.finish()
 
 
 def _register(writer: Writer, topic: RecordedTopic) -> int:
     schema = writer.register_schema(topic.type, 'ros2msg', topic.definition.encode())
     return writer.register_channel(
-        topic.topic, 'cdr', schema, {'offered_qos_profiles': ''})
+        topic.topic, 'cdr', schema, {'offered_qos_profiles': topic.qos})
 
 
 class Received(NamedTuple):
@@ -153,9 +192,9 @@ def _read(file: BinaryIO) -> RecordedRun:
                         factory.decoder_for(record.message_encoding, schemas[record.schema_id]))
                 case Message():
                     topic, decode = topics[record.channel_id]
-                    stamp = record.log_time / _NANOSECONDS
-                    run.topics[topic].append(Received(stamp, decode(record.data)))
-                    run.end = max(run.end, stamp)
+                    came = record.publish_time / _NANOSECONDS
+                    run.topics[topic].append(Received(came, decode(record.data)))
+                    run.end = max(run.end, came)
     except Exception as error:  # damaged bytes raise whatever their decoder does
         run.damage = str(error) or type(error).__name__
     return run

@@ -18,8 +18,9 @@ class BlackBoxSettings:
     aftermath: float = parameter(
         'How long after a stop a file goes on', default=3.0, unit='s', minimum=0.0, maximum=60.0)
     memory: float = parameter(
-        'Memory for what is kept; a file begins later where it does not suffice', default=128.0,
-        unit='MB', minimum=1.0, maximum=4096.0)
+        'Memory for what waits for the disk; where it does not suffice, the oldest is lost',
+        default=128.0, unit='MB', minimum=1.0, maximum=4096.0)
     disk: float = parameter(
-        'Space for all files of the folder; the oldest is deleted when they need more',
+        'Space for all files of this machine, half of it at most for the stream; the oldest is '
+        'deleted when they need more',
         default=1000.0, unit='MB', minimum=1.0, maximum=1e6)

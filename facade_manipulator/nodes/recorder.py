@@ -1,43 +1,56 @@
 """
-The black box: every topic, parameter and CAN frame of the last minutes, in memory.
+The black box: every topic, parameter and CAN frame of the last minutes, on the disk.
 
-It writes one MCAP file when something stops the machine, or on request. It runs in a process of
-its own and only listens: whatever happens to it, the machine goes on.
+Every few seconds it writes what came; of that it makes one MCAP file when something stops the
+machine, on request, and of what it finds after a loss of power. It runs in a process of its own
+and only listens: whatever happens to it, the machine goes on.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from functools import partial
-from importlib.metadata import version
+from importlib import import_module
+from importlib.metadata import distributions
+from itertools import pairwise
 import os
 from pathlib import Path
+import platform
+import sys
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
-from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import ParameterEvent
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
+import yaml
 
 from facade_manipulator.blackbox import (
     Arrivals,
     BlackBoxSettings,
     CAN_TOPIC,
     CanListener,
-    Kept,
-    MessageRing,
+    DueFile,
     RecordedTopic,
     RecordTrigger,
+    run_metadata,
     Shelf,
+    Stream,
     write_recording,
 )
+from facade_manipulator.drives.cia402 import load_profile
+from facade_manipulator.errors import ManipulatorError, RecordError
 from facade_manipulator.messages import status_values
+from facade_manipulator.resources import config_path
 from facade_manipulator.ros import (
     declare,
     Deferred,
@@ -53,13 +66,12 @@ from facade_manipulator.ros import (
     steady_timer,
 )
 
-NAME = 'facade_manipulator'
 DEPTH = 200  # messages of a topic that wait until they are taken
 STREAM = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)  # holds nobody up
 EVERY = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 KEPT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE,
                   durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# topic: type, quality of service; the last two are the whole graph's, the others the namespace's
+# topic: type, quality of service; those with a slash are the whole graph's
 TOPICS = {
     'goal_pose': (PoseStamped, EVERY),
     'disturbance': (PoseWithCovarianceStamped, STREAM),
@@ -74,11 +86,16 @@ TOPICS = {
     'compensator/reference': (PoseStamped, STREAM),
     GOAL_STATUS: (DiagnosticStatus, KEPT),
     'software_stop': (Bool, STREAM),
+    'driver/status': (DiagnosticStatus, KEPT),
     'ik_service/status': (DiagnosticStatus, KEPT),
     'ik_service/rejections': (DiagnosticStatus, KEPT),
+    'ik_service/workspace': (OccupancyGrid, KEPT),
+    '/rosout': (Log, EVERY),
     '/parameter_events': (ParameterEvent, EVERY),
     '/diagnostics': (DiagnosticArray, EVERY),
 }
+with suppress(ImportError):  # frames are broadcast where tf2 is installed
+    TOPICS['/tf'] = (import_module('tf2_msgs.msg').TFMessage, STREAM)
 COMPONENTS = ('driver', 'ik_service', 'compensator', 'gondola_simulator')
 OPERATION = 'driver: operation'
 STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # states of the driver
@@ -87,8 +104,11 @@ SILENCE = 3.0  # s without diagnostics of a driver that had power
 WATCH_PERIOD = 0.5
 TAKE_PERIOD = 0.1  # s
 ERROR = DiagnosticStatus.ERROR
+Metadata = Mapping[str, Mapping[str, str]]
 LONGEST_WRITE = 30.0  # s, for a file
+SEGMENT = 3.0  # s, which a loss of power costs; each takes some 20 ms of a processor
 LOW_PRIORITY = 10  # nice value of the thread that writes
+INTERRUPTED = 'recorder: it was killed or lost power'
 
 
 class RecorderNode(Node):
@@ -97,16 +117,25 @@ class RecorderNode(Node):
     def __init__(self, **kwargs) -> None:
         super().__init__('recorder', **kwargs)
         settings = declare(self, BlackBoxSettings)
-        self._ring = MessageRing(settings.duration, round(1e6 * settings.memory))
-        self._trigger = RecordTrigger(settings.aftermath, settings.duration)
-        self._shelf = Shelf(settings.folder, settings.disk)
+        self._duration = settings.duration
+        self._trigger = RecordTrigger(settings.duration, settings.aftermath)
+        self._shelf = Shelf(settings.folder, settings.disk, self.get_namespace())
         self._topics = [CAN_TOPIC, *(
-            RecordedTopic(self.resolve_topic_name(topic), *message_type(kind))
-            for topic, (kind, _) in TOPICS.items())]
+            RecordedTopic(self.resolve_topic_name(topic), *message_type(kind), playback(qos))
+            for topic, (kind, qos) in TOPICS.items())]
+        self._stream = Stream(  # a file begins before its first reason, and may have later ones
+            self._shelf.folder, self._shelf.name, self._topics,
+            2 * settings.duration + settings.aftermath, round(1e6 * settings.memory),
+            0.5e6 * settings.disk)
+        self._chain: tuple[float, Path | None] = 0.0, None
+        self._installed = {one.name: one.version for one in distributions()}
+        self._flushed = 0.0
         self._writer = ThreadPoolExecutor(1, 'black box', lambda: os.setpriority(
             os.PRIO_PROCESS, 0, LOW_PRIORITY))
         self._outcome, self._error, self._files = 'nothing recorded yet', '', 0
-        self._job: Future | None = None
+        self._interrupted = 0
+        self._job: Future | None = None  # the newest, of a segment or of a file
+        self._file: Future | None = None
         self._job_time = 0.0
         self._driver_state, self._driver_time = '', time.monotonic()
         self._knows_goal = False
@@ -129,7 +158,7 @@ class RecorderNode(Node):
         self._arrivals.begin()
         for queue, read in self._queues:
             for received, data in queue.take():
-                self._ring.add(self._arrivals.time(received), queue.topic, data)
+                self._stream.add(self._arrivals.time(received), queue.topic, data)
                 if read is not None:
                     read(deserialize_message(data, queue.kind))
 
@@ -142,13 +171,17 @@ class RecorderNode(Node):
                 self._driver_state = status_values(status).get('state', '')
                 stops |= self._driver_state in STOPS
             if name.partition(': ')[0] in COMPONENTS:
-                self._trigger.watch(now, name, status.message if stops else '')
+                self._note_reason(name, status.message if stops else '')
 
     def _read_goal_status(self, status: DiagnosticStatus) -> None:
         if self._knows_goal:  # the first one is latched: what it says may be long past
-            self._trigger.watch(time.monotonic(), 'compensator', (
+            self._note_reason('compensator', (
                 HOLD if status_values(status).get('reason') == HOLD else ''))
         self._knows_goal = True
+
+    def _note_reason(self, source: str, reason: str) -> None:
+        if self._trigger.watch(time.monotonic(), source, reason):
+            self._flushed = 0.0  # people switch the power off when the machine has stopped
 
     def _read_event(self, event: ParameterEvent) -> None:
         if (name := self._own(event.node)) in COMPONENTS:
@@ -165,11 +198,13 @@ class RecorderNode(Node):
             reader.ask_once()
         self._listen_to_bus()
         silence = now - self._driver_time
-        self._trigger.watch(now, 'driver', (
+        self._note_reason('driver', (
             f'no diagnostics for {silence:.0f} s while it was {self._driver_state}'
             if self._driver_state in MOVING and silence > SILENCE else ''))
-        if not self._is_writing and (reasons := self._trigger.due(now)):
-            self._record(reasons)
+        if not self._is_writing and (due := self._trigger.due(now)) is not None:
+            self._record(due)
+        elif not self._is_busy and now - self._flushed >= SEGMENT:
+            self._begin(self._flush, self._metadata(self._trigger.reasons))
 
     def _listen_to_bus(self) -> None:
         """Listen to the bus that the driver uses, once its parameters are known."""
@@ -177,7 +212,7 @@ class RecorderNode(Node):
         if self._listener is None and driver.get('bus.interface') == 'socketcan':
             self._listener = CanListener(
                 driver['bus.channel'],
-                lambda time, data: self._ring.add(time, CAN_TOPIC.topic, data))
+                lambda time, data: self._stream.add(time, CAN_TOPIC.topic, data))
 
     def _save(self, _: Trigger.Request, response: Trigger.Response) -> Deferred | Trigger.Response:
         def answer(job: Future) -> Trigger.Response:
@@ -188,34 +223,80 @@ class RecorderNode(Node):
         if self._is_writing:  # a copy for each call would fill the memory
             response.message = 'the file before is still being written: ask again'
             return response
-        return Deferred(self._record(('recorder/save was called',)), answer)
+        due = DueFile(('recorder/save was called',), time.monotonic())
+        return Deferred(self._record(due), answer)
 
     @property
     def _is_writing(self) -> bool:
+        return self._file is not None and not self._file.done()
+
+    @property
+    def _is_busy(self) -> bool:
         return self._job is not None and not self._job.done()
 
-    def _record(self, reasons: tuple[str, ...]) -> Future:
+    def _record(self, due: DueFile) -> Future:
         """Write what is kept, in the writer's thread."""
         self._take()
-        self._job = self._writer.submit(self._write, *self._ring.copy(), reasons)
-        self._job_time = time.monotonic()
+        self._file = self._begin(
+            self._write, due, self._metadata(due.reasons), self._attachments())
+        return self._file
+
+    def _begin(self, job: Callable[..., Path | None], *arguments: Any) -> Future:
+        self._flushed = self._job_time = time.monotonic()
+        self._job = self._writer.submit(job, *arguments)
         self._job.add_done_callback(self._note)
         return self._job
 
-    def _write(self, before: list[Kept], kept: list[Kept], reasons: tuple[str, ...]) -> Path:
+    def _metadata(self, reasons: tuple[str, ...]) -> dict[str, dict[str, str]]:
         about = {'reasons': '\n'.join(reasons), 'namespace': self.get_namespace(),
-                 'version': version(NAME)}
-        parameters = {name: dict(reader.values)  # as of now: the executor goes on changing them
-                      for name, reader in self._readers.items() if reader.values}
-        return self._shelf.write(time.time(), lambda path: write_recording(
-            path, self._topics, (before, kept), about, parameters))
+                 'version': self._installed.get('facade_manipulator', ''), **host()}
+        return {**run_metadata(about, {
+            name: reader.values for name, reader in self._readers.items() if reader.values}),
+            'versions': self._installed}
+
+    def _attachments(self) -> list[Path]:
+        """Return the files that this machine was started with."""
+        profiles = {value for name, value in self._readers['driver'].values.items()
+                    if name.endswith('.profile')}
+        return [*(path for name in sorted(profiles) for path in _drive_files(name)),
+                *(path for path in parameter_files() if path.is_file())]
+
+    def _flush(self, metadata: Metadata) -> None:
+        """Write what has come to the disk, and before all else what a lost recorder had there."""
+        try:
+            self._shelf.folder.mkdir(parents=True, exist_ok=True)
+            self._interrupted += self._stream.recover(lambda segments: self._shelf.write(
+                time.time(), lambda path: write_recording(
+                    path, self._topics, segments, (), INTERRUPTED), self._stream.draft()))
+            self._shelf.make_room(self._stream.disk)
+            self._stream.flush(metadata)
+        except OSError as error:
+            raise self._shelf.error(error) from error
+
+    def _write(self, due: DueFile, metadata: Metadata, attachments: list[Path]) -> Path:
+        begin = time.monotonic()
+        try:
+            self._flush(metadata)
+            segments = self._stream.since(due.first - self._duration)
+            first, over = self._chain
+            path = self._shelf.write(
+                time.time(), lambda draft: write_recording(
+                    draft, self._topics, segments, attachments),
+                self._stream.draft(), over if due.first == first else None, self._stream.disk)
+        except RecordError:
+            self._trigger.again(begin, due)
+            raise
+        self._chain = due.first, path
+        self._trigger.rest(time.monotonic(), time.monotonic() - begin)
+        return path
 
     def _note(self, job: Future) -> None:
         error = job.exception()
-        self._error = str(error) if error else ''
-        if error:
-            self.get_logger().error(self._error)
-        else:
+        message = str(error) if error else ''
+        if message and message != self._error:
+            self.get_logger().error(message)
+        self._error = message
+        if error is None and job.result() is not None:
             self._files += 1
             self._outcome = f'recorded in {job.result()}'
             self.get_logger().info(self._outcome)
@@ -224,8 +305,11 @@ class RecorderNode(Node):
         listener = self._listener
         trouble = self._slow_writing() or self._error or (listener.error if listener else '')
         values = {
-            'kept [s]': self._ring.span,
-            'memory [MB]': 1e-6 * self._ring.size,
+            'kept [s]': min(self._stream.span, self._duration),
+            'memory [MB]': 1e-6 * self._stream.size,
+            'stream [MB]': 1e-6 * self._stream.disk,
+            'messages lost': self._stream.dropped,
+            'interrupted recordings': self._interrupted,
             'CAN': listener.channel if listener else 'no SocketCAN interface',
             'files written': self._files,
             'last file': self._outcome,
@@ -236,19 +320,56 @@ class RecorderNode(Node):
 
     def _slow_writing(self) -> str:
         took = time.monotonic() - self._job_time
-        if not self._is_writing or took <= LONGEST_WRITE:
+        if not self._is_busy or took <= LONGEST_WRITE:
             return ''
         return f'writing a file takes {took:.0f} s, bound {LONGEST_WRITE:g} s: does the disk hang?'
 
     def close(self) -> None:
         """End when what is being written is written."""
-        if reasons := self._trigger.due(float('inf')):
-            self._record(reasons)
+        if (due := self._trigger.due(float('inf'))) is not None:
+            self._record(due)
         self._writer.shutdown()
+        if not self._error:
+            self._stream.close()
         for queue, _ in self._queues:
             queue.close()
         if self._listener is not None:
             self._listener.close()
+
+
+def playback(qos: QoSProfile) -> str:
+    """
+    Return a quality of service as `ros2 bag play` offers it.
+
+    References
+    ----------
+    rosbag2_storage, qos.cpp, of metadata version 9.
+
+    """
+    forever = {'sec': 9223372036, 'nsec': 854775807}
+    return yaml.safe_dump([{
+        'history': 'keep_last', 'depth': qos.depth, 'reliability': qos.reliability.name.lower(),
+        'durability': qos.durability.name.lower(), 'deadline': forever, 'lifespan': forever,
+        'liveliness': 'automatic', 'liveliness_lease_duration': forever,
+        'avoid_ros_namespace_conventions': False}], sort_keys=False)
+
+
+def host() -> dict[str, str]:
+    """Return what the computer is, for the engineer who does not stand before it."""
+    return {'host': platform.node(), 'platform': platform.platform(),
+            'python': platform.python_version(),
+            'middleware': os.environ.get('RMW_IMPLEMENTATION', '')}
+
+
+def parameter_files() -> list[Path]:
+    """Return the parameter files that this process was started with."""
+    return [Path(path) for option, path in pairwise(sys.argv) if option == '--params-file']
+
+
+def _drive_files(profile: str) -> list[Path]:
+    with suppress(ManipulatorError, OSError):
+        return [config_path(f'drives/{profile}.yaml'), load_profile(profile).eds]
+    return []
 
 
 main = partial(run, lambda: [RecorderNode()])

@@ -12,7 +12,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from facade_manipulator.errors import LimitError, ManipulatorError
+from facade_manipulator.errors import LimitError, ManipulatorError, without_numbers
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import status_values
 from facade_manipulator.ros.clocks import steady_timer
@@ -32,7 +32,7 @@ FOLLOWED = {  # key of the goal that is followed, and its factor
     'followed x [mm]': 1e3, 'followed y [mm]': 1e3, 'followed angle [deg]': math.degrees(1.0)}
 PERIOD = 1.0
 WARN_EVERY = 1.0  # s
-REPEAT_AFTER = 60.0  # s, for the very message that stands in the log already
+REPEAT_AFTER = 60.0  # s, for a message that stands in the log already
 
 
 def stamp_text(stamp: Time) -> str:
@@ -131,11 +131,14 @@ class DiagnosticsPublisher:
 
 
 class RepeatedLog:
-    """Log at most once a second, the same message once a minute: whoever repeats fills no disk."""
+    """
+    Log at most once a second, the same once a minute: whoever repeats fills no disk.
+
+    Messages that differ in numbers alone are the same.
+    """
 
     def __init__(self) -> None:
-        self._logged = ''
-        self._logged_at = -math.inf
+        self._logged: dict[str, float] = {}  # when, by message without its numbers
 
     def is_due(self, message: str) -> bool:
         """
@@ -143,11 +146,13 @@ class RepeatedLog:
 
         The caller logs it itself: rclpy takes but one severity from each line of code.
         """
-        now = time.monotonic()
-        pause = REPEAT_AFTER if message == self._logged else WARN_EVERY
-        if now - self._logged_at < pause:
+        now, kind = time.monotonic(), without_numbers(message)
+        self._logged = {
+            one: at for one, at in self._logged.items() if now - at < REPEAT_AFTER}
+        newest = max(self._logged.values(), default=-math.inf)
+        if kind in self._logged or now - newest < WARN_EVERY:
             return False
-        self._logged, self._logged_at = message, now
+        self._logged[kind] = now
         return True
 
 

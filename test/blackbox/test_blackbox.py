@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 import errno
 from io import BytesIO
+import math
+import os
 from pathlib import Path
 import shutil
 import struct
+from tempfile import TemporaryDirectory
+import time
 from types import SimpleNamespace
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -20,56 +25,125 @@ from facade_manipulator.blackbox import (
     CAN_TOPIC,
     frame_bytes,
     Kept,
-    MessageRing,
     messages_of,
+    RecordedTopic,
     RecordTrigger,
     Shelf,
+    Stream,
     write_mcap,
+    write_recording,
 )
-from facade_manipulator.blackbox.ring import OVERHEAD
 from facade_manipulator.blackbox.shelf import RESERVE
+from facade_manipulator.blackbox.stream import OVERHEAD
 from facade_manipulator.errors import RecordError
 
 messages = st.lists(st.tuples(
-    st.floats(0.0, 2.0), st.sampled_from('abc'), st.binary(max_size=400)), max_size=60)
+    st.floats(0.0, 2.0), st.sampled_from('abc'), st.binary(max_size=400)), max_size=40)
+TOPICS = [RecordedTopic(one, 'std_msgs/msg/Bool', 'bool data') for one in 'abc']
+ABOUT = {'black box': {'reasons': 'a test', 'namespace': '/'}}
 
 
-@given(messages, st.floats(0.1, 5.0), st.integers(300, 5000))
-def test_a_ring_keeps_the_newest_within_time_and_memory_and_the_last_of_each_topic(
-        steps, duration, capacity):
-    ring, added, now = MessageRing(duration, capacity), [], 0.0
-    for step, topic, data in steps:
-        now += step
-        added.append(Kept(now, topic, data))
-        ring.add(*added[-1])
-    assert ring.size <= capacity
-    assert ring.span <= duration + 1e-9
-    before, kept = ring.copy()
-    gone = len(added) - len(kept)
-    assert (before, kept) == (last_of_each(added[:gone]), added[gone:])
-    assert ring.size == sum(len(one.data) + OVERHEAD for one in kept)
+def stream(folder, memory=10**6, duration=1e9, disk=10**9):
+    return Stream(folder, 'g', TOPICS, duration, memory, disk)
 
 
-def last_of_each(added):
-    return sorted({one.topic: one for one in added}.values())
+def read(path):
+    reader = make_reader(BytesIO(path.read_bytes()))
+    return [(channel.topic, message.log_time, message.publish_time, message.data)
+            for _, channel, message in reader.iter_messages(log_time_order=False)]
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.lists(messages, min_size=1, max_size=4), st.booleans())
+def test_a_file_of_segments_has_each_message_once_even_after_a_kill(batches, is_killed):
+    with TemporaryDirectory() as folder:
+        written, now, added = stream(Path(folder)), time.monotonic(), []
+        for batch in batches:
+            for step, topic, data in batch:
+                now += step
+                added.append((topic, data))
+                written.add(now, topic, data)
+            written.flush(ABOUT)
+        path = Path(folder) / 'file.mcap'
+        if is_killed:
+            os.close(written._lock_file)
+            assert stream(Path(folder)).recover(
+                lambda segments: write_recording(path, TOPICS, segments)) == 1
+            assert [one.name for one in Path(folder).iterdir()] == ['file.mcap']
+        else:
+            assert stream(Path(folder)).recover(pytest.fail) == 0
+            write_recording(path, TOPICS, written.since(0.0))
+        assert [(topic, data) for topic, _, _, data in read(path)] == added
+
+
+def test_what_came_before_a_file_is_logged_at_its_begin_and_keeps_its_time(tmp_path):
+    written, now = stream(tmp_path, duration=0.0), time.monotonic() + 8 * 3600.0
+    for topic, age in (('a', 8 * 3600.0), ('b', 1.0)):
+        written.add(now - age, topic, b'\0')
+        written.flush(ABOUT)
+    path = tmp_path / 'file.mcap'
+    write_recording(path, TOPICS, written.since(now - 60.0))
+    (_, first, came, _), (_, second, _, _) = read(path)
+    assert first == second
+    assert 1e-9 * (first - came) == pytest.approx(8 * 3600.0 - 1.0)
+    assert len(list(tmp_path.glob('.stream*/*.mcap'))) == 1
+
+
+def test_while_a_disk_takes_nothing_the_newest_stay_in_memory(tmp_path, monkeypatch):
+    written, folder = stream(tmp_path / 'file' / 'folder', 10 * OVERHEAD), tmp_path / 'file'
+    folder.write_text('')
+    for number in range(30):
+        written.add(float(number), 'a', bytes([number]))
+        if number == 20:
+            with pytest.raises(OSError):
+                written.flush(ABOUT)
+        assert written.size <= 10 * OVERHEAD
+    folder.unlink()
+    written.flush(ABOUT)
+    assert [data[0] for *_, data in read(*written.since(0.0))] == list(range(21, 30))
+    assert (written.dropped, written.size) == (21, 0)
+
+
+def test_segments_take_no_more_of_the_disk_than_their_share(tmp_path):
+    written = stream(tmp_path, disk=20_000)
+    for number in range(30):
+        written.add(float(number), 'a', os.urandom(2000))
+        written.flush(ABOUT)
+    assert 10_000 < sum(one.stat().st_size for one in written.since(0.0)) <= 20_000
 
 
 def test_a_file_is_due_some_time_after_the_first_reason_and_names_all():
-    trigger = RecordTrigger(3.0, 60.0)
-    trigger.watch(10.0, 'driver: q1', 'fault 8611h')
-    trigger.watch(11.0, 'driver: q1', 'fault 8611h, 4.1 mm')  # goes on
+    trigger = RecordTrigger(60.0, 3.0)
+    assert trigger.watch(10.0, 'driver: q1', 'fault 8611h at 3.9 mm')
+    assert not trigger.watch(11.0, 'driver: q1', 'fault 8611h at 4.1 mm')  # goes on
     trigger.watch(12.0, 'driver: operation', 'stopped')
     assert not trigger.due(12.9)
-    assert trigger.due(13.0) == ('driver: q1: fault 8611h', 'driver: operation: stopped')
-    assert not trigger.due(1e9)
+    reasons = ('driver: q1: fault 8611h at 3.9 mm', 'driver: operation: stopped')
+    assert trigger.due(13.0) == (reasons, 10.0)
+    assert not trigger.due(math.inf)
+    trigger.rest(13.0, 0.5)
+    trigger.watch(20.0, 'driver: q1', 'fault 7305h')
+    assert not trigger.due(22.9)
+    assert trigger.due(23.0) == ((*reasons, 'driver: q1: fault 7305h'), 10.0)
+    trigger.watch(71.0, 'driver: q2', 'fault 8611h')
+    assert trigger.due(74.0) == (('driver: q2: fault 8611h',), 71.0)
 
 
-def test_a_fault_that_comes_and_goes_is_recorded_once_in_a_while():
-    trigger, files = RecordTrigger(1.0, 60.0), []
-    for second in range(600):
-        trigger.watch(second, 'driver: q1', 'late' if second % 2 else '')
-        files += [second] if trigger.due(second) else []
-    assert len(files) == 10
+@given(st.lists(st.tuples(st.floats(0.1, 50.0), st.sampled_from('abcdef')), max_size=40))
+def test_every_cause_of_a_storm_is_in_a_file_that_covers_it(storm):
+    trigger, now, causes, files = RecordTrigger(60.0, 3.0), 0.0, [], []
+    for step, cause in [*storm, (1000.0, 'z')]:
+        begin, now = now, now + step
+        while (at := min(trigger._due, now)) < now:
+            files.append((trigger.due(at), at))
+            trigger.rest(at, 0.2)
+        causes.append((now, f'driver: {cause}'))
+        trigger.watch(now - 0.01 * (now - begin), 'driver', '')
+        trigger.watch(now, 'driver', cause)
+    files.append((trigger.due(math.inf), math.inf))
+    assert all(any(due.first <= at <= end and cause in due.reasons for due, end in files)
+               for at, cause in causes)
+    assert len({due.first for due, _ in files}) <= 1 + (causes[-1][0] / 60.0)
 
 
 def test_a_batch_of_frames_is_their_messages_at_their_times():
@@ -113,51 +187,85 @@ def test_a_reader_of_other_make_reads_what_was_written(tmp_path, compact):
     assert record.metadata == {'reasons': 'a test'}
 
 
-def fill(size):
-    return lambda path: path.write_bytes(bytes(size))
+def fill(size, reason='a test'):
+    return lambda path: write_mcap(path, [CAN_TOPIC], [Kept(0.0, 'can_frames', os.urandom(size))],
+                                   0.0, {'black box': {'reasons': reason}})
+
+
+def shelf(folder, name='', limit=1.0):
+    folder.mkdir(exist_ok=True, parents=True)
+    made = Shelf(str(folder), limit, name)
+    return made, lambda *what: made.write(*what, folder / f'{name}.part')
 
 
 def test_the_oldest_go_even_where_the_clock_began_in_1970(tmp_path):
-    shelf = Shelf(tmp_path / 'new' / 'folder', 1.0)
-    for stamp in (2e9, 5.0, 3e9, 6.0):
-        newest = shelf.write(stamp, fill(400_000))
-    names = sorted(path.name for path in shelf.folder.iterdir())
-    assert names == ['blackbox_000003_20650124T052000Z.mcap',
-                     'blackbox_000004_19700101T000006Z.mcap']
+    _, write = shelf(tmp_path / 'new')
+    for stamp in (1e9, 2e9, 5.0, 3e9, 6.0):
+        newest = write(stamp, fill(300_000))
+    names = sorted(path.name for path in newest.parent.iterdir())
+    assert names == ['blackbox_000001_manipulator_20010909T014640Z.mcap',  # first of its cause
+                     'blackbox_000004_manipulator_20650124T052000Z.mcap',
+                     'blackbox_000005_manipulator_19700101T000006Z.mcap']
     assert newest.name == names[-1]
 
 
+def test_the_first_file_of_each_cause_outlasts_a_cause_that_repeats(tmp_path):
+    _, write = shelf(tmp_path)
+    rare = write(0.0, fill(100_000, 'driver: q1: fault 8611h'))
+    for number in range(30):
+        write(number, fill(100_000, f'driver: late for {number} ms'))
+    assert rare.exists()
+    assert len(list(tmp_path.iterdir())) == 9
+
+
+def test_gondolas_on_one_computer_and_two_of_one_name_keep_their_own_files(tmp_path):
+    pairs = [shelf(tmp_path, name) for name in ('gondola_1', 'gondola_2')]
+    paths = {write(0.0, fill(400_000)) for _ in range(2) for _, write in pairs}
+    assert all(path.exists() for path in paths) and len(paths) == 4
+    first, second = (Shelf(str(tmp_path), 10.0, 'a') for _ in range(2))
+    with monkeypatched(second, '_files', list):
+        assert first._reserve(0.0) != second._reserve(0.0)
+
+
+@contextmanager
+def monkeypatched(owner, name, value):
+    setattr(owner, name, value)
+    yield
+    delattr(owner, name)
+
+
 def test_a_file_larger_than_the_bound_stays_until_the_next_one(tmp_path):
-    shelf = Shelf(str(tmp_path), 1.0)
-    assert shelf.write(0.0, fill(3_000_000)).exists()
-    shelf.write(1.0, fill(10))
+    _, write = shelf(tmp_path)
+    assert write(0.0, fill(3_000_000)).exists()
+    write(1.0, fill(10))
     assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_what_is_not_the_black_boxs_is_left_alone(tmp_path):
     other = tmp_path / 'blackbox_notes.mcap'
     other.write_text('mine')
-    Shelf(str(tmp_path), 1.0).write(0.0, fill(2_000_000))
+    shelf(tmp_path)[1](0.0, fill(2_000_000))
     assert other.exists()
 
 
-def test_a_full_disk_is_a_message_and_leaves_no_half_file(tmp_path, monkeypatch):
-    shelf = Shelf(str(tmp_path), 1.0)
+def test_own_files_go_before_a_full_disk_is_a_message(tmp_path, monkeypatch):
+    _, write = shelf(tmp_path)
+    paths = [write(0.0, fill(300_000)) for _ in range(3)]
+    usage = shutil.disk_usage(tmp_path)
+    lacks = [500_000]
+    monkeypatch.setattr(shutil, 'disk_usage', lambda folder: usage._replace(
+        free=RESERVE - lacks[0] + 300_000 * (3 - sum(one.exists() for one in paths))))
+    write(1.0, fill(10))
+    assert [one.exists() for one in paths] == [False, False, True]
+    lacks[0] = 10_000_000
+    with pytest.raises(RecordError, match='41 MB free, 50 MB are left to others'):
+        write(2.0, fill(10))
 
+
+def test_a_disk_that_fills_while_a_file_is_written_is_a_message(tmp_path):
     def fail(path: Path):
-        path.write_bytes(b'half')
         raise OSError(errno.ENOSPC, 'No space left on device')
 
     with pytest.raises(RecordError, match='No space left'):
-        shelf.write(0.0, fail)
+        shelf(tmp_path)[1](0.0, fail)
     assert not list(tmp_path.iterdir())
-    usage = shutil.disk_usage(tmp_path)
-    monkeypatch.setattr(shutil, 'disk_usage', lambda _: usage._replace(free=RESERVE - 1))
-    with pytest.raises(RecordError, match='50 MB free, 50 MB are left to others'):
-        shelf.write(0.0, fill(1))
-
-
-def test_a_folder_that_cannot_be_is_named(tmp_path):
-    (tmp_path / 'file').write_text('')
-    with pytest.raises(RecordError, match='file/folder'):
-        Shelf(str(tmp_path / 'file' / 'folder'), 1.0).write(0.0, fill(1))

@@ -17,6 +17,7 @@ import pytest
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from facade_manipulator.blackbox import DueFile
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.conversions import pose_stamped
@@ -167,19 +168,55 @@ def test_while_a_disk_hangs_one_file_waits_and_no_more(machine, monkeypatch):
     monkeypatch.setattr('facade_manipulator.nodes.recorder.LONGEST_WRITE', 0.0)
     monkeypatch.setattr(machine.recorder._shelf, 'write', lambda *arguments: (
         hangs.wait(20.0), write(*arguments))[1])
-    first = machine.recorder._record(('the first',))
+    first = machine.recorder._record(DueFile(('the first',), 0.0))
     reply = machine.ros.call(machine.node, Trigger, 'recorder/save')
     assert not reply.success and 'is still being written' in reply.message
     (status,) = machine.recorder._components()
     assert status.level == DiagnosticStatus.ERROR and 'does the disk hang?' in status.message
     machine.say('active')
     machine.say('stopped', DiagnosticStatus.ERROR, 'a fault')
-    machine.ros.until(lambda: machine.recorder._trigger._due < math.inf, 'the stop')
+    machine.ros.until(lambda: machine.recorder._trigger.reasons, 'the stop')
     hangs.set()
     machine.ros.until(lambda: len(machine.files()) == 2, 'the file of the stop')
     assert first.done()
     metadata, _ = read(machine.files()[1])
     assert metadata['black box']['reasons'] == 'driver: operation: a fault'
+
+
+def test_three_stops_in_a_minute_are_one_file_that_names_all(machine):
+    for axis in ('q1', 'q2', 'q3'):
+        machine.say('active')
+        machine.say('stopped', DiagnosticStatus.ERROR, f'{axis}: fault 8611h')
+        machine.ros.until(
+            lambda axis=axis: machine.files() and axis in read(machine.files()[0])[0][
+                'black box']['reasons'], axis)
+    assert len(machine.files()) == 1
+    metadata, messages = read(machine.files()[0])
+    assert metadata['black box']['reasons'].splitlines() == [
+        f'driver: operation: {axis}: fault 8611h' for axis in ('q1', 'q2', 'q3')]
+    assert sum(message.status[0].values[0].value == 'stopped' for topic, message in messages
+               if topic == '/diagnostics' and 'operation' in message.status[0].name) == 3
+    assert metadata['versions']['mcap'] and metadata['black box']['host']
+
+
+def test_what_a_recorder_that_was_killed_had_is_the_file_of_the_next(
+        ros, start_process, tmp_path):
+    arguments = ('facade_manipulator.nodes.recorder', '--ros-args', '-p', f'folder:={tmp_path}')
+    killed = start_process(*arguments)
+    node = ros.node('driver')
+    goals = node.create_publisher(PoseStamped, 'goal_pose', RELIABLE)
+    ros.until(goals.get_subscription_count, 'the recorder')
+    goals.publish(pose_stamped('facade', 14.0, GOAL))
+    ros.until(lambda: any(topic == '/goal_pose' for path in tmp_path.glob('.stream*/*.mcap')
+                          for topic, _ in read(path)[1]), 'a segment', 60.0)
+    killed.kill()
+    start_process(*arguments)
+    path, = ros.until(lambda: [one for one in tmp_path.glob('*.mcap') if one.stat().st_size],
+                      'the file', 60.0)
+    metadata, messages = read(path)
+    assert 'killed or lost power' in metadata['black box']['reasons']
+    assert [message.pose.position.x for topic, message in messages
+            if topic == '/goal_pose'] == [GOAL.x]
 
 
 def test_a_folder_that_cannot_be_written_is_told_and_nothing_ends(ros, tmp_path):

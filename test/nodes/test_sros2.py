@@ -17,7 +17,7 @@ from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.monitor import Observer
-from facade_manipulator.nodes.recorder import RecorderNode
+from facade_manipulator.nodes.recorder import RecorderNode, TOPICS
 from facade_manipulator.ros.client import ManipulatorClient
 
 NAMESPACE = '/gondola_1'
@@ -41,7 +41,9 @@ def allowed(node: str, tag: str, what: str) -> set[str]:
              for name in group]
     assert len(names) == len(set(names))
     names = [name.replace('~', node) for name in names]
-    return {name if name.startswith('/') else f'{NAMESPACE}/{name}' for name in names}
+    names = [name if name.startswith('/') else f'{NAMESPACE}/{name}' for name in names]
+    without_tf2 = {'/tf'} - set(TOPICS) if (node, what) == ('recorder', 'subscribe') else set()
+    return set(names) - without_tf2
 
 
 def used(node, name: str, method: str) -> set[str]:
