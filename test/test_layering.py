@@ -39,7 +39,8 @@ TOOLS = {
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance'},
     'tools.deployment': BASE | {'files', 'resources'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
-    'tools.stopping': ALL_OF_IT,
+    'tools.emergency_stop': ALL_OF_IT,
+    'tools.stopping': ALL_OF_IT | {'tools.emergency_stop'},
 }
 LAB = {
     'lab.demo': ALL_OF_IT | {'lab.gondola'},

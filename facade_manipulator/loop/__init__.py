@@ -13,5 +13,5 @@ from .control_loop import Simulator as Simulator
 from .control_loop import StreamStatus as StreamStatus
 from .process import LoopProcess as LoopProcess
 from .process import start_process as start_process
-from .stopping import Outcome as Outcome
-from .stopping import StoppingAnalysis as StoppingAnalysis
+from .stopping_analysis import Outcome as Outcome
+from .stopping_analysis import StoppingAnalysis as StoppingAnalysis

@@ -38,7 +38,7 @@ from facade_manipulator.drives.controller import (
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.loop.channel import Channel, ChannelClosedError, Message, VERSION
-from facade_manipulator.loop.stopping import StoppingAnalysis
+from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.motion import (
     fastest_near,
     HomingGuard,

@@ -6,6 +6,24 @@ For ik_service: `Approach` and `ReferencePath` (jerk-limited paths of the head),
 speed, acceleration and jerk) and the guards that check the mechanism before a target is sent.
 """
 
+from .braking import (
+    Brake as Brake,
+)
+from .braking import (
+    displacements as displacements,
+)
+from .braking import (
+    highest_speed as highest_speed,
+)
+from .braking import (
+    least_distance as least_distance,
+)
+from .braking import (
+    overshoot as overshoot,
+)
+from .braking import (
+    starting_distances as starting_distances,
+)
 from .follower import SetpointFollower as SetpointFollower
 from .follower import StreamSettings as StreamSettings
 from .guard import (
@@ -58,17 +76,5 @@ from .setpoints import (
 )
 from .setpoints import (
     STREAM_GAP as STREAM_GAP,
-)
-from .stopping import (
-    Brake as Brake,
-)
-from .stopping import (
-    highest_speed as highest_speed,
-)
-from .stopping import (
-    least_distance as least_distance,
-)
-from .stopping import (
-    overshoot as overshoot,
 )
 from .timed_buffer import TimedBuffer as TimedBuffer

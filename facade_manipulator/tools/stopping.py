@@ -11,14 +11,28 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
 from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import exit_status
-from facade_manipulator.kinematics import Geometry
+from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.loop import Outcome, StoppingAnalysis
 from facade_manipulator.motion import MotionLimits
 from facade_manipulator.parameter_file import read_settings
 from facade_manipulator.resources import config_path
+from facade_manipulator.tools.emergency_stop import (
+    COASTING,
+    emergency_stops,
+    EmergencyStop,
+    HEADS,
+    LOADS,
+    matrix,
+    sampled_gaps,
+    SAMPLES,
+    sto_delay,
+    TAIL,
+)
 
 MILLIMETRES = 1e3
 SPEEDS = 5  # of the table
@@ -30,20 +44,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         'parameters', type=Path, nargs='*',
         help='parameter files, of which later ones beat earlier ones; default: manipulator.yaml')
-    files = parser.parse_args(arguments).parameters or [config_path('manipulator.yaml')]
-    return exit_status('stopping', lambda: _say(files))
+    parser.add_argument(
+        '--coasting', type=float, default=COASTING,
+        help='mean deceleration without power in m/s^2, as measured (default: %(default)s)')
+    given = parser.parse_args(arguments)
+    files = given.parameters or [config_path('manipulator.yaml')]
+    return exit_status('stopping', lambda: _say(files, given.coasting))
 
 
-def _say(files: Sequence[Path]) -> None:
-    geometry, analysis = read_analysis(files)
-    for line in report(geometry, analysis):
+def _say(files: Sequence[Path], coasting: float) -> None:
+    geometry, analysis, controller = read_analysis(files)
+    stops = emergency_stops(analysis, controller, coasting)
+    for line in (*report(geometry, analysis),
+                 *emergency_report(geometry, analysis, stops, controller.drive_lag)):
         print(line)
     analysis.check()
 
 
-def read_analysis(files: Sequence[Path]) -> tuple[Geometry, StoppingAnalysis]:
+def read_analysis(
+    files: Sequence[Path],
+) -> tuple[Geometry, StoppingAnalysis, ControllerSettings]:
     """
-    Return the mechanism and the analysis of parameter files.
+    Return the mechanism, the analysis and the controller of parameter files.
 
     Raises
     ------
@@ -55,8 +77,9 @@ def read_analysis(files: Sequence[Path]) -> tuple[Geometry, StoppingAnalysis]:
     geometry = read('geometry', Geometry)
     axes = tuple(read(name, AxisSettings, **defaults)
                  for name, defaults in axis_defaults(geometry.stroke).items())
+    controller = read('controller', ControllerSettings)
     return geometry, StoppingAnalysis(
-        geometry, read('limits', MotionLimits), axes, read('controller', ControllerSettings))
+        geometry, read('limits', MotionLimits), axes, controller), controller
 
 
 def report(geometry: Geometry, analysis: StoppingAnalysis) -> list[str]:
@@ -78,6 +101,38 @@ def report(geometry: Geometry, analysis: StoppingAnalysis) -> list[str]:
         '', f'  {"speed [m/s]":16}' + ''.join(f'{speed:8.2f}' for speed in speeds),
         f'  {"distance [mm]":16}' + ''.join(f'{distance:8.1f}' for distance in distances),
         '', f'Beyond the stroke a carriage stops at most {beyond:.1f} mm.']
+
+
+def emergency_report(
+    geometry: Geometry, analysis: StoppingAnalysis, stops: Sequence[EmergencyStop], lag: float,
+) -> list[str]:
+    """Return what is left as sampled, and how the emergency stop ends, as lines."""
+    sampled = [(stop.name, sampled_gaps(geometry, analysis, stop, lag)) for stop in stops]
+    return [
+        '', f'Left between them, of {SAMPLES} samples of speeds, lag up to {MILLIMETRES * lag:g} '
+        'ms, delay and', 'deceleration; below 0 they touch:', '',
+        f'  {"":36}{"99.9 % [mm]":>14}{"worst [mm]":>13}',
+        *(f'  {name:36}{MILLIMETRES * np.percentile(gaps, TAIL):14.1f}'
+          f'{MILLIMETRES * gaps.min():13.1f}' for name, gaps in sampled),
+        '', f'SS1-t: STO follows {sto_delay(analysis, lag):.2f} s after the quick-stop inputs.',
+        *(line for stop in stops[2:] for line in _matrix(geometry, analysis, stop, lag))]
+
+
+def _matrix(
+    geometry: Geometry, analysis: StoppingAnalysis, stop: EmergencyStop, lag: float,
+) -> list[str]:
+    def distance_of(head: float) -> float:
+        q1, q2, q3 = inverse_kinematics(geometry, Pose(0.0, head, 0.0))
+        return min(q3 - q1, q2 - q3)
+
+    rows = matrix(stop, lag, geometry, analysis, distance_of)
+    columns = ''.join(f'{f"{head:g}, {load:g}":>12}' for head in HEADS for load in LOADS)
+    return [
+        '', f'{stop.name}: least gap [mm] of two that run towards each other,',
+        'by y of the head [m] and share of the deceleration that the load leaves:', '',
+        f'  {"speed [m/s]":12}{columns}',
+        *(f'  {speed:<12.2f}' + ''.join(f'{MILLIMETRES * one:12.1f}' for one in left)
+          for speed, left in rows)]
 
 
 def _row(outcome: Outcome) -> str:

@@ -50,25 +50,33 @@ def least_distance(gap: float, limits: MotionLimits, left: Brake, right: Brake) 
         Least distance [m]; below 0 they would have to pass through each other.
 
     """
-    speed, acceleration = limits.speed, limits.acceleration
-    speeds = np.linspace(-speed, speed, SPEEDS)
-    end = max(one.delay + speed / one.deceleration for one in (left, right))
+    speeds = np.linspace(-limits.speed, limits.speed, SPEEDS)
+    end = max(one.delay + limits.speed / one.deceleration for one in (left, right))
     times = np.linspace(0.0, end, TIMES)
-    v1, v2 = speeds[:, None], speeds[None, :]
-    gained = 0.5 * acceleration ** 2 / limits.jerk
-    off1, off2 = v1 - np.minimum(gained, speed + v1), v2 + np.minimum(gained, speed - v2)
-    together = np.maximum(np.abs(off1), np.abs(off2)) / (2.0 * acceleration)
-    start = gap + np.maximum(0.0, (off1 - off2) * together)
-    way1, way2 = _way(speeds, times, left), _way(speeds, times, right)
+    start = starting_distances(gap, limits, speeds[:, None], speeds[None, :])
+    way1, way2 = (displacements(speeds[:, None], times, *one) for one in (left, right))
     return float(np.min(start[..., None] + way2[None, :, :] - way1[:, None, :]))
 
 
-def _way(speeds: np.ndarray, times: np.ndarray, brake: Brake) -> np.ndarray:
-    """Return the displacement after times [m], one row for each speed."""
-    braking = np.maximum(np.abs(speeds) / brake.deceleration, SHORTEST)[:, None]
-    slowing = np.clip(times - brake.delay, 0.0, braking)
-    return speeds[:, None] * (
-        np.minimum(times, brake.delay) + slowing * (1.0 - slowing / (2.0 * braking)))
+def starting_distances(
+    gap: float, limits: MotionLimits, left: np.ndarray, right: np.ndarray,
+) -> np.ndarray:
+    """Return the least distances [m] at which neighbours are commanded to have speeds [m/s]."""
+    speed, acceleration = limits.speed, limits.acceleration
+    gained = 0.5 * acceleration ** 2 / limits.jerk
+    off1, off2 = left - np.minimum(gained, speed + left), right + np.minimum(gained, speed - right)
+    together = np.maximum(np.abs(off1), np.abs(off2)) / (2.0 * acceleration)
+    return gap + np.maximum(0.0, (off1 - off2) * together)
+
+
+def displacements(
+    speeds: np.ndarray, times: np.ndarray, delay: float | np.ndarray,
+    deceleration: float | np.ndarray,
+) -> np.ndarray:
+    """Return how far carriages get in times [s] from speeds [m/s]; arrays are broadcast."""
+    braking = np.maximum(np.abs(speeds) / deceleration, SHORTEST)
+    slowing = np.clip(times - delay, 0.0, braking)
+    return speeds * (np.minimum(times, delay) + slowing * (1.0 - slowing / (2.0 * braking)))
 
 
 def overshoot(speed: float, acceleration: float, deceleration: float) -> float:

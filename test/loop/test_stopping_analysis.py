@@ -11,9 +11,15 @@ from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop.stopping import StoppingAnalysis
+from facade_manipulator.loop.stopping_analysis import StoppingAnalysis
 from facade_manipulator.motion.limits import fastest_near, MotionLimits
 from facade_manipulator.resources import config_path
+from facade_manipulator.tools.emergency_stop import (
+    emergency_stops,
+    matrix,
+    sampled_gaps,
+    sto_delay,
+)
 from facade_manipulator.tools.stopping import main, read_analysis
 
 GEOMETRY, LIMITS, CONTROLLER = Geometry(), MotionLimits(), ControllerSettings()
@@ -103,3 +109,49 @@ def test_the_command_rejects_what_the_driver_would_not_read(tmp_path, capsys, te
     file.write_text(text)
     assert main([str(file)]) == 1
     assert message in capsys.readouterr().err
+
+
+# --- the emergency stop
+
+LAG = CONTROLLER.drive_lag
+ENOUGH = 0.005  # m
+
+
+def test_an_emergency_stop_of_category_1_leaves_5_mm_and_one_of_category_0_does_not():
+    stops = emergency_stops(analysis(), CONTROLLER)
+    *braking, coasting = (sampled_gaps(GEOMETRY, analysis(), stop, LAG).min() for stop in stops)
+    assert min(braking) >= ENOUGH
+    assert coasting < 0.0
+
+
+@pytest.mark.parametrize('lag', [0.0, 0.015, 0.03])
+def test_by_category_1_no_speed_at_any_pose_with_any_load_leaves_less_than_5_mm(lag):
+    late = replace(CONTROLLER, drive_lag=lag)
+    stop = emergency_stops(analysis(controller=late), late)[2]
+    rows = matrix(stop, lag, GEOMETRY, analysis(controller=late), lambda head: 0.2 * head)
+    assert min(min(left) for _, left in rows) >= ENOUGH
+
+
+def test_samples_lie_between_the_plainest_stop_and_the_worst():
+    """Two that run towards each other at full speed need v²/a and the way until they brake."""
+    stop, found = emergency_stops(analysis(), CONTROLLER)[0], analysis()
+    near = found.separation.distance(LIMITS.speed)
+    worst = near - LIMITS.speed * (2.0 * LAG + LIMITS.speed / found.separation.deceleration)
+    gaps = sampled_gaps(GEOMETRY, found, stop, LAG)
+    assert worst <= gaps.min() <= 0.02
+
+
+def test_the_power_may_go_when_all_carriages_stand():
+    found = analysis()
+    needed = LIMITS.speed / found.separation.deceleration + LAG
+    assert needed < sto_delay(found, LAG) < needed + 0.02
+
+
+def test_less_friction_makes_the_emergency_stop_of_category_0_worse(capsys):
+    def worst(coasting):
+        assert main(['--coasting', coasting]) == 0
+        lines = capsys.readouterr().out.splitlines()
+        row, = (line for line in lines if 'power off (STO)  ' in line)
+        return float(row.split()[-1])
+
+    assert worst('1.0') < worst('1.87') < worst('5.0')

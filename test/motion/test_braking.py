@@ -9,17 +9,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.motion.braking import (
+    Brake,
+    highest_speed,
+    least_distance,
+    overshoot,
+)
 from facade_manipulator.motion.limits import (
     CarriageMotion,
     MotionLimits,
     PathLimiter,
     Separation,
-)
-from facade_manipulator.motion.stopping import (
-    Brake,
-    highest_speed,
-    least_distance,
-    overshoot,
 )
 
 LIMITS = MotionLimits()
