@@ -34,7 +34,7 @@ from support import patiently, wait_until  # noqa: E402
 
 from facade_manipulator.drives.canopen import pdo  # noqa: E402
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES  # noqa: E402
-from facade_manipulator.drives.cia402.states import Controlword, State  # noqa: E402
+from facade_manipulator.drives.cia402.states import Controlword, Mode, State  # noqa: E402
 from facade_manipulator.drives.controller.snapshot import ControllerState  # noqa: E402
 from facade_manipulator.motion.follower import Activity  # noqa: E402
 
@@ -77,6 +77,22 @@ def _stop_heart(rig: StreamRig) -> None:
 def _reboot(rig: StreamRig) -> None:
     with rig.simulator.access() as drives:
         drives[VICTIM].reboot()
+
+
+def _receive_no_rpdo(rig: StreamRig) -> None:
+    with rig.simulator.access() as drives:
+        _patch(rig, drives[VICTIM]._pdo, receives=lambda cob_id: False)
+
+
+def _ignore_targets(rig: StreamRig) -> None:
+    with rig.simulator.access() as drives:
+        mode = drives[VICTIM].axis.modes[Mode.CYCLIC_SYNCHRONOUS_POSITION]
+        _patch(rig, mode, latch=lambda: None, status=lambda: 0)
+
+
+def _patch(rig: StreamRig, thing: object, **methods: Callable) -> None:
+    vars(thing).update(methods)
+    rig.repairs.append(lambda: [vars(thing).pop(name) for name in methods])
 
 
 def _bus_off(rig: StreamRig) -> None:
@@ -260,6 +276,14 @@ ROWS = {
     'ENOBUFS': _bus(_congest, 'send queue is full'),
 }
 
+# drives that lie, which shows once the carriages move
+LIES = {
+    'no RPDO received any more': _node(
+        _receive_no_rpdo, 'behind its targets by its positions', math.inf),
+    'targets ignored, bit 12': Row(
+        _ignore_targets, 'does not follow its targets, bit 12 is 0', axis='q2'),
+}
+
 # what an interface of the kernel's can meet in earnest; bus-off is an error frame on either bus
 REAL = {
     'link down': _bus(_interface_down, 'down'),
@@ -279,7 +303,7 @@ def prove(rig: StreamRig, name: str, situation: str) -> float | None:
     SITUATIONS[situation](rig)
     if name in SETPOINTS:
         return _prove_setpoint(rig, SETPOINTS[name], situation)
-    row = (REAL if rig.interface == 'socketcan' and name in REAL else ROWS)[name]
+    row = (REAL if rig.interface == 'socketcan' and name in REAL else {**ROWS, **LIES})[name]
     rig.frames()
     rig.received.clear()
     begin = time.time()
@@ -368,7 +392,8 @@ def _prove_setpoint(rig: StreamRig, spoil: Spoil, situation: str) -> float | Non
 
 def cases() -> list[tuple[str, str]]:
     """Return row and situation, those that share a rig in a row."""
-    return [(name, situation) for situation in SITUATIONS for name in (*ROWS, *SETPOINTS)]
+    return [(name, situation) for situation in SITUATIONS
+            for name in (*ROWS, *SETPOINTS, *(LIES if situation == 'moving' else ()))]
 
 
 def measure(repeat: int, **bus: str) -> dict[tuple[str, str], list[float]]:
@@ -407,8 +432,8 @@ def table(results: dict[tuple[str, str], list[float]]) -> str:
     """Return the reaction times as text: p50 / max [ms]."""
     lines = ['| reaction p50/max [ms] | ' + ' | '.join(SITUATIONS) + ' |',
              '|---|' + '---|' * len(SITUATIONS)]
-    for name in (*ROWS, *SETPOINTS):
-        cells = (_cell(results[name, situation]) for situation in SITUATIONS)
+    for name in (*ROWS, *SETPOINTS, *LIES):
+        cells = (_cell(results.get((name, situation), [])) for situation in SITUATIONS)
         lines.append(f'| {name} | ' + ' | '.join(cells) + ' |')
     return '\n'.join(lines)
 

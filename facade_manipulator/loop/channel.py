@@ -21,7 +21,7 @@ from facade_manipulator.errors import ManipulatorError
 VERSION = 3  # of the messages; both ends must have the same
 MAX_MESSAGE = 1 << 16  # bytes
 BUFFER = 1 << 17  # bytes, about a second of states
-MAX_BACKLOG = 64
+MAX_BACKLOG = 4096  # messages that must arrive: who reads none of so many has ended
 _END_OF_KIND = b'\0'
 _WITHOUT_WAITING = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
 
@@ -83,7 +83,7 @@ class Channel:
         self._poll.register(end, select.POLLIN)
         self._buffer = bytearray(MAX_MESSAGE)
         self._sending = Lock()
-        self._backlog: deque[bytes] = deque(maxlen=MAX_BACKLOG)
+        self._backlog: deque[bytes] = deque()
 
     def send(self, kind: str, *content: Any, must_arrive: bool = False) -> bool:
         """
@@ -105,6 +105,8 @@ class Channel:
         """
         data = kind.encode() + _END_OF_KIND + pickle.dumps(content, pickle.HIGHEST_PROTOCOL)
         if must_arrive:
+            if len(self._backlog) >= MAX_BACKLOG:
+                raise ChannelClosedError('the other process reads nothing any more')
             self._backlog.append(data)
         # another thread that sends just now may have been interrupted: not even for it is waited
         if not self._sending.acquire(blocking=False):

@@ -228,8 +228,7 @@ class ControlLoop:
         try:
             self.follower.add(Setpoint(*setpoint), time.time())
         except ManipulatorError as error:
-            self._channel.send(
-                'rejected', getattr(error, 'reason', 'other'), str(error), must_arrive=True)
+            self._channel.send('rejected', getattr(error, 'reason', 'other'), str(error))
 
     def _start_request(self, number: int, name: str) -> None:
         job = self.controller.request(name)

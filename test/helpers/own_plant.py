@@ -126,9 +126,10 @@ class Plant:
     def __init__(
         self, positions, lag: float = 0.0, settings: ControllerSettings | None = None,
         axes=DEFAULT_AXES, geometry: Geometry | None = None, limits: MotionLimits | None = None,
-        coasting: float = COASTING,
+        known_lag: float | None = None, coasting: float = COASTING,
     ) -> None:
-        self.settings = settings or ControllerSettings(drive_lag=lag, hold_cycles=1)
+        self.settings = settings or ControllerSettings(
+            drive_lag=lag if known_lag is None else known_lag, hold_cycles=1)
         self.geometry = geometry or Geometry()
         self.period, self.cycle = self.settings.period, 0
         self.drives = [PlantDrive(axis, position, lag, coasting)
@@ -143,7 +144,7 @@ class Plant:
         self.clock = SyncProducer(self.period, 3)
         for monitor in self.monitors:
             monitor.begin_supervision(0.0)
-            monitor.end_homing(True)
+            monitor.encoder.end_homing(True)
         self.left = math.inf
         while self.group.phase is not Phase.RUNNING:
             self.turn()
@@ -195,7 +196,7 @@ class Plant:
 
     def _step(self) -> None:
         now, group = self.now, self.group
-        feedback = tuple(monitor.end_cycle() for monitor in self.monitors)
+        feedback = tuple(monitor.end_cycle(now) for monitor in self.monitors)
         self.clock.finish(now)
         self.targets.supervise(group, self.monitors, now)
         for monitor in self.monitors:
@@ -203,7 +204,7 @@ class Plant:
                 group.stop(cause, now)
         commands = self.targets.command(
             group, group.step(feedback, now),
-            tuple(monitor.counts or 0 for monitor in self.monitors), self.clock, now)
+            tuple(monitor.encoder.counts or 0 for monitor in self.monitors), self.clock, now)
         for monitor, drive, command, counts in zip(
                 self.monitors, self.drives, commands, self.targets.counts, strict=True):
             drive.inbox += monitor.encode(command, counts)

@@ -172,7 +172,7 @@ def frames_of_masters(node_ids: Iterable[int]) -> dict[int, tuple[str, bool]]:
     """Return what only a master of some nodes sends, by COB-ID, and whether it commands drives."""
     frames = {
         heartbeat_cob_id(MASTER_NODE_ID): ('its heartbeat (77Fh)', True),
-        SYNC_COB_ID: ('SYNC (080h)', False),
+        SYNC_COB_ID: ('SYNC (080h)', True),
         NMT_COB_ID: ('an NMT command', False)}
     for node in node_ids:
         frames[RPDO1.cob_id(node)] = f'process data for node {node}', True

@@ -23,6 +23,9 @@ from .cause import (
     CONFIGURE_REMEDY as CONFIGURE_REMEDY,
 )
 from .cause import (
+    OTHER_MASTER_REMEDY as OTHER_MASTER_REMEDY,
+)
+from .cause import (
     TARGET_REMEDY as TARGET_REMEDY,
 )
 from .cause import (

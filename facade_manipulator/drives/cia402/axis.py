@@ -30,6 +30,7 @@ class Feedback(NamedTuple):
     home_error: float = 0.0
     #: for how many cycles in a row the drive has sent nothing: all else is as old as that
     missed_cycles: int = 0
+    disobedience: str = ''  #: in what it does not do what it is commanded, as it says itself
 
 
 class Step(NamedTuple):

@@ -11,6 +11,8 @@ TRACKING_REMEDY = (
     'find out which carriage is held back (its load, its drive, controller.drive_lag)')
 COMPUTER_REMEDY = 'take load off this computer'
 CONFIGURE_REMEDY = 'check its power and cable'
+OTHER_MASTER_REMEDY = (
+    'find out who else commands the drives (a second driver, a configuration tool) and end it')
 NOT_RESPONDING_REMEDY = 'switch the power of the drives off, find out why'
 
 

@@ -80,7 +80,7 @@ class Group:
         self._max_resets = settings.max_resets
         self._resets: deque[float] = deque(maxlen=settings.max_resets)
         self.homing: HomingSequence | None = None
-        self._last_shown: list[tuple[int, int]] = []
+        self._last_shown: list[tuple[int, int, str]] = []
         self._steppers = tuple(AxisStepper(name) for name in names)
         self._enable = plans.enable_plan(settings.hold_cycles)
         self._begin(plans.OFF, now)
@@ -233,7 +233,8 @@ class Group:
         step. Never raises for what a drive does.
 
         """
-        shown = [(one.statusword, one.mode) for one in feedback]  # all that a last step looks at
+        shown = [  # all that a last step looks at
+            (one.statusword, one.mode, one.disobedience) for one in feedback]
         if self.is_settled and len(self._plan) == 1 and shown == self._last_shown:
             return self.commands
         self._last_shown = shown
@@ -276,10 +277,14 @@ class Group:
         return self.homing.advance(number, feedback, now)
 
     def _require_following(self, number: int, feedback: Feedback) -> None:
-        if self.phase in FOLLOWING_PHASES and feedback.statusword & Status.FOLLOWING_ERROR:
+        if self.phase not in FOLLOWING_PHASES:
+            return
+        fault = '' if self.phase is Phase.HOLDING else feedback.disobedience
+        if feedback.statusword & Status.FOLLOWING_ERROR:
+            fault = 'is farther behind its target than the following-error window, bit 13 is 1'
+        if fault:
             raise DriveFaultError(
-                f'{self._steppers[number].name} is farther behind its target than the '
-                f'following-error window (statusword {feedback.statusword:04X}h)')
+                f'{self._steppers[number].name} {fault} (statusword {feedback.statusword:04X}h)')
 
     def _fail(self, number: int, error: DriveError, now: float) -> None:
         name = self._steppers[number].name

@@ -323,7 +323,7 @@ class Commissioning:
         try:
             verify_objects(drive.objects, self._writes(drive))
         except DriveObjectError:
-            drive.monitor.distrust()
+            drive.monitor.encoder.distrust()
             raise
 
     def _reset(self) -> None:

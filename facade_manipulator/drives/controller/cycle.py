@@ -13,7 +13,7 @@ from bisect import bisect_right
 import math
 from typing import NamedTuple
 
-from facade_manipulator.drives.cia402 import Cause, COMPUTER_REMEDY
+from facade_manipulator.drives.cia402 import Cause, COMPUTER_REMEDY, OTHER_MASTER_REMEDY
 
 ANSWERS_DUE = 0.7  # of the period after SYNC: do not wait longer for the drives' answers
 COMMANDS_DUE = 0.8  # later commands might collide with the kernel's next SYNC
@@ -70,7 +70,7 @@ class CycleClock:
         self.sync_time = 0.0
         self.sync_stamp = self.smooth_stamp = 0.0
         self.late_in_a_row = 0
-        self.overdue_in_a_row = 0
+        self.overdue_in_a_row = self.doubled_in_a_row = 0
         self.is_open = False
         self.held = 0.0
         self._drives = drives
@@ -105,6 +105,10 @@ class CycleClock:
             causes.append(Cause(
                 f'the kernel sent no SYNC for {self.overdue_in_a_row} periods, bound {bound}',
                 'look at the interface', configure_again=True))
+        if self.doubled_in_a_row >= bound:
+            causes.append(Cause(
+                f'another master is on the bus, SYNC (080h) was received between ours in '
+                f'{self.doubled_in_a_row} periods, bound {bound}', OTHER_MASTER_REMEDY))
         return causes
 
     def answer(self, now: float) -> None:
@@ -203,6 +207,8 @@ class SyncProducer(CycleClock):
 class SyncConsumer(CycleClock):
     """The clock of a loop that receives the kernel's SYNC, and sends its own if none comes."""
 
+    _is_doubled = False  # whether an unexpected one has come since the last
+
     def start(self, now: float) -> None:
         """Expect the first SYNC from now on."""
         self.sync_time = now
@@ -212,6 +218,7 @@ class SyncConsumer(CycleClock):
         """Return whether a SYNC of a time is too early; the pace of the targets hangs on it."""
         unexpected = time < self.sync_time + SYNC_TOO_EARLY * self.period
         self._unexpected += unexpected
+        self._is_doubled = self._is_doubled or unexpected
         return unexpected
 
     def has_time(self, now: float) -> bool:
@@ -221,6 +228,8 @@ class SyncConsumer(CycleClock):
     def receive(self, time: float, stamp: float) -> None:
         """Begin a cycle with the kernel's SYNC."""
         self.overdue_in_a_row = 0
+        self.doubled_in_a_row = self.doubled_in_a_row + 1 if self._is_doubled else 0
+        self._is_doubled = False
         self._next_sync = time + SYNC_OVERDUE * self.period
         self._open(time, stamp)
 

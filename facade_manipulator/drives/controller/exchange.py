@@ -31,6 +31,7 @@ from facade_manipulator.drives.cia402 import (
     COMPUTER_REMEDY,
     FOLLOWING_PHASES,
     Group,
+    OTHER_MASTER_REMEDY,
     Phase,
     STOPPED_PHASES,
 )
@@ -41,8 +42,6 @@ from facade_manipulator.drives.controller.targets import Targets
 from facade_manipulator.errors import BusError
 
 LONGEST_WAIT = 0.02
-OTHER_MASTER_REMEDY = (
-    'find out who else commands the drives (a second driver, a configuration tool) and end it')
 MAX_UNSENT = 8  # frames in a row: two cycles
 _EMERGENCY_LENGTH = 8
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
@@ -167,9 +166,9 @@ class CyclicExchange:
         self.clock.receive(frame.time, frame.stamp)
 
     def _on_tpdo(self, monitor: AxisMonitor, tpdo: pdo.Pdo, frame: Frame) -> Cause | None:
-        before = monitor.answered
+        before = monitor.answers.newest
         cause = monitor.receive_tpdo(tpdo, frame.data, frame.time, self.clock.sync_time)
-        if monitor.answered != before:
+        if monitor.answers.newest != before:
             self.clock.answer(self._pumped)
         return cause
 
@@ -277,7 +276,7 @@ class CyclicExchange:
     def _step(self, now: float) -> None:
         in_time = self.clock.finish(now)
         group, monitors, targets = self.group, self._monitors, self._targets
-        feedback = tuple([one.end_cycle() for one in monitors])
+        feedback = tuple([one.end_cycle(self.clock.sync_time) for one in monitors])
         targets.supervise(group, monitors, now)
         if group.phase not in STOPPED_PHASES:
             for cause in (*self._silences(), *self.clock.causes(
@@ -287,7 +286,7 @@ class CyclicExchange:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
         commands = group.step(feedback, now)
         if in_time or group.phase not in FOLLOWING_PHASES:
-            actual = tuple([one.counts or 0 for one in monitors])
+            actual = tuple([one.encoder.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
         if group.not_responding != self._taken_out:
             self._take_out_of_operation()

@@ -90,7 +90,7 @@ class Home(Operation):
             for name, axis in zip(AXIS_NAMES, session.axes, strict=True)))
         group.home(sequence, now)
         for monitor in session.monitors:
-            monitor.begin_homing()
+            monitor.encoder.begin_homing()
         while not session.is_off:
             yield
             if session.is_stopped:
@@ -101,8 +101,8 @@ class Home(Operation):
         """Note which axes are homed, not before their positions have settled, and report."""
         for homed, monitor in zip(
                 self.group.homing.homed, self.session.monitors, strict=True):
-            monitor.end_homing(homed)
+            monitor.encoder.end_homing(homed)
         return 'Homing: ' + ', '.join(
             f'{monitor.name} is homed, at {monitor.measured.position:.4f} m'
-            if monitor.homed else f'{monitor.name} is not homed'
+            if monitor.encoder.homed else f'{monitor.name} is not homed'
             for monitor in self.session.monitors) + '.'

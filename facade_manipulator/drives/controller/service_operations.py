@@ -56,7 +56,7 @@ class Configure(Operation):
         end = now + settings.step_timeout + SLOWEST * settings.period
         while not session.is_stopped:
             silent = [f'{name} of {one.title}'
-                      for one in session.monitors for name in sorted(one.silent_tpdos)]
+                      for one in session.monitors for name in sorted(one.answers.silent)]
             if silent and now > end:
                 raise DriveTimeoutError(
                     f'{", ".join(silent)} did not come in answer to SYNC: '

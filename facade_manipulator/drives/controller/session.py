@@ -126,14 +126,14 @@ class Session:
         self.lost: LostBus | None = None
         self.notes: tuple[str, ...] = ()
         self.monitors = tuple(
-            AxisMonitor(name, axis, self.settings, profile.pdos)
+            AxisMonitor(name, axis, self.settings, profile.pdos, profile.quirks)
             for name, axis, profile in zip(
                 AXIS_NAMES, self.axes, self._profiles, strict=True))
 
     @property
     def unhomed(self) -> list[str]:
         """Names of the axes that must be homed."""
-        return [one.name for one in self.monitors if not one.homed]
+        return [one.name for one in self.monitors if not one.encoder.homed]
 
     def positions(self) -> Triple:
         """

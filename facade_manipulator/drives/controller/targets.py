@@ -8,6 +8,7 @@ never clamped.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 import math
@@ -41,6 +42,7 @@ from facade_manipulator.errors import (
 _NO_TARGETS = (None, None, None)
 _AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
 ROUNDING = 1e-9
+LIMITED = '; it says that it limits its motion (bit 11)'
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
 MAX_SLIP = 0.005  # m, from where the carriage was when power came
 
@@ -120,7 +122,12 @@ class Targets:
         self._counts_per_metre = tuple(axis.counts_per_metre for axis in axes)
         # a target that is sent now is latched at the next SYNC and reached one period later
         self._lead = 2.0 * settings.period + settings.drive_lag
-        self._window = min(axis.following_error_window for axis in axes)
+        self._windows = tuple(axis.following_error_window for axis in axes)
+        # a target is latched at the SYNC after it was sent, and reached a period later; what the
+        # drives lag by comes on top, and the age of an answer that came late or not at all
+        self._age = 1.0 + settings.drive_lag / settings.period
+        self._latched: deque[Triple] = deque(
+            maxlen=math.ceil(self._age) + settings.max_missed_cycles + 2)
         self._phase = Phase.OFF
 
     @property
@@ -153,14 +160,31 @@ class Targets:
             self.mechanism.check_actual(tuple([one.measured.position for one in monitors]))
         except ManipulatorError as error:
             group.stop(Cause(f'the measured mechanism: {error}', TRACKING_REMEDY), now)
-        errors = [one.tracking_error for one in monitors]
-        least, greatest = min(errors), max(errors)
-        if greatest - least > self._window:
+        self._latched.append(self.positions)
+        errors = [self._following_error(number, one) for number, one in enumerate(monitors)]
+        for one, error, window in zip(monitors, errors, self._windows, strict=True):
+            if abs(error) > window:
+                group.stop(Cause(
+                    f'{one.title} is {error:.4g} m behind its targets by its positions, bound '
+                    f'{window:g} m{LIMITED if one.is_limited else ""}',
+                    TRACKING_REMEDY, one.name), now)
+        least, greatest, window = min(errors), max(errors), min(self._windows)
+        if greatest - least > window:
             names = ' and '.join(sorted(
                 monitors[errors.index(one)].name for one in (least, greatest)))
             group.stop(Cause(
                 f'the following errors of {names} differ by {greatest - least:.4g} m, bound '
-                f'{self._window:g} m', TRACKING_REMEDY), now)
+                f'{window:g} m', TRACKING_REMEDY), now)
+
+    def _following_error(self, number: int, monitor: AxisMonitor) -> float:
+        """
+        Return how far [m] a drive is behind what it was commanded for the SYNC that it answered.
+
+        Not what the drive says (60F4): one that receives no RPDO any more has no such error.
+        """
+        whole, share = divmod(self._age + monitor.answers.cycles_old, 1.0)
+        before, after = (self._latched[-1 - int(whole) - more][number] for more in (1, 0))
+        return after + share * (before - after) - monitor.measured.position
 
     def command(
         self, group: Group, commands: tuple[AxisCommand, ...], actual: tuple[int, ...],
@@ -235,6 +259,7 @@ class Targets:
             if slip > MAX_SLIP:
                 raise SetpointLimitError(
                     f'distance of {name} from its target', slip, MAX_SLIP, 'm', 'above')
+        self._latched.extend([self.positions] * (self._latched.maxlen or 0))
         self.mechanism.source.reset(self.positions)
 
     def _set(self, targets: Triple) -> None:

@@ -81,7 +81,7 @@ class _Carriage(AxisMonitor):
 
     def sample(self) -> AxisSample:
         """Return what it sent at the newest SYNC."""
-        moved = self.axis.to_metres(self.counts - self.start)
+        moved = self.axis.to_metres((self.encoder.counts or 0) - self.start)
         now = self.snapshot(None, self.heartbeat_time)
         return AxisSample(moved, now.velocity, now.force or 0.0, now.digital_inputs or 0)
 
@@ -106,7 +106,7 @@ class _Displacement:
 
     def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
         """Stop where a drive sends nothing for some cycles."""
-        silent = [one.name for one in monitors if one.missed_in_a_row >= _MISSED]
+        silent = [one.name for one in monitors if one.answers.missed_in_a_row >= _MISSED]
         if silent:
             group.stop(Cause(f'{" and ".join(silent)} sent nothing for {_MISSED} cycles',
                              CONFIGURE_REMEDY), now)

@@ -6,6 +6,7 @@ import pytest
 
 from facade_manipulator.drives.canopen import Frame
 from facade_manipulator.drives.canopen.pdo import TPDO1, TPDO2
+from facade_manipulator.drives.cia402.profile import Quirks
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Mode
 from facade_manipulator.drives.controller.monitor import AxisMonitor
@@ -20,7 +21,7 @@ SPEED = 0.4  # m/s
 def monitor():
     made = AxisMonitor('q1', AXIS, SETTINGS)
     made.begin_supervision(0.0)
-    made.end_homing(True)
+    made.encoder.end_homing(True)
     return made
 
 
@@ -37,12 +38,12 @@ def answer(monitor, time, position, velocity=SPEED):
 def test_an_answer_is_complete_with_all_that_comes_with_each_sync(monitor):
     """Else the following error of one cycle is compared with another drive's of the next."""
     answer(monitor, T, 0.0)
-    monitor.end_cycle()
+    monitor.end_cycle(T)
     status = bytes(TPDO1.codec.size)
     monitor.receive_tpdo(TPDO1, status, 2 * T, 2 * T)
-    assert monitor.answered == T
+    assert monitor.answers.newest == T
     monitor.receive_tpdo(TPDO2, bytes(TPDO2.codec.size), 2 * T, 2 * T)
-    assert monitor.answered == 2 * T
+    assert monitor.answers.newest == 2 * T
 
 
 @pytest.mark.parametrize('rate', [250, 500])
@@ -51,7 +52,7 @@ def test_a_fast_cycle_waits_for_nothing_that_comes_more_seldom(rate):
     monitor = AxisMonitor('q1', AXIS, settings)
     status = bytes(TPDO1.codec.size)
     monitor.receive_tpdo(TPDO1, status, settings.period, settings.period)
-    assert monitor.answered == settings.period
+    assert monitor.answers.newest == settings.period
 
 
 @pytest.mark.parametrize('moved', [SPEED * SETTINGS.heartbeat_timeout, 0.2])
@@ -59,12 +60,12 @@ def test_how_far_a_carriage_may_be_after_a_lost_bus_is_told_by_its_drives_speed(
     """Two answers close together say nothing of it."""
     for time, position in ((T, 0.0), (2 * T, 0.002), (3 * T, 0.006), (3.01 * T, 0.006)):
         assert answer(monitor, time, position) is None
-    monitor.end_cycle()
+    monitor.end_cycle(3 * T)
     monitor.lose()
     monitor.receive_heartbeat(Frame(0x701, b'\x05', 1.0, 1.0))
     monitor.recover(boots_operational=False)
     cause = answer(monitor, 2.0, 0.006 + moved, 0.0)
-    assert monitor.homed is (cause is None) is (moved < 0.1)
+    assert monitor.encoder.homed is (cause is None) is (moved < 0.1)
 
 
 def test_a_carriage_that_has_slowed_down_while_the_loop_was_late_is_no_jump(monitor):
@@ -73,5 +74,58 @@ def test_a_carriage_that_has_slowed_down_while_the_loop_was_late_is_no_jump(moni
     for pause, mean in ((T, 0.0), (T, 0.2), (T, 0.4), (11 * T, 0.15), (T, -0.2)):
         time, position = time + pause, position + mean * pause
         assert answer(monitor, time, position) is None
-    assert monitor.homed
+    assert monitor.encoder.homed
     assert 'has jumped' in answer(monitor, time + T, position + 0.01).message
+
+
+def turns(monitor, words, velocity=0.0):
+    """Let the drive answer a SYNC with each of some statuswords; return the last feedback."""
+    for number, word in enumerate(words, 1):
+        monitor.receive_tpdo(TPDO1, TPDO1.codec.pack(
+            word, Mode.CYCLIC_SYNCHRONOUS_POSITION, 0), number * T, number * T)
+        monitor.receive_tpdo(TPDO2, TPDO2.codec.pack(
+            AXIS.to_counts(velocity), 0), number * T, number * T)
+        feedback = monitor.end_cycle(number * T)
+    return feedback
+
+
+GOOD, LIMITED, LOCAL, IGNORES = 0x1227, 0x1A27, 0x1027, 0x0227
+
+
+@pytest.mark.parametrize(('words', 'says'), [
+    ((GOOD,) * 5, ''),
+    ((GOOD, IGNORES), 'bit 12 is 0'),
+    ((GOOD, LOCAL), 'bit 9 is 0'),
+    ((LOCAL, LOCAL), ''),  # a drive that has no such bit
+    ((GOOD, LIMITED), ''),  # who catches up may be at his limits
+    ((GOOD, 0x0250), ''),  # not enabled: it need not
+])
+def test_a_drive_that_says_that_it_does_not_obey_is_believed(monitor, words, says):
+    assert says in turns(monitor, words).disobedience
+    assert bool(says) is bool(turns(monitor, words).disobedience)
+
+
+def test_the_profile_of_a_drive_excuses_bit_12():
+    excused = AxisMonitor('q1', AXIS, SETTINGS, quirks=Quirks(never_follows=True))
+    assert turns(excused, (GOOD, IGNORES)).disobedience == ''
+
+
+def test_a_carriage_is_at_rest_by_its_positions_too_whatever_its_drive_says(monitor):
+    for cycle in range(1, 5):
+        answer(monitor, cycle * T, 0.004 * cycle * T, velocity=0.0)
+        assert monitor.end_cycle(cycle * T).at_rest is (cycle == 1)
+    answer(monitor, 5 * T, 0.016 * T, velocity=0.0)
+    assert monitor.end_cycle(5 * T).at_rest
+
+
+def test_slips_too_small_to_be_jumps_are_summed_up(monitor):
+    position, slips = 0.0, 0
+    for cycle in range(1, 100):
+        if cycle % 4 == 0:
+            position, slips = position + 0.0021, slips + 1
+        cause = answer(monitor, cycle * T, position, 0.0)
+        if cause is not None:
+            break
+    assert 'has slipped by' in cause.message and cause.home_again
+    assert not monitor.encoder.homed
+    assert slips <= 5
