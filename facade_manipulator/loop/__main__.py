@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from logging.handlers import QueueHandler, QueueListener
+import math
 from queue import SimpleQueue
 import signal
 import socket
@@ -50,8 +51,9 @@ def _run(channel: Channel) -> int:
         return 0
     if message is None:
         return 1
+    setup, = message.content
     try:
-        loop = ControlLoop(*message.content, channel)
+        loop = ControlLoop(setup, channel)
     except ManipulatorError as error:
         channel.send('failed', str(error), must_arrive=True)
         return 1
@@ -59,7 +61,8 @@ def _run(channel: Channel) -> int:
     try:
         loop.serve()
     finally:
-        signal.alarm(END_TIMEOUT)  # whatever hangs from here on, the kernel ends the process
+        # whatever hangs from here on, the kernel ends the process
+        signal.alarm(END_TIMEOUT + math.ceil(setup.extra_time))
         loop.close()
     return 0
 

@@ -83,6 +83,11 @@ class LoopSetup:
     #: starts simulated drives on the bus, where there are no others
     simulate: Callable[[BusSettings, Sequence[AxisSettings]], Simulator] | None = None
 
+    @property
+    def extra_time(self) -> float:
+        """What slow brakes add to the time in which the loop ends: to stop, and to cut power."""
+        return 2.0 * max(axis.stop_time for axis in self.axes)
+
     def stopping(self, limits: MotionLimits) -> StoppingAnalysis:
         """
         Return how the carriages stop from limits.

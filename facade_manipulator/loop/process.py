@@ -294,7 +294,8 @@ class LoopProcess:
 
     def _end(self) -> Future:
         self._closing = True
-        job, end = self.request('close'), time.monotonic() + CLOSE_TIMEOUT
+        job, end = self.request('close'), time.monotonic() + (
+            CLOSE_TIMEOUT + self._setup.extra_time)
         while not job.done() and time.monotonic() < end:
             self.feed()
             time.sleep(FEED_PERIOD)

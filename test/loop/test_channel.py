@@ -84,11 +84,19 @@ def test_what_must_arrive_waits_for_room_and_keeps_its_order(ends):
     assert [message.content for message in received[:3]] == [(0,), (1,), (2,)]
 
 
-def test_what_waits_for_room_is_bounded(ends):
-    fill(ends[0])
-    for number in range(10 * MAX_BACKLOG):
+def test_of_what_must_arrive_nothing_is_lost_and_who_reads_nothing_has_ended(ends):
+    sent = fill(ends[0])
+    for number in range(MAX_BACKLOG):
         ends[0].send('reply', number, must_arrive=True)
-    assert len(ends[0]._backlog) == MAX_BACKLOG
+    with pytest.raises(ChannelClosedError, match='reads nothing any more'):
+        ends[0].send('reply', MAX_BACKLOG, must_arrive=True)
+    for _ in range(sent):
+        ends[1].receive(1.0)
+    for number in range(MAX_BACKLOG):
+        ends[0].send('state')
+        while (message := ends[1].receive(0.0)) and message.kind == 'state':
+            pass
+        assert message.content == (number,)
 
 
 def test_a_message_that_is_too_long_is_skipped_and_counted(sockets):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 import ctypes
 from dataclasses import replace
@@ -229,6 +230,16 @@ def test_rejected_setpoints_come_back_with_reason_and_message(make_bench):
         Setpoint(time.time(), (0.3, 0.4, 0.35), (0.0,) * 3)))
     reason, message = bench.rejections[0]
     assert reason == 'far_setpoint' and 'is above the bound 0.05 m' in message
+
+
+def test_a_hundred_requests_at_once_are_all_answered(make_bench):
+    bench = in_thread(make_bench)
+    with ThreadPoolExecutor(20) as threads:
+        jobs = [job.result() for job in [
+            threads.submit(bench.process.request, 'self_test') for _ in range(100)]]
+    rejected = [str(job.exception(PATIENCE)) for job in jobs if job.exception(PATIENCE)]
+    assert 0 < len(rejected) < len(jobs)
+    assert all('self_test is not possible while self_test is under way' in one for one in rejected)
 
 
 def test_limits_and_stream_are_changed_while_it_runs_and_kept_for_another_loop(make_bench):

@@ -84,6 +84,11 @@ class AxisSettings(AxisScale):
         return HOMING_ZERO_SHARE * self.homing_speed
 
     @property
+    def stop_time(self) -> float:
+        """Longest time that a quick stop takes [s]."""
+        return self.max_speed / self.stop_deceleration
+
+    @property
     def homing_timeout(self) -> float:
         """Longest time for homing [s]."""
         return self.homing_strokes * (self.upper_limit - self.lower_limit) / self.homing_speed

@@ -101,7 +101,8 @@ class Session:
         mechanism: MechanismChecks,
     ) -> None:
         check_axes(axes)
-        self.settings = settings
+        self.settings = settings = replace(  # a step may be to stop
+            settings, step_timeout=settings.step_timeout + max(axis.stop_time for axis in axes))
         self._profiles = tuple(load_profile(axis.profile) for axis in axes)
         self.bus_load = check_bus_load(
             settings, bus.bitrate, tuple(profile.pdos for profile in self._profiles))

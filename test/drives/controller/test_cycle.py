@@ -238,6 +238,18 @@ def test_a_sync_that_comes_too_early_is_somebody_elses():
     assert clock.statistics.unexpected == 1
 
 
+def test_who_sends_sync_between_ours_under_power_is_named_and_stops_all():
+    clock = consumer()
+    for number in range(1, 4):
+        assert clock.causes(3, True) == []
+        assert clock.is_unexpected((number - 0.6) * T)
+        clock.receive(number * T, 0.0)
+    cause, = clock.causes(3, True)
+    assert 'SYNC (080h) was received between ours in 3 periods' in cause.message
+    clock.receive(4 * T, 0.0)
+    assert clock.causes(3, True) == []
+
+
 @given(st.lists(st.floats(0.0, 0.5), max_size=50))
 def test_the_histogram_holds_every_step(ages):
     clock = consumer()

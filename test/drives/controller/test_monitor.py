@@ -105,6 +105,19 @@ def test_a_drive_that_says_that_it_does_not_obey_is_believed(monitor, words, say
     assert bool(says) is bool(turns(monitor, words).disobedience)
 
 
+@pytest.mark.parametrize('step', [0.3, 9.0])
+def test_a_clock_that_is_set_forward_with_a_heartbeat_under_way_makes_no_drive_silent(
+        monitor, step):
+    silence = {}
+    for number in range(1, 40):
+        now = 0.05 * number
+        late = step if number == 20 else 0.0
+        monitor.receive_heartbeat(Frame(0x701, b'\x05', now - late, now))
+        silence[number] = monitor.silence(now)
+    assert not any(silence.values())
+    assert 'sent no heartbeat' in monitor.silence(now + 0.2).message
+
+
 def test_the_profile_of_a_drive_excuses_bit_12():
     excused = AxisMonitor('q1', AXIS, SETTINGS, quirks=Quirks(never_follows=True))
     assert turns(excused, (GOOD, IGNORES)).disobedience == ''

@@ -94,6 +94,7 @@ def test_the_drives_own_frames_are_nobody_elses(rig):
 @situations
 @pytest.mark.parametrize(('cob_id', 'data', 'what'), [
     (0x77F, b'\x05', 'its heartbeat (77Fh)'),
+    (0x080, b'', 'SYNC (080h)'),
     (pdo.RPDO1.cob_id(2), bytes(7), 'process data for node 2'),
 ])
 def test_a_master_that_comes_later_stops_all_and_is_named(rig, situation, cob_id, data, what):

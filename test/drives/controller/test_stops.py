@@ -348,6 +348,17 @@ def fail_to_ramp_down(rig):
     rig.controller.close()
 
 
+def test_brakes_that_take_longer_than_another_step_may_are_not_cut_off(make_rig):
+    axes = tuple(replace(axis, stop_deceleration=0.2) for axis in DEFAULT_AXES)
+    rig = make_rig(axes=axes)
+    moving_fast(rig)
+    rig.controller.stop('enough')
+    wait_until(lambda: max(abs(axis.velocity) for axis in rig.controller.snapshot().axes) < 0.001,
+               'rest')
+    rig.do('clear_faults')
+    assert rig.controller.snapshot().causes == ()
+
+
 @pytest.mark.parametrize('end', [stop_and_clean_up, fail_to_ramp_down])
 def test_the_power_is_not_cut_while_the_carriages_still_brake(make_rig, end):
     rig = make_rig(axes=WEAK, settings=replace(SETTINGS, ramp_timeout=10.0))
