@@ -36,7 +36,7 @@ def test_a_drive_that_no_longer_answers_is_stale_whatever_it_said_last(monitor, 
         now = 10.0 + SETTINGS.heartbeat_timeout + 0.01
     else:
         for _ in range(SETTINGS.max_missed_cycles + 1):
-            monitor.end_cycle()
+            monitor.end_cycle(10.0)
     status = axis_status(monitor.snapshot(None, now))
     assert status.level == DiagnosticStatus.STALE
     assert status.message == 'silent: what stands here is old; before: operation enabled'

@@ -168,7 +168,7 @@ class Session:
 
     def unconfirmed(self, since: float) -> list[AxisMonitor]:
         """Return the drives that have not said since a time [s] that they have no power."""
-        return [one for one in self.monitors if one.answered <= since
+        return [one for one in self.monitors if one.answers.newest <= since
                 or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
 
     def has_done(self, phase: Phase) -> bool:
