@@ -106,7 +106,7 @@ class Encoder:
             earlier, self._elapsed = self._elapsed, elapsed
             moved, expected = self._metres * (counts - before), self.speed * elapsed
             self.speed = moved / elapsed
-            distrust = self._judge(abs(moved - expected), (  # both speeds are means of their times
+            distrust = self._evaluate(abs(moved - expected), (  # of mean speeds
                 JUMP_NOISE + JUMP_MARGIN * self._acceleration * 0.5 * (earlier + elapsed) * elapsed
                 + JUMP_JITTER * abs(expected)))
         if distrust is None or not self.homed:
@@ -114,7 +114,7 @@ class Encoder:
         self.distrust()
         return distrust
 
-    def _judge(self, jump: float, bound: float) -> Distrust | None:
+    def _evaluate(self, jump: float, bound: float) -> Distrust | None:
         """Return why positions are wrong that jump by so much at once, or so often [m]."""
         self._slipped += jump if jump > DOUBTFUL * bound else 0.0
         if jump > bound:
