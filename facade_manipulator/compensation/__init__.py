@@ -7,40 +7,18 @@ within the workspace and the limits of motion, for the instant it is meant for. 
 clock or I/O.
 """
 
-from .compensator import (
-    Compensator as Compensator,
-)
-from .compensator import (
-    CompensatorSettings as CompensatorSettings,
-)
-from .compensator import (
-    CorrectedPose as CorrectedPose,
-)
-from .compensator import (
-    DEFAULTS as DEFAULTS,
-)
-from .contact_estimate import (
-    contact_wrench as contact_wrench,
-)
-from .contact_estimate import (
-    FrictionSettings as FrictionSettings,
-)
+from .compensator import Compensator as Compensator
+from .compensator import CompensatorSettings as CompensatorSettings
+from .compensator import CorrectedPose as CorrectedPose
+from .compensator import DEFAULTS as DEFAULTS
+from .contact_estimate import contact_wrench as contact_wrench
+from .contact_estimate import FrictionSettings as FrictionSettings
 from .correction import CorrectionMode as CorrectionMode
-from .following import (
-    ArrivalSettings as ArrivalSettings,
-)
-from .following import (
-    ArrivalWatch as ArrivalWatch,
-)
-from .following import (
-    GoalProgress as GoalProgress,
-)
-from .following import (
-    GoalState as GoalState,
-)
-from .following import (
-    HeldBack as HeldBack,
-)
+from .following import ArrivalSettings as ArrivalSettings
+from .following import ArrivalWatch as ArrivalWatch
+from .following import GoalProgress as GoalProgress
+from .following import GoalState as GoalState
+from .following import HeldBack as HeldBack
 from .limits import WorkspaceLimit as WorkspaceLimit
 from .pressing import PressMode as PressMode
 from .suspension import GRAVITY as GRAVITY

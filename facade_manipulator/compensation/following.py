@@ -152,7 +152,9 @@ class GoalState(Enum):
     MOVING = 'moving'
     HELD_BACK = 'held back'
     REACHED = 'reached'
-    REJECTED = 'rejected'
+    REJECTED = 'rejected'  #: not followed; what follows is followed no longer
+    ENDED = 'ended'
+    SUPERSEDED = 'superseded'  #: by a newer goal
 
 
 class GoalProgress(NamedTuple):

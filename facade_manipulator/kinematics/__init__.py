@@ -7,128 +7,48 @@ carriages A1, A3, A2 stand on y = 0 in that order; q3 = x.
 
 from .assembly import assembly_modes as assembly_modes
 from .forward import forward_kinematics as forward_kinematics
-from .geometry import (
-    Carriages as Carriages,
-)
-from .geometry import (
-    Geometry as Geometry,
-)
-from .geometry import (
-    not_finite as not_finite,
-)
-from .geometry import (
-    Pose as Pose,
-)
-from .geometry import (
-    Twist as Twist,
-)
-from .geometry import (
-    Wrench as Wrench,
-)
-from .inverse import (
-    branch_number as branch_number,
-)
-from .inverse import (
-    carriage_velocity as carriage_velocity,
-)
-from .inverse import (
-    certify as certify,
-)
-from .inverse import (
-    inverse_kinematics as inverse_kinematics,
-)
-from .inverse import (
-    links as links,
-)
-from .inverse import (
-    MIN_CONDITIONING as MIN_CONDITIONING,
-)
-from .inverse import (
-    squared_index as squared_index,
-)
-from .inverse import (
-    WorkingMode as WorkingMode,
-)
-from .jacobian import (
-    check_characteristic_length as check_characteristic_length,
-)
-from .jacobian import (
-    end_effector_force as end_effector_force,
-)
-from .jacobian import (
-    jacobian as jacobian,
-)
-from .jacobian import (
-    local_conditioning_index as local_conditioning_index,
-)
-from .jacobian import (
-    parallel_singularity as parallel_singularity,
-)
-from .jacobian import (
-    platform_velocity as platform_velocity,
-)
+from .geometry import Carriages as Carriages
+from .geometry import Geometry as Geometry
+from .geometry import not_finite as not_finite
+from .geometry import Pose as Pose
+from .geometry import Twist as Twist
+from .geometry import Wrench as Wrench
+from .inverse import branch_number as branch_number
+from .inverse import carriage_velocity as carriage_velocity
+from .inverse import certify as certify
+from .inverse import inverse_kinematics as inverse_kinematics
+from .inverse import links as links
+from .inverse import MIN_CONDITIONING as MIN_CONDITIONING
+from .inverse import squared_index as squared_index
+from .inverse import WorkingMode as WorkingMode
+from .jacobian import check_characteristic_length as check_characteristic_length
+from .jacobian import end_effector_force as end_effector_force
+from .jacobian import jacobian as jacobian
+from .jacobian import local_conditioning_index as local_conditioning_index
+from .jacobian import parallel_singularity as parallel_singularity
+from .jacobian import platform_velocity as platform_velocity
 from .linkage import JointPoints as JointPoints
 from .linkage import joints as joints
 from .linkage import Point as Point
-from .maps import (
-    index_of as index_of,
-)
-from .maps import (
-    lci_grid as lci_grid,
-)
-from .maps import (
-    link_arrays as link_arrays,
-)
-from .maps import (
-    pose_map as pose_map,
-)
-from .maps import (
-    PoseMap as PoseMap,
-)
-from .maps import (
-    x_intervals as x_intervals,
-)
+from .maps import index_of as index_of
+from .maps import lci_grid as lci_grid
+from .maps import link_arrays as link_arrays
+from .maps import pose_map as pose_map
+from .maps import PoseMap as PoseMap
+from .maps import x_intervals as x_intervals
 from .mechanism import Mechanism as Mechanism
 from .mechanism import mechanism_of as mechanism_of
-from .planar import (
-    add as add,
-)
-from .planar import (
-    compose as compose,
-)
-from .planar import (
-    difference as difference,
-)
-from .planar import (
-    invert as invert,
-)
-from .planar import (
-    MotionState as MotionState,
-)
-from .planar import (
-    relative as relative,
-)
-from .planar import (
-    subtract as subtract,
-)
-from .planar import (
-    wrap_angle as wrap_angle,
-)
-from .planar import (
-    ZERO_POSE as ZERO_POSE,
-)
-from .planar import (
-    ZERO_STATE as ZERO_STATE,
-)
-from .planar import (
-    ZERO_TWIST as ZERO_TWIST,
-)
-from .statics import (
-    carriage_forces as carriage_forces,
-)
-from .statics import (
-    certify_load as certify_load,
-)
-from .statics import (
-    head_stiffness as head_stiffness,
-)
+from .planar import add as add
+from .planar import compose as compose
+from .planar import difference as difference
+from .planar import invert as invert
+from .planar import MotionState as MotionState
+from .planar import relative as relative
+from .planar import subtract as subtract
+from .planar import wrap_angle as wrap_angle
+from .planar import ZERO_POSE as ZERO_POSE
+from .planar import ZERO_STATE as ZERO_STATE
+from .planar import ZERO_TWIST as ZERO_TWIST
+from .statics import carriage_forces as carriage_forces
+from .statics import certify_load as certify_load
+from .statics import head_stiffness as head_stiffness

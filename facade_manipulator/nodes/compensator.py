@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 import math
+from typing import NamedTuple
 
+from action_msgs.msg import GoalInfo
+from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import (
@@ -61,9 +64,11 @@ from facade_manipulator.ros import (
     offer_trigger,
     pose_codec,
     PoseStream,
+    RejectedGoal,
     Rejections,
     RELIABLE,
     run,
+    SILENT,
     steady_timer,
     Transforms,
 )
@@ -79,6 +84,14 @@ class RateSettings:
 
     rate: float = parameter(
         'Rate of corrected poses', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
+
+
+class Goal(NamedTuple):
+    """A goal on the wall, and when it came [s]."""
+
+    came: float
+    stamp: Time
+    pose: Pose
 
 
 class GoalReport:
@@ -99,30 +112,34 @@ class GoalReport:
             node, ArrivalSettings, 'arrival',
             lambda settings: setattr(self._watch, 'settings', settings)))
         self._publisher = node.create_publisher(DiagnosticStatus, GOAL_STATUS, LATCHED)
-        self._stamp: Time | None = None  # of the goal that is followed
+        self.stamp: Time | None = None  #: of the goal that is followed
+        self._rejected: RejectedGoal | None = None
         self._published: tuple[GoalState | None, str] = (None, '')
         self._next = -math.inf
 
     def accept(self, stamp: Time) -> None:
-        """Report on another goal from now on."""
-        self._stamp = stamp
+        """Report on another goal from now on; the one before is superseded."""
+        if stamp != self.stamp:
+            self.end('a newer goal came', GoalState.SUPERSEDED)
+        self.stamp, self._rejected = stamp, None
         self._watch.begin()
         self._publish(GoalProgress(GoalState.ACCEPTED), '')
 
     def reject(self, stamp: Time, reason: str) -> None:
         """Say why a goal is not followed; the one before, if any, is reported on further."""
-        self._publisher.publish(goal_status(
-            stamp, GoalProgress(GoalState.REJECTED), reason, self._compensator.goal))
+        self._rejected = RejectedGoal(stamp, reason)
+        self._say(stamp, GoalProgress(GoalState.REJECTED), reason)
 
-    def end(self, reason: str) -> None:
+    def end(self, reason: str, state: GoalState = GoalState.ENDED) -> None:
         """Say why the goal that was followed is not followed any more."""
-        if self._stamp is not None:
-            self.reject(self._stamp, reason)
-            self._stamp = None
+        if self.stamp is not None:
+            if self._published[0] is not GoalState.REACHED or state is not GoalState.SUPERSEDED:
+                self._say(self.stamp, GoalProgress(state), reason)
+            self.stamp = None
 
     def update(self, now: float) -> None:
         """Publish what has changed, and where the head is now and then."""
-        if self._stamp is None or self._compensator.goal is None:
+        if self.stamp is None or self._compensator.goal is None:
             return
         held_back = self._held_back.message(now)
         progress = self._watch.update(
@@ -136,8 +153,11 @@ class GoalReport:
 
     def _publish(self, progress: GoalProgress, reason: str) -> None:
         self._published = progress.state, reason
+        self._say(self.stamp, progress, reason)
+
+    def _say(self, stamp: Time, progress: GoalProgress, reason: str) -> None:
         self._publisher.publish(goal_status(
-            self._stamp, progress, reason, self._compensator.goal))
+            stamp, progress, reason, self._compensator.goal, self._rejected))
 
 
 class CompensatorNode(Node):
@@ -163,8 +183,8 @@ class CompensatorNode(Node):
         self._rejections = Rejections(self)
         self._held_back = HeldBack()
         self._report = CompensatorReport(self._compensator, self._held_back)
-        self._goal: tuple[float, Pose] | None = None  # the newest, and when it came
-        self._driver = DriverWatch(self, self._choose_goal)
+        self._goal: Goal | None = None  # the newest
+        self._driver = DriverWatch(self, self._rejections, self._choose_goal)
         self._progress = GoalReport(self, self._compensator, self._held_back)
         self.corrected = PoseStream(self, 'corrected_pose', RAIL, LATEST)
         self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
@@ -175,6 +195,7 @@ class CompensatorNode(Node):
         self.create_service(SetBool, 'compensator/enable', self._enable)
         offer_trigger(self, 'compensator/tare', self._tare)
         offer_trigger(self, 'compensator/hold', self._hold)
+        self.create_service(CancelGoal, 'compensator/cancel', self._cancel)
         self._diagnostics = DiagnosticsPublisher(
             self, lambda: self._report.components(node_time(self), self._rejections.values()))
         steady_timer(self, 1.0 / rate, self._update)
@@ -205,37 +226,43 @@ class CompensatorNode(Node):
             PointStamped, 'lateral_offset', self._receive_lateral_offset, qos_profile_sensor_data)
 
     def _receive_goal(self, message: PoseStamped) -> None:
-        now, stamp = node_time(self), message.header.stamp
+        now, stamp = self.get_clock().now().to_msg(), message.header.stamp
+        stamp = stamp if seconds(stamp) else now  # goal_status says which it got
         try:
-            goal = pose_in_frame(message, FACADE, 'goal_pose')
-            self._follow(now, goal)
+            goal = Goal(seconds(now), stamp, pose_in_frame(message, FACADE, 'goal_pose'))
+            self._follow(goal)
         except ManipulatorError as error:
             self._rejections.add(error, 'goal_pose' if isinstance(error, LimitError) else '')
             self._progress.reject(stamp, str(error))
             return
-        self._goal = now, goal
+        self._goal = goal
         if self._driver.is_idle:
-            reason = (f'the drives are {self._driver.status.state}: send it again once they are '
-                      'active')
+            reason = f'{self._drives()}: send it again once they are active'
             self.get_logger().warning(
                 f'goal_pose is not followed, {reason}', throttle_duration_sec=LOG_PAUSE)
             self._progress.reject(stamp, reason)
         else:
             self._progress.accept(stamp)
 
+    def _drives(self) -> str:
+        status = self._driver.status
+        return 'the driver is silent' if status is SILENT else f'the drives are {status.state}'
+
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it came before the drives were activated."""
         if self._goal is not None:
             with self._rejections:  # its bounds may have been changed meanwhile
-                self._follow(*self._goal)
+                if self._follow(self._goal) and self._progress.stamp is None:
+                    self._progress.accept(self._goal.stamp)
 
-    def _follow(self, came: float, goal: Pose) -> None:
-        if self._driver.may_move(came):
-            self._compensator.set_goal(goal)
-            return
+    def _follow(self, goal: Goal) -> bool:
+        if self._driver.may_move(goal.came):
+            self._compensator.set_goal(goal.pose)
+            return True
         self._compensator.drop_goal()
-        self._progress.end(f'the drives are {self._driver.status.state}')
-        self._compensator.require_inside(goal)
+        self._progress.end(self._drives())
+        self._compensator.require_inside(goal.pose)
+        return False
 
     def _receive_disturbance(self, data: bytes) -> None:
         with self._rejections:
@@ -317,10 +344,27 @@ class CompensatorNode(Node):
         return f'the nominal position of the rail is now {millimetres(place)}'
 
     def _hold(self) -> str:
-        now = node_time(self)
-        self._goal = now, self._compensator.hold(now)
+        now = self.get_clock().now().to_msg()
+        self._goal = Goal(seconds(now), now, self._compensator.hold(seconds(now)))
         self._progress.end(HOLD)
-        return f'the head stays on the wall at {millimetres(self._goal[1])}'
+        return f'the head stays on the wall at {millimetres(self._goal.pose)}'
+
+    def _cancel(
+        self, request: CancelGoal.Request, response: CancelGoal.Response
+    ) -> CancelGoal.Response:
+        """Hold if the goal that is followed is not newer than the request's stamp."""
+        stamp, newest = self._progress.stamp, request.goal_info.stamp
+        if stamp is None or 0.0 < seconds(newest) < seconds(stamp):
+            response.return_code = CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID
+            return response
+        try:
+            self._hold()
+        except ManipulatorError as error:
+            self._rejections.add(error, 'cancel')
+            response.return_code = CancelGoal.Response.ERROR_REJECTED
+        else:
+            response.goals_canceling = [GoalInfo(stamp=stamp)]
+        return response
 
 
 main = partial(run, lambda: [CompensatorNode()])

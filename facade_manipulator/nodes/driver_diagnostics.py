@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -24,6 +25,7 @@ from facade_manipulator.ros import (
     DriverStatus,
     LATCHED,
     node_time,
+    STATUS_PERIOD,
 )
 
 STATE_LEVELS = {
@@ -37,16 +39,17 @@ FAULTS = (State.FAULT, State.FAULT_REACTION_ACTIVE)
 
 
 class StatusPublisher:
-    """Publish driver/status when what the drives do has changed."""
+    """Publish driver/status when what the drives do has changed, and again and again."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
         self._active_since = math.inf
         self._published: tuple = ()
+        self._published_at = -math.inf
 
     def publish(self, snapshot: ControllerSnapshot, activity: str, last_failure: str) -> None:
-        """Publish if it is another than last published."""
+        """Publish what differs from the last, or the same after a while: the driver lives."""
         if snapshot.state is not ControllerState.ACTIVE:
             self._active_since = math.inf
         elif math.isinf(self._active_since):
@@ -55,8 +58,9 @@ class StatusPublisher:
             snapshot.state.value, activity, snapshot.next_step, self._active_since,
             snapshot.power)
         present = status, *_outcome(snapshot, last_failure)
-        if present != self._published:
-            self._published = present
+        now = time.monotonic()
+        if present != self._published or now - self._published_at >= STATUS_PERIOD:
+            self._published, self._published_at = present, now
             self._publisher.publish(status.to_message(*present[1:]))
 
 

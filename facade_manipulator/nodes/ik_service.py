@@ -49,6 +49,7 @@ from facade_manipulator.ros import (
     RELIABLE,
     run,
     setpoint_codec,
+    SILENT,
     states_codec,
     steady_timer,
     Transforms,
@@ -83,7 +84,7 @@ class IkServiceNode(Node):
         self._head: Pose | None = None
         self._goal_codec = pose_codec('corrected_pose', RAIL)
         self._states_codec, self._setpoint_codec = states_codec(), setpoint_codec()
-        self._driver = DriverWatch(self, self._change_driver)
+        self._driver = DriverWatch(self, self._rejections, self._change_driver)
         self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
         self.heads = PoseStream(self, 'end_effector_pose', RAIL, RELIABLE)
         self._end_effector = Transforms(self, RAIL, END_EFFECTOR)
@@ -220,7 +221,8 @@ class IkServiceNode(Node):
             return 'error', self._rejected
         if self._driver.is_idle:
             following = f'; next: {driver.next_step}' if driver.next_step else ''
-            return 'warn', f'no goal is followed: the drives are {driver.state}{following}'
+            what = 'the driver is silent' if driver is SILENT else f'the drives are {driver.state}'
+            return 'warn', f'no goal is followed: {what}{following}'
         if driver is not None and self._last_goal_time < driver.active_since:
             return 'ok', 'holding: no goal since the drives were activated'
         if driver is not None and driver.activity == 'holding':

@@ -8,122 +8,47 @@ from .client import Component as Component
 from .client import ManipulatorClient as ManipulatorClient
 from .clocks import reject_simulated_time as reject_simulated_time
 from .clocks import steady_timer as steady_timer
-from .codec import (
-    estimate_codec as estimate_codec,
-)
-from .codec import (
-    pose_codec as pose_codec,
-)
-from .codec import (
-    setpoint_codec as setpoint_codec,
-)
-from .codec import (
-    states_codec as states_codec,
-)
-from .conversions import (
-    node_time as node_time,
-)
-from .conversions import (
-    pose_message as pose_message,
-)
-from .conversions import (
-    pose_stamped as pose_stamped,
-)
-from .conversions import (
-    PoseStream as PoseStream,
-)
-from .conversions import (
-    stamp as stamp,
-)
-from .conversions import (
-    Transforms as Transforms,
-)
-from .conversions import (
-    wrench_stamped as wrench_stamped,
-)
-from .diagnostics import (
-    diagnostic_status as diagnostic_status,
-)
-from .diagnostics import (
-    DiagnosticsPublisher as DiagnosticsPublisher,
-)
-from .diagnostics import (
-    DRIVER_STATUS as DRIVER_STATUS,
-)
-from .diagnostics import (
-    DriverStatus as DriverStatus,
-)
-from .diagnostics import (
-    DriverWatch as DriverWatch,
-)
-from .diagnostics import (
-    followed_goal as followed_goal,
-)
-from .diagnostics import (
-    GOAL_STATUS as GOAL_STATUS,
-)
-from .diagnostics import (
-    goal_status as goal_status,
-)
-from .diagnostics import (
-    HOLD as HOLD,
-)
-from .diagnostics import (
-    LEVELS as LEVELS,
-)
-from .diagnostics import (
-    rejection_status as rejection_status,
-)
-from .diagnostics import (
-    Rejections as Rejections,
-)
-from .diagnostics import (
-    stamp_text as stamp_text,
-)
-from .known_parameters import (
-    accept_old_names as accept_old_names,
-)
-from .known_parameters import (
-    require_known_parameters as require_known_parameters,
-)
-from .lifecycle import (
-    Deferred as Deferred,
-)
-from .lifecycle import (
-    DeferredReplies as DeferredReplies,
-)
-from .lifecycle import (
-    ManagedNode as ManagedNode,
-)
-from .lifecycle import (
-    offer_trigger as offer_trigger,
-)
+from .codec import estimate_codec as estimate_codec
+from .codec import pose_codec as pose_codec
+from .codec import setpoint_codec as setpoint_codec
+from .codec import states_codec as states_codec
+from .conversions import node_time as node_time
+from .conversions import pose_message as pose_message
+from .conversions import pose_stamped as pose_stamped
+from .conversions import PoseStream as PoseStream
+from .conversions import stamp as stamp
+from .conversions import Transforms as Transforms
+from .conversions import wrench_stamped as wrench_stamped
+from .diagnostics import diagnostic_status as diagnostic_status
+from .diagnostics import DiagnosticsPublisher as DiagnosticsPublisher
+from .diagnostics import DRIVER_STATUS as DRIVER_STATUS
+from .diagnostics import DriverStatus as DriverStatus
+from .diagnostics import DriverWatch as DriverWatch
+from .diagnostics import followed_goal as followed_goal
+from .diagnostics import GOAL_STATUS as GOAL_STATUS
+from .diagnostics import goal_status as goal_status
+from .diagnostics import HOLD as HOLD
+from .diagnostics import LEVELS as LEVELS
+from .diagnostics import RejectedGoal as RejectedGoal
+from .diagnostics import rejection_status as rejection_status
+from .diagnostics import Rejections as Rejections
+from .diagnostics import SILENT as SILENT
+from .diagnostics import stamp_text as stamp_text
+from .diagnostics import STATUS_PERIOD as STATUS_PERIOD
+from .known_parameters import accept_old_names as accept_old_names
+from .known_parameters import require_known_parameters as require_known_parameters
+from .lifecycle import Deferred as Deferred
+from .lifecycle import DeferredReplies as DeferredReplies
+from .lifecycle import ManagedNode as ManagedNode
+from .lifecycle import offer_trigger as offer_trigger
 from .parameters import declare as declare
-from .recording import (
-    message_type as message_type,
-)
-from .recording import (
-    MessageQueue as MessageQueue,
-)
-from .recording import (
-    ParameterReader as ParameterReader,
-)
-from .runtime import (
-    LATCHED as LATCHED,
-)
-from .runtime import (
-    LATEST as LATEST,
-)
-from .runtime import (
-    RECENT as RECENT,
-)
-from .runtime import (
-    RELIABLE as RELIABLE,
-)
-from .runtime import (
-    run as run,
-)
-from .runtime import (
-    USAGE_ERROR as USAGE_ERROR,
-)
+from .recording import message_type as message_type
+from .recording import MessageQueue as MessageQueue
+from .recording import ParameterReader as ParameterReader
+from .runtime import LATCHED as LATCHED
+from .runtime import LATEST as LATEST
+from .runtime import RECENT as RECENT
+from .runtime import RELIABLE as RELIABLE
+from .runtime import run as run
+from .runtime import USAGE_ERROR as USAGE_ERROR
 from .software_stop import SoftwareStop as SoftwareStop

@@ -37,7 +37,7 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, difference, Pose
 from facade_manipulator.messages import planar_pose, RAIL, status_values
 from facade_manipulator.ros.conversions import node_time, pose_stamped
-from facade_manipulator.ros.diagnostics import GOAL_STATUS, stamp_text
+from facade_manipulator.ros.diagnostics import GOAL_STATUS, REJECTED_STAMP, stamp_text
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 ANSWER_TIMEOUT = 5.0
@@ -45,7 +45,7 @@ CONFIGURE_TIMEOUT = 30.0
 HOMING_TIMEOUT = 120.0
 REASON_TIMEOUT = 1.5
 GOAL_TIMEOUT = 60.0
-REACHED = 'reached'
+REACHED, OVER = 'reached', ('rejected', 'ended', 'superseded')  # states of a goal
 STANDS_WITHIN, STANDS_FOR = 2e-4, 1.0  # m or rad, s
 SENDINGS, SEND_AGAIN = 5, 0.3  # of a goal of which compensator/goal_status says nothing yet, s
 SPIN_STEP = 0.02  # s, after which a waiting call looks at its condition again
@@ -271,9 +271,12 @@ class ManipulatorClient:
             if status is not None and status is not last:
                 last = status
                 on_progress(status)
-                if status.level == DiagnosticStatus.ERROR:
+                values = status_values(status)
+                if values.get(REJECTED_STAMP) == stamp:
+                    raise RequestRejectedError(f'rejected: {values["rejection"]}')
+                if values.get('state') in OVER:
                     raise RequestRejectedError(status.message)
-                if status.message == REACHED:
+                if values.get('state') == REACHED:
                     return
             self._check()
             self._executor.spin_once(SPIN_STEP)
@@ -416,9 +419,9 @@ class ManipulatorClient:
 
 
 def _newest(statuses: Sequence[DiagnosticStatus], stamp: str) -> DiagnosticStatus | None:
-    """Return the newest of the statuses of goals that is of the one with a stamp."""
-    return next((status for status in reversed(statuses)
-                 if status_values(status).get('goal stamp') == stamp), None)
+    """Return the newest of the statuses that speaks of the goal with a stamp."""
+    return next((status for status in reversed(statuses) if stamp in (
+        status_values(status).get(key) for key in ('goal stamp', REJECTED_STAMP))), None)
 
 
 def _distance(a: Pose, b: Pose) -> float:

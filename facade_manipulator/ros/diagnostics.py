@@ -12,7 +12,12 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
-from facade_manipulator.errors import LimitError, ManipulatorError, without_numbers
+from facade_manipulator.errors import (
+    InputError,
+    LimitError,
+    ManipulatorError,
+    without_numbers,
+)
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import status_values
 from facade_manipulator.ros.clocks import steady_timer
@@ -27,11 +32,14 @@ LEVELS = {
     'error': DiagnosticStatus.ERROR,
     'stale': DiagnosticStatus.STALE,
 }
-GOAL_LEVELS = {'held back': 'warn', 'rejected': 'error'}
+GOAL_LEVELS = {'held back': 'warn', 'rejected': 'error', 'ended': 'warn'}
+REJECTED_STAMP = 'rejected goal stamp'
 FOLLOWED = {  # key of the goal that is followed, and its factor
     'followed x [mm]': 1e3, 'followed y [mm]': 1e3, 'followed angle [deg]': math.degrees(1.0)}
 PERIOD = 1.0
 WARN_EVERY = 1.0  # s
+STATUS_PERIOD = 0.5  # s, between two messages on driver/status that say the same
+SILENCE = 4 * STATUS_PERIOD  # s: the driver is dead, or does not get through
 REPEAT_AFTER = 60.0  # s, for a message that stands in the log already
 
 
@@ -59,8 +67,16 @@ def rejection_status(name: str, error: ManipulatorError, goal_stamp: Time) -> Di
     return diagnostic_status(name, 'error', str(error), values)
 
 
+class RejectedGoal(NamedTuple):
+    """A goal that is not followed, and why."""
+
+    stamp: Time
+    reason: str
+
+
 def goal_status(
-    stamp: Time, progress: Any, reason: str, followed: Pose | None
+    stamp: Time, progress: Any, reason: str, followed: Pose | None,
+    rejected: RejectedGoal | None = None,
 ) -> DiagnosticStatus:
     """
     Return what becomes of a goal.
@@ -75,6 +91,8 @@ def goal_status(
         Why it is not reached, ``''`` if there is none.
     followed : Pose or None
         The goal that is followed meanwhile.
+    rejected : RejectedGoal, optional
+        The last one: whoever reads the newest message alone learns of it, too.
 
     """
     state = progress.state.value
@@ -89,6 +107,8 @@ def goal_status(
     if followed is not None:
         values.update((key, scale * value) for (key, scale), value in zip(
             FOLLOWED.items(), followed, strict=True))
+    if rejected is not None:
+        values |= {REJECTED_STAMP: stamp_text(rejected.stamp), 'rejection': rejected.reason}
     message = f'{state}: {reason}' if reason else state
     return diagnostic_status('goal', GOAL_LEVELS.get(state, 'ok'), message, values)
 
@@ -214,33 +234,47 @@ class DriverStatus(NamedTuple):
 
     @staticmethod
     def from_message(message: DiagnosticStatus) -> DriverStatus:
-        """Return what a message on driver/status says."""
+        """Return what a message on driver/status says; an InputError if no driver says that."""
         values = status_values(message)
-        return DriverStatus(values['state'], values['activity'], values['next step'],
-                            float(values['active since']), values.get('power', 'unknown'))
+        try:
+            return DriverStatus(values['state'], values['activity'], values['next step'],
+                                float(values['active since']), values.get('power', 'unknown'))
+        except (KeyError, ValueError) as error:
+            raise InputError(
+                'names', f'{DRIVER_STATUS} is not as the driver sends it: {error}') from None
+
+
+SILENT = DriverStatus('silent', 'unknown', 'look whether the driver still runs')
 
 
 class DriverWatch:
     """
-    Know what the driver is doing.
+    Know what the driver is doing, and whether it says anything.
 
     Parameters
     ----------
     node : rclpy.node.Node
+    rejections : Rejections
+        Counts messages that no driver sends.
     on_change : callable
         Called after `status` has changed.
 
     Attributes
     ----------
     status : DriverStatus or None
-        None before a driver has published it.
+        None before a driver has published it, `SILENT` once it publishes no more.
 
     """
 
-    def __init__(self, node: Node, on_change: Callable[[], None]) -> None:
+    def __init__(
+        self, node: Node, rejections: Rejections, on_change: Callable[[], None]
+    ) -> None:
         self.status: DriverStatus | None = None
+        self._rejections = rejections
         self._on_change = on_change
         node.create_subscription(DiagnosticStatus, DRIVER_STATUS, self._receive, LATCHED)
+        self._silence = steady_timer(
+            node, SILENCE, lambda: self._change(SILENT), autostart=False)
 
     @property
     def is_idle(self) -> bool:
@@ -252,5 +286,11 @@ class DriverWatch:
         return self.status is None or time >= self.status.active_since
 
     def _receive(self, message: DiagnosticStatus) -> None:
-        self.status = DriverStatus.from_message(message)
-        self._on_change()
+        with self._rejections:
+            self._change(DriverStatus.from_message(message))
+            self._silence.reset()
+
+    def _change(self, status: DriverStatus) -> None:
+        if status != self.status:
+            self.status = status
+            self._on_change()

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import signal
+
+from action_msgs.msg import GoalInfo
+from action_msgs.srv import CancelGoal
+from builtin_interfaces.msg import Time
 import pytest
 
 from facade_manipulator import config_path
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import status_values
 from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
 
 NAMESPACE = '/gondola_1'
@@ -15,16 +22,28 @@ NEAR, FAR, OUTSIDE = Pose(0.05, 0.25, 0.0), Pose(-0.2, 0.25, 0.0), Pose(0.0, 0.6
 @pytest.fixture
 def client(ros, start_process):
     """Return a supervisor of nodes whose drives are active."""
-    for name in ('driver', 'manipulator'):
+    processes = [
         start_process(
             f'facade_manipulator.nodes.{name}', '--ros-args', '-r', f'__ns:={NAMESPACE}',
             *(part for file in ('manipulator.yaml', 'simulation.yaml')
               for part in ('--params-file', str(config_path(file)))))
+        for name in ('driver', 'manipulator')]
     with ManipulatorClient(NAMESPACE) as made:
         made.wait_until(lambda: made.component('driver: operation'), 'the driver', 20.0)
+        made.driver = processes[0]
         yield made
-        if made.driver_state() == 'active':
+        if made.driver.poll() is None and made.driver_state() == 'active':
             made.deactivate()
+
+
+def states(client: ManipulatorClient, stamp: str) -> set[str]:
+    values = map(status_values, client._progress)
+    return {one['state'] for one in values if one['goal stamp'] == stamp}
+
+
+def cancel(client: ManipulatorClient, **stamp: int) -> int:
+    request = CancelGoal.Request(goal_info=GoalInfo(stamp=Time(**stamp)))
+    return client.call(CancelGoal, 'compensator/cancel', request).return_code
 
 
 def test_a_stroke_of_goals_is_reached_held_rejected_and_ended(client):
@@ -36,7 +55,7 @@ def test_a_stroke_of_goals_is_reached_held_rejected_and_ended(client):
     seen = []
     client.go_to(NEAR, FAR, timeout=20.0, on_progress=lambda *what: seen.append(what))
     assert {(0, 'moving'), (0, 'reached'), (1, 'moving'), (1, 'reached')} <= {
-        (number, status.message) for number, status in seen}
+        (number, status_values(status)['state']) for number, status in seen}
     values = {item.key: item.value for item in seen[-1][1].values}
     assert float(values['distance [mm]']) < 5.0
     with pytest.raises(RequestRejectedError, match='rejected: '):
@@ -44,6 +63,23 @@ def test_a_stroke_of_goals_is_reached_held_rejected_and_ended(client):
     with pytest.raises(NoAnswerError, match=r'not reached within 0\.1 s'):
         client.go_to(NEAR, timeout=0.1)
     assert 'stays on the wall at' in client.hold()
+    first = client.send_goal(FAR)
+    client.send_goal(NEAR)
+    client.wait_until(lambda: 'superseded' in states(client, first), 'the end of the first')
+    assert cancel(client, sec=1) == CancelGoal.Response.ERROR_UNKNOWN_GOAL_ID  # long before
+    assert cancel(client) == CancelGoal.Response.ERROR_NONE
     with pytest.raises(RequestRejectedError, match='the drives are halt'):
         client.go_to(NEAR, on_progress=lambda number, status: (
-            status.message == 'moving' and client.halt()))
+            status_values(status)['state'] == 'moving' and client.halt()))
+
+
+def test_a_killed_driver_is_silent_to_whoever_watches_the_goal(client):
+    client.configure()
+    client.home()
+    client.activate()
+    stamp = client.send_goal(FAR)
+    os.killpg(client.driver.pid, signal.SIGKILL)
+    client.driver.wait()
+    client.wait_until(lambda: 'ended' in states(client, stamp), 'the end of the goal', 20.0)
+    assert any('the driver is silent' in status.message for status in client._progress)
+    client.wait_until(lambda: 'silent' in client.goal_status.message, 'ik_service/status')

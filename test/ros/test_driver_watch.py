@@ -4,7 +4,14 @@ import math
 
 import pytest
 
-from facade_manipulator.ros.diagnostics import DRIVER_STATUS, DriverStatus, DriverWatch
+from facade_manipulator.ros.diagnostics import (
+    diagnostic_status,
+    DRIVER_STATUS,
+    DriverStatus,
+    DriverWatch,
+    Rejections,
+    SILENT,
+)
 from facade_manipulator.ros.runtime import LATCHED
 
 ACTIVE = DriverStatus('active', 'holding', '', 1795320000.123456)
@@ -19,7 +26,7 @@ def test_a_status_comes_back_as_it_was_sent(status):
 def test_goals_may_move_from_the_activation_on(ros):
     node, changes = ros.node(), []
     publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
-    watch = DriverWatch(node, lambda: changes.append(watch.status))
+    watch = DriverWatch(node, Rejections(node), lambda: changes.append(watch.status))
     assert watch.may_move(0.0) and not watch.is_idle  # nothing is known of a driver
     publisher.publish(IDLE.to_message('ok', 'inactive'))
     ros.until(lambda: changes == [IDLE], 'the first status')
@@ -29,3 +36,26 @@ def test_goals_may_move_from_the_activation_on(ros):
     assert not watch.is_idle
     assert watch.may_move(ACTIVE.active_since)
     assert not watch.may_move(ACTIVE.active_since - 0.001)
+
+
+def test_a_driver_that_says_no_more_is_silent_until_it_speaks(ros, monkeypatch):
+    monkeypatch.setattr('facade_manipulator.ros.diagnostics.SILENCE', 0.2)
+    node, changes = ros.node(), []
+    publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
+    watch = DriverWatch(node, Rejections(node), lambda: changes.append(watch.status))
+    publisher.publish(ACTIVE.to_message('ok', 'active'))
+    ros.until(lambda: changes == [ACTIVE, SILENT], 'the silence')
+    assert watch.is_idle
+    publisher.publish(ACTIVE.to_message('ok', 'active'))
+    ros.until(lambda: changes == [ACTIVE, SILENT, ACTIVE], 'the driver again')
+
+
+@pytest.mark.parametrize('values', [
+    {}, {'state': 'active'}, {'state': '', 'activity': '', 'next step': '', 'active since': '?'}])
+def test_what_no_driver_says_is_rejected_and_counted(ros, values):
+    node, rejections = ros.node(), Rejections(ros.node('other'))
+    publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
+    watch = DriverWatch(node, rejections, lambda: None)
+    publisher.publish(diagnostic_status('operation', 'ok', '', values))
+    ros.until(lambda: rejections.total == 1, 'the rejection')
+    assert watch.status is None

@@ -7,129 +7,47 @@ arguments.
 """
 
 from .axis import Feedback as Feedback
-from .cause import (
-    BUS_REMEDY as BUS_REMEDY,
-)
-from .cause import (
-    Cause as Cause,
-)
-from .cause import (
-    CLEAR_REMEDY as CLEAR_REMEDY,
-)
-from .cause import (
-    COMPUTER_REMEDY as COMPUTER_REMEDY,
-)
-from .cause import (
-    CONFIGURE_REMEDY as CONFIGURE_REMEDY,
-)
-from .cause import (
-    OTHER_MASTER_REMEDY as OTHER_MASTER_REMEDY,
-)
-from .cause import (
-    TARGET_REMEDY as TARGET_REMEDY,
-)
-from .cause import (
-    TRACKING_REMEDY as TRACKING_REMEDY,
-)
+from .cause import BUS_REMEDY as BUS_REMEDY
+from .cause import Cause as Cause
+from .cause import CLEAR_REMEDY as CLEAR_REMEDY
+from .cause import COMPUTER_REMEDY as COMPUTER_REMEDY
+from .cause import CONFIGURE_REMEDY as CONFIGURE_REMEDY
+from .cause import OTHER_MASTER_REMEDY as OTHER_MASTER_REMEDY
+from .cause import TARGET_REMEDY as TARGET_REMEDY
+from .cause import TRACKING_REMEDY as TRACKING_REMEDY
 from .group import AxisCommand as AxisCommand
 from .group import Group as Group
 from .group import GroupSettings as GroupSettings
-from .homing import (
-    AxisHoming as AxisHoming,
-)
-from .homing import (
-    home_error as home_error,
-)
-from .homing import (
-    HomingSequence as HomingSequence,
-)
-from .plans import (
-    FOLLOWING_PHASES as FOLLOWING_PHASES,
-)
-from .plans import (
-    Phase as Phase,
-)
-from .plans import (
-    STOPPED_PHASES as STOPPED_PHASES,
-)
-from .profile import (
-    DriveProfile as DriveProfile,
-)
-from .profile import (
-    fitting_profile as fitting_profile,
-)
-from .profile import (
-    load_profile as load_profile,
-)
-from .profile import (
-    Quirks as Quirks,
-)
-from .settings import (
-    axis_defaults as axis_defaults,
-)
-from .settings import (
-    AXIS_NAMES as AXIS_NAMES,
-)
-from .settings import (
-    AxisSettings as AxisSettings,
-)
-from .settings import (
-    check_axes as check_axes,
-)
-from .settings import (
-    DEFAULT_AXES as DEFAULT_AXES,
-)
-from .settings import (
-    Triple as Triple,
-)
-from .states import (
-    AUTOMATIC_TRANSITIONS as AUTOMATIC_TRANSITIONS,
-)
-from .states import (
-    Controlword as Controlword,
-)
-from .states import (
-    decode_command as decode_command,
-)
-from .states import (
-    decode_state as decode_state,
-)
-from .states import (
-    DeviceCommand as DeviceCommand,
-)
-from .states import (
-    Mode as Mode,
-)
-from .states import (
-    Power as Power,
-)
-from .states import (
-    POWERED_STATES as POWERED_STATES,
-)
-from .states import (
-    State as State,
-)
-from .states import (
-    Status as Status,
-)
-from .states import (
-    STATUSWORDS as STATUSWORDS,
-)
-from .states import (
-    TRANSITIONS as TRANSITIONS,
-)
-from .states import (
-    UNPOWERED_STATES as UNPOWERED_STATES,
-)
-from .units import (
-    AxisScale as AxisScale,
-)
-from .units import (
-    INT32_MAX as INT32_MAX,
-)
-from .units import (
-    INT32_MIN as INT32_MIN,
-)
-from .units import (
-    Measured as Measured,
-)
+from .homing import AxisHoming as AxisHoming
+from .homing import home_error as home_error
+from .homing import HomingSequence as HomingSequence
+from .plans import FOLLOWING_PHASES as FOLLOWING_PHASES
+from .plans import Phase as Phase
+from .plans import STOPPED_PHASES as STOPPED_PHASES
+from .profile import DriveProfile as DriveProfile
+from .profile import fitting_profile as fitting_profile
+from .profile import load_profile as load_profile
+from .profile import Quirks as Quirks
+from .settings import axis_defaults as axis_defaults
+from .settings import AXIS_NAMES as AXIS_NAMES
+from .settings import AxisSettings as AxisSettings
+from .settings import check_axes as check_axes
+from .settings import DEFAULT_AXES as DEFAULT_AXES
+from .settings import Triple as Triple
+from .states import AUTOMATIC_TRANSITIONS as AUTOMATIC_TRANSITIONS
+from .states import Controlword as Controlword
+from .states import decode_command as decode_command
+from .states import decode_state as decode_state
+from .states import DeviceCommand as DeviceCommand
+from .states import Mode as Mode
+from .states import Power as Power
+from .states import POWERED_STATES as POWERED_STATES
+from .states import State as State
+from .states import Status as Status
+from .states import STATUSWORDS as STATUSWORDS
+from .states import TRANSITIONS as TRANSITIONS
+from .states import UNPOWERED_STATES as UNPOWERED_STATES
+from .units import AxisScale as AxisScale
+from .units import INT32_MAX as INT32_MAX
+from .units import INT32_MIN as INT32_MIN
+from .units import Measured as Measured

@@ -16,19 +16,9 @@ from .monitor import AxisMonitor as AxisMonitor
 from .session import BusAccess as BusAccess
 from .session import Session as Session
 from .settings import ControllerSettings as ControllerSettings
-from .snapshot import (
-    ACTIVE_STATES as ACTIVE_STATES,
-)
-from .snapshot import (
-    AxisSnapshot as AxisSnapshot,
-)
-from .snapshot import (
-    ControllerSnapshot as ControllerSnapshot,
-)
-from .snapshot import (
-    ControllerState as ControllerState,
-)
-from .snapshot import (
-    POWERED_STATES as POWERED_STATES,
-)
+from .snapshot import ACTIVE_STATES as ACTIVE_STATES
+from .snapshot import AxisSnapshot as AxisSnapshot
+from .snapshot import ControllerSnapshot as ControllerSnapshot
+from .snapshot import ControllerState as ControllerState
+from .snapshot import POWERED_STATES as POWERED_STATES
 from .targets import MechanismChecks as MechanismChecks

@@ -10,29 +10,13 @@ from .facade import Facade as Facade
 from .facade import FacadeSettings as FacadeSettings
 from .reaction import carriage_loads as carriage_loads
 from .reaction import PressedGondola as PressedGondola
-from .scenario import (
-    compensator_parameters as compensator_parameters,
-)
-from .scenario import (
-    load_scenario as load_scenario,
-)
-from .scenario import (
-    Scenario as Scenario,
-)
+from .scenario import compensator_parameters as compensator_parameters
+from .scenario import load_scenario as load_scenario
+from .scenario import Scenario as Scenario
 from .sensors import ForceSensor as ForceSensor
 from .sensors import SimulatedEstimator as SimulatedEstimator
-from .wall import (
-    AXES as AXES,
-)
-from .wall import (
-    SCALES as SCALES,
-)
-from .wall import (
-    UNITS as UNITS,
-)
-from .wall import (
-    WallMeasurement as WallMeasurement,
-)
-from .wall import (
-    WallSample as WallSample,
-)
+from .wall import AXES as AXES
+from .wall import SCALES as SCALES
+from .wall import UNITS as UNITS
+from .wall import WallMeasurement as WallMeasurement
+from .wall import WallSample as WallSample

@@ -9,18 +9,10 @@ time.
 from .gcw import count_poses as count_poses
 from .gcw import Grid as Grid
 from .gcw import PoseCount as PoseCount
-from .reach import (
-    Interval as Interval,
-)
-from .reach import (
-    theta_max as theta_max,
-)
-from .reach import (
-    x_interval as x_interval,
-)
-from .reach import (
-    y_range as y_range,
-)
+from .reach import Interval as Interval
+from .reach import theta_max as theta_max
+from .reach import x_interval as x_interval
+from .reach import y_range as y_range
 from .volume import measure as measure
 from .volume import union_area as union_area
 from .volume import Workspace as Workspace

@@ -16,20 +16,10 @@ from .geometry_fit import identify as identify
 from .geometry_fit import Measurements as Measurements
 from .recorded import read_estimator_recording as read_estimator_recording
 from .tables import read_table as read_table
-from .unknowns import (
-    head_at as head_at,
-)
-from .unknowns import (
-    heads as heads,
-)
-from .unknowns import (
-    UNKNOWNS as UNKNOWNS,
-)
-from .unknowns import (
-    unknowns_named as unknowns_named,
-)
-from .unknowns import (
-    values_of as values_of,
-)
+from .unknowns import head_at as head_at
+from .unknowns import heads as heads
+from .unknowns import UNKNOWNS as UNKNOWNS
+from .unknowns import unknowns_named as unknowns_named
+from .unknowns import values_of as values_of
 from .wall_fit import fit_wall as fit_wall
 from .wall_fit import touched_points as touched_points

@@ -5,14 +5,8 @@ In: a `RecordedRun`. Out: corrected poses and setpoints beside the recorded ones
 and how simulated drives stop for the recorded causes (`replay_stop`); `python -m` makes a report.
 """
 
-from .poses import (
-    Comparison as Comparison,
-)
-from .poses import (
-    replay_poses as replay_poses,
-)
-from .poses import (
-    replay_setpoints as replay_setpoints,
-)
+from .poses import Comparison as Comparison
+from .poses import replay_poses as replay_poses
+from .poses import replay_setpoints as replay_setpoints
 from .stop import replay_stop as replay_stop
 from .stop import StopReplay as StopReplay
