@@ -81,11 +81,15 @@ class Assignment:
         """Give the selected node an id that is not stored; return its device type (1000h)."""
         self._configure(node_id)
         self._take_effect()
-        drive = self._bus.objects(node_id)
+        return self._number(node_id, 0x1000)
+
+    def _number(self, node_id: int, *key: int) -> int | None:
+        """Return a number of a node that comes up; None if it does not."""
+        drive, found = self._bus.objects(node_id), None
         end = time.monotonic() + BOOT_TIMEOUT
-        while (kind := number_or_none(drive, 0x1000)) is None and time.monotonic() < end:
-            time.sleep(0.05)
-        return kind
+        while found is None and time.monotonic() < end:
+            found = number_or_none(drive, *key)
+        return found
 
     def give(self, node_id: int, found: Found) -> None:
         """
@@ -139,14 +143,10 @@ class Assignment:
 
     def verify(self, node_id: int, serial_number: int) -> None:
         """Reset a drive and read what it has stored; a CommissioningError if it is elsewhere."""
-        drive = self._bus.objects(node_id)
         for command, what in ((NmtCommand.RESET_COMMUNICATION, 'before'),
                               (NmtCommand.RESET_NODE, 'after')):
             self._bus.command(command, node_id)
-            end = time.monotonic() + BOOT_TIMEOUT
-            while (serial := number_or_none(drive, *SERIAL)) is None and time.monotonic() < end:
-                time.sleep(0.05)
-            if serial != serial_number:
+            if (serial := self._number(node_id, *SERIAL)) != serial_number:
                 who = 'no drive' if serial is None else f'the drive {serial}'
                 raise CommissioningError(
                     f'{who} answers as node {node_id} instead of {serial_number} {what} a reset: '

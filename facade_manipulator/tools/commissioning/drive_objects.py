@@ -147,14 +147,9 @@ class Difference(NamedTuple):
     there: Any
 
     @property
-    def label(self) -> str:
-        """Index and subindex."""
-        return label(self.key)
-
-    @property
     def row(self) -> tuple[str, str, str, str]:
         """What an operator reads: object, its name, and the two values."""
-        return self.label, self.name, shown(self.here), shown(self.there)
+        return label(self.key), self.name, shown(self.here), shown(self.there)
 
 
 def compare(

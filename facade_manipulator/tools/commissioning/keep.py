@@ -158,7 +158,7 @@ def run_compare(context: Context) -> int:
     context.operator.say(
         f'{len(found)} differences between {here.source} and {there.source}.')
     context.machine.note('compare', f'{here.source} and {there.source}: ' + (
-        ', '.join(f'{one.label} {one.name}' for one in found) or 'no difference'),
+        ', '.join(f'{label(one.key)} {one.name}' for one in found) or 'no difference'),
         not found)
     return 1 if found else 0
 
@@ -186,7 +186,7 @@ def run_restore(context: Context) -> None:
         count = restore(bus.objects(node_id, name), wanted, present, of_place)
         store(bus, node_id, name)
         remaining = compare(wanted, _of_drive(context, bus, name), of_place)
-    lost = [one.label for one in remaining if None not in (one.here, one.there)]
+    lost = [label(one.key) for one in remaining if None not in (one.here, one.there)]
     if lost:
         raise CommissioningError(
             f'{name} took {", ".join(lost)} but has other values again after its reset: it does '

@@ -12,13 +12,13 @@ from facade_manipulator.drives.cia402 import AxisSettings, load_profile
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.drive_objects import store
+from facade_manipulator.tools.commissioning.keep import unpowered_drive
 from facade_manipulator.tools.commissioning.motion import INPUTS, Motion, PERIOD, POSITION, Ramp
 from facade_manipulator.tools.commissioning.moving import (
     add_motion_options,
     motion_bounds,
     powered,
 )
-from facade_manipulator.tools.commissioning.scan import only_drive
 
 HOME_SWITCH = 0x4  # of 60FDh
 INPUT_POLARITY = (0x3141, 2)  # maxon's; other makers have it in their tool alone
@@ -57,9 +57,7 @@ def run_direction(context: Context) -> None:
     name, machine = context.options.axis, context.machine
     axis = machine.axis(name)
     with context.bus() as bus:
-        drive = only_drive(bus, axis, name)
-        if drive.read_number(0x6041) & 0x6F == 0x27:
-            raise CommissioningError(f'{name} has power, somebody has enabled it: nothing is done')
+        drive = unpowered_drive(context, bus, name)
         start = drive.read_number(POSITION, signed=True)
         context.operator.say(
             f'{name} has no power. Push its carriage to the right (towards +q) by a centimetre.')

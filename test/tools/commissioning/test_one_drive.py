@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import select
+import sys
+import termios
+
 import pytest
 import yaml
 
@@ -78,19 +84,60 @@ def test_a_new_drive_gets_id_objects_and_checks_of_the_one_before(rig, capsys):
     assert 'commission direction q2: the drive was replaced' in capsys.readouterr().out
 
 
-def test_without_a_command_it_says_what_is_next_and_goes_on_there(
-        make_rig, capsys, monkeypatch):
+@pytest.fixture
+def terminal(monkeypatch):
+    """Sit at a terminal of 80 columns: a function types lines, and returns what is on it then."""
+    ours, its = pty.openpty()
+    termios.tcsetwinsize(its, (24, 80))
+    with os.fdopen(os.dup(its), 'r') as keys, os.fdopen(its, 'w') as screen:
+        def sit(arguments, typed):
+            os.write(ours, typed.encode())
+            with monkeypatch.context() as patch:
+                patch.setattr(sys, 'stdin', keys)
+                patch.setattr(sys, 'stdout', screen)
+                status = main(arguments)
+                screen.flush()
+            shown = b''
+            while select.select([ours], [], [], 0.2)[0]:
+                shown += os.read(ours, 1 << 16)
+            return status, shown.decode().replace('\r', '')
+
+        yield sit
+    os.close(ours)
+
+
+def test_at_a_terminal_it_says_what_is_next_and_goes_on_there(make_rig, capsys, terminal):
     rig = make_rig('--new')
-    answers = iter(['y', 'y', 'y', 'q1', 'q2', 'q3', 'y', 'y', 'n'])
-    monkeypatch.setattr('builtins.input', lambda *_: next(answers))
     words = rig.command('next', yes=False)[1:]
-    assert main(words) == 1  # the scan found something
-    said = capsys.readouterr().out
+    status, said = terminal(words, 'y\n')
+    assert status == 1  # the scan found something
     assert 'nothing yet' in said and 'Next: commission scan, because never done.' in said
-    assert main(words) == 1
-    said = capsys.readouterr()
-    order = [line.split(',')[0] for line in said.out.splitlines() if line.startswith('Next')]
+    status, said = terminal(words, 'y\ny\nq1\nq2\nq3\ny\ny\nn\n')
+    order = [line.split(',')[0] for line in said.splitlines() if line.startswith('Next')]
     assert order == [f'Next: commission {step}' for step in (
         'assign', 'scan', 'profile --check q1', 'profile --check q2')]
-    assert 'not done, nothing is changed' in said.err
+    assert said.count('Do this? [y/N]') == 5 and 'which carriage does it move? [q1/q2/q3' in said
+    assert max(len(line) for line in said.splitlines() if '│' in line) <= 80
+    assert status == 1 and 'not done, nothing is changed' in capsys.readouterr().err
     assert sorted(drive.lss.stored for drive in rig.drives) == [1, 2, 3]
+
+
+@pytest.mark.parametrize('words', [
+    ('profile', '--check', 'q1'), ('backup', 'q1'), ('compare', 'q1', 'q2'), ('direction', 'q1'),
+    ('restore', 'q1', 'kept.dcf'), ('object', 'q1', '6084h', '5'), ('replace', 'q1', *FAST),
+    ('assign', '--only', 'q1', *FAST), ('jog', 'q1', '--links', 'uncoupled'),
+    ('lead', 'q1', '--links', 'uncoupled'), ('home-switch', 'q1', '--links', 'uncoupled'),
+    ('lag', 'q1', '--links', 'uncoupled')])
+def test_with_the_drive_unplugged_each_step_is_one_message_and_writes_nothing(
+        rig, capsys, monkeypatch, words):
+    monkeypatch.chdir(rig.folder)
+    for name in ('kept.dcf', 'machine.q1.dcf'):
+        rig.run('backup', 'q1', name)
+    before = rig.parameters.read_text()
+    rig.drives[0].is_silent = True
+    capsys.readouterr()
+    assert rig.run(*words) == 1
+    said = capsys.readouterr().err
+    assert 'q1' in said or 'node 1' in said or '--only wants one drive' in said
+    assert said.count('\n') == 1 and 'Traceback' not in said
+    assert rig.parameters.read_text() == before
