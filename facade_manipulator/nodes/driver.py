@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
+from datetime import datetime
 from functools import partial
 from importlib import import_module
 import math
@@ -62,6 +63,7 @@ from facade_manipulator.ros import (
     LATEST,
     ManagedNode,
     offer_trigger,
+    parameter_checksum,
     reject_simulated_time,
     Rejections,
     RELIABLE,
@@ -114,6 +116,7 @@ class DriverNode(ManagedNode):
         self._rejections = Rejections(self)
         self._settings = declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
         self._setup = self._declare_setup()
+        self._limits, self._limits_changed = self._setup.limits, ''
         self._service = declare(
             self, ServiceSettings, 'service', partial(setattr, self, '_service'))
         is_real = not self._settings.simulate_drives
@@ -130,6 +133,7 @@ class DriverNode(ManagedNode):
         self._status = StatusPublisher(self)
         self._setpoint_codec, self._states_codec = setpoint_codec(), states_codec()
         self._offer()
+        self.get_logger().info(f'parameters: {parameter_checksum(self)}')
         if self._settings.configure_at_start:
             self.configure_soon()
 
@@ -242,10 +246,12 @@ class DriverNode(ManagedNode):
                 f'{1e-3 * counters.travel:.2f} km')
 
     def _change_limits(self, limits: MotionLimits) -> None:
+        before, self._limits = self._limits, limits
         self._loop.change_limits(limits)
-        self.get_logger().info(
-            f'limits of motion are now {limits.speed:g} m/s, {limits.acceleration:g} m/s^2, '
-            f'{limits.jerk:g} m/s^3')
+        self._limits_changed = (
+            f'{datetime.now().astimezone().isoformat(timespec="seconds")}: '
+            f'from {_in_words(before)} to {_in_words(limits)}')
+        self.get_logger().info(f'limits of motion changed, {self._limits_changed}')
 
     def _start_alone(self, name: str, start: Callable[[], Future]) -> Future:
         """Start a request unless another driver would follow the setpoints as well."""
@@ -327,6 +333,8 @@ class DriverNode(ManagedNode):
         values = {
             'drive faults': self._drive_faults,
             'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
+            'parameters': parameter_checksum(self),
+            'limits changed': self._limits_changed,
             **self._rejections.values(),
         }
         return [
@@ -341,6 +349,10 @@ class DriverNode(ManagedNode):
 def _simulator() -> Callable[[BusSettings, Sequence[AxisSettings]], Simulator]:
     """Return what starts simulated drives: known by name alone, for no machine needs them."""
     return import_module('facade_manipulator.lab.drives').start_simulator
+
+
+def _in_words(limits: MotionLimits) -> str:
+    return f'{limits.speed:g} m/s, {limits.acceleration:g} m/s^2, {limits.jerk:g} m/s^3'
 
 
 main = partial(run, lambda: [DriverNode()], experimental=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+import hashlib
 import re
 from typing import Any, TypeVar
 
@@ -93,6 +94,13 @@ def declare(
     if on_change is not None:
         _accept_live_changes(node, names, current, on_change, checked)
     return current
+
+
+def parameter_checksum(node: Node) -> str:
+    """Return eight hexadecimal digits that are the same where all parameters have one value."""
+    values = sorted(
+        (name, repr(one.value)) for name, one in node.get_parameters_by_prefix('').items())
+    return hashlib.sha256(repr(values).encode()).hexdigest()[:8]
 
 
 def _declare_one(

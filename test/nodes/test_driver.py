@@ -338,6 +338,19 @@ def test_two_publishers_of_one_software_stop_forbid_power(bench):
         lambda: bench.ask('clear_faults').success and bench.ask('home').success, 'homing')
 
 
+def test_the_parameters_have_a_checksum_and_a_changed_limit_has_its_time_and_values(bench):
+    before = bench.values()
+    assert before['limits changed'] == ''
+    answer, = bench.node.set_parameters([Parameter('limits.speed', value=0.3)])
+    assert answer.successful
+    after = bench.values()
+    assert after['parameters'] != before['parameters']
+    assert 'from 0.5 m/s, ' in after['limits changed']
+    assert 'to 0.3 m/s, ' in after['limits changed']
+    bench.node.set_parameters([Parameter('limits.speed', value=0.5)])
+    assert bench.values()['parameters'] == before['parameters']
+
+
 def test_a_fault_of_one_drive_stops_all_and_the_node_says_which_and_what_next(bench):
     bench.bring_up()
     bench.node._loop.disturb(1, 'inject_fault', 0x8611)
