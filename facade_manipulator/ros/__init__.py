@@ -42,6 +42,7 @@ from .lifecycle import DeferredReplies as DeferredReplies
 from .lifecycle import ManagedNode as ManagedNode
 from .lifecycle import offer_trigger as offer_trigger
 from .parameters import declare as declare
+from .parameters import parameter_checksum as parameter_checksum
 from .recording import message_type as message_type
 from .recording import MessageQueue as MessageQueue
 from .recording import ParameterReader as ParameterReader
@@ -51,32 +52,4 @@ from .runtime import RECENT as RECENT
 from .runtime import RELIABLE as RELIABLE
 from .runtime import run as run
 from .runtime import USAGE_ERROR as USAGE_ERROR
-from .parameters import parameter_checksum as parameter_checksum
-from .recording import (
-    message_type as message_type,
-)
-from .recording import (
-    MessageQueue as MessageQueue,
-)
-from .recording import (
-    ParameterReader as ParameterReader,
-)
-from .runtime import (
-    LATCHED as LATCHED,
-)
-from .runtime import (
-    LATEST as LATEST,
-)
-from .runtime import (
-    RECENT as RECENT,
-)
-from .runtime import (
-    RELIABLE as RELIABLE,
-)
-from .runtime import (
-    run as run,
-)
-from .runtime import (
-    USAGE_ERROR as USAGE_ERROR,
-)
 from .software_stop import SoftwareStop as SoftwareStop
