@@ -51,7 +51,9 @@ class Stream:
         self, folder: Path, name: str, topics: Iterable[RecordedTopic], duration: float,
         memory: int, disk: float,
     ) -> None:
-        self._root, self._name, self._topics = folder, f'.stream_{name}_', tuple(topics)
+        self._root, self._name = folder, f'.stream_{name}_'
+        self._topics = [  # definitions are ten times a quiet segment
+            topic._replace(definition='') for topic in topics]
         self._duration, self._memory, self._disk = duration, memory, disk
         self._waiting: deque[Kept] = deque()
         self._last: dict[str, Kept] = {}

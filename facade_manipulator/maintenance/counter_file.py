@@ -1,22 +1,55 @@
-"""The counters on the disk: written once a second while there is power, whole or not at all."""
+"""The counters on the disk: written once a second under power, whole or not at all."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+import fcntl
 import json
+import os
 from pathlib import Path
 import re
+from typing import Any
 
 from facade_manipulator.files import atomic_write
 from facade_manipulator.maintenance.counters import MachineCounters
 
 PERIOD = 1.0  # s, so that no kill loses more
+GREATEST = ('greatest_following_error', 'service_hours', 'service_travel')  # no sums
 DAMAGES = (OSError, ValueError, TypeError, AttributeError, KeyError)
 
 
-def _read(path: Path) -> MachineCounters:
-    return MachineCounters.of(json.loads(path.read_text(encoding='utf-8')))
+def _read(path: Path) -> dict[str, Any]:
+    """Return the values of a file; raises one of the damages unless they are counters."""
+    values = json.loads(path.read_text(encoding='utf-8'))
+    MachineCounters.of(values)
+    return values
+
+
+def _backup(path: Path) -> Path:
+    return path.with_name(f'.{path.stem}.backup')
+
+
+def merged(kept: Mapping[str, Any], before: Mapping[str, Any], now: Mapping[str, Any],
+           ) -> dict[str, Any]:
+    """
+    Return the values of a file with what was counted between two readings.
+
+    What another process counted, and what this version does not know, stays; nothing decreases.
+    """
+    result = dict(kept)
+    for name, value in now.items():
+        was = before.get(name, {} if isinstance(value, dict) else 0)
+        if isinstance(value, dict):
+            result[name] = merged(kept.get(name, {}), was, value)
+        elif isinstance(value, str) or name == 'drive':
+            result[name] = value
+        elif name in GREATEST:
+            result[name] = max(kept.get(name, 0), value)
+        else:
+            result[name] = kept.get(name, 0) + max(value - was, 0)
+    return result
 
 
 def kept_counters(folder: str) -> dict[str, MachineCounters]:
@@ -24,7 +57,7 @@ def kept_counters(folder: str) -> dict[str, MachineCounters]:
     found = {}
     for path in sorted(Path(folder).expanduser().glob('counters_*.json')):
         with suppress(*DAMAGES):
-            found[path.stem] = _read(path)
+            found[path.stem] = MachineCounters.of(_read(path))
     return found
 
 
@@ -35,22 +68,28 @@ class CounterFile:
     A disk that hangs or is full costs the counters, nothing else: a thread writes, and what could
     not be written is tried again a second later. In `folder` ``~`` is the user's home, empty keeps
     nothing; the machine's namespace names the file. `counters` are as read from it, new where
-    there is none; one that cannot be read is put aside. `error` says what is wrong with it.
+    there is none; for one that cannot be read, or that lacks something, there is a backup of when
+    the process before began. What other processes counted meanwhile is added. `error` says what is
+    wrong.
     """
 
     def __init__(self, folder: str, machine: str) -> None:
         name = re.sub(r'\W', '_', machine.strip('/')) or 'manipulator'
         self._path = Path(folder).expanduser() / f'counters_{name}.json' if folder else None
         self.error = ''
-        self.counters = self._read()
+        self._first = self._read()
+        self.counters = MachineCounters.of(self._first)
+        self._saved = self.counters.values()
+        self._events = self.counters.events
         self._writer = ThreadPoolExecutor(1, 'counters')
         self._job: Future | None = None
         self._next = 0.0
 
     def keep(self, now: float) -> None:
-        """Write the counters if they count and it is time [s]; never waits."""
+        """Write the counters at an event, or when they count and it is time [s]; never waits."""
         is_writing = self._job is not None and not self._job.done()
-        if self.counters.is_counting and now >= self._next and not is_writing:
+        is_due = self.counters.is_counting and now >= self._next
+        if (is_due or self.counters.events != self._events) and not is_writing:
             self._next = now + PERIOD
             self.write()
 
@@ -63,27 +102,60 @@ class CounterFile:
         """Write the counters as they are; never waits."""
         if self._path is None:
             return
-        self._job = self._writer.submit(self._save, json.dumps(self.counters.values(), indent=1))
+        self._events = self.counters.events
+        self._job = self._writer.submit(self._save, self.counters.values())
 
-    def _save(self, text: str) -> None:
+    def _save(self, values: dict[str, Any]) -> None:
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            with atomic_write(self._path) as draft:
-                draft.write_text(text, encoding='utf-8')
+            with _locked(self._path.parent):
+                kept = self._kept()
+                with atomic_write(self._path) as draft:
+                    draft.write_text(
+                        json.dumps(merged(kept, self._saved, values), indent=1), encoding='utf-8')
+            self._saved = values
             self.error = ''
         except OSError as error:
             self.error = f'the counters are not kept: {self._path}: {error.strerror or error}'
 
-    def _read(self) -> MachineCounters:
-        if self._path is None:
-            return MachineCounters()
+    def _kept(self) -> dict[str, Any]:
+        """Return what the file has now, all that was counted here if it cannot be read."""
         try:
-            return _read(self._path)
+            return {**self._first, **_read(self._path)}
+        except DAMAGES:
+            return {**self._first, **self._saved}
+
+    def _read(self) -> dict[str, Any]:
+        """Return the values of the file, completed from its backup, and make the next backup."""
+        if self._path is None:
+            return {}
+        before: dict[str, Any] = {}
+        with suppress(*DAMAGES):
+            before = _read(_backup(self._path))
+        try:
+            kept = _read(self._path)
         except FileNotFoundError:
-            return MachineCounters()
+            return before
         except DAMAGES as error:
             aside = self._path.with_suffix('.damaged.json')
             with suppress(OSError):
                 self._path.replace(aside)
-            self.error = f'the counters begin again at 0, {aside} could not be read: {error}'
-            return MachineCounters()
+            begin = f'go on from a backup, {before.get("hours", 0.0):.1f} h' if before else (
+                'begin again at 0')
+            self.error = f'the counters {begin}, {aside} could not be read: {error}'
+            return before
+        values = {**before, **kept}
+        with suppress(OSError), atomic_write(_backup(self._path)) as draft:
+            draft.write_text(json.dumps(values), encoding='utf-8')
+        return values
+
+
+@contextmanager
+def _locked(folder: Path) -> Iterator[None]:
+    """Keep other processes from writing counters of this folder meanwhile."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(descriptor)

@@ -12,8 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
-import re
-from typing import Any
+from typing import Any, TypeVar
 
 from facade_manipulator.drives.controller import (
     AxisSnapshot,
@@ -21,6 +20,7 @@ from facade_manipulator.drives.controller import (
     ControllerState,
     POWERED_STATES,
 )
+from facade_manipulator.errors import without_numbers
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.resources import STATE_FOLDER
 
@@ -53,6 +53,7 @@ class AxisCounters:
     cubed_load: float = 0.0  #: integral of the cube of the force over the travel [N³ m]
     reversals: int = 0
     greatest_following_error: float = 0.0  #: [m]
+    drive: int = 0  #: its serial number; 0 before one was read
 
     @property
     def mean_load(self) -> float:
@@ -68,6 +69,10 @@ class MachineCounters:
     starts: int = 0  #: activations
     #: how often the drives were stopped, by cause without its numbers
     stops: dict[str, int] = field(default_factory=dict)
+    #: under power, by the drive's serial number [h]: it goes with the drive to another axis
+    drives: dict[str, float] = field(default_factory=dict)
+    #: services and exchanged drives, by when [h]
+    history: dict[str, str] = field(default_factory=dict)
     axes: dict[str, AxisCounters] = field(default_factory=dict)
     service_hours: float = 0.0  #: `hours` at the last service [h]
     service_travel: float = 0.0  #: greatest travel at the last service [m]
@@ -80,21 +85,24 @@ class MachineCounters:
     @staticmethod
     def of(values: Mapping[str, Any]) -> MachineCounters:
         """
-        Make counters of what `values` returned; what is missing or unknown counts as new.
+        Make counters of what `values` returned; what is unknown here stays in the file.
 
         Raises a TypeError, ValueError or AttributeError if they are no counters.
         """
-        known = {item.name for item in fields(MachineCounters)} - {'axes', 'stops'}
-        made = MachineCounters(**{
-            name: type(getattr(MachineCounters, name))(value)
-            for name, value in values.items() if name in known})
-        made.stops = {str(cause): int(count) for cause, count in values['stops'].items()}
-        made.axes = {name: AxisCounters(**axis) for name, axis in values['axes'].items()}
+        made = _known(MachineCounters, values)
+        made.stops = {cause: int(count) for cause, count in made.stops.items()}
+        made.drives = {number: float(hours) for number, hours in made.drives.items()}
+        made.axes = {name: _known(AxisCounters, axis) for name, axis in made.axes.items()}
         return made
 
     def values(self) -> dict[str, Any]:
         """Return the counters as plain values."""
         return asdict(self)
+
+    @property
+    def events(self) -> int:
+        """Number of what must not wait to be written: starts, stops, services, exchanges."""
+        return self.starts + sum(self.stops.values()) + len(self.history)
 
     @property
     def is_counting(self) -> bool:
@@ -112,20 +120,34 @@ class MachineCounters:
         elapsed = 0.0 if self._time is None else now - self._time
         self._time = now
         is_gap = not 0.0 <= elapsed <= LONGEST_STEP
-        if before in POWERED_STATES and not is_gap:
-            self.hours += elapsed / 3600.0
+        worked = elapsed / 3600.0 if before in POWERED_STATES and not is_gap else 0.0
+        self.hours += worked
         if snapshot.state is ControllerState.ACTIVE is not before:
             self.starts += before is ControllerState.ACTIVATING
         if snapshot.state is ControllerState.STOPPED is not before:
             self._count_stop(snapshot.cause)
         for axis in snapshot.axes:
+            self._note_drive(axis, worked)
             self._note_axis(axis, is_gap)
 
     def _count_stop(self, cause: str) -> None:
-        name = re.sub(r'\d[\d.]*', '…', cause)
+        name = without_numbers(cause)
         if name not in self.stops and len(self.stops) >= MOST_CAUSES:
             name = OTHER
         self.stops[name] = self.stops.get(name, 0) + 1
+
+    def _note_drive(self, axis: AxisSnapshot, worked: float) -> None:
+        if not axis.serial_number:
+            return
+        number, counters = str(axis.serial_number), self.axes.setdefault(axis.name, AxisCounters())
+        if counters.drive not in (0, axis.serial_number):
+            self._record(f'{axis.name}: drive {counters.drive} replaced by {number}')
+        counters.drive = axis.serial_number
+        self.drives[number] = self.drives.get(number, 0.0) + worked
+
+    def _record(self, event: str) -> None:
+        at = f'{self.hours:.3f} h'
+        self.history[at] = '; '.join(filter(None, (self.history.get(at), event)))
 
     def _note_axis(self, axis: AxisSnapshot, is_gap: bool) -> None:
         if axis.position is None or not axis.homed:
@@ -147,6 +169,7 @@ class MachineCounters:
 
     def record_service(self) -> None:
         """Begin the intervals again."""
+        self._record(f'service, {1e-3 * self.travel:.3f} km')
         self.service_hours, self.service_travel = self.hours, self.travel
 
     def due(self, settings: ServiceSettings) -> str:
@@ -169,5 +192,18 @@ class MachineCounters:
             yield f'{name} mean load over travel [N]', f'{axis.mean_load:.1f}'
             yield (f'{name} greatest following error [mm]',
                    f'{1e3 * axis.greatest_following_error:.3f}')
+        for number, hours in self.drives.items():
+            yield f'drive {number} under power [h]', f'{hours:.2f}'
+        yield from ((f'at {at}', event) for at, event in self.history.items())
         for cause, count in sorted(self.stops.items(), key=lambda stop: -stop[1]):
             yield f'stops: {cause}', str(count)
+
+
+Counters = TypeVar('Counters', AxisCounters, MachineCounters)
+
+
+def _known(kind: type[Counters], values: Mapping[str, Any]) -> Counters:
+    """Make an object of those values that this version knows."""
+    new = kind()
+    return kind(**{name: type(getattr(new, name))(value) for name, value in values.items()
+                   if name in {item.name for item in fields(kind)}})

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -138,17 +140,74 @@ def test_it_is_written_once_a_second_and_only_under_power(tmp_path):
     counting.close()
 
 
-@pytest.mark.parametrize('content', ['', '{', '[]', '{"stops": 3}', '{"axes": {}}',
-                                     '{"stops": {}, "axes": {"q1": {"wings": 2}}}'])
-def test_a_damaged_file_is_put_aside_and_named(tmp_path, content):
+@pytest.mark.parametrize('content', ['', '{', '[]', '{"stops": 3}', '{"axes": {"q1": 2}}'])
+def test_a_damaged_file_is_put_aside_and_the_backup_goes_on(tmp_path, content):
     path = tmp_path / 'counters_gondola_1.json'
     path.write_text(content)
     counting = book(tmp_path)
     assert 'begin again at 0' in counting.error
-    assert counting.counters.values() == MachineCounters().values()
     assert (tmp_path / 'counters_gondola_1.damaged.json').read_text() == content
+    counting.counters.hours = 108.0
     counting.close()
-    assert json.loads(path.read_text()) == MachineCounters().values()
+    assert json.loads(path.read_text()) == counting.counters.values()
+    book(tmp_path).close()  # makes the backup
+    path.write_text(content)
+    assert book(tmp_path).counters.hours == 108.0
+
+
+def test_what_a_file_lacks_comes_from_the_backup_and_what_is_unknown_stays(tmp_path):
+    path = tmp_path / 'counters_gondola_1.json'
+    path.write_text(json.dumps({'hours': 90.0, 'starts': 7, 'axes': {'q1': {'travel': 5.0}}}))
+    book(tmp_path).close()
+    path.write_text(json.dumps({'hours': 100.0, 'wings': 3, 'axes': {
+        'q1': {'travel': 5.0, 'feathers': 2}}}))
+    counting = book(tmp_path)
+    assert (counting.counters.starts, counting.error) == (7, '')
+    counting.counters.hours += 1.0
+    counting.close()
+    kept = json.loads(path.read_text())
+    assert (kept['hours'], kept['starts'], kept['wings']) == (101.0, 7, 3)
+    assert (kept['axes']['q1']['feathers'], kept['axes']['q1']['travel']) == (2, 5.0)
+
+
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 5)), max_size=8))
+def test_two_drivers_of_a_namespace_lose_nothing_of_each_other(steps):
+    with TemporaryDirectory() as folder:
+        pair, total = [book(Path(folder)) for _ in range(2)], 0
+        for is_second, worked in steps:
+            total += worked
+            pair[is_second].counters.starts += worked
+            pair[is_second].counters.stops['late'] = (
+                pair[is_second].counters.stops.get('late', 0) + worked)
+            pair[is_second].write()
+            pair[is_second]._job.result(5.0)
+        for one in pair:
+            one.close()
+        again = book(Path(folder)).counters
+        assert (again.starts, again.stops.get('late', 0)) == (total, total)
+
+
+def test_a_stop_is_written_at_once_even_without_power(tmp_path):
+    counting = book(tmp_path)
+    counting.counters.note(1.0, snapshot(INACTIVE))
+    counting.counters.note(1.1, snapshot(STOPPED, cause='q2 (node 2): fault 8611h'))
+    counting.keep(1.1)
+    counting._job.result(5.0)
+    assert book(tmp_path).counters.stops == {'q2 (node …): fault 8611h': 1}
+    counting.close()
+
+
+def test_a_drive_keeps_its_hours_on_another_axis_and_the_exchange_is_recorded():
+    def with_drive(number):
+        one = snapshot()
+        return one._replace(axes=(one.axes[0]._replace(serial_number=number),))
+
+    counters = counted(with_drive(11), *[with_drive(11)] * 360, *[with_drive(12)] * 180,
+                       with_drive(11), period=1.0)
+    assert {number: round(3600 * hours) for number, hours in counters.drives.items()} == {
+        '11': 361, '12': 180}
+    assert list(counters.history.values()) == [
+        'q1: drive 11 replaced by 12', 'q1: drive 12 replaced by 11']
 
 
 def test_a_disk_that_takes_nothing_costs_the_counters_alone(tmp_path):

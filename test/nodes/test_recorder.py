@@ -207,8 +207,10 @@ def test_what_a_recorder_that_was_killed_had_is_the_file_of_the_next(
     goals = node.create_publisher(PoseStamped, 'goal_pose', RELIABLE)
     ros.until(goals.get_subscription_count, 'the recorder')
     goals.publish(pose_stamped('facade', 14.0, GOAL))
-    ros.until(lambda: any(topic == '/goal_pose' for path in tmp_path.glob('.stream*/*.mcap')
-                          for topic, _ in read(path)[1]), 'a segment', 60.0)
+    ros.until(lambda: any(channel.topic == '/goal_pose'
+                          for path in tmp_path.glob('.stream*/*.mcap')
+                          for _, channel, _ in make_reader(path.open('rb')).iter_messages()),
+              'a segment', 60.0)
     killed.kill()
     start_process(*arguments)
     path, = ros.until(lambda: [one for one in tmp_path.glob('*.mcap') if one.stat().st_size],
