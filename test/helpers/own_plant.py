@@ -22,8 +22,7 @@ from facade_manipulator.motion import MotionLimits, Setpoint
 
 SUBSTEPS = 10  # of a cycle
 STATUSWORDS = {0x00: 0x0240, 0x06: 0x0221, 0x07: 0x0223, 0x0F: 0x0227, 0x02: 0x0207}
-FAULT_WORD, FOLLOWING_ERROR = 0x0208, 0x8611
-COASTING = 1.87  # m/s²: 67 mm from 0.5 m/s, by the carriage's mass and friction
+FOLLOWING_ERROR, POSITION_LIMIT = 0x8611, 0x8A82
 LIES = ('half', 'deaf', 'ignores')  # which say that they have no following error
 LEAD = 0.03  # s
 
@@ -34,13 +33,13 @@ class PlantDrive:
 
     ``'dead'`` stands and is silent, ``'seized'`` stands and answers, ``'half'`` does half of what
     it is commanded, ``'deaf'`` receives no RPDO any more, ``'ignores'`` stands and says so in bit
-    12, ``'coasts'`` has lost its power, ``'brakes'`` stops by itself. The last two report it by an
-    emergency message; a following error reports whoever is not lying.
+    12, ``'brakes'`` stops by itself and reports it by an emergency message; a following error
+    reports whoever is not lying.
     """
 
-    def __init__(self, axis, position: float, lag: float, coasting: float) -> None:
-        self.axis, self.lag, self._coasting = axis, lag, coasting
-        self.position = self._from = self.target = self.demand = position
+    def __init__(self, axis, position: float, lag: float) -> None:
+        self.axis, self.lag = axis, lag
+        self.position = self._from = self.target = self._latched = self.demand = position
         self.velocity = self._demanded = 0.0
         self.word, self.fails, self._outside = 0, '', 0
         self.inbox: list[tuple[int, bytes]] = []
@@ -48,16 +47,14 @@ class PlantDrive:
 
     def fail(self, how: str) -> None:
         self.fails, self._start = how, self.demand
-        if how in ('coasts', 'brakes'):
-            self._report(0x3220 if how == 'coasts' else 0x8A82)
+        if how == 'brakes':
+            self._report(POSITION_LIMIT)
 
     def _report(self, code: int) -> None:
         self.emergencies.append(code.to_bytes(2, 'little') + bytes(6))
 
     @property
     def statusword(self) -> int:
-        if self.fails == 'coasts':
-            return FAULT_WORD
         follows = self.word == 0x0F and self.fails not in ('ignores', 'brakes')
         return STATUSWORDS[0x02 if self.fails == 'brakes' else self.word] | 0x1000 * follows
 
@@ -73,7 +70,7 @@ class PlantDrive:
                 word, _, counts = pdo.RPDO1.codec.unpack(data)
                 self.word, self._latched = word, self.axis.to_metres(counts)
         self.inbox.clear()
-        self._from, self.target = self.target, getattr(self, '_latched', self.target)
+        self._from, self.target = self.target, self._latched
         emergencies = [(pdo.emergency_cob_id(node), data) for data in self.emergencies]
         self.emergencies.clear()
         return [] if self.fails == 'dead' else answers + emergencies
@@ -91,9 +88,6 @@ class PlantDrive:
             self.velocity = 0.0
             self.demand = self._from + share * (self.target - self._from)
             return
-        if self.fails == 'coasts':
-            self._slow(self._coasting, step)
-            return
         if self.word == 0x0F and self.fails != 'brakes':
             demand = self._from + share * (self.target - self._from)
             if self.fails == 'half':
@@ -106,11 +100,6 @@ class PlantDrive:
         decay = 1.0 if self.lag == 0.0 else 1.0 - math.exp(-step / self.lag)
         self.position += (self.demand - self.position) * decay
         self.velocity = (self.position - before) / step
-
-    def _slow(self, deceleration: float, step: float) -> None:
-        left = max(0.0, abs(self.velocity) - deceleration * step)
-        self.velocity = math.copysign(left, self.velocity)
-        self.position += self.velocity * step
 
     def _watch(self) -> None:
         """Trip for a following error that lasts for a cycle, unless the drive lies."""
@@ -126,13 +115,13 @@ class Plant:
     def __init__(
         self, positions, lag: float = 0.0, settings: ControllerSettings | None = None,
         axes=DEFAULT_AXES, geometry: Geometry | None = None, limits: MotionLimits | None = None,
-        known_lag: float | None = None, coasting: float = COASTING,
+        known_lag: float | None = None,
     ) -> None:
         self.settings = settings or ControllerSettings(
             drive_lag=lag if known_lag is None else known_lag, hold_cycles=1)
         self.geometry = geometry or Geometry()
         self.period, self.cycle = self.settings.period, 0
-        self.drives = [PlantDrive(axis, position, lag, coasting)
+        self.drives = [PlantDrive(axis, position, lag)
                        for axis, position in zip(axes, positions, strict=True)]
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings)
