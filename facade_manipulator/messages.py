@@ -216,9 +216,10 @@ def planar_wrench(message: Any) -> Wrench:
 
 
 def status_level(status: Any) -> str:
-    """Return the level of a diagnostic status as a word."""
+    """Return the level of a diagnostic status as a word; one that is not defined is an error."""
     level = status.level  # a byte of rclpy, a number in a file
-    return STATUS_LEVELS[level[0] if isinstance(level, bytes) else level]
+    number = level[0] if isinstance(level, bytes) else level
+    return STATUS_LEVELS[number] if number < len(STATUS_LEVELS) else 'error'
 
 
 def status_values(status: Any) -> dict[str, str]:

@@ -28,7 +28,6 @@ from nav_msgs.msg import OccupancyGrid, Odometry
 from rcl_interfaces.msg import Log, ParameterEvent
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
@@ -59,9 +58,11 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     GOAL_STATUS,
     HOLD,
+    message_from,
     message_type,
     MessageQueue,
     ParameterReader,
+    Rejections,
     run,
     steady_timer,
 )
@@ -140,7 +141,9 @@ class RecorderNode(Node):
         self._driver_state, self._driver_time = '', time.monotonic()
         self._knows_goal = False
         self._listener: CanListener | None = None
-        self._readers = {name: ParameterReader(self, name) for name in COMPONENTS}
+        self._rejections = Rejections(self)
+        self._readers = {name: ParameterReader(self, name, self._rejections)
+                         for name in COMPONENTS}
         replies = DeferredReplies(self)
         replies.attach(self.create_service(Trigger, 'recorder/save', self._save))
         reads = {'/diagnostics': self._read_diagnostics, '/parameter_events': self._read_event,
@@ -160,7 +163,8 @@ class RecorderNode(Node):
             for received, data in queue.take():
                 self._stream.add(self._arrivals.time(received), queue.topic, data)
                 if read is not None:
-                    read(deserialize_message(data, queue.kind))
+                    with self._rejections:
+                        read(message_from(data, queue.kind, queue.topic))
 
     def _read_diagnostics(self, message: DiagnosticArray) -> None:
         now = time.monotonic()
@@ -314,6 +318,7 @@ class RecorderNode(Node):
             'files written': self._files,
             'last file': self._outcome,
             'folder': self._shelf.folder,
+            **self._rejections.values(),
         }
         return [diagnostic_status(
             'black box', 'error' if trouble else 'ok', trouble or self._outcome, values)]

@@ -116,9 +116,11 @@ def goal_status(
 def followed_goal(status: DiagnosticStatus) -> Pose | None:
     """Return the goal that is followed when a goal_status is sent, None if there is none."""
     values = status_values(status)
-    if FOLLOWED.keys() <= values.keys():
-        return Pose(*(float(values[key]) / scale for key, scale in FOLLOWED.items()))
-    return None
+    try:
+        pose = Pose(*(float(values[key]) / scale for key, scale in FOLLOWED.items()))
+    except (KeyError, ValueError):
+        return None
+    return pose if all(map(math.isfinite, pose)) else None
 
 
 class DiagnosticsPublisher:
@@ -237,8 +239,11 @@ class DriverStatus(NamedTuple):
         """Return what a message on driver/status says; an InputError if no driver says that."""
         values = status_values(message)
         try:
+            since = float(values['active since'])
+            if not since > -math.inf:  # nor NaN
+                raise ValueError(f'active since {since}')
             return DriverStatus(values['state'], values['activity'], values['next step'],
-                                float(values['active since']), values.get('power', 'unknown'))
+                                since, values.get('power', 'unknown'))
         except (KeyError, ValueError) as error:
             raise InputError(
                 'names', f'{DRIVER_STATUS} is not as the driver sends it: {error}') from None

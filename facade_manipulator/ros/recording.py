@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 from pathlib import Path
 import re
+from reprlib import repr as quoted
 from typing import Any
 
 from ament_index_python.packages import get_package_share_directory
-from rcl_interfaces.msg import ParameterEvent
+from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from rclpy.type_support import check_for_type_support
 
+from facade_manipulator.errors import InputError
+from facade_manipulator.ros.diagnostics import Rejections
 from facade_manipulator.ros.runtime import require_of_rclpy
 
 _TYPE = re.compile(r'(\w+)/(\w+)')
@@ -73,6 +77,8 @@ class ParameterReader:
         Who asks.
     name : str
         Who is asked.
+    rejections : Rejections
+        Count values that cannot be read.
 
     Attributes
     ----------
@@ -81,8 +87,9 @@ class ParameterReader:
 
     """
 
-    def __init__(self, node: Node, name: str) -> None:
+    def __init__(self, node: Node, name: str, rejections: Rejections) -> None:
         self.values: dict[str, Any] = {}
+        self._rejections = rejections
         # not rclpy's AsyncParameterClient: its clients could set parameters, which SROS2 forbids
         self._list = node.create_client(ListParameters, f'{name}/list_parameters')
         self._get = node.create_client(GetParameters, f'{name}/get_parameters')
@@ -98,8 +105,8 @@ class ParameterReader:
 
     def update(self, event: ParameterEvent) -> None:
         """Note parameters that were declared or changed."""
-        for parameter in (*event.new_parameters, *event.changed_parameters):
-            self.values[parameter.name] = _plain(parameter_value_to_python(parameter.value))
+        self._note((one.name, one.value) for one in (
+            *event.new_parameters, *event.changed_parameters))
 
     def _read_names(self, answer: Future) -> None:
         names = answer.result().result.names
@@ -107,14 +114,40 @@ class ParameterReader:
         answer.add_done_callback(lambda values: self._read_values(names, values))
 
     def _read_values(self, names: list[str], answer: Future) -> None:
-        self.values = {
-            name: _plain(parameter_value_to_python(value))
-            for name, value in zip(names, answer.result().values, strict=True)}
+        self.values = {}
+        self._note(zip(names, answer.result().values, strict=False))
+
+    def _note(self, values: Iterable[tuple[str, ParameterValue]]) -> None:
+        for name, value in values:
+            with self._rejections:
+                self.values[name] = _plain(name, value)
 
 
-def _plain(value: Any) -> Any:
-    """Return an array of numbers as a list."""
-    return value.tolist() if hasattr(value, 'tolist') else value
+def _plain(name: str, value: ParameterValue) -> Any:
+    """Return a parameter's value, an array of numbers as a list."""
+    try:
+        plain = parameter_value_to_python(value)
+    except RuntimeError:
+        raise InputError('parameter', f'parameter {quoted(name)} is of unknown type '
+                         f'{value.type}') from None
+    return plain.tolist() if hasattr(plain, 'tolist') else plain
+
+
+def message_from(data: bytes, kind: type, topic: str) -> Any:
+    """
+    Return a message from its bytes.
+
+    Raises
+    ------
+    InputError
+        With reason ``'malformed'``.
+
+    """
+    try:
+        return deserialize_message(data, kind)
+    except RuntimeError as error:  # of rmw: RMWError is one
+        raise InputError(
+            'malformed', f'{topic}: {len(data)} bytes are no {kind.__name__}') from error
 
 
 def message_type(kind: type) -> tuple[str, str]:

@@ -14,6 +14,8 @@ from geometry_msgs.msg import PoseStamped
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
@@ -91,6 +93,19 @@ def test_a_stop_makes_one_file_with_reason_goal_and_parameters(machine, state, l
     assert said[:2] == ['', 'q2: following error 8611h']
     machine.recorder.close()
     assert len(machine.files()) == 1
+
+
+def test_what_cannot_be_read_is_kept_counted_and_ends_nothing(machine):
+    events = machine.publisher(ParameterEvent, '/parameter_events')
+    bad = ParameterMessage(name='foreign', value=ParameterValue(type=99))
+    events.publish(ParameterEvent(node='/gondola_1/driver', changed_parameters=[bad]))
+    machine.diagnostics.publish(b'\x00\x01\x00\x00')
+    ros, rejections = machine.ros, machine.recorder._rejections
+    ros.until(lambda: rejections.total == 2, 'both rejections')
+    assert 'foreign' not in machine.recorder._readers['driver'].values
+    machine.say('stopped', DiagnosticStatus.ERROR, 'a stop')
+    kept = make_reader(machine.first_file().open('rb')).iter_messages()
+    assert b'\x00\x01\x00\x00' in [message.data for _, _, message in kept]
 
 
 def test_another_gondolas_stop_is_not_ours(machine):

@@ -2,13 +2,17 @@
 
 import math
 
+from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 
+from facade_manipulator.messages import status_level
 from facade_manipulator.ros.diagnostics import (
     diagnostic_status,
     DRIVER_STATUS,
     DriverStatus,
     DriverWatch,
+    FOLLOWED,
+    followed_goal,
     Rejections,
     SILENT,
 )
@@ -51,7 +55,9 @@ def test_a_driver_that_says_no_more_is_silent_until_it_speaks(ros, monkeypatch):
 
 
 @pytest.mark.parametrize('values', [
-    {}, {'state': 'active'}, {'state': '', 'activity': '', 'next step': '', 'active since': '?'}])
+    {}, {'state': 'active'},
+    *({'state': '', 'activity': '', 'next step': '', 'active since': since}
+      for since in ('', '?', 'nan', '-inf'))])
 def test_what_no_driver_says_is_rejected_and_counted(ros, values):
     node, rejections = ros.node(), Rejections(ros.node('other'))
     publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
@@ -59,3 +65,13 @@ def test_what_no_driver_says_is_rejected_and_counted(ros, values):
     publisher.publish(diagnostic_status('operation', 'ok', '', values))
     ros.until(lambda: rejections.total == 1, 'the rejection')
     assert watch.status is None
+
+
+def test_a_level_that_is_not_defined_is_an_error():
+    assert status_level(DiagnosticStatus(level=b'\x63')) == 'error'
+
+
+@pytest.mark.parametrize('text', ['', 'north', 'nan', 'inf'])
+def test_a_followed_goal_that_is_no_number_is_not_shown(text):
+    status = diagnostic_status('goal', 'ok', '', dict.fromkeys(FOLLOWED, text))
+    assert followed_goal(status) is None
