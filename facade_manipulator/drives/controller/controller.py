@@ -45,6 +45,7 @@ _STATES = {
     Phase.STOPPED: ControllerState.STOPPED,
     Phase.RESETTING: ControllerState.CLEARING,
 }
+AT_DRIVE = 'put that right at the drive, then '  # configure alone would say the same again
 FORBIDDEN_REMEDY = 'let software_stop be false'
 NEXT_STEPS = {
     ControllerState.UNCONFIGURED: 'configure, home, activate',
@@ -233,16 +234,19 @@ class DriveController:
         self._publish(time.monotonic())
         future.set_result(self._explained(message) if isinstance(message, str) else message)
 
-    def _explained(self, message: str) -> str:
+    def _explained(self, message: str, before: str = '') -> str:
         """Return the reply to a request, with power and next step as they are now."""
         step = self._next_step(self._present_state())
+        if step and self._present_state() is ControllerState.UNCONFIGURED:
+            step = before + step
         power = self._snapshot.power if self._session.group is not None else ''
         return '; '.join([message.rstrip('.')] + [
             f'{what}: {text}' for what, text in (('power', power), ('next', step)) if text])
 
     def _with_next_step(self, error: Exception) -> Exception:
         if isinstance(error, (BusError, DriveError)):
-            error.args = (self._explained(str(error)),)
+            is_at_drive = isinstance(error, DriveError) and not isinstance(error, DriveStateError)
+            error.args = (self._explained(str(error), AT_DRIVE if is_at_drive else ''),)
         return error
 
     def _fail(self, error: Exception) -> None:

@@ -114,3 +114,11 @@ def test_a_fault_that_only_603f_names_is_named(rig):
         drives[1].inject_fault(0x2310)
     rig.until_stopped()
     wait_until(lambda: 'the motor current is too high' in rig.all_causes, 'the cause by 603F')
+
+
+def test_what_only_hands_can_change_comes_before_the_next_configure(rig):
+    rig.drives[1].is_silent = True
+    said = reply(rig, 'configure')
+    assert said.endswith('next: put that right at the drive, then configure, home, activate')
+    rig.drives[1].is_silent = False
+    follow(rig, said)
