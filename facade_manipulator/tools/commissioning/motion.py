@@ -31,6 +31,8 @@ from facade_manipulator.drives.cia402 import (
 from facade_manipulator.drives.controller import (
     AxisMonitor,
     ControllerSettings,
+    ControllerSnapshot,
+    ControllerState,
     CyclicExchange,
     drive_writes,
     write_objects,
@@ -192,6 +194,13 @@ class Motion:
         if not self._cycle_for(_READY_TIME, phase):
             names = ', '.join(carriage.name for carriage in self._carriages)
             raise CommissioningError(f'{names} did not reach: {phase.value}')
+
+    @property
+    def power(self) -> str:
+        """Power of the carriages' drives in words, as their newest statuswords have it."""
+        now = time.monotonic()
+        return ControllerSnapshot(ControllerState.STOPPED, None, tuple(
+            one.snapshot(None, now) for one in self._carriages)).power
 
     def require(self, index: int, purpose: str) -> None:
         """Raise a CommissioningError if a drive does not send an object with every SYNC."""

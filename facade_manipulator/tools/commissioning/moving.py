@@ -84,5 +84,5 @@ def run_jog(context: Context) -> None:
         while not keys.is_ended:
             motion.go(speed * keys.direction())
         moved = _MM * motion.rest().position
-    operator.say(f'{name} stands {moved:+.2f} mm from where it was; no power.')
+    operator.say(f'{name} stands {moved:+.2f} mm from where it was; power: {motion.power}.')
     context.machine.note('jog', f'{moved:+.2f} mm', axis=name)

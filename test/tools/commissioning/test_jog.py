@@ -108,7 +108,7 @@ def jogging(rig, hand, script, *options):
 
 
 def test_a_carriage_moves_alone_while_the_key_is_held_and_stops_when_it_is_let_go(
-        rig, hand):
+        rig, hand, capsys):
     starts = [carriage(rig, number) for number in range(3)]
 
     def script():
@@ -121,6 +121,7 @@ def test_a_carriage_moves_alone_while_the_key_is_held_and_stops_when_it_is_let_g
     assert carriage(rig, 0) > starts[0] + MOVED
     assert [carriage(rig, 1), carriage(rig, 2)] == starts[1:]
     assert rig.drives[0].state not in POWERED_STATES
+    assert 'power: confirmed off' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize('key', [b'a', b'\x1b[D'])
