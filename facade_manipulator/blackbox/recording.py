@@ -13,7 +13,7 @@ encoding `cdr`, schema encoding `ros2msg`.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice, takewhile
 import json
@@ -155,15 +155,15 @@ class RecordedRun:
     damage: str = ''  #: why the file could not be read to its end; empty if it could
 
 
-def read_recording(path: Path) -> RecordedRun:
+def read_recording(path: Path, only: Collection[str] = ()) -> RecordedRun:
     """
-    Read a file; of one that was cut off what there is.
+    Read a file, or some of its topics; of one that was cut off what there is.
 
     Raises a RecordError if it cannot be opened, or is no file of the black box.
     """
     try:
         with path.open('rb') as file:
-            run = _read(file)
+            run = _read(file, only)
     except (OSError, McapError) as error:
         raise RecordError(f'{path} cannot be read: {error}') from error
     if not run.topics or not run.begin:
@@ -172,7 +172,7 @@ def read_recording(path: Path) -> RecordedRun:
     return run
 
 
-def _read(file: BinaryIO) -> RecordedRun:
+def _read(file: BinaryIO, only: Collection[str]) -> RecordedRun:
     """Turn the records of an MCAP file into a `RecordedRun`, as far as they go."""
     run, factory = RecordedRun(), DecoderFactory()
     schemas, topics = {}, {}
@@ -190,7 +190,7 @@ def _read(file: BinaryIO) -> RecordedRun:
                         topic if topic in OF_THE_GRAPH else topic.removeprefix(
                             run.about['namespace'].rstrip('/') + '/'),
                         factory.decoder_for(record.message_encoding, schemas[record.schema_id]))
-                case Message():
+                case Message() if not only or topics[record.channel_id][0] in only:
                     topic, decode = topics[record.channel_id]
                     came = record.publish_time / _NANOSECONDS
                     run.topics[topic].append(Received(came, decode(record.data)))

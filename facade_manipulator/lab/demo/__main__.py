@@ -31,7 +31,7 @@ from facade_manipulator.blackbox import read_recording
 from facade_manipulator.errors import INTERRUPTED, ManipulatorError, missing_package
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.demo.course import course_of, HEAD
+from facade_manipulator.lab.demo.course import course_of, HEAD, TOPICS
 from facade_manipulator.lab.demo.processes import NodeProcesses
 from facade_manipulator.lab.demo.report import (
     counters,
@@ -157,7 +157,7 @@ class Demo:
 
     def _report(self, recording: Path, counted: dict) -> None:
         """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
-        run = read_recording(recording)
+        run = read_recording(recording, TOPICS)
         course = course_of(run, self.scenario.wall.settling_time)
         summary = {'axes': figures(course), **counted}
         with atomic_write(self.output / SUMMARY) as draft:

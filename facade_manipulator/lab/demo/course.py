@@ -13,6 +13,7 @@ from facade_manipulator.lab.gondola import Facade
 from facade_manipulator.messages import by_stamp, planar_pose, planar_wrench
 
 HEAD = 'gondola_simulator/head_pose'
+TOPICS = (HEAD, 'goal_pose', 'compensator/reference', 'end_effector_pose', 'contact_wrench')
 LEAST_SAMPLES = 10
 
 

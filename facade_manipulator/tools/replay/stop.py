@@ -11,7 +11,7 @@ import time
 from typing import Any, NamedTuple
 
 from facade_manipulator.blackbox import RecordedRun
-from facade_manipulator.drives.canopen import BusSettings, condition_of, ERROR_FRAME
+from facade_manipulator.drives.canopen import BusSettings, Condition, condition_of, ERROR_FRAME
 from facade_manipulator.drives.cia402 import (
     axis_defaults,
     AXIS_NAMES,
@@ -135,7 +135,7 @@ def _error_frames(run: RecordedRun) -> Iterator[DriveFault]:
     for stamp, frame in run.topics['can_frames']:
         data = bytes(frame.data[:frame.dlc])
         condition = condition_of(frame.id, data) if frame.is_error and stamp >= run.begin else None
-        if condition is not None:
+        if condition not in (None, Condition.ACTIVE):
             yield DriveFault(stamp, BUS, f'the controller is {condition.name.lower()}',
                              'send_message', (ERROR_FRAME | frame.id, data), bus=True)
 
