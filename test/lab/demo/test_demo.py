@@ -26,7 +26,7 @@ from facade_manipulator.messages import planar_numbers, stamp_numbers
 
 DEMO = 'facade_manipulator.lab.demo'
 SETTLED = 10.0
-RUN_DEADLINE = 60.0
+RUN_DEADLINE = 90.0
 FREEZE = 1.0  # s, far beyond what drives forgive
 LARGEST_ANIMATION = 2_000_000
 
