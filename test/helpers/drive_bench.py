@@ -136,6 +136,7 @@ class Bench:
                 assert self.write(*write) is None
         values = dict(CONFIGURATION)
         values.update({(int(key[1:], 16), 0): value for key, value in changes.items()})
+        values[self.profile.location('home_position')] = values.pop((0x607C, 0))
         for (index, subindex), value in values.items():
             assert self.write(index, subindex, value) is None, hex(index)
         self.nmt(NMT_START)

@@ -15,6 +15,10 @@ from .bus import Condition as Condition
 from .bus import condition_of as condition_of
 from .bus import ERROR_FRAME as ERROR_FRAME
 from .bus import Frame as Frame
+from .eds import misfit as misfit
+from .eds import read_dictionary as read_dictionary
+from .eds import stated as stated
+from .eds import variables as variables
 from .emergency import decode_emergency as decode_emergency
 from .emergency import describe as describe
 from .emergency import Emergency as Emergency

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import canopen
 
 from facade_manipulator.drives.canopen.bus import CanBus, Frame
+from facade_manipulator.drives.canopen.eds import read_dictionary
 from facade_manipulator.drives.canopen.pdo import sdo_request_cob_id, sdo_response_cob_id
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
 
@@ -93,7 +94,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         self.name = name
         self.node_id = node_id
         self.deadline = math.inf
-        dictionary = canopen.import_od(str(eds), node_id) if eds else canopen.ObjectDictionary()
+        dictionary = read_dictionary(eds, node_id) if eds else canopen.ObjectDictionary()
         super().__init__(sdo_request_cob_id(node_id), sdo_response_cob_id(node_id), dictionary)
         self.network = network
         self.RESPONSE_TIMEOUT = self._patience.timeout

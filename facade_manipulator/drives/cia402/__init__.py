@@ -48,6 +48,8 @@ from .states import STATUSWORDS as STATUSWORDS
 from .states import TRANSITIONS as TRANSITIONS
 from .states import UNPOWERED_STATES as UNPOWERED_STATES
 from .units import AxisScale as AxisScale
+from .units import COUNTS as COUNTS
 from .units import INT32_MAX as INT32_MAX
 from .units import INT32_MIN as INT32_MIN
 from .units import Measured as Measured
+from .units import VELOCITY_UNITS as VELOCITY_UNITS

@@ -6,7 +6,7 @@ A further CiA 402 drive is one more file in ``config/drives``, not code.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from facade_manipulator.drives.canopen import Pdo, pdo
+from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
@@ -42,6 +43,14 @@ QUANTITIES = {
 
 MOST_BYTES = 8  # of a CAN frame
 _CODES = {8: 'B', 16: 'H', 32: 'I'}
+
+
+class InputPolarity(NamedTuple):
+    """The object that inverts digital inputs: its bit n + shift inverts bit n of 60FDh."""
+
+    index: int
+    subindex: int
+    shift: int = 0
 
 
 class ProfileObject(NamedTuple):
@@ -78,11 +87,17 @@ class DriveProfile:
     objects: tuple[ProfileObject, ...]  #: what is written at configure, in this order
     #: whose drives these are (1018h:1); None for no particular maker's
     vendor_id: int | None = None
+    product_code: int | None = None  #: likewise, 1018h:2
     pdos: tuple[Pdo, ...] = pdo.PDO_MAP  #: the process data in use
     #: index and subindex of what belongs to a place on the bus: node id, bit rate
     of_place: tuple[tuple[int, int], ...] = ()
     #: index and subindex of what makes it blink while it is 1
     blinks: tuple[tuple[int, int], ...] = ()
+    #: position counts per revolution of the motor; 0 where the axis's encoder says it
+    counts_per_revolution: int = 0
+    input_polarity: InputPolarity | None = None  #: None where only the maker's tool has it
+    #: index of the object that says what a lost master does to the drive; 0 in it: nothing
+    lost_master_reaction: int = 0x6007
 
     def location(self, quantity: str) -> tuple[int, int] | None:
         """Return index and subindex of the object that takes a quantity, None if none does."""
@@ -90,6 +105,20 @@ class DriveProfile:
             if item.value == quantity:
                 return item.index, item.subindex
         return None
+
+    def applied(self, axis: AxisSettings) -> AxisSettings:
+        """Return an axis with what its drive type knows of units, encoder and identity."""
+        return replace(
+            axis, velocity_unit=self.velocity_unit, profile_counts=self.counts_per_revolution,
+            vendor_id=axis.vendor_id or self.vendor_id or 0,
+            product_code=axis.product_code or self.product_code or 0)
+
+    @property
+    def stops_without_master(self) -> bool:
+        """Return whether it makes each drive of this type stop when its master falls silent."""
+        written = [item for item in self.objects if item.required and item.value]
+        return (any(item.value == 'master_heartbeat' for item in written)
+                and any(item.index == self.lost_master_reaction for item in written))
 
 
 def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile:
@@ -148,8 +177,12 @@ def _profile(name: str, path: Path, data: Any) -> DriveProfile:
                              for m in data['homing_methods']),
         quirks=_quirks(data['quirks']),
         objects=tuple(_object(item) for item in data['objects']),
-        vendor_id=_integer('vendor_id', data['vendor_id'], 0, 2**32 - 1)
-        if 'vendor_id' in data else None,
+        vendor_id=_optional(data, 'vendor_id', None),
+        product_code=_optional(data, 'product_code', None),
+        counts_per_revolution=_optional(data, 'counts_per_revolution', 0),
+        input_polarity=_input_polarity(data['input_polarity'])
+        if 'input_polarity' in data else None,
+        lost_master_reaction=_optional(data, 'lost_master_reaction', 0x6007),
         pdos=_pdos(data['pdos']) if 'pdos' in data else pdo.PDO_MAP,
         of_place=_locations(data.get('of_place', ())),
         blinks=_locations(data.get('blinks', ())),
@@ -187,6 +220,16 @@ def _velocity_unit(data: dict, name: str, default: Any) -> str:
     if unit not in VELOCITY_UNITS:
         raise ValueError(f'{name} = {unit} is none of {", ".join(VELOCITY_UNITS)}')
     return unit
+
+
+def _optional(data: dict, name: str, default: Any) -> Any:
+    return _integer(name, data[name], 0, 2**32 - 1) if name in data else default
+
+
+def _input_polarity(data: Any) -> InputPolarity:
+    _check_keys('input_polarity', data, set(InputPolarity._fields))
+    return InputPolarity(**{name: _integer(f'{name} of input_polarity', value, 0, 0xFFFF)
+                            for name, value in data.items()})
 
 
 def _pdos(data: Any) -> tuple[Pdo, ...]:

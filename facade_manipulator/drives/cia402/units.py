@@ -9,16 +9,28 @@ from typing import NamedTuple
 from facade_manipulator.errors import InputError, LimitError, ParameterError
 from facade_manipulator.parameters import parameter, settings
 
-INT32_MIN, INT32_MAX = -(2**31), 2**31 - 1
+INT32_MIN, INT32_MAX, UINT32_MAX = -(2**31), 2**31 - 1, 2**32 - 1
 
-# velocity units of a drive: what they count, and how many of them are one of it per second
+COUNTS = 0x00B50000  # of 60A8h, the unit of positions
+
+
+
+class VelocityUnit(NamedTuple):
+    """A velocity unit of a drive, and the codes by which the drive names it (CiA 303-2)."""
+
+    counted: str  #: what it counts
+    factor: float  #: how many of it are one counted thing per second
+    velocity: int  #: 60A9h
+    acceleration: int  #: 60AAh
+
+
 VELOCITY_UNITS = {
-    'counts_per_second': ('count', 1.0),
-    'rpm': ('revolution', 60.0),
-    'milli_rpm': ('revolution', 60.0e3),
-    'millimetres_per_second': ('metre', 1e3),
-    'micrometres_per_second': ('metre', 1e6),
-    'tenth_micrometres_per_second': ('metre', 1e7),
+    'counts_per_second': VelocityUnit('count', 1.0, 0x00B50300, 0x00B55700),
+    'rpm': VelocityUnit('revolution', 60.0, 0x00B44700, 0x00C00300),
+    'milli_rpm': VelocityUnit('revolution', 60.0e3, 0xFDB44700, 0xFDC00300),
+    'millimetres_per_second': VelocityUnit('metre', 1e3, 0xFD010300, 0xFD015700),
+    'micrometres_per_second': VelocityUnit('metre', 1e6, 0xFA010300, 0xFA015700),
+    'tenth_micrometres_per_second': VelocityUnit('metre', 1e7, 0xF9010300, 0xF9015700),
 }
 
 
@@ -42,7 +54,7 @@ class AxisScale:
 
     pulses_per_revolution: int = parameter(
         'Encoder lines per revolution of the motor; a line gives four counts', default=500,
-        minimum=1, maximum=1_000_000, read_only=True)
+        minimum=1, maximum=2**28, read_only=True)
     gear_ratio: float = parameter(
         'Revolutions of the motor per revolution of the screw', default=4.3,
         minimum=1e-3, maximum=1000.0, read_only=True)
@@ -61,6 +73,7 @@ class AxisScale:
     velocity_unit: str = parameter(
         'Unit in which the drive states velocities', default='counts_per_second',
         choices=tuple(VELOCITY_UNITS), read_only=True)
+    profile_counts: int = 0  #: counts per revolution by the drive's profile; 0: 4·ppr
 
     def __post_init__(self) -> None:
         if self.direction == 0:
@@ -74,15 +87,15 @@ class AxisScale:
     @property
     def counts_per_revolution(self) -> int:
         """Counts per revolution of the motor."""
-        return 4 * self.pulses_per_revolution
+        return self.profile_counts or 4 * self.pulses_per_revolution
 
     @cached_property
     def velocity_units_per_count(self) -> float:
         """Velocity units of the drive per count/s, likewise for accelerations per count/s²."""
-        counted, factor = VELOCITY_UNITS[self.velocity_unit]
+        unit = VELOCITY_UNITS[self.velocity_unit]
         counts = {'count': 1.0, 'revolution': self.counts_per_revolution,
                   'metre': abs(self.counts_per_metre)}
-        return factor / counts[counted]
+        return unit.factor / counts[unit.counted]
 
     @cached_property
     def force_per_torque_unit(self) -> float:
@@ -120,16 +133,20 @@ class AxisScale:
             It does not fit into the 32 bits of the drive.
 
         """
-        units = speed * self.counts_per_metre * self.velocity_units_per_count
-        return _rounded('velocity', units, self.velocity_unit)
+        return _rounded('velocity', speed * self._units_per_metre, self.velocity_unit)
 
     def magnitude_to_units(self, speed: float) -> int:
         """Return a limit on speed or acceleration in the drive's unit, positive on any axis."""
-        return abs(self.speed_to_units(speed))
+        units = abs(speed * self._units_per_metre)
+        return _rounded('velocity', units, self.velocity_unit, UINT32_MAX)
+
+    @property
+    def _units_per_metre(self) -> float:
+        return self.counts_per_metre * self.velocity_units_per_count
 
     def speed_to_metres(self, units: float) -> float:
         """Return the velocity in m/s of the drive's velocity units."""
-        return units / (self.counts_per_metre * self.velocity_units_per_count)
+        return units / self._units_per_metre
 
     def to_force(self, torque: float) -> float:
         """Return the carriage force in N of a torque in thousandths of the rated torque."""
@@ -142,11 +159,11 @@ class AxisScale:
         return Measured(metres, self.speed_to_metres(1.0), self.to_force(1.0), metres)
 
 
-def _rounded(quantity: str, value: float, unit: str) -> int:
+def _rounded(quantity: str, value: float, unit: str, most: int = INT32_MAX) -> int:
     if not math.isfinite(value):
         raise InputError.not_finite(quantity, value, unit)
-    if value > INT32_MAX:
-        raise LimitError(quantity, value, INT32_MAX, unit, 'above')
+    if value > most:
+        raise LimitError(quantity, value, most, unit, 'above')
     if value < INT32_MIN:
         raise LimitError(quantity, value, INT32_MIN, unit, 'below')
     return round(value)

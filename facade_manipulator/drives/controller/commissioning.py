@@ -42,7 +42,9 @@ from facade_manipulator.drives.controller.configuration import (
     drive_writes,
     Identity,
     read_identity,
+    stops_without_master,
     verify_objects,
+    verify_units,
     write_objects,
 )
 from facade_manipulator.drives.controller.monitor import (
@@ -307,11 +309,13 @@ class Commissioning:
     def _inspect_objects(self, drive: Drive) -> str:
         writes = self._writes(drive)
         verify_objects(drive.objects, writes)
+        verify_units(drive.objects, drive.monitor.axis)
         checked = sum(1 for write in writes if write.compared)
         return f'{drive.monitor.title} has {checked} objects as configured'
 
     def _inspect_new(self, drive: Drive) -> str:
         found = compare_objects(drive.objects, self._writes(drive))
+        verify_units(drive.objects, drive.monitor.axis)
         if found.lacking:
             raise DriveObjectError('; '.join(found.lacking))
         objects = ', '.join(str(write) for write, _ in found.different)
@@ -347,6 +351,8 @@ class Commissioning:
 
     def _write(self, drive: Drive) -> list[str]:
         notes = write_objects(drive.objects, self._writes(drive))
+        verify_units(drive.objects, drive.monitor.axis)
+        drive.monitor.stops_without_master = stops_without_master(drive.objects, drive.profile)
         if drive.monitor.serial_number and not drive.monitor.axis.serial_number:
             notes.append(
                 f'{drive.monitor.title} accepts any drive: set its serial_number, now '

@@ -20,13 +20,14 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from facade_manipulator.drives.canopen import Pdo, pdo, SdoAbortError, SdoChannel
-from facade_manipulator.drives.cia402 import AxisSettings, DriveProfile
+from facade_manipulator.drives.cia402 import AxisSettings, COUNTS, DriveProfile, VELOCITY_UNITS
 from facade_manipulator.drives.controller.bus_load import transmission_type
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError, ParameterError
 
 DEVICE_TYPE = 402
 _LARGEST_UNSIGNED = 0xFFFFFFFF
+_POLARITY = 0xC0  # bits of 607Eh: position and velocity turned round
 
 
 class Write(NamedTuple):
@@ -255,6 +256,69 @@ def verify_objects(
     if problems:
         raise DriveObjectError('; '.join(problems))
     return found.skipped
+
+
+def verify_units(drive: SdoChannel, axis: AxisSettings) -> None:
+    """
+    Compare the units that a drive names with those of its profile; what it lacks says nothing.
+
+    Parameters
+    ----------
+    drive : SdoChannel
+    axis : AxisSettings
+        With what its profile says.
+
+    Raises
+    ------
+    DriveObjectError
+        A unit, the gearing or the polarity differs; the message names all.
+    DriveTimeoutError
+        It does not answer.
+
+    """
+    if problems := [f'{drive.name} (node {drive.node_id}): {problem}'
+                    for problem in unit_conflicts(drive, axis)]:
+        raise DriveObjectError('; '.join(problems))
+
+
+def unit_conflicts(drive: SdoChannel, axis: AxisSettings) -> Iterator[str]:
+    """Yield what `verify_units` rejects: object, value, what is expected, and what to do."""
+    unit = VELOCITY_UNITS[axis.velocity_unit]
+    for index, expected, name in (
+            (0x60A8, COUNTS, 'counts'), (0x60A9, unit.velocity, axis.velocity_unit),
+            (0x60AA, unit.acceleration, f'{axis.velocity_unit} per second')):
+        found = _read_optional(drive, index, 0)
+        if found and found != expected:  # 0 names no unit
+            yield (f'unit {index:04X}h:00 = {found:08X}h, expected {expected:08X}h ({name}): '
+                   'correct it in the drive, or velocity_unit in its profile')
+    if _POLARITY & (polarity := _read_optional(drive, 0x607E, 0) or 0):
+        yield (f'polarity 607Eh:00 = {polarity:02X}h, expected 00h: set it to 0, the sign is '
+               "that of the axis's direction")
+    counts = _counts_per_revolution(drive)
+    if counts is not None and abs(counts - axis.counts_per_revolution) > 0.5:
+        yield (f'the gearing 608Fh, 6091h, 6092h makes {counts:.10g} counts per revolution of the '
+               f'motor, expected {axis.counts_per_revolution}: correct it, or '
+               'counts_per_revolution in its profile')
+
+
+def _counts_per_revolution(drive: SdoChannel) -> float | None:
+    """Return feed (or else encoder resolution) by gear ratio; None where it says neither."""
+    feed = _ratio(drive, 0x6092) or _ratio(drive, 0x608F)
+    return feed and feed / (_ratio(drive, 0x6091) or 1.0)
+
+
+def _ratio(drive: SdoChannel, index: int) -> float | None:
+    over = _read_optional(drive, index, 1)
+    under = _read_optional(drive, index, 2) if over else None
+    return over / under if over and under else None
+
+
+def stops_without_master(drive: SdoChannel, profile: DriveProfile) -> bool:
+    """Return whether a drive, as it is now, stops when this master falls silent."""
+    where = profile.location('master_heartbeat') or (0x1016, 1)
+    watched = _read_optional(drive, *where) or 0
+    reaction = _read_optional(drive, profile.lost_master_reaction, 0)
+    return bool(watched >> 16 == pdo.MASTER_NODE_ID and watched & 0xFFFF and reaction)
 
 
 class Deviations(NamedTuple):

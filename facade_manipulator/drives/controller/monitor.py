@@ -68,6 +68,8 @@ class AxisMonitor:
         What it has sent in answer to SYNC, and what not.
     measured : Measured
         What the drive measured, as of the newest cycle.
+    stops_without_master : bool
+        Whether the drive, as it was configured, stops when this computer falls silent.
 
     """
 
@@ -87,6 +89,7 @@ class AxisMonitor:
         self.has_restarted = False  # since it was configured: it would not know what RPDOs mean
         self.error_code = 0
         self.serial_number: int | None = None
+        self.stops_without_master = False
         self._rpdos = tuple(
             (one.cob_id(axis.node_id), one.codec.pack, one.indices)
             for one in pdos if not one.is_transmitted)

@@ -88,9 +88,15 @@ class Operation:
         Raises
         ------
         DriveStateError
-            Power is forbidden.
+            Power is forbidden, or would stay on without this computer.
 
         """
+        unstopped = [one.title for one in self.session.monitors if not one.stops_without_master]
+        if unstopped and not self.session.settings.give_up_dead_master_stop:
+            raise DriveStateError(
+                f'{self.name} is not possible: {" and ".join(unstopped)} would move on if this '
+                'computer fell silent (no 1016h, or no reaction such as 6007h): correct the '
+                'profile, or set give_up_dead_master_stop and stop them by other means')
         if self.session.forbidden:
             raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}; '
                                   'wait until whoever set it takes it back')

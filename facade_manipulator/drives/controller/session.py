@@ -107,7 +107,7 @@ class Session:
         self.bus_load = check_bus_load(
             settings, bus.bitrate, tuple(profile.pdos for profile in self._profiles))
         self.axes = tuple(
-            replace(axis, velocity_unit=profile.velocity_unit)
+            profile.applied(axis)
             for axis, profile in zip(axes, self._profiles, strict=True))
         for profile, axis in zip(self._profiles, self.axes, strict=True):
             object_writes(profile, axis, settings)

@@ -26,6 +26,9 @@ class ControllerSettings(GroupSettings):
     watchdog_timeout: float = parameter(
         'Silence of the node after which powered drives ramp down and the loop ends', default=2.0,
         unit='s', minimum=0.1, maximum=10.0, read_only=True)
+    give_up_dead_master_stop: bool = parameter(
+        'Whether drives may have power that go on moving when this computer falls silent',
+        default=False, read_only=True)
     max_missed_cycles: int = parameter(
         'Missed cycles in a row of one axis that stop all', default=3, minimum=1, maximum=10,
         read_only=True)

@@ -27,7 +27,7 @@ from facade_manipulator.parameters import as_fields, METADATA_KEY
 USAGE_ERROR, BUS_ERROR = 2, 3
 
 # settings that the options give for each drive, or that its profile knows
-_NO_OPTIONS = {'direction', 'lead', 'velocity_unit'}
+_NO_OPTIONS = {'direction', 'lead', 'velocity_unit', 'profile_counts'}
 _NEW_SERIALS = (4711, 4712, 4713)
 
 

@@ -13,7 +13,6 @@ CiA 301 and IEC 61800-7-201 (CiA 402-2).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from facade_manipulator.drives.canopen import NmtState
@@ -84,14 +83,16 @@ class SimulatedDrive(SimulatedNode):
             raise ParameterError(
                 f'home_position = {axis.home_position:g} m is not between the simulated hard '
                 f'stops {settings.lower_stop:g} m and {settings.upper_stop:g} m')
-        self._scale = replace(axis, velocity_unit=profile.velocity_unit)
+        axis = self._scale = profile.applied(axis)
         self.motor = SimulatedMotor(settings, self._scale)
         self.motor.place(axis.home_position)
         objects = ObjectStore(profile.eds, axis.node_id, settings.missing_objects)
         objects.writers[0x6040, 0] = self._write_controlword
         objects.readers[0x6041, 0] = self._statusword
         objects.defaults[0x100A, 0] = settings.firmware_version
-        objects.readers[0x60FD, 0] = lambda: self.motor.inputs ^ objects.values[0x3141, 2]
+        objects.readers[0x60FD, 0] = lambda: self.motor.inputs
+        if polarity := profile.input_polarity:
+            self.motor.inverted = lambda: objects.values[polarity[:2]] >> polarity.shift
         objects.defaults[0x6076, 0] = round(self._scale.rated_torque * 1e6)
         super().__init__(
             objects,

@@ -23,6 +23,7 @@ from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.lab.drives.objects import ObjectStore
 
 _MAX_PERIOD = 1.0  # s: an interpolation period beyond it is none that a servo uses
+_RATED_CURRENT = 2000  # mA, of a drive without 6075h
 
 
 class SimulatedMode:
@@ -150,10 +151,12 @@ class Homing(SimulatedMode):
 
     def _settings(self) -> HomingSettings:
         values, units = self._values, self._units
-        current = values[self._profile.location('homing_current_threshold') or (0x6075, 0)]
+        rated = values.get((0x6075, 0), _RATED_CURRENT)
+        where = self._profile.location('homing_current_threshold')
+        current = values[where] if where else rated
         return HomingSettings(
             values[0x6099, 1] / units, values[0x6099, 2] / units, values[0x609A, 0] / units,
-            1000.0 * current / max(values[0x6075, 0], 1))
+            1000.0 * current / max(rated, 1))
 
     def step(self, step: float) -> tuple[float, float]:
         """Return demand position and speed after `step` seconds."""

@@ -7,6 +7,7 @@ Everything here counts in encoder counts from the middle of the rail, in the dri
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 import random
 
@@ -114,6 +115,8 @@ class SimulatedMotor:
         Force on the carriage along the rail in N; a test or a contact model may change it.
     is_limited : bool
         Whether speed or acceleration are at their limits.
+    inverted : callable
+        Returns the bits of 60FD that the drive inverts.
 
     """
 
@@ -137,6 +140,7 @@ class SimulatedMotor:
         self._play = settings.backlash * self._per_metre / 2.0
         self._bounce = settings.home_switch_bounce * self._per_metre / 2.0
         self._chance = random.Random(0)
+        self.inverted: Callable[[], int] = lambda: 0
         self.external_force = 0.0
         self.place(0.0)
         self.count_from_here()
@@ -170,9 +174,10 @@ class SimulatedMotor:
     def inputs(self) -> int:
         """The switches, as bits of 60FD."""
         lower, upper = self._switches
-        return (NEGATIVE_LIMIT * (self._carriage <= lower)
-                | POSITIVE_LIMIT * (self._carriage >= upper)
-                | HOME_SWITCH * (self._at_home != self._settings.home_switch_opens))
+        closed = (NEGATIVE_LIMIT * (self._carriage <= lower)
+                  | POSITIVE_LIMIT * (self._carriage >= upper)
+                  | HOME_SWITCH * (self._at_home != self._settings.home_switch_opens))
+        return closed ^ self.inverted()
 
     @property
     def _at_home(self) -> bool:

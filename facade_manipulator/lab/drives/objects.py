@@ -15,11 +15,11 @@ from pathlib import Path
 import struct
 from typing import Any
 
-from canopen import import_od, ObjectDictionary, SdoAbortedError
+from canopen import ObjectDictionary, SdoAbortedError
 from canopen.objectdictionary import ODVariable
 from canopen.sdo import SdoServer
 
-from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen import pdo, read_dictionary, variables
 
 Key = tuple[int, int]
 Reader = Callable[[], int]
@@ -52,7 +52,7 @@ _MULTIPLEXER = struct.Struct('<BHB')
 
 @lru_cache(maxsize=16)
 def _dictionary(eds: Path, node_id: int) -> ObjectDictionary:
-    return import_od(str(eds), node_id)
+    return read_dictionary(eds, node_id)
 
 
 class ObjectStore:
@@ -90,7 +90,7 @@ class ObjectStore:
         self.object_dictionary = _dictionary(eds, node_id)
         self.variables = {
             (item.index, item.subindex): item
-            for item in _variables(self.object_dictionary) if item.index not in missing
+            for item in variables(self.object_dictionary) if item.index not in missing
         }
         self._indices = {index for index, _ in self.variables}
         self.defaults = {key: variable.default for key, variable in self.variables.items()}
@@ -111,7 +111,7 @@ class ObjectStore:
         """Become the objects of another node: some defaults depend on its number."""
         before, self.node_id = self.object_dictionary, node_id
         self.object_dictionary = _dictionary(self._eds, node_id)
-        for old, new in zip(_variables(before), _variables(self.object_dictionary), strict=True):
+        for old, new in zip(variables(before), variables(self.object_dictionary), strict=True):
             key = new.index, new.subindex
             if key in self.variables:
                 self.variables[key] = new
@@ -175,13 +175,6 @@ class ObjectStore:
             return self.variables[index, subindex]
         except KeyError:
             raise SdoAbortedError(NO_SUBINDEX) from None
-
-
-def _variables(dictionary: ObjectDictionary) -> list[ODVariable]:
-    found: list[ODVariable] = []
-    for entry in dictionary.values():
-        found.extend([entry] if isinstance(entry, ODVariable) else entry.values())
-    return found
 
 
 class ObjectServer(SdoServer):

@@ -16,10 +16,16 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from canopen import export_od, import_od, ObjectDictionary
+from canopen import export_od, ObjectDictionary
 from canopen.objectdictionary import datatypes, ODVariable
 
-from facade_manipulator.drives.canopen import pdo, SdoAbortError, SdoChannel
+from facade_manipulator.drives.canopen import (
+    pdo,
+    read_dictionary,
+    SdoAbortError,
+    SdoChannel,
+    variables,
+)
 from facade_manipulator.errors import CommissioningError, DriveError, file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.tools.commissioning.bus import STORING, ToolBus
@@ -51,12 +57,6 @@ class Snapshot(NamedTuple):
         if value is None or not self.variable(key).relative:
             return value
         return value - self.node_id + node_id
-
-
-def variables(dictionary: ObjectDictionary) -> Iterator[ODVariable]:
-    """Yield all variables of an object dictionary."""
-    for entry in dictionary.values():
-        yield from [entry] if isinstance(entry, ODVariable) else entry.values()
 
 
 def take_snapshot(drive: SdoChannel, eds: Path) -> Snapshot:
@@ -100,14 +100,6 @@ def encoded(variable: ODVariable, value: Any, size: int | None) -> bytes:
     if isinstance(value, str):
         return bytes.fromhex(value)
     return value.to_bytes(size, 'little', signed=value < 0)
-
-
-def read_dictionary(path: Path, node_id: int | None = None) -> ObjectDictionary:
-    """Read an EDS or DCF; raises a ParameterError."""
-    try:
-        return import_od(str(path), node_id)
-    except Exception as error:  # whatever the library trips over in a maker's file
-        raise ParameterError(f'{path} is no EDS or DCF that can be read: {error}') from error
 
 
 def write_dcf(snapshot: Snapshot, path: Path) -> None:

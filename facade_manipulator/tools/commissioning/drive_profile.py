@@ -16,7 +16,9 @@ from pathlib import Path
 from canopen import ObjectDictionary
 
 from facade_manipulator.drives.canopen import SdoAbortError, SdoChannel
-from facade_manipulator.drives.cia402 import DriveProfile, load_profile
+from facade_manipulator.drives.cia402 import AxisSettings, DriveProfile, load_profile
+from facade_manipulator.drives.controller import check_identity, read_identity, unit_conflicts
+from facade_manipulator.errors import DriveIdentityError
 from facade_manipulator.tools.commissioning.drive_objects import read_dictionary, variables
 
 TEMPLATE = 'generic_cia402'
@@ -105,7 +107,7 @@ def _homing_methods(dictionary: ObjectDictionary) -> tuple[int, ...]:
         if variable.index == 0x60E3 and variable.subindex and variable.default)
 
 
-def differences(drive: SdoChannel, profile: DriveProfile) -> list[str]:
+def differences(drive: SdoChannel, profile: DriveProfile, axis: AxisSettings) -> list[str]:
     """
     Return everything in which a drive departs from its profile; nothing is written.
 
@@ -113,7 +115,14 @@ def differences(drive: SdoChannel, profile: DriveProfile) -> list[str]:
     cannot be read.
     """
     dictionary = read_dictionary(profile.eds, drive.node_id)
-    found = []
+    axis = profile.applied(axis)
+    found = list(unit_conflicts(drive, axis))
+    try:
+        check_identity(drive.name, read_identity(drive), axis, {})
+    except DriveIdentityError as error:
+        found.append(str(error))
+    if not profile.stops_without_master:
+        found.append('by its profile it does not stop when this computer falls silent')
     for item in profile.objects:
         problem = _problem(drive, dictionary, item.index, item.subindex)
         if problem and item.required:

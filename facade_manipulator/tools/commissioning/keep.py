@@ -83,7 +83,7 @@ def check_profiles(context: Context, names: Sequence[str]) -> int:
     with context.bus() as bus:
         for name in names:
             axis = context.machine.axis(name)
-            found = differences(only_drive(bus, axis, name), load_profile(axis.profile))
+            found = differences(only_drive(bus, axis, name), load_profile(axis.profile), axis)
             for line in found:
                 context.operator.say(f'! {name}: {line}')
             if not found:

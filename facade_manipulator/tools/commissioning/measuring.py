@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from facade_manipulator.drives.canopen import SdoAbortError
 from facade_manipulator.drives.cia402 import AxisSettings, load_profile
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
@@ -21,7 +20,6 @@ from facade_manipulator.tools.commissioning.moving import (
 )
 
 HOME_SWITCH = 0x4  # of 60FDh
-INPUT_POLARITY = (0x3141, 2)  # maxon's; other makers have it in their tool alone
 _PUSHED = 0.002  # m
 _PATIENCE = 120.0  # s
 _MM = 1e3
@@ -56,6 +54,7 @@ def run_direction(context: Context) -> None:
     """Watch the position, without power, while somebody pushes the carriage towards +q."""
     name, machine = context.options.axis, context.machine
     axis = machine.axis(name)
+    axis = load_profile(axis.profile).applied(axis)
     with context.bus() as bus:
         drive = unpowered_drive(context, bus, name)
         start = drive.read_number(POSITION, signed=True)
@@ -209,25 +208,25 @@ class SwitchFinder:
 
 
 def _correct_polarity(context: Context, name: str, axis: AxisSettings) -> None:
-    """Turn the input in the drive, where it has an object for that."""
-    label = f'{INPUT_POLARITY[0]:04X}h:{INPUT_POLARITY[1]:02X}'
+    """Turn the input in the drive, where its profile names an object for that."""
+    where = load_profile(axis.profile).input_polarity
+    if where is None:
+        context.operator.say(
+            f'! {name}: the switch opens at home: turn the polarity of its input in the '
+            f"maker's tool, the profile {axis.profile} names no input_polarity")
+        return
+    place, label = where[:2], f'{where.index:04X}h:{where.subindex:02X}'
     with context.bus() as bus:
         drive = bus.objects(axis.node_id, name)
-        try:
-            present = drive.read(*INPUT_POLARITY)
-        except SdoAbortError:
-            context.operator.say(
-                f'! {name}: the switch opens at home: turn the polarity of its input in the '
-                "maker's tool, this drive has no object for it")
-            return
-        polarity = int.from_bytes(present, 'little') ^ HOME_SWITCH
+        present = drive.read(*place)
+        polarity = int.from_bytes(present, 'little') ^ HOME_SWITCH << where.shift
         context.operator.agree(
             f'{name}: the switch opens at home: {label} of the drive becomes '
             f'{polarity:X}h and is stored')
         bus.reset(axis.node_id)  # nothing of the motion's limits is to be stored with it
-        drive.write(*INPUT_POLARITY, polarity.to_bytes(len(present), 'little'))
+        drive.write(*place, polarity.to_bytes(len(present), 'little'))
         store(bus, axis.node_id, name)
-        if bus.objects(axis.node_id, name).read_number(*INPUT_POLARITY) != polarity:
+        if bus.objects(axis.node_id, name).read_number(*place) != polarity:
             raise CommissioningError(f'{name} did not keep the polarity of its inputs: set it in '
                                      "the maker's tool")
     context.machine.note('home-switch', f'{label} = {polarity:X}h', axis=name)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from datetime import datetime
 from typing import Any
 
-from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings
+from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, load_profile
 from facade_manipulator.errors import BusError, file_errors
 from facade_manipulator.files import atomic_write
 from facade_manipulator.maintenance import kept_counters, ServiceSettings
@@ -123,6 +123,22 @@ def open_points(machine: Machine, nodes: list[Node]) -> Iterator[str]:
     """Yield what is missing: checks never made or last failed, drives that are not as written."""
     latest = {(entry['check'], entry['axis']): entry for entry in machine.journal}
     axes = machine.axes
+    yield from _open_checks(latest, axes)
+    yield from (
+        f'{name}: its profile {axis.profile} makes no drive stop when this computer falls '
+        'silent (1016h and a reaction such as 6007h, both required)'
+        for name, axis in axes.items() if not load_profile(axis.profile).stops_without_master)
+    serials = {node.node_id: node.serials for node in nodes}
+    for name, axis in axes.items():
+        if nodes and serials.get(axis.node_id) != (axis.serial_number,):
+            yield (f'{name}: node {axis.node_id} has serial number '
+                   f'{", ".join(map(str, serials.get(axis.node_id, ()))) or "none"}, the '
+                   f'parameter file {axis.serial_number}')
+
+
+def _open_checks(
+    latest: dict[tuple[str, str], dict[str, Any]], axes: dict[str, AxisSettings]
+) -> Iterator[str]:
     for check, command in CHECKS.items():
         for axis in AXIS_NAMES if check not in ONCE else ('',):
             entry = latest.get((check, axis))
@@ -132,9 +148,3 @@ def open_points(machine: Machine, nodes: list[Node]) -> Iterator[str]:
                 of = f' ({axis})' if axis and '{' not in command else ''
                 result = 'never done' if entry is None else entry['result']
                 yield f'commission {command.format(axis)}: {result}{of}'
-    serials = {node.node_id: node.serials for node in nodes}
-    for name, axis in axes.items():
-        if nodes and serials.get(axis.node_id) != (axis.serial_number,):
-            yield (f'{name}: node {axis.node_id} has serial number '
-                   f'{", ".join(map(str, serials.get(axis.node_id, ()))) or "none"}, the '
-                   f'parameter file {axis.serial_number}')

@@ -3,8 +3,11 @@ from canopen.objectdictionary import ODVariable
 import pytest
 import yaml
 
-from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.drives.canopen import misfit, pdo, read_dictionary
+from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES
 from facade_manipulator.drives.cia402.profile import fitting_profile, load_profile, QUANTITIES
+from facade_manipulator.drives.controller.configuration import drive_writes
+from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
@@ -21,7 +24,8 @@ def entry(name, **changes):
 
 
 def write(directory, data):
-    (directory / 'cia402.eds').write_text('')
+    for name in ('cia402.eds', 'epos4.eds'):
+        (directory / name).write_text('')
     text = data if isinstance(data, str) else yaml.safe_dump(data)
     (directory / 'mine.yaml').write_text(text)
 
@@ -33,14 +37,6 @@ def variable(dictionary, index, subindex):
 
 def test_the_three_drive_types_are_there():
     assert {'simulated', 'epos4', 'generic_cia402'} <= set(NAMES)
-
-
-@pytest.mark.parametrize('name', NAMES)
-def test_every_object_of_a_profile_is_a_writable_one_of_its_eds(name):
-    profile = load_profile(name)
-    dictionary = import_od(str(profile.eds), 1)
-    for item in profile.objects:
-        assert variable(dictionary, item.index, item.subindex).writable, hex(item.index)
 
 
 @pytest.mark.parametrize('name', NAMES)
@@ -85,7 +81,7 @@ def test_a_profile_of_ones_own_is_read_from_its_directory(tmp_path):
     write(tmp_path, entry('epos4', quirks={'boots_operational': True}))
     profile = load_profile('mine', tmp_path)
     assert profile.quirks.boots_operational and not profile.quirks.never_follows
-    assert profile.velocity_unit == 'rpm' and profile.eds == tmp_path / 'cia402.eds'
+    assert profile.velocity_unit == 'rpm' and profile.eds == tmp_path / 'epos4.eds'
 
 
 OBJECT = {'index': 0x6085, 'subindex': 0, 'value': 'quick_stop_deceleration', 'required': True}
@@ -178,3 +174,47 @@ def test_process_data_that_cannot_be_are_rejected_with_the_reason(tmp_path, chan
     write(tmp_path, entry('simulated', pdos=pdos | changes))
     with pytest.raises(ParameterError, match=message):
         load_profile('mine', tmp_path)
+
+
+# --- the maker's limits
+
+@pytest.mark.parametrize('rate', [100, 500])
+@pytest.mark.parametrize('axis', DEFAULT_AXES, ids=AXIS_NAMES)
+@pytest.mark.parametrize('name', NAMES)
+def test_every_value_that_is_written_keeps_to_limits_access_and_size_of_its_eds(name, axis, rate):
+    profile = load_profile(name)
+    dictionary = read_dictionary(profile.eds, axis.node_id)
+    for write in drive_writes(profile, profile.applied(axis), ControllerSettings(rate=rate)):
+        variable = dictionary.get_variable(write.index, write.subindex)
+        assert misfit(variable, write.value) == ''
+        assert write.size in (None, len(variable) // 8)
+
+
+def test_a_value_that_an_epos4_does_not_take_is_named_with_its_bounds():
+    """The facts that our profile was once wrong about, and their like."""
+    epos4 = read_dictionary(load_profile('epos4').eds)
+    for index, subindex, value, words in (
+            (0x6066, 0, 10, '6066h:00 takes 0 to 0, not 10'),
+            (0x6085, 0, 0, '6085h:00 takes 1 to 4294967295, not 0'),
+            (0x60C2, 1, 101, '60C2h:01 takes 0 to 100, not 101'),
+            (0x30B2, 0, 15001, '30B2h:00 takes 0 to 15000'),
+            (0x3141, 2, 1 << 16, '3141h:02 takes 0 to 65535'),
+            (0x60AA, 0, 0, '60AAh:00 takes 12583680 to 12583680'),
+            (0x6064, 0, 7, '6064h:00 is ro')):
+        assert words in misfit(epos4.get_variable(index, subindex), value)
+    for index in (0x1F80, 0x1019, 0x607C, 0x607E, 0x608F, 0x6091):
+        assert index not in epos4
+
+
+@pytest.mark.parametrize(('objects', 'reaction', 'stops'), [
+    ([(0x1016, 'master_heartbeat', True), (0x6007, 3, True)], 0x6007, True),
+    ([(0x1016, 'master_heartbeat', False), (0x6007, 3, True)], 0x6007, False),
+    ([(0x1016, 'master_heartbeat', True), (0x6007, 0, True)], 0x6007, False),
+    ([(0x1016, 'master_heartbeat', True), (0x2107, 1, True)], 0x2107, True),
+    ([(0x1016, 'master_heartbeat', True), (0x2107, 1, True)], 0x6007, False)])
+def test_a_dead_master_stops_a_drive_that_is_made_to_watch_it_and_to_react(
+        tmp_path, objects, reaction, stops):
+    write(tmp_path, entry('simulated', lost_master_reaction=reaction, objects=[
+        {'index': index, 'subindex': 0, 'value': value, 'required': required}
+        for index, value, required in objects]))
+    assert load_profile('mine', tmp_path).stops_without_master is stops

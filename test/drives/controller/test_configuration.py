@@ -17,6 +17,7 @@ from facade_manipulator.drives.controller.configuration import (
     quantities,
     read_identity,
     verify_objects,
+    verify_units,
     Write,
     write_objects,
 )
@@ -253,6 +254,34 @@ def test_the_pdo_map_is_written_to_a_drive_and_read_back(drive):
     drive.values[0x1A00, 2] = (0x60640020).to_bytes(4, 'little')
     with pytest.raises(DriveObjectError, match='1A00h:02'):
         verify_objects(drive, writes)
+
+
+# --- units
+
+@pytest.mark.parametrize(('objects', 'words'), [
+    ({}, None),
+    ({(0x60A8, 0): 0x00B50000, (0x60A9, 0): 0x00B44700, (0x60AA, 0): 0x00C00300}, None),
+    ({(0x60A8, 0): 0xFA010000}, 'unit 60A8h:00 = FA010000h, expected 00B50000h'),
+    ({(0x60A9, 0): 0xFDB44700}, r'60A9h:00 = FDB44700h, expected 00B44700h \(rpm\)'),
+    ({(0x60AA, 0): 0xFDC00300}, '60AAh:00 = FDC00300h, expected 00C00300h'),
+    ({(0x607E, 0): 0x80}, 'polarity 607Eh:00 = 80h, expected 00h'),
+    ({(0x607E, 0): 0x3F}, None),
+    ({(0x608F, 1): 4000, (0x608F, 2): 2}, None),
+    ({(0x608F, 1): 2**20, (0x608F, 2): 1, (0x6091, 1): 2, (0x6091, 2): 1, (0x6092, 1): 4000,
+      (0x6092, 2): 1}, None),  # 4000 counts of feed by 2 turns of the motor
+    ({(0x6091, 1): 5, (0x6091, 2): 1, (0x6092, 1): 4000, (0x6092, 2): 1},
+     'makes 800 counts per revolution of the motor, expected 2000'),
+    ({(0x608F, 1): 4096, (0x608F, 2): 1}, 'makes 4096 counts'),
+])
+def test_units_gearing_and_polarity_that_a_drive_names_are_those_of_its_profile(
+        drive, objects, words):
+    drive.values = {key: value.to_bytes(4, 'little') for key, value in objects.items()}
+    axis = AxisSettings(pulses_per_revolution=500, velocity_unit='rpm')
+    if words is None:
+        verify_units(drive, axis)
+        return
+    with pytest.raises(DriveObjectError, match=rf'q2 \(node 2\): .*{words}'):
+        verify_units(drive, axis)
 
 
 # --- identity

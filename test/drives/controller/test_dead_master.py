@@ -1,0 +1,71 @@
+"""What the drives do when the control loop dies, and who may be powered that would go on."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drive_rig import moving, SETTINGS
+import pytest
+from support import wait_until
+import yaml
+
+from facade_manipulator.drives.cia402 import DEFAULT_AXES, State
+from facade_manipulator.errors import DriveStateError
+from facade_manipulator.lab.drives.drive import simulated_drives
+from facade_manipulator.resources import config_path
+
+GIVEN_UP = replace(SETTINGS, give_up_dead_master_stop=True)
+
+
+def without(directory, *indices):
+    """Return axes whose profile writes all but some objects."""
+    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
+    data['eds'] = str(config_path('drives/cia402.eds'))
+    data['objects'] = [one for one in data['objects'] if one['index'] not in indices]
+    path = directory / 'mine.yaml'
+    path.write_text(yaml.safe_dump(data, sort_keys=False))
+    return tuple(replace(axis, profile=str(path)) for axis in DEFAULT_AXES)
+
+
+def kill(rig):
+    """Let the control loop end as after a SIGKILL: nothing is sent any more, to anybody."""
+    def die():
+        raise SystemExit
+
+    rig.controller._session.exchange.turn = die
+    rig.controller._thread.join(5.0)
+    assert not rig.controller._thread.is_alive()
+
+
+@pytest.mark.parametrize('request_', ['home', 'activate'])
+@pytest.mark.parametrize('index', [0x1016, 0x6007])
+def test_drives_that_would_go_on_get_no_power(make_rig, tmp_path, index, request_):
+    axes = without(tmp_path, index)
+    drives = simulated_drives(axes)
+    for drive in drives:
+        drive.objects.defaults[0x6007, 0] = 0
+        drive.reboot()
+    rig = make_rig(axes=axes, drives=drives)
+    rig.do('configure')
+    with pytest.raises(DriveStateError, match=(
+            r'q1 \(node 1\) and q2 \(node 2\) and q3 \(node 3\) would move on .*'
+            'set give_up_dead_master_stop')):
+        rig.do(request_)
+    assert State.OPERATION_ENABLED not in rig.drive_states
+
+
+def test_all_drives_stop_when_the_loop_dies(rig):
+    moving(rig)
+    kill(rig)
+    wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, 'the drives to stop')
+
+
+def test_drives_whose_stop_was_given_up_stay_enabled_when_the_loop_dies(make_rig, tmp_path):
+    """The danger itself: what the parameter's name says is what happens."""
+    axes = without(tmp_path, 0x1016)
+    rig = make_rig(axes=axes, drives=simulated_drives(axes), settings=GIVEN_UP)
+    moving(rig)
+    kill(rig)
+    with pytest.raises(pytest.fail.Exception):
+        wait_until(lambda: State.OPERATION_ENABLED not in rig.drive_states, '', 2.0)
+    assert rig.drive_states == [State.OPERATION_ENABLED] * 3

@@ -1,0 +1,89 @@
+"""A further drive is a file, not code: one of 24 bits whose inputs are inverted, never seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from drive_rig import MOVING
+import pytest
+from support import wait_until
+import yaml
+
+from facade_manipulator.drives.cia402 import DEFAULT_AXES, load_profile
+from facade_manipulator.errors import DriveObjectError, LimitError
+from facade_manipulator.lab.drives.drive import simulated_drives
+from facade_manipulator.lab.drives.motor import SimulationSettings
+from facade_manipulator.resources import config_path
+
+TURN = 2**24
+OBJECT = """
+[{key}]
+ParameterName={name}
+ObjectType=0x7
+DataType=0x0007
+AccessType={access}
+DefaultValue={value}
+"""
+
+
+@pytest.fixture
+def axes(tmp_path):
+    """Return axes whose drive type is described by two files, and by nothing else."""
+    text = config_path('drives/cia402.eds').read_text()
+    text += '\n[608F]\nParameterName=Encoder resolution\nObjectType=0x8\nSubNumber=2\n'
+    for key, name, access, value in (
+            ('608Fsub1', 'Increments', 'ro', TURN), ('608Fsub2', 'Revolutions', 'ro', 1),
+            ('2310', 'Inversion of inputs', 'rw', 0)):
+        text += OBJECT.format(key=key, name=name, access=access, value=value)
+    (tmp_path / 'fine.eds').write_text(text)
+    data = yaml.safe_load(config_path('drives/generic_cia402.yaml').read_text())
+    data |= {
+        'eds': 'fine.eds', 'velocity_unit': 'rpm', 'counts_per_revolution': TURN,
+        'vendor_id': 0x1234, 'product_code': 24, 'homing_methods': [23],
+        'input_polarity': {'index': 0x2310, 'subindex': 0, 'shift': 8}}
+    data['objects'].append({'index': 0x2310, 'subindex': 0, 'value': 4 << 8, 'required': True})
+    (tmp_path / 'fine.yaml').write_text(yaml.safe_dump(data, sort_keys=False))
+    return tuple(replace(
+        axis, profile=str(tmp_path / 'fine.yaml'), homing_method=23, homing_speed=0.1)
+        for axis in DEFAULT_AXES)
+
+
+def test_it_is_driven_from_configure_through_home_to_motion(make_rig, axes):
+    rig = make_rig(axes=axes, drives=simulated_drives(
+        axes, SimulationSettings(home_switch_opens=True)))
+    rig.do('configure', 'home')
+    edge = -SimulationSettings().home_switch_width / 2.0  # of method 23, and the switch is there
+    assert rig.carriages == pytest.approx([edge] * 3, abs=0.01)
+    rig.source.speed = MOVING
+    rig.do('activate')
+    motor, start, counts = rig.drives[0].motor, rig.carriages[0], rig.drives[0].motor.counts
+    wait_until(lambda: rig.carriages[0] > start + 0.02, 'motion')
+    wait_until(lambda: rig.controller.snapshot().axes[0].velocity > 0.5 * MOVING, 'its velocity')
+    rig.do('deactivate')
+    turns = (rig.carriages[0] - start) / axes[0].lead * axes[0].gear_ratio
+    assert motor.counts - counts == pytest.approx(turns * TURN, rel=0.01)
+
+
+def test_an_encoder_that_is_not_the_profiles_is_rejected(make_rig, axes):
+    rig = make_rig(axes=axes)
+    with rig.simulator.access() as drives:
+        drives[0].objects.defaults[0x608F, 1] = 2**20
+    with pytest.raises(DriveObjectError, match=(
+            'makes 1048576 counts per revolution of the motor, expected 16777216')):
+        rig.do('configure')
+
+
+@pytest.mark.parametrize('bits', [21, 22, 24])
+def test_an_encoder_of_many_bits_overflows_no_object_that_counts_turns(axes, bits):
+    profile = replace(load_profile(axes[0].profile), counts_per_revolution=2**bits)
+    axis = profile.applied(axes[0])
+    assert axis.counts_per_revolution == 2**bits
+    assert axis.magnitude_to_units(6.0) == round(6.0 / 0.02 * 4.3 * 60.0)
+
+
+def test_deceleration_takes_all_32_bits_of_its_object():
+    """2^21 counts a turn: 6085h has no sign, and 2.7e9 counts/s² fit."""
+    axis = replace(DEFAULT_AXES[0], pulses_per_revolution=2**19)
+    assert axis.magnitude_to_units(6.0) == 6 * 2**21 * 215 > 2**31
+    with pytest.raises(LimitError, match='above'):
+        axis.magnitude_to_units(10.0)
