@@ -38,6 +38,7 @@ TOOLS = {
     'tools.calibration': SETTINGS | {'blackbox', 'kinematics', 'messages', 'prediction'},
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance'},
     'tools.deployment': BASE | {'files', 'resources'},
+    'tools.support': BASE | {'files', 'resources'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
     'tools.emergency_stop': ALL_OF_IT,
     'tools.stopping': ALL_OF_IT | {'tools.emergency_stop'},

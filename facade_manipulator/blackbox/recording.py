@@ -112,10 +112,10 @@ def write_mcap(
         for attached in attachments:
             writer.add_attachment(0, 0, attached.name, 'text/plain', attached.read_bytes())
         numbers = {topic.topic: _register(writer, topic) for topic in topics}
+        earliest = round((epoch + begin) * _NANOSECONDS) if begin else 0
         for sequence, message in enumerate(messages):
-            logged, published = (
-                max(0, round((epoch + one) * _NANOSECONDS))
-                for one in (max(message.time, begin), message.time))
+            published = max(0, round((epoch + message.time) * _NANOSECONDS))
+            logged = max(published, earliest)
             writer.add_message(
                 numbers[message.topic], logged, message.data, published, sequence)
         writer.finish()

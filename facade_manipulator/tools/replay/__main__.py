@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from facade_manipulator.blackbox import read_recording, RecordedRun
+from facade_manipulator.blackbox import CAN_TOPIC, read_recording, RecordedRun
 from facade_manipulator.errors import exit_status, missing_package, RecordError
 from facade_manipulator.files import atomic_write, write_table
 from facade_manipulator.kinematics import Pose
@@ -22,6 +22,7 @@ from facade_manipulator.tools.replay.report import page
 from facade_manipulator.tools.replay.stop import replay_stop
 
 PAGE, PICTURE = 'replay.md', 'replay.png'
+CAN_ERR_FLAG = 1 << 29  # linux/can.h
 AFTER = 5.0  # s, shown after the stop
 EXAMPLES = """
 examples:
@@ -35,8 +36,9 @@ examples:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     options = _options(arguments)
-    return exit_status('replay', lambda: (
-        _write_disturbance if options.disturbance else _replay)(options))
+    action = (_write_disturbance if options.disturbance else
+              _write_candump if options.candump else _replay)
+    return exit_status('replay', lambda: action(options))
 
 
 def _replay(options: argparse.Namespace) -> None:
@@ -87,6 +89,25 @@ def _write_disturbance(options: argparse.Namespace) -> None:
           'scenario plays them with mission.motion recording')
 
 
+def _write_candump(options: argparse.Namespace) -> None:
+    """Write the recorded frames as `candump -L` does."""
+    frames = [one.message for one in read_recording(options.file).topics[CAN_TOPIC.topic]]
+    if not frames:
+        raise RecordError('the recording has no CAN frames')
+    with atomic_write(options.candump) as draft:
+        draft.write_text('\n'.join(map(candump_line, frames)) + '\n', encoding='ascii')
+    print(f'{len(frames)} frames written to {options.candump}')
+
+
+def candump_line(frame: Any) -> str:
+    """Return a frame as a line of a log that `canplayer` plays."""
+    stamp = f'({frame.header.stamp.sec}.{frame.header.stamp.nanosec // 1000:06})'
+    number = (f'{frame.id | CAN_ERR_FLAG:08X}' if frame.is_error else
+              f'{frame.id:08X}' if frame.is_extended else f'{frame.id:03X}')
+    data = 'R' if frame.is_rtr else bytes(frame.data[:frame.dlc]).hex().upper()
+    return f'{stamp} can0 {number}#{data}'
+
+
 def _place(message: Any) -> Pose:
     return projected(pose_numbers(message.pose.pose), 'disturbance')[0]
 
@@ -106,6 +127,8 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
                         help='replay with another parameter: would it have stopped?')
     parser.add_argument('--disturbance', type=Path, metavar='CSV',
                         help='write the recorded disturbance for a scenario, and nothing else')
+    parser.add_argument('--candump', type=Path, metavar='LOG',
+                        help='write the recorded CAN frames as candump -L, and nothing else')
     return parser.parse_args(arguments)
 
 

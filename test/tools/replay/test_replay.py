@@ -8,6 +8,7 @@ import re
 import sys
 from types import SimpleNamespace as Message
 
+from can.io import CanutilsLogReader
 import numpy as np
 import pytest
 
@@ -352,3 +353,18 @@ def test_what_is_no_file_of_the_black_box_is_a_message(tmp_path, capsys, content
     assert str(path) in capsys.readouterr().err
     assert main([str(tmp_path / 'none.mcap')]) == 1
     assert 'No such file' in capsys.readouterr().err
+
+
+def test_frames_are_exported_as_a_reader_of_candump_reads_them(tmp_path):
+    flags = [{}, {'is_extended': True}, {'is_rtr': True}, {'is_error': True}]
+    kept = [Kept(k, 'can_frames', frame_bytes(BEGIN + k, 0x1A3, b'\1\xab', **flag))
+            for k, flag in enumerate(flags)]
+    write_mcap(tmp_path / 'a.mcap', [CAN_TOPIC], kept, BEGIN, {
+        'black box': {'reasons': 'a test', 'namespace': '/', 'begin': str(BEGIN)}})
+    assert main([str(tmp_path / 'a.mcap'), '--candump', str(tmp_path / 'a.log')]) == 0
+    read = list(CanutilsLogReader(tmp_path / 'a.log'))
+    assert [one.timestamp for one in read] == pytest.approx([BEGIN + k for k in range(4)])
+    assert [(one.is_extended_id, one.is_remote_frame) for one in read[:3]] == [
+        (False, False), (True, False), (False, True)]
+    assert [one.is_error_frame for one in read] == [False, False, False, True]
+    assert read[0].data == b'\1\xab'

@@ -1,0 +1,82 @@
+"""Pack what somebody far away needs to find out why a machine stopped into one archive."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from importlib.metadata import distributions
+import io
+import os
+from pathlib import Path
+import platform
+import shutil
+import subprocess
+import tarfile
+import time
+
+from facade_manipulator.errors import exit_status
+from facade_manipulator.files import atomic_write
+from facade_manipulator.resources import STATE_FOLDER
+
+DAY = 86_400.0  # s
+JOURNAL_TIMEOUT = 60.0  # s
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write the archive; return the exit status."""
+    parser = argparse.ArgumentParser(prog='support', description=__doc__.strip())
+    parser.add_argument('parameters', type=Path, nargs='*', help='parameter files of the machine')
+    parser.add_argument('--folder', type=Path, default=Path(STATE_FOLDER).expanduser(),
+                        help='of the black box and the counters (default %(default)s)')
+    parser.add_argument('--days', type=float, default=7.0,
+                        help='how old files and logs may be (default %(default)g)')
+    parser.add_argument('--output', type=Path, default=Path(
+        time.strftime('support_%Y%m%dT%H%M%SZ.tar.gz', time.gmtime())), metavar='FILE')
+    options = parser.parse_args(arguments)
+    return exit_status('support', lambda: _pack(options))
+
+
+def _pack(options: argparse.Namespace) -> None:
+    oldest = time.time() - options.days * DAY
+    files = [*options.parameters, *_files(options.folder, oldest), *_files(_logs(), oldest)]
+    with atomic_write(options.output) as draft, tarfile.open(draft, 'w:gz') as archive:
+        for name, text in (('versions.txt', _versions()), ('journal.txt', _journal(oldest))):
+            _add(archive, name, text.encode())
+        for path in files:
+            archive.add(path, str(path.resolve()).lstrip('/'))
+    print(f'{options.output}: {len(files)} files, {options.output.stat().st_size / 1e6:.1f} MB; '
+          'it names hosts and users')
+
+
+def _files(folder: Path, oldest: float) -> Iterator[Path]:
+    """Yield the files of a folder that are not older; counters, whatever their age."""
+    for path in sorted(folder.rglob('*')):
+        if path.is_file() and ('counters_' in path.name or path.stat().st_mtime >= oldest):
+            yield path
+
+
+def _logs() -> Path:
+    home = os.environ.get('ROS_HOME') or '~/.ros'
+    return Path(os.environ.get('ROS_LOG_DIR') or f'{home}/log').expanduser()
+
+
+def _versions() -> str:
+    return '\n'.join([platform.platform(), f'Python {platform.python_version()}', *sorted(
+        f'{one.name} {one.version}' for one in distributions())])
+
+
+def _journal(oldest: float) -> str:
+    """Return what the services said, or why that cannot be had."""
+    command = ['journalctl', '--no-pager', f'--since=@{oldest:.0f}', '--unit=facade*']
+    if shutil.which(command[0]) is None:
+        return 'this computer has no journalctl'
+    outputs = [
+        subprocess.run([*command, *user], capture_output=True, text=True, check=False,
+                       timeout=JOURNAL_TIMEOUT) for user in ((), ('--user',))]
+    return ''.join(one.stdout + one.stderr for one in outputs)
+
+
+def _add(archive: tarfile.TarFile, name: str, content: bytes) -> None:
+    entry = tarfile.TarInfo(name)
+    entry.size, entry.mtime = len(content), int(time.time())
+    archive.addfile(entry, io.BytesIO(content))

@@ -1,0 +1,34 @@
+"""One archive has what somebody far away needs."""
+
+import os
+import tarfile
+
+from facade_manipulator.tools.support import main
+
+
+def test_an_archive_has_files_counters_logs_parameters_and_versions(tmp_path, monkeypatch):
+    state, logs = tmp_path / 'state', tmp_path / 'log'
+    for folder in (state, logs):
+        folder.mkdir()
+    old, new = state / 'blackbox_000001_a.mcap', state / 'blackbox_000002_a.mcap'
+    counters, log, parameters = state / 'counters_a.json', logs / 'x.log', tmp_path / 'a.yaml'
+    for path in (old, new, counters, log, parameters):
+        path.write_text(path.name)
+    for path in (old, counters):
+        os.utime(path, (0, 0))
+    monkeypatch.setenv('ROS_LOG_DIR', str(logs))
+    output = tmp_path / 'out.tar.gz'
+    assert main([str(parameters), '--folder', str(state), '--output', str(output)]) == 0
+    with tarfile.open(output) as archive:
+        texts = {name.rpartition('/')[2]: archive.extractfile(name).read().decode()
+                 for name in archive.getnames()}
+    assert texts.keys() == {
+        'versions.txt', 'journal.txt', new.name, counters.name, log.name, parameters.name}
+    assert all(texts[path.name] == path.name for path in (new, counters, log, parameters))
+    assert 'facade_manipulator ' in texts['versions.txt']
+
+
+def test_a_parameter_file_that_is_missing_leaves_no_archive(tmp_path, capsys):
+    output = tmp_path / 'out.tar.gz'
+    assert main(['missing.yaml', '--folder', str(tmp_path), '--output', str(output)]) == 1
+    assert 'missing.yaml' in capsys.readouterr().err and not list(tmp_path.iterdir())
