@@ -261,7 +261,7 @@ def bad_setpoints(rng: random.Random, good: Setpoint) -> list[Setpoint]:
     def with_nothing(values):
         return tuple(nothing if n == number else value for n, value in enumerate(values))
 
-    off = shifted(-2.0 * AMPLITUDE)  # it would be seen at once
+    off = shifted(-2.5 * AMPLITUDE)  # it would be seen at once; no stream begins so far away
     later = good.time + 0.001
     return [
         Setpoint(good.time - 2.0, off, good.velocity),

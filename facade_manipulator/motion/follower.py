@@ -195,6 +195,8 @@ class SetpointFollower:
             last = self._setpoint_before(setpoint.time, now)
             self._require_near(setpoint, last)
             self._require_feasible(setpoint, last)
+            if last is None:
+                self._stream.clear()
             self._smooth(setpoint)
             self._stream.append(setpoint.time, setpoint)
 
@@ -235,22 +237,20 @@ class SetpointFollower:
 
     def _setpoint_before(self, time: float, now: float) -> Setpoint | None:
         """
-        Return the setpoint that one for a time [s] continues; a silent stream is forgotten.
+        Return the setpoint that one for a time [s] continues; None where it begins a stream.
 
         Those for later are replaced: one that was stamped ahead holds up none that comes after it.
         """
         newest = self._stream.newest()
-        if newest and newest[0][0] > now + EARLIEST:  # the clock was set back
-            self._stream.clear()
-        elif newest and time <= min(newest[0][0], self._sampled):
+        was_set_back = bool(newest) and newest[0][0] > now + EARLIEST  # the clock
+        if newest and not was_set_back and time <= min(newest[0][0], self._sampled):
             raise InputError(
                 'out_of_order', f'setpoint is meant for {self._sampled - time:.3g} s before '
                 'what is commanded already, and later ones are known')
         before, _ = self._stream.around(math.nextafter(time, -math.inf))
-        if before is not None and now - before[0] <= self.settings.stale_after:
-            return before[1]
-        self._stream.clear()
-        return None
+        if was_set_back or before is None or now - before[0] > self.settings.stale_after:
+            return None
+        return before[1]
 
     def _smooth(self, following: Setpoint) -> None:
         """

@@ -175,6 +175,14 @@ def test_setpoints_from_far_ahead_give_way_to_those_that_come_after_them(strays)
     assert made.activity is Activity.FOLLOWING
 
 
+def test_a_setpoint_that_is_rejected_takes_nothing_from_the_stream():
+    made = follower()
+    made.add(sine(0.03), 0.0)
+    with pytest.raises(SetpointLimitError):
+        made.add(Setpoint(0.02, (0.1, 0.3, 0.2), (0.0,) * 3), 0.0)
+    assert [time for time, _ in made._stream.newest(9)] == [0.03]
+
+
 @pytest.mark.parametrize('interval', [0.01, 0.03, 0.1])
 @pytest.mark.parametrize('velocity', [0.1, 0.15, 0.2, 0.3, 0.45])
 def test_a_velocity_with_positions_that_stand_still_moves_hardly_anything(interval, velocity):
