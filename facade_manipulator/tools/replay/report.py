@@ -37,7 +37,7 @@ def page(
         '| replayed | compared | RMS error | greatest error | verdict |', '|---|---|---|---|---|',
         _row('corrected poses', poses, Pose._fields, SAME_POSE),
         _row('setpoints', setpoints, CARRIAGES, SAME_SETPOINT), '',
-        f'Corrected poses count from {settling_of(run):g} s after the beginning: what the '
+        f'Corrected poses count from {settling_of(run):.1f} s after the beginning: what the '
         f'compensator had learnt before, it has to learn again, which takes up to {SETTLING:g} s.',
         *_rejections('the replay rejected', [*poses.rejections, *setpoints.rejections]), '',
         '## The stop', '', *_stop(run, stop, changes), ''])

@@ -41,14 +41,21 @@ def events(run: RecordedRun) -> Iterator[Event]:
         if said.get(name, present if level == 'ok' and name != OPERATION else None) != present:
             yield Event(time, f'{name}: {"" if level == "ok" else level + ": "}{text}')
         said[name] = present
-        for key in COUNTED & values.keys():
-            count = float(values[key])
-            before = counts.setdefault((name, key), count)
-            if count > before:
-                reason = f', last: {values["last rejection"]}' if key == 'rejected' and values.get(
-                    'last rejection') else ''
-                yield Event(time, f'{name}: {key} {before:g} → {count:g}{reason}')
-            counts[name, key] = count
+        if grown := list(_grown(name, values, counts)):
+            yield Event(time, f'{name}: {", ".join(grown)}')
+
+
+def _grown(
+    name: str, values: dict[str, str], counts: dict[tuple[str, str], float]
+) -> Iterator[str]:
+    """Yield counters of a component that have grown, and note all of them."""
+    for key in sorted(COUNTED & values.keys()):
+        count = float(values[key])
+        before = counts.setdefault((name, key), count)
+        counts[name, key] = count
+        if count > before:
+            last = values.get('last rejection') if key == 'rejected' else ''
+            yield f'{key} {before:g} → {count:g}' + (f' ({last})' if last else '')
 
 
 def timeline(run: RecordedRun, further: list[Event]) -> list[str]:
