@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 import itertools
 
 import can
@@ -22,6 +23,7 @@ from facade_manipulator.drives.controller import (
     ControllerSettings,
     ControllerSnapshot,
 )
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.drives.drive import simulated_drives
 from facade_manipulator.lab.drives.simulator import DriveSimulator
@@ -90,7 +92,8 @@ class World:
     def close(self) -> None:
         """Leave this world's time."""
         try:
-            self.controller.close()
+            with suppress(ManipulatorError):  # of what was done to the drives
+                self.controller.close()
             self._simulator.stop()
         finally:
             self.time.__exit__()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 import re
@@ -23,7 +24,7 @@ from facade_manipulator.drives.controller import (
     ControllerSettings,
     ControllerState,
 )
-from facade_manipulator.errors import ManipulatorError, ParameterError, RecordError
+from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError, RecordError
 from facade_manipulator.lab.drives import start_simulator
 from facade_manipulator.loop import LoopProcess, LoopSetup
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
@@ -210,7 +211,8 @@ def replay_stop(
             replayed = _play(
                 loop, begin, _actions(run, loop, setpoints, faults), run.end + AFTERMATH)
         finally:
-            loop.close()
+            with suppress(DriveError):  # recorded faults may leave simulated drives silent
+                loop.close()
     return StopReplay(stop, replayed, faults, rejections)
 
 
