@@ -15,6 +15,9 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rcl_interfaces.msg import (
+    Parameter as ParameterMessage,
+)
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -33,6 +36,17 @@ from facade_manipulator.parameters import (
 
 Settings = TypeVar('Settings')
 UNBOUNDED = 1e308
+TYPES = {kind.value for kind in Parameter.Type}
+_from_message = Parameter.from_parameter_msg
+
+
+def _from_any_message(message: ParameterMessage) -> Parameter:
+    """Return a parameter without a value for a type that there is not."""
+    return _from_message(message) if message.value.type in TYPES else Parameter(message.name)
+
+
+# of such a type rclpy (tried on 7.1.6) makes an error in its own service that ends the node
+setattr(Parameter, 'from_parameter_msg', staticmethod(_from_any_message))  # noqa: B010
 
 
 def declare(

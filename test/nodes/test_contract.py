@@ -1,0 +1,124 @@
+"""Nothing that comes over the graph ends a node: each subscription and service, each content."""
+
+from __future__ import annotations
+
+from array import array
+from functools import partial
+from importlib import import_module
+import math
+
+from loop_bench import LoopThread
+import pytest
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.serialization import serialize_message
+
+from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.recorder import RecorderNode
+
+SIMULATED = [Parameter('simulate_drives', value=True)]
+NODES = {
+    'driver': partial(DriverNode, LoopThread, parameter_overrides=SIMULATED),
+    'ik_service': IkServiceNode, 'compensator': CompensatorNode, 'recorder': RecorderNode,
+    'gondola_simulator': GondolaSimulatorNode,
+}
+FOREIGN = 'another says that'
+LONG = 100_000
+PARTNERS = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # suits every reader
+
+
+def interface(name: str) -> type:
+    """Return the class of a message or service, such as std_msgs/msg/Bool."""
+    package, kind, name = name.split('/')
+    return getattr(import_module(f'{package}.{kind}'), name)
+
+
+def filled(value, number: float, text: str, length: int):
+    """Return what a field of a message becomes: numbers, texts and arrays as long as may be."""
+    if isinstance(value, bool) or isinstance(value, bytes):
+        return value
+    if isinstance(value, float):
+        return number
+    if isinstance(value, str):
+        return text
+    if isinstance(value, array):
+        return array(value.typecode, [number if value.typecode in 'df' else 99] * length)
+    if hasattr(value, 'get_fields_and_field_types'):
+        return fill(value, number, text, length)
+    return value
+
+
+def fill(message, number: float, text: str, length: int):
+    """Fill a message to its leaves; unbounded lists of messages get a few elements."""
+    for name, kind in message.get_fields_and_field_types().items():
+        value = getattr(message, name)
+        if kind.startswith('sequence<') and '/' in kind:
+            part = interface(kind[9:-1].partition(',')[0].replace('/', '/msg/', 1))
+            setattr(message, name, [fill(part(), number, text, length) for _ in range(3)])
+        elif kind.startswith('sequence<string'):
+            setattr(message, name, [text] * 3)
+        elif kind == 'sequence<double>':
+            setattr(message, name, array('d', [number] * length))
+        elif kind == 'uint8':
+            setattr(message, name, 99)
+        elif kind.startswith('double['):
+            setattr(message, name, [number] * len(value))
+        else:
+            setattr(message, name, filled(value, number, text, length))
+    return message
+
+
+CONTENTS = {
+    'empty': lambda kind: kind(),
+    'malformed': lambda kind: b'\x00\x01\x00\x00',
+    'cut': lambda kind: serialize_message(fill(kind(), 1.0, FOREIGN, 7))[:-3],
+    'not finite': lambda kind: fill(kind(), math.nan, '', 3),
+    'foreign': lambda kind: fill(kind(), 1e300, FOREIGN, 7),
+    'huge': lambda kind: fill(kind(), -1.0, 'x' * LONG, LONG),
+}
+
+
+@pytest.fixture
+def nodes(ros, tmp_path, monkeypatch):
+    """Return all nodes in this process, where what a callback raises ends the test."""
+    monkeypatch.setattr('facade_manipulator.nodes.recorder.BlackBoxSettings.folder',
+                        str(tmp_path), raising=False)
+    return [ros.add(make()) for make in NODES.values()]
+
+
+def is_alive(ros, tester, node) -> bool:
+    """Let a node answer for itself, after all that was sent to it before."""
+    kind = interface('rcl_interfaces/srv/ListParameters')
+    return bool(ros.call(tester, kind, f'{node.get_name()}/list_parameters').result.names)
+
+
+@pytest.mark.parametrize('content', CONTENTS)
+def test_no_message_ends_a_node(ros, nodes, content):
+    tester, sent = ros.node(), []
+    for node in nodes:
+        for topic, (kind, *_) in node.get_subscriber_names_and_types_by_node(
+                node.get_name(), '/'):
+            publisher = tester.create_publisher(interface(kind), topic, PARTNERS)
+            ros.until(publisher.get_subscription_count, f'who subscribes to {topic}')
+            publisher.publish(CONTENTS[content](interface(kind)))
+            sent.append(topic)
+    assert len(set(sent)) > 15
+    assert all(is_alive(ros, tester, node) for node in nodes)
+
+
+@pytest.mark.parametrize('content', ['empty', 'not finite', 'foreign', 'huge'])
+def test_no_request_ends_a_node(ros, nodes, content):
+    tester, answered = ros.node(), []
+    for node in nodes:
+        for service, (kind, *_) in node.get_service_names_and_types_by_node(
+                node.get_name(), '/'):
+            if kind.endswith('GetTypeDescription'):  # rclpy's own, which answers no empty one
+                continue
+            made = interface(kind)
+            answered.append(ros.call(
+                tester, made, service, CONTENTS[content](made.Request), deadline=30.0))
+    assert len(answered) > 30
+    assert all(is_alive(ros, tester, node) for node in nodes)
