@@ -3,7 +3,8 @@
 import pytest
 
 from facade_manipulator.errors import InputError
-from facade_manipulator.ros.diagnostics import Rejections
+from facade_manipulator.ros import diagnostics
+from facade_manipulator.ros.diagnostics import Rejections, RepeatedLog
 from facade_manipulator.ros.lifecycle import ManagedNode
 
 
@@ -35,3 +36,15 @@ def test_a_rejected_message_and_a_rejected_request_are_both_logged(ros, capfd):
     node.report(False, 'home is not possible')
     said = capfd.readouterr().err
     assert '[WARN]' in said and '[ERROR]' in said
+
+
+def test_messages_that_differ_in_numbers_alone_are_logged_once_a_minute(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(diagnostics.time, 'monotonic', lambda: now[0])
+    log, logged = RepeatedLog(), []
+    for second in range(120):
+        now[0] = 100.0 + second
+        for message in (f'q2 is {second}.5 mm away', f'q3: fault 8611h after {second} s'):
+            now[0] += 0.5
+            logged += [message] if log.is_due(message) else []
+    assert [message[:2] for message in logged] == ['q2', 'q3'] * 2
