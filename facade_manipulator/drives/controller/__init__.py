@@ -8,6 +8,7 @@ requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for
 from .commissioning import Finding as Finding
 from .configuration import check_identity as check_identity
 from .configuration import drive_writes as drive_writes
+from .configuration import object_writes as object_writes
 from .configuration import read_identity as read_identity
 from .configuration import unit_conflicts as unit_conflicts
 from .configuration import write_objects as write_objects

@@ -39,6 +39,8 @@ def add_commands(add: Callable) -> None:
                          help='hold these drives (default all) against their profiles')
     command.add_argument('--output', type=Path, metavar='YAML',
                          help='the profile to write (default: the name of the EDS)')
+    command.add_argument('--give-up-dead-master-stop', action='store_true',
+                         help='accept a drive that moves on when this computer falls silent')
     backup = add('backup', run_backup, 'Read all writable objects of a drive into a DCF.',
                  has_axis=True)
     backup.add_argument('file', type=Path, nargs='?', help='default: beside the parameter file')
@@ -61,20 +63,29 @@ def run_profile(context: Context) -> int:
     if options.eds is None:
         raise CommissioningError('name an EDS to draft a profile from, or --check')
     output = options.output or Path(options.eds.stem + '.yaml')
-    text, missing = draft(options.eds)
-    for item in missing:
-        context.operator.say(f'! {options.eds.name} lacks {item}')
+    operator = context.operator
+    with file_errors(output):
+        previous = output.read_text('utf-8') if output.exists() else ''
+    found = draft(options.eds, context.machine.axes.values(), previous,
+                  needs_stop=not options.give_up_dead_master_stop)
+    operator.say('\n'.join([
+        f'{options.eds.name}: {found.verdict}', *(f'!! {item}' for item in found.deadly),
+        *(f'! {item}' for item in found.reservations),
+        *(f'- {item}, optional' for item in found.without)]))
+    if found.deadly:
+        operator.say('Nothing is written.')
+        return 1
     context.operator.agree(f'{output} is written, and the EDS beside it.')
     with file_errors(output):
         if options.eds.resolve().parent != output.resolve().parent:
             shutil.copy(options.eds, output.parent)
-        output.write_text(text, 'utf-8')
+        output.write_text(found.text, 'utf-8')
     load_profile(str(output))  # as the driver will
-    for line in text.splitlines():
+    for line in found.text.splitlines():
         if '# ?' in line:
             context.operator.say(line.strip())
     context.operator.say(f'profile: {output.resolve()} names it in the parameter file.')
-    return 1 if missing else 0
+    return 1 if found.reservations else 0
 
 
 def check_profiles(context: Context, names: Sequence[str]) -> int:

@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from facade_manipulator import config_path
+from facade_manipulator.drives.cia402 import DEFAULT_AXES
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.tools.commissioning.drive_profile import draft
 
@@ -174,21 +175,83 @@ def test_two_drives_with_one_id_are_not_written_to(make_rig, capsys):
     assert '3 drives answer as q1' in capsys.readouterr().err
 
 
+def spoiled(tmp_path, *changes, source=EDS):
+    """Return an EDS with some of its text changed."""
+    text = source.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / 'other.eds'
+    path.write_bytes(text.encode('cp1252'))
+    return path
+
+
 def test_a_profile_drafted_from_our_own_eds_lacks_nothing(tmp_path):
-    text, missing = draft(EDS)
-    assert missing == []
-    (tmp_path / 'mine.yaml').write_text(text)
+    found = draft(EDS, DEFAULT_AXES)
+    assert (found.verdict, found.deadly, found.reservations) == ('drivable.', [], [])
+    (tmp_path / 'mine.yaml').write_text(found.text)
     (tmp_path / EDS.name).write_text(EDS.read_text())
     mine, generic = load_profile(str(tmp_path / 'mine.yaml')), load_profile('generic_cia402')
     assert mine.objects == generic.objects
 
 
-def test_what_an_eds_lacks_is_named(tmp_path):
-    text = EDS.read_text().replace('=0x6085\n', '=0x2085\n').replace('[6085]', '[2085]')
-    (tmp_path / 'small.eds').write_text(text.replace('[60F4]', '[20F4]').replace(
-        '=0x60F4\n', '=0x20F4\n'))
-    _, missing = draft(tmp_path / 'small.eds')
-    assert missing == ['object 6085h:00 for quick_stop_deceleration', 'object 60F4h in TPDO2']
+def test_an_epos4_is_drivable_with_its_home_position_and_its_time_out():
+    found = draft(config_path('drives/epos4.eds'), DEFAULT_AXES)
+    assert not found.deadly and 'velocity_unit: rpm\n' in found.text
+    assert 'index: 0x30B0, subindex: 0, value: home_position' in found.text
+    assert 'index: 0x6066, subindex: 0, value: 0' in found.text
+    assert any('1019h:00' in item for item in found.without)
+
+
+SINGLE = 'DataType=0x0005\nAccessType=rw\nDefaultValue=0\n'
+
+
+@pytest.mark.parametrize(('changes', 'reason'), [
+    ([('[1016', '[2016')], 'a dead master does not stop it: 1016h:01 or 6007h:00 is missing'),
+    ([('[6007]', '[2007]')], 'a dead master does not stop it'),
+    ([('[6502]', '[2502]'), ('[2502]', '[6502]\nParameterValue=0x1F')],
+     'no cyclic synchronous position (6502h = 1Fh'),
+    ([(f'[60C2sub1]\nParameterName=Interpolation time period value\nObjectType=0x7\n{SINGLE}',
+       f'[60C2sub1]\nParameterName=x\nObjectType=0x7\nLowLimit=1\nHighLimit=1\n{SINGLE}')],
+     '60C2h:01 takes 1 to 1, not 10 (interpolation_period)'),
+    ([('[6085]', '[6085]\nHighLimit=1000')], '6085h:00 takes 0 to 1000, not 2580000'),
+    ([('[6041]', '[2041]')], 'no TPDO carries object 6041'),
+])
+def test_a_drive_that_cannot_be_used_is_said_to_be_so_and_nothing_is_written(
+        rig, tmp_path, capsys, changes, reason):
+    path = spoiled(tmp_path, *changes)
+    assert rig.run('profile', str(path), '--output', str(tmp_path / 'new.yaml')) == 1
+    said = ' '.join(capsys.readouterr().out.split())
+    assert 'other.eds: not drivable, because:' in said and reason in said
+    assert not (tmp_path / 'new.yaml').exists()
+
+
+def test_what_a_drive_lacks_is_a_doubt_or_optional(tmp_path):
+    path = spoiled(tmp_path, ('[6065]', '[2065]'), ('[60F4]', '[20F4]'), ('[60C5]', '[20C5]'))
+    found = draft(path, DEFAULT_AXES)
+    assert (found.verdict, found.deadly) == ('drivable, but:', [])
+    assert found.reservations == ['object 6065h:00 for following_error_window is missing',
+                            'TPDO2 cannot carry object 60F4h']
+    assert found.without == ['object 60C5h:00 for max_acceleration is missing']
+
+
+def test_a_careless_file_is_read(tmp_path):
+    path = spoiled(
+        tmp_path, ('ProductName=CiA 402 drive', 'ProductName=Antrieb für Türen: neu'),
+        ('VendorNumber=0', 'VendorNumber=1FB'), ('ProductNumber=0', 'ProductNumber='),
+        ('PDOMapping=0\n\n[6085]', 'PDOMapping=\n\n[6085]'))
+    found = draft(path, DEFAULT_AXES)
+    assert found.verdict == 'drivable.' and 'vendor_id: 507' in found.text
+    assert 'Antrieb für Türen: neu' in yaml.safe_load(found.text)['description']
+
+
+def test_answers_that_were_given_are_kept(tmp_path):
+    first = draft(EDS, DEFAULT_AXES).text
+    lines = [line.split('  # ?')[0].replace('never_follows: false', 'never_follows: true')
+             if 'never_follows' in line else line for line in first.splitlines()]
+    again = draft(EDS, DEFAULT_AXES, '\n'.join(lines)).text
+    assert '  never_follows: true\n' in again
+    assert again.count('# ?') == first.count('# ?') - 1
 
 
 def test_the_command_drafts_a_profile_that_its_machine_may_name(rig, capsys):
