@@ -97,11 +97,15 @@ def draft(
     dictionary = read_dictionary(eds)
     objects, reservations, without = _objects(dictionary)
     deadly = list(_mode_lack(dictionary))
+    if not {0x1016, 0x6007} <= {item.index for item in objects}:
+        (deadly if needs_stop else reservations).append(
+            'a dead master does not stop it: 1016h:01 or 6007h:00 is missing')
     text = _text(eds, dictionary, objects, previous)
     try:
         broken = _broken(text, eds, dictionary, axes)
     except ManipulatorError as error:
-        return Draft(text, [*deadly, str(error)], reservations, without)
+        reason = str(error).rpartition('is not valid: ')[2]
+        return Draft(text, [*deadly, reason], reservations, without)
     for item, problem in broken.items():
         objects.remove(item)
         if item.value == 'following_error_time' and not misfit(
@@ -111,9 +115,6 @@ def draft(
             deadly.append(f'{problem} ({item.value})')
         else:
             without.append(f'{problem} ({item.value})')
-    if not {0x1016, 0x6007} <= {item.index for item in objects}:
-        (deadly if needs_stop else reservations).append(
-            'a dead master does not stop it: 1016h:01 or 6007h:00 is missing')
     if stated(dictionary.get_variable(0x6502)) is None:
         reservations.append('6502h does not say whether it has cyclic synchronous position')
     return Draft(_text(eds, dictionary, objects, previous), deadly, reservations, without)
@@ -175,6 +176,11 @@ def _text(
     methods = [found for variable in variables(dictionary) if variable.index == 0x60E3
                and variable.subindex and (found := stated(variable))]
 
+    pdos = dict(_pdos(dictionary, template))
+    method = dictionary.get_variable(0x6098)
+    known = methods or [one for one in template.homing_methods
+                        if method is None or not misfit(method, one)] or [0]
+
     def asked(name: str, value: object, question: str) -> str:
         return answers.get(name, f'{name}: {value}' + (f'  # ? {question}' if question else ''))
 
@@ -188,11 +194,11 @@ def _text(
              asked('velocity_unit', unit or template.velocity_unit, '' if unit else
                    'in which unit does it state velocities (606Ch, 6081h)?'),
              asked('motor_speed_unit', template.motor_speed_unit, 'in which unit is 6080h?'),
-             asked('homing_methods', methods or list(template.homing_methods), '' if methods else
+             asked('homing_methods', known, '' if methods else
                    'which does its manual name?'),
              'quirks:', *('  ' + asked(name, 'false', text) for name, text in _QUESTIONS.items()),
-             'pdos:', *(f'  {name}: [{", ".join(indices)}]' for name, indices in _pdos(
-                 dictionary, template)),
+             'pdos:' if pdos else 'pdos: {}',
+             *(f'  {name}: [{", ".join(indices)}]' for name, indices in pdos.items()),
              'objects:']
     lines += [f'  - {{index: 0x{item.index:04X}, subindex: {item.subindex}, value: {item.value}, '
               f'required: {str(item.required or item.index in (0x1016, 0x6007)).lower()}}}'
