@@ -93,7 +93,8 @@ def generate_launch_description() -> LaunchDescription:
     arguments = (
         ('use_mock_hardware', 'false', 'simulate the drives and the gondola',
          ['true', 'false', 'True', 'False']),
-        ('record', 'true', 'keep a black box of the last minutes', ['true', 'false']),
+        ('record', 'true', 'keep a black box of the last minutes',
+         ['true', 'false', 'True', 'False']),
         ('namespace', '', 'namespace of the nodes, one per gondola', None),
         ('config', str(config_path('manipulator.yaml')), 'parameter file', None),
         ('can_interface', '', "CAN interface of the drives; empty takes the parameter file's",

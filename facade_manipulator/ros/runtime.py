@@ -70,8 +70,9 @@ def run(
         for node in nodes:  # a managed node says what is next
             require_of_rclpy(node.get_clock(), 'handle')
             node.get_logger().info('ready' + getattr(node, 'following_step', str)())
-        _spin(nodes, received, choose_executor() if experimental else SingleThreadedExecutor(),
-              manager)
+        namespace = nodes[0].get_namespace()
+        _spin(nodes, received, choose_executor(namespace) if experimental
+              else SingleThreadedExecutor(), manager)
     except ExternalShutdownException:
         pass
     except ManipulatorError as error:
@@ -146,9 +147,11 @@ def _close(nodes: Sequence[Node]) -> None:
         node.destroy_node()
 
 
-def choose_executor() -> Executor:
+def choose_executor(namespace: str = '') -> Executor:
     """
     Return an EventsExecutor if messages arrive in it, else a SingleThreadedExecutor.
+
+    The messages are in the nodes' namespace, where the policies of config/sros2 allow them.
 
     rclpy's EventsExecutor hands a message on in a third of the processor time of the
     SingleThreadedExecutor, which builds a wait set for every event. It is experimental: in rclpy
@@ -159,7 +162,7 @@ def choose_executor() -> Executor:
         from rclpy.experimental import EventsExecutor
 
         executor = EventsExecutor()
-        _require_messages(executor)
+        _require_messages(executor, namespace)
     except Exception as error:  # experimental code may fail in ways nobody has seen yet
         get_logger('facade_manipulator').warning(
             f'the EventsExecutor does not work here ({error}): using the slower '
@@ -182,10 +185,10 @@ def spin_until(executor: Executor, end: Future) -> None:
             executor.spin_until_future_complete(end, timeout_sec=LONGEST_SPIN)
 
 
-def _require_messages(executor: Executor) -> None:
+def _require_messages(executor: Executor, namespace: str) -> None:
     """Raise unless a node receives its own message, published by its own timer."""
     node = rclpy.create_node(
-        'executor_check', use_global_arguments=False, enable_rosout=False,
+        'executor_check', namespace=namespace, use_global_arguments=False, enable_rosout=False,
         start_parameter_services=False)
     received = []
     node.create_subscription(Empty, '~/message', received.append, 1)

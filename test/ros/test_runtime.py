@@ -22,7 +22,7 @@ DEADLINE = 10.0
 def executor(request, monkeypatch):
     """Run every test in the executor that is chosen here, and in that of last resort."""
     if request.param == 'fall-back':
-        monkeypatch.setattr(runtime, 'choose_executor', SingleThreadedExecutor)
+        monkeypatch.setattr(runtime, 'choose_executor', lambda _: SingleThreadedExecutor())
     return request.param
 
 
