@@ -50,7 +50,7 @@ class ManipulatorError(Exception):
 
 
 def missing_package(error: ModuleNotFoundError) -> str:
-    """Return what to say of a package that is none of the machine's own needs."""
+    """Return what to say of a package that is not one of the machine's own needs."""
     name = str(error.name).partition('.')[0].lower()
     return (f'the Python package {name} is needed for this: sudo apt install python3-{name}, or '
             "pip install the extra 'study' of facade_manipulator")
@@ -105,7 +105,7 @@ class InputError(ManipulatorError):
 
     @staticmethod
     def not_finite(what: str, value: float, unit: str = '') -> InputError:
-        """Return the rejection of a number that is none, ready to be raised."""
+        """Return the rejection of a number that is not finite, ready to be raised."""
         suffix = f' {unit}' if unit else ''
         return InputError(
             'not_finite', f'{what} = {value}{suffix} is not a finite number')

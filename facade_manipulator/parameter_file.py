@@ -40,7 +40,7 @@ class FileParameter(NamedTuple):
 
 
 def given_parameters(path: Path) -> list[FileParameter]:
-    """Return what is in a parameter file, in its order; raises a ParameterError if it is none."""
+    """Return what is in a parameter file, in order; raises a ParameterError if it is not one."""
     try:
         root = yaml.compose(path.read_text(encoding='utf-8'), Loader=yaml.SafeLoader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
@@ -115,7 +115,7 @@ def read_parameters(
     Raises
     ------
     ParameterError
-        A file cannot be read, names a node that there is not, or gives the node other values in
+        A file cannot be read, names an unknown node, or gives the node other values in
         one namespace than in another.
 
     """

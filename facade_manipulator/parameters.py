@@ -139,7 +139,7 @@ def check_parameters(instance: Any) -> None:
 def check_value(name: str, value: Any, info: ParameterInfo) -> None:
     """Check one value, of the right type, against its range, as `check_parameters` does."""
     if info.choices and value not in info.choices:
-        raise ParameterError(f'{name} = {value!r} is none of {", ".join(info.choices)}')
+        raise ParameterError(f'{name} = {value!r} is not one of {", ".join(info.choices)}')
     if info.elements and len(value) != len(info.elements):
         raise ParameterError(
             f'{name} has {len(value)} elements, expected {len(info.elements)}: '

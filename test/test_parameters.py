@@ -41,7 +41,7 @@ class Sample:
     ({'low': math.nan}, 'low = nan is not a finite number'),
     ({'span': (0.0, math.inf)}, 'span = inf'),
     ({'span': (0.0, 1.0, 2.0)}, 'span has 3 elements, expected 2: from, to'),
-    ({'kind': 'c'}, "kind = 'c' is none of a, b"),
+    ({'kind': 'c'}, "kind = 'c' is not one of a, b"),
     ({'low': 0.95}, 'low = 0.95 m is not below high'),
 ])
 def test_a_value_out_of_its_range_is_rejected_with_bound_and_unit(values, message):
@@ -79,7 +79,7 @@ def test_a_live_change_reaches_the_listener_once_and_whole(ros):
 @pytest.mark.parametrize('name, value, message', [
     ('low', 0.95, 'low = 0.95 m is not below high = 0.9 m'),
     ('low', 2.0, ''),
-    ('kind', 'z', 'is none of a, b'),
+    ('kind', 'z', 'is not one of a, b'),
     ('span', [0.0, 2.0], 'read-only'),
 ])
 def test_an_invalid_live_change_is_rejected_with_the_reason_and_changes_nothing(
@@ -158,7 +158,7 @@ def test_an_old_name_may_be_set_while_the_node_runs(make_old):
 
 @pytest.mark.parametrize('name, reason', [
     ('middle', 'parameter middle is fixed at 0.5 m now'), ('sway.x', 'parameter sway.x is gone'),
-    ('lo', "parameter lo is none of this node: did you mean 'low'?")])
+    ('lo', "parameter lo is not one of this node: did you mean 'low'?")])
 def test_what_is_no_parameter_is_rejected_with_what_there_is(
         ros, make_old, name, reason):
     make_old()

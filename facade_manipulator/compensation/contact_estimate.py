@@ -49,7 +49,7 @@ def contact_wrench(
     Raises
     ------
     LimitError
-        The pose is none of the mechanism.
+        The pose is not one of the mechanism.
 
     """
     net = (

@@ -133,7 +133,7 @@ class Continuation:
     def _score(
         self, weights: np.ndarray, came: np.ndarray, spread: np.ndarray, forecasts: np.ndarray
     ) -> None:
-        """Score by what came what was forecast."""
+        """Score the forecasts by the estimates that followed."""
         *whole, continued, step = forecasts
         scores = np.stack((
             *((forecast - came) ** 2 - spread for forecast in whole),

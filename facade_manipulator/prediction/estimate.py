@@ -135,7 +135,7 @@ class EstimateGate:
 
 
 def _meaning(settings: EstimateSettings) -> tuple:
-    """Return by what an estimate is of another motion."""
+    """Return mounting, axes and delay: other ones make it an estimate of another motion."""
     return settings.mounting, settings.axes, settings.delay
 
 

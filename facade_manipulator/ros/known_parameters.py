@@ -105,7 +105,7 @@ def _given_in(file: Path) -> Iterator[Given]:
 
 
 class NoParameterError(ParameterNotDeclaredException):
-    """A parameter that there is not, with what there is in its place."""
+    """An unknown parameter, with what there is in its place."""
 
     def __init__(self, name: str, advice: str) -> None:
         Exception.__init__(self, f'parameter {name} {advice}')
@@ -139,7 +139,7 @@ def accept_old_names(node: Node) -> None:
         if name in RENAMED:
             return _renamed(node, parameter)
         raise NoParameterError(name, _advice(name) or (  # of which rclpy says []
-            f'is none of this node{nearest(name, node.list_parameters([], 0).names)}'))
+            f'is not one of this node{nearest(name, node.list_parameters([], 0).names)}'))
 
     node.add_pre_set_parameters_callback(lambda parameters: list(map(present, parameters)))
 

@@ -60,7 +60,7 @@ class InstalledFile(NamedTuple):
         except (OSError, UnicodeDecodeError) as error:
             return f'cannot be read: {error}'
         alike = not self.is_compared or present == self.content
-        return '' if alike else 'is another than this version has'
+        return '' if alike else 'differs from what this version has'
 
     def write(self) -> bool:
         """Write it unless it is kept; return whether it was written."""
@@ -137,7 +137,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(options: argparse.Namespace) -> int:
     if not NAMESPACE.fullmatch(options.namespace):
         raise ParameterError(
-            f'namespace {options.namespace!r} is none: letters, digits and _, as gondola_1')
+            f'namespace {options.namespace!r} is not a name: letters, digits and _, as gondola_1')
     files = list(planned_files(options))
     return _check(files, options) if options.check else _install(files, options)
 

@@ -147,7 +147,7 @@ class SimulatedTime:
                     name.startswith(PACKAGES) or file.startswith(TESTS)):
                 continue
             for key, value in list(vars(module).items()):
-                with suppress(TypeError):  # what cannot be hashed is none of them
+                with suppress(TypeError):  # what cannot be hashed is not one of them
                     if value in replacements:
                         self._patches.setattr(module, key, replacements[value])
         return self

@@ -218,7 +218,7 @@ def _eds(path: Path) -> Path:
 def _velocity_unit(data: dict, name: str, default: Any) -> str:
     unit = data.get(name, default)
     if unit not in VELOCITY_UNITS:
-        raise ValueError(f'{name} = {unit} is none of {", ".join(VELOCITY_UNITS)}')
+        raise ValueError(f'{name} = {unit} is not one of {", ".join(VELOCITY_UNITS)}')
     return unit
 
 
@@ -261,7 +261,7 @@ def _mapped(name: str, data: Any) -> pdo.MappedObject:
              if (index in pdo.COMMANDS) == name.startswith('R')]
     if data not in known:
         raise ValueError(
-            f'{name} carries {data!r}, which is none of '
+            f'{name} carries {data!r}, which is not one of '
             f'{", ".join(f"0x{index:04X}" for index in known)}: state index, subindex and bits')
     return pdo.KNOWN_OBJECTS[data]
 

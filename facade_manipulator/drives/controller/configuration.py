@@ -116,8 +116,8 @@ def object_writes(
     if axis.homing_method not in profile.homing_methods:
         known = ', '.join(map(str, profile.homing_methods))
         raise ParameterError(
-            f'homing_method = {axis.homing_method} of node {axis.node_id} is none that the drive '
-            f'type {profile.name} supports: {known}')
+            f'homing_method = {axis.homing_method} of node {axis.node_id} is not one that the '
+            f'drive type {profile.name} supports: {known}')
     values = quantities(axis, settings, profile.motor_speed_unit)
     return [
         Write(item.index, item.subindex,

@@ -72,7 +72,7 @@ class Encoder:
     def end_homing(self, homed: bool) -> None:
         """Note whether the axis is homed; it is not if its position has been lost meanwhile."""
         self.homed = homed and self._is_trusted
-        self.speed = self._slipped = 0.0  # the step to the home position was none of the carriage
+        self.speed = self._slipped = 0.0  # the carriage did not move
 
     def distrust(self) -> None:
         """Note that the position is lost, until the axis is homed again."""

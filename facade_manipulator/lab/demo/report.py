@@ -82,7 +82,7 @@ def summary_lines(summary: dict, scenario: Scenario) -> list[str]:
 
 
 def decibels(attenuation: float | None) -> str:
-    """Return an attenuation for people; there is none of nothing."""
+    """Return an attenuation for people; there is not one of nothing."""
     return '-' if attenuation is None else f'{attenuation:.3g} dB'
 
 

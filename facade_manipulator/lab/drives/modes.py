@@ -22,7 +22,7 @@ from facade_manipulator.lab.drives.homing import (
 from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.lab.drives.objects import ObjectStore
 
-_MAX_PERIOD = 1.0  # s: an interpolation period beyond it is none that a servo uses
+_MAX_PERIOD = 1.0  # s: an interpolation period beyond it is longer than any servo uses
 _RATED_CURRENT = 2000  # mA, of a drive without 6075h
 
 

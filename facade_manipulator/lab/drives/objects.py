@@ -200,7 +200,7 @@ class ObjectServer(SdoServer):
         self._buffer = bytearray()
 
     def request(self, data: bytes) -> None:
-        """Serve a frame; one that does not have eight bytes is none of a client's."""
+        """Serve a frame; one that does not have eight bytes is not one of a client's."""
         if len(data) == 8:
             self.on_request(self.rx_cobid, bytearray(data), 0.0)
 

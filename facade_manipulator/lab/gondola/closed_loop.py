@@ -53,7 +53,7 @@ class ClosedLoop:
     Run the loop cycle by cycle.
 
     The motion counts from the start, without the head on the wall; the head is in the rail's frame
-    at the start. The machine that was made may be another than the parameters say.
+    at the start. The machine that was made may be different from what the parameters say.
     """
 
     drive_lag = ASSUMED_LAG  #: of the drives that are there [s]

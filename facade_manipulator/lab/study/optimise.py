@@ -123,7 +123,7 @@ def optimise(
 
 def _objective(name: str) -> Objective:
     if name not in OBJECTIVES:
-        raise ParameterError(f'objective = {name!r} is none of {", ".join(OBJECTIVES)}')
+        raise ParameterError(f'objective = {name!r} is not one of {", ".join(OBJECTIVES)}')
     return OBJECTIVES[name]
 
 

@@ -207,7 +207,8 @@ def _measurements(path: Path | None) -> Measurements:
     wrong = np.flatnonzero(~np.isin(directions, (-1.0, 0.0, 1.0)))
     if len(wrong):
         raise CalibrationError(
-            f'row {wrong[0] + 1}: direction = {directions[wrong[0], 0]:g} is none of 1, -1 and 0')
+            f'row {wrong[0] + 1}: direction = {directions[wrong[0], 0]:g} is not one of 1, -1 '
+            'and 0')
     return Measurements(np.hstack([table[:, :3], directions]), table[:, 3:6])
 
 

@@ -122,7 +122,7 @@ def plan(
     it. Raises a ParameterError if none are wanted, a CalibrationError if too few are permitted.
     """
     if count < 1:
-        raise ParameterError(f'{count} poses are none to plan: at least 1')
+        raise ParameterError(f'{count} poses cannot be planned: at least 1')
     permitted = candidates(geometry)
     if any(unknown.field == 'backlash' for unknown in unknowns):
         permitted = np.vstack([np.column_stack([

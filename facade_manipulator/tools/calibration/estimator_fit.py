@@ -75,12 +75,12 @@ def fit_estimator(
     Find mounting, delay and axes of an estimator on a machine whose geometry is calibrated.
 
     `find` has names of `SOUGHT`; with ``'axes'`` the second measurement has the axes of `facade`.
-    `present` holds for the rest. Raises a ParameterError for a name that is none, a
+    `present` holds for the rest. Raises a ParameterError for an unknown name, a
     CalibrationError if the recording has gaps, is too short or cannot show what is looked for.
     """
     unknown = [name for name in find if name not in SOUGHT]
     if unknown:
-        raise ParameterError(f'{unknown[0]} is none of {", ".join(SOUGHT)}')
+        raise ParameterError(f'{unknown[0]} is not one of {", ".join(SOUGHT)}')
     disturbance, joints, wall = _in_common(recording)
     times = wall[:, 0]
     head = heads(geometry, at_times(joints, times))

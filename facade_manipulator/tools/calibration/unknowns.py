@@ -92,7 +92,7 @@ def with_screw_tables(geometry: Geometry, entries: int) -> Geometry:
     Raises a ParameterError for fewer than two.
     """
     if entries < 2:
-        raise ParameterError(f'a table of {entries} entries is none: 2 are the least')
+        raise ParameterError(f'a table of {entries} entries is too short: 2 are the least')
     positions = np.linspace(*geometry.screw_span, entries)
     return replace(geometry, **{
         f'screw_errors_{name}': tuple(np.interp(
@@ -109,7 +109,7 @@ def unknowns_named(names: Sequence[str]) -> tuple[Unknown, ...]:
     known = {unknown.name for unknown in UNKNOWNS} | {unknown.field for unknown in UNKNOWNS}
     for name in names:
         if name not in known:
-            raise ParameterError(f'{name} is none of {", ".join(sorted(known))}')
+            raise ParameterError(f'{name} is not one of {", ".join(sorted(known))}')
     return tuple(u for u in UNKNOWNS if not names or u.name in names or u.field in names)
 
 

@@ -141,5 +141,5 @@ def _axis_of(found: Found, context: Context) -> str:
         f'Drive with serial number {found.serial_number} (product {found.product_code:X}h): which '
         f'carriage does it move? [{"/".join(AXIS_NAMES)}, or nothing]', '--serials')
     if answer and answer not in AXIS_NAMES:
-        raise CommissioningError(f'{answer} is none of {", ".join(AXIS_NAMES)}')
+        raise CommissioningError(f'{answer} is not one of {", ".join(AXIS_NAMES)}')
     return answer

@@ -47,7 +47,7 @@ class Machine:
     def axis(self, name: str) -> AxisSettings:
         """Return the settings of an axis; raises a ParameterError for what none can have."""
         if name not in AXIS_NAMES:
-            raise ParameterError(f'{name} is none of {", ".join(AXIS_NAMES)}')
+            raise ParameterError(f'{name} is not one of {", ".join(AXIS_NAMES)}')
         stroke = self._read('geometry', Geometry).stroke
         return self._read(name, AxisSettings, **axis_defaults(stroke)[name])
 

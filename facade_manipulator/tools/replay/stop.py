@@ -233,7 +233,7 @@ def drives_at_home(
     """
     Return the recorded settings of the axes, whose home is where they start [m].
 
-    A drive profile that there is not on this computer is taken from the folder.
+    A drive profile that is missing on this computer is taken from the folder.
     """
     defaults = axis_defaults(geometry_of(run, 'driver').stroke)
     axes = (settings_from(AxisSettings, run.parameters['driver'], name, **own)

@@ -163,7 +163,8 @@ def test_an_object_of_no_use_keeps_its_place_in_a_constant_mapping(tmp_path):
 @pytest.mark.parametrize('changes, message', [
     ({'TPDO1': [0x6041, 0x6061]}, 'no TPDO carries object 6064'),
     ({'RPDO1': [0x6040, 0x607A]}, 'no RPDO carries object 6060'),
-    ({'RPDO1': [0x6040, 0x6060, 0x607A, 0x6064]}, 'RPDO1 carries 24676, which is none of 0x6040'),
+    ({'RPDO1': [0x6040, 0x6060, 0x607A, 0x6064]},
+     'RPDO1 carries 24676, which is not one of 0x6040'),
     ({'TPDO2': [0x2000]}, 'state index, subindex and bits'),
     ({'TPDO2': [{'index': 0x2000, 'subindex': 0, 'bits': 7}]}, 'has 7 bits, not 8, 16 or 32'),
     ({'TPDO5': []}, 'pdos has the unknown entry TPDO5'),

@@ -112,7 +112,7 @@ def test_ranges_without_a_gap_are_drawn_of_carriages_that_have_a_length():
     (('--ranges', '--y', 0.05), 'y = 0.05 m is out of the workspace'),
     (('--ranges', '--y', 'nan'), 'y = nan is not a finite number'),
     (('--ranges', '--l', 0.15, '--b', 0.55, '--stroke', 0.6), 'workspace is empty'),
-    (('--optimise', 'beauty'), "objective = 'beauty' is none of"),
+    (('--optimise', 'beauty'), "objective = 'beauty' is not one of"),
     (('--optimise', 'area', '--link-range', 0.4, 0.3), 'link_range = (0.4, 0.3) m is empty'),
     (('--optimise', 'area', '--min-theta', 1.4), 'min_theta = 1.4 rad conflicts'),
     (('--optimise', 'area', '--sum', 3), 'length_sum = 3 m conflicts'),

@@ -91,7 +91,7 @@ def test_axes_that_are_turned_are_found_by_a_second_measurement_along_those_of_f
     found = fit_estimator(GEOMETRY, record(axes=0.3), ('x', 'y', 'yaw', 'delay', 'axes'))
     assert found.settings.axes == pytest.approx(0.3, abs=math.radians(0.05))
     assert (np.abs(np.subtract(values(found), (*MOUNTING, 0.02))) < LIMITS).all()
-    with pytest.raises(ParameterError, match='turn is none of x, y, yaw, delay, axes'):
+    with pytest.raises(ParameterError, match='turn is not one of x, y, yaw, delay, axes'):
         fit_estimator(GEOMETRY, record(), ('turn',))
 
 

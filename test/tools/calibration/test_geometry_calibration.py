@@ -194,7 +194,7 @@ def test_carriages_at_which_no_machine_closes_are_named():
 
 
 def test_an_unknown_that_no_machine_has_is_rejected():
-    with pytest.raises(ParameterError, match='wheel is none of'):
+    with pytest.raises(ParameterError, match='wheel is not one of'):
         unknowns_named(['wheel'])
 
 
@@ -294,7 +294,7 @@ def test_the_command_plans_for_the_screws_and_writes_their_errors(tmp_path, caps
     assert 'backlash of the screw of q3' in said and 'screw of q1, error at +0.500 m' in said
     path.write_text(path.read_text().replace(',1.000000,', ',2,'))
     assert main(['geometry', str(path), *screws]) == 1
-    assert 'direction = 2 is none of 1, -1 and 0' in capsys.readouterr().err
+    assert 'direction = 2 is not one of 1, -1 and 0' in capsys.readouterr().err
 
 
 def cell(row, column, value):

@@ -124,4 +124,4 @@ def test_a_frequency_that_cannot_be_measured_moves_nothing(make_rig, capsys, fre
 def test_an_axis_that_is_none_is_one_message(make_rig, capsys, links):
     rig = make_rig().configured()
     assert rig.run('lag', 'q9', '--links', links) == 1
-    assert 'q9 is none of q1, q2, q3' in capsys.readouterr().err
+    assert 'q9 is not one of q1, q2, q3' in capsys.readouterr().err
