@@ -341,7 +341,7 @@ def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, capsys):
     nowhere = tmp_path / 'none'
     for arguments, message in (
             (['--plan', str(nowhere / 'p.csv')], 'p.csv cannot be written'),
-            (['--plan', str(tmp_path / 'p.csv'), '--count', '0'], '0 poses are none to plan'),
+            (['--plan', str(tmp_path / 'p.csv'), '--count', '0'], '0 poses cannot be planned'),
             ([str(table()), '--picture', str(nowhere / 'a.png')], 'a.png cannot be written'),
             ([str(table()), '--output', str(nowhere / 'a.yaml')], 'a.yaml cannot be written')):
         assert main(['geometry', *arguments]) == 1
