@@ -32,7 +32,7 @@ from facade_manipulator.errors import RecordError
 
 OF_THE_GRAPH = ('/diagnostics', '/parameter_events', '/rosout', '/tf')  # topics of no namespace
 SUMMARY, PARAMETERS = 'black box', 'parameters of '
-_NANOSECONDS = 1e9
+_NANOSECONDS = 1e9  # in a second
 CHUNK = 1 << 20  # byte: what a writer holds in memory before it is compressed
 
 

@@ -24,6 +24,7 @@ from facade_manipulator.blackbox.recording import SUMMARY, write_mcap
 from facade_manipulator.files import atomic_write
 
 Metadata = Mapping[str, Mapping[str, str]]
+# bytes that a message takes beside its own
 OVERHEAD = sys.getsizeof(Kept(0.0, '', b'')) + sys.getsizeof(0.0) + sys.getsizeof(b'') + 8
 
 

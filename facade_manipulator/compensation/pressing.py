@@ -32,7 +32,7 @@ TOUCH = 1.5  # N, three times a sensor's usual noise
 LOST_AFTER = 1.0  # s without touch, after which the wall is looked for again
 TOUCH_SHARE = 0.25  # of the desired force, by which a touch in search of the wall may miss it
 LEAST_ERROR = 2.0  # N, RMS that counts as not held, and of the desired force:
-RISING_ERROR, HOLDING_ERROR = 0.5, 0.1
+RISING_ERROR, HOLDING_ERROR = 0.5, 0.1  # of the force, while it rises and once it holds
 LATENCY = 0.07  # s, usual from a force to the head's answer
 NEGLIGIBLE = 1e-9  # m or rad
 

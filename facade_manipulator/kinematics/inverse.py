@@ -38,13 +38,13 @@ CONDITIONING_RATIO = 0.348
 # before it at θ = 0, where carriages already move 40 times faster than the head.
 MIN_CONDITIONING = 0.05
 TAKE_UP_SPEED = 0.002  # m/s, below which a carriage does not rest on either flank of its screw
-_TINY = 1e-300
+_TINY = 1e-300  # keeps 0/0 from being NaN
 # s, c, u1, u2, s1, s2 of `links`: plain tuples, because naming the fields would cost as much as
 # computing them.
 Links = tuple[float, float, float, float, float, float]
 Number = TypeVar('Number', float, np.ndarray)
 _new_tuple = tuple.__new__
-NO_BACKLASH = (0.0, 0.0, 0.0)
+NO_BACKLASH = (0.0, 0.0, 0.0)  # m
 
 
 class WorkingMode(Enum):

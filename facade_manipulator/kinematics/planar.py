@@ -76,6 +76,6 @@ class MotionState(NamedTuple):
                            Twist(a.x - b.x, a.y - b.y, a.theta - b.theta))
 
 
-ZERO_POSE = Pose(0.0, 0.0, 0.0)
-ZERO_TWIST = Twist(0.0, 0.0, 0.0)
+ZERO_POSE = Pose(0.0, 0.0, 0.0)  # m, m, rad
+ZERO_TWIST = Twist(0.0, 0.0, 0.0)  # m/s, m/s, rad/s
 ZERO_STATE = MotionState(ZERO_POSE, ZERO_TWIST)

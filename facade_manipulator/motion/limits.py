@@ -33,7 +33,7 @@ from facade_manipulator.parameters import parameter, settings
 Triple = tuple[float, float, float]
 STANDSTILL_SPEED = 1e-5  # m/s
 STANDSTILL_ACCELERATION = 1e-3  # m/s²
-ZERO = (0.0, 0.0, 0.0)
+ZERO = (0.0, 0.0, 0.0)  # of any unit
 FEED_FORWARD_SHARE = 0.8  # of the speed limit: what remains is for catching up
 PLAN_TOLERANCE = 1e-9  # m, and per s and s²: such a motion is the one that was planned
 ROUNDING = 1e-9  # relative

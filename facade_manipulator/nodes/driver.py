@@ -74,7 +74,7 @@ from facade_manipulator.ros import (
     steady_timer,
 )
 
-SUPERVISION_PERIOD = 0.02
+SUPERVISION_PERIOD = 0.02  # s: a fiftieth of a second is the node's whole delay
 
 
 @settings

@@ -56,7 +56,7 @@ from facade_manipulator.ros import (
 )
 
 ACTUATOR_SPACE = 'actuator_space'
-APPROACH_PERIOD = 0.01
+APPROACH_PERIOD = 0.01  # s
 LEAD = 0.05  # s, how far ahead of their time the setpoints of an approach are sent
 FOLLOWING = ('ok', 'following the goals')  # level and message of an outcome
 SAME_TIME = 1e-5  # s: stamps are cut to nanoseconds, floats hold a quarter of a microsecond

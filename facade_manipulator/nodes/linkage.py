@@ -39,6 +39,7 @@ from facade_manipulator.ros import (
     steady_timer,
 )
 
+# s
 PERIOD = 0.1
 OLDEST = 0.5  # s: what is older is not drawn, and markers vanish by themselves
 OLDEST_STATE = 2.5  # s: /diagnostics comes once a second
@@ -53,6 +54,7 @@ LEVEL_NAMES = {value: name for name, value in LEVELS.items()}
 
 Colour = tuple[float, float, float, float]  # red, green, blue and opacity, 0 to 1
 
+# m, of what is drawn
 RAIL_DEPTH, RAIL_HEIGHT = 0.03, 0.02
 CARRIAGE_DEPTH, CARRIAGE_HEIGHT = 0.05, 0.03
 THINNEST_CARRIAGE = 0.004
@@ -69,6 +71,7 @@ STATE_COLOURS = {
     'error': (0.84, 0.37, 0.0, 1.0),
     'stale': (0.6, 0.6, 0.6, 0.5),
 }
+# red, green, blue, opacity
 RAIL_COLOUR = (0.35, 0.35, 0.35, 1.0)
 GUIDE_COLOUR = (0.6, 0.6, 0.6, 1.0)
 WALL_COLOUR = (0.75, 0.72, 0.65, 0.6)

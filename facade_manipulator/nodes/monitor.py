@@ -35,7 +35,7 @@ from facade_manipulator.ros import (
     RELIABLE,
 )
 
-REFRESH_PERIOD = 0.25
+REFRESH_PERIOD = 0.25  # s
 LINE_PERIOD = 5.0  # s between lines where a screen cannot be written again
 NARROW = 70  # columns below which a table shows the first of its columns alone
 STYLES = {'ok': 'green', 'warn': 'yellow', 'error': 'bold red', 'stale': 'bold magenta'}

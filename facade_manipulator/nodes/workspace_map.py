@@ -13,7 +13,7 @@ from facade_manipulator.messages import RAIL
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import declare, LATCHED, pose_message, steady_timer
 
-PERIOD = 0.25
+PERIOD = 0.25  # s, between two looks at the angle
 THETA_STEP = 0.01  # rad, turn of the head after which the map is drawn again
 
 

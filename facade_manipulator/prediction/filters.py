@@ -28,8 +28,9 @@ FEATURES = 3 * len(BANDWIDTHS) - 1
 ACCELERATION = 3 * LEVEL + 1  # index of the level filter's a/ω² in the features
 
 _POLES = np.array((-1.0, np.exp(2j * np.pi / 3.0)))  # the third is the conjugate of the second
+# of position, velocity and acceleration
 _NUMERATORS = np.array(((2.0, 2.0, 1.0), (2.0, 1.0, 0.0), (1.0, 0.0, 0.0)))
-_DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))
+_DENOMINATOR = np.array((1.0, 2.0, 2.0, 1.0))  # Butterworth's third order
 _RESIDUES = np.array([
     [np.polyval(row, pole) / np.polyval(np.polyder(_DENOMINATOR), pole) for row in _NUMERATORS]
     for pole in _POLES])

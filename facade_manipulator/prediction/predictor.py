@@ -46,7 +46,8 @@ ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
 
 # A cubic spline through the moves: 1, t, t², t³ and a cubic from each inner horizon but the outer
 _KNOTS = HORIZONS[2:-2]
-_POWERS = np.arange(4.0)
+_POWERS = np.arange(4.0)  # of a cubic
+# natural cubic: from its values to its coefficients
 _SPLINE = np.linalg.inv(np.hstack([
     HORIZONS[:, None] ** _POWERS, np.maximum(HORIZONS[:, None] - _KNOTS, 0.0) ** 3])).T
 _BEND = np.array((1.0, -2.0, 1.0)) / HORIZONS[0] ** 2  # acceleration, by the first positions

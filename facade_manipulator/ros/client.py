@@ -40,11 +40,11 @@ from facade_manipulator.ros.conversions import node_time, pose_stamped
 from facade_manipulator.ros.diagnostics import GOAL_STATUS, REJECTED_STAMP, stamp_text
 from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
-ANSWER_TIMEOUT = 5.0
-CONFIGURE_TIMEOUT = 30.0
-HOMING_TIMEOUT = 120.0
-REASON_TIMEOUT = 1.5
-GOAL_TIMEOUT = 60.0
+ANSWER_TIMEOUT = 5.0  # s
+CONFIGURE_TIMEOUT = 30.0  # s
+HOMING_TIMEOUT = 120.0  # s
+REASON_TIMEOUT = 1.5  # s
+GOAL_TIMEOUT = 60.0  # s
 REACHED, OVER = 'reached', ('rejected', 'ended', 'superseded')  # states of a goal
 STANDS_WITHIN, STANDS_FOR = 2e-4, 1.0  # m or rad, s
 SENDINGS, SEND_AGAIN = 5, 0.3  # of a goal of which compensator/goal_status says nothing yet, s

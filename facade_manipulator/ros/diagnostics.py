@@ -36,7 +36,7 @@ GOAL_LEVELS = {'held back': 'warn', 'rejected': 'error', 'ended': 'warn'}
 REJECTED_STAMP = 'rejected goal stamp'
 FOLLOWED = {  # key of the goal that is followed, and its factor
     'followed x [mm]': 1e3, 'followed y [mm]': 1e3, 'followed angle [deg]': math.degrees(1.0)}
-PERIOD = 1.0
+PERIOD = 1.0  # s, of /diagnostics
 WARN_EVERY = 1.0  # s
 STATUS_PERIOD = 0.5  # s, between two messages on driver/status that say the same
 SILENCE = 4 * STATUS_PERIOD  # s: the driver is dead, or does not get through

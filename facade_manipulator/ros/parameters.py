@@ -35,7 +35,7 @@ from facade_manipulator.parameters import (
 )
 
 Settings = TypeVar('Settings')
-UNBOUNDED = 1e308
+UNBOUNDED = 1e308  # what a descriptor calls no bound
 TYPES = {kind.value for kind in Parameter.Type}
 _from_message = Parameter.from_parameter_msg
 

@@ -32,7 +32,7 @@ from facade_manipulator.drives.canopen.nmt import NmtCommand
 from facade_manipulator.drives.canopen.pdo import NMT_COB_ID, SYNC_COB_ID
 from facade_manipulator.errors import BusError
 
-LATEST_STAMP_AGE = 10.0
+LATEST_STAMP_AGE = 10.0  # s: an older stamp is of another clock
 MAX_COB_ID = 0x7FF
 _EXTENDED, _REMOTE, ERROR_FRAME = 0x80000000, 0x40000000, 0x20000000
 _FRAME = struct.Struct('=IB3x8s')

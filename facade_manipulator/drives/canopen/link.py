@@ -20,7 +20,7 @@ from facade_manipulator.parameters import parameter, settings
 
 _SYSTEM = Path('/sys/class/net')
 _IS_UP = 0x1
-_QUERY_TIMEOUT = 2.0
+_QUERY_TIMEOUT = 2.0  # s, for `ip`
 _BAD_CONDITIONS = ('BUS-OFF', 'STOPPED', 'SLEEPING')
 
 

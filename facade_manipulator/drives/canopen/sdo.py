@@ -20,7 +20,7 @@ from facade_manipulator.drives.canopen.pdo import sdo_request_cob_id, sdo_respon
 from facade_manipulator.errors import DriveObjectError, DriveTimeoutError
 
 SDO_FRAME_LENGTH = 8
-RESPONSE_TIMEOUT = 0.3
+RESPONSE_TIMEOUT = 0.3  # s, as canopen's own
 ATTEMPTS = 3
 NO_SUCH_OBJECT = frozenset({0x06020000, 0x06090011})
 _LONGEST_QUEUE = 16

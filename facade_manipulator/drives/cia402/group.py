@@ -27,7 +27,7 @@ from facade_manipulator.drives.cia402.plans import (
 from facade_manipulator.drives.cia402.states import Mode, Status
 from facade_manipulator.errors import DriveError, DriveFaultError, DriveStateError
 
-RESET_WINDOW = 60.0
+RESET_WINDOW = 60.0  # s, in which a fault that comes back is not reset again
 MAX_FURTHER_CAUSES = 8
 
 

@@ -24,6 +24,7 @@ class VelocityUnit(NamedTuple):
     acceleration: int  #: 60AAh
 
 
+# per what, how many a second of it, and the codes of 60A9h and 60AAh (CiA 402-2)
 VELOCITY_UNITS = {
     'counts_per_second': VelocityUnit('count', 1.0, 0x00B50300, 0x00B55700),
     'rpm': VelocityUnit('revolution', 60.0, 0x00B44700, 0x00C00300),

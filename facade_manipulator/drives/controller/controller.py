@@ -31,7 +31,7 @@ from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, Co
 from facade_manipulator.drives.controller.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
-IDLE_WAIT = 1.0
+IDLE_WAIT = 1.0  # s: a request wakes it
 _STATES = {
     Phase.OFF: ControllerState.INACTIVE,
     Phase.ENABLING: ControllerState.ACTIVATING,

@@ -21,9 +21,10 @@ MIN_GAP = 0.2  # between our commands and our next SYNC
 OTHERS_DUE = 0.3  # of the period: how long after a late first answer the others may come
 FIRST_ANSWER_DUE = 3.0  # for any answer to our SYNC: this computer is late, not all drives dead
 SYNC_OVERDUE, SYNC_MISSING = 1.5, 2.5  # of the period: with all frames read, with some waiting
-SYNC_TOO_EARLY = 0.5
+SYNC_TOO_EARLY = 0.5  # of a period: an earlier one is foreign
 JITTER = 0.25  # of the period: a SYNC that is farther from its expected time sets a new one
 JITTER_SHARE = 0.05  # of it that moves the smoothed stamp
+# s, of the histogram
 LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
 
 

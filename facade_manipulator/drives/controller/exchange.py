@@ -41,7 +41,7 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import Targets
 from facade_manipulator.errors import BusError
 
-LONGEST_WAIT = 0.02
+LONGEST_WAIT = 0.02  # s, after which requests are looked at
 MAX_UNSENT = 8  # frames in a row: two cycles
 _EMERGENCY_LENGTH = 8
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)

@@ -17,7 +17,7 @@ import sys
 from facade_manipulator.drives.controller.settings import ControllerSettings
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_SWITCH_INTERVAL = 0.0005
+_SWITCH_INTERVAL = 0.0005  # s: the interpreter's own is longer than a step may wait
 PERMISSION = ('"ulimit -r" of it: LimitRTPRIO=99 in its systemd service, or "@realtime - '
               'rtprio 99" in /etc/security/limits.d')
 YOUNG_COLLECTION, FULL_COLLECTION = 1, 2

@@ -19,7 +19,7 @@ from facade_manipulator.errors import (
     DriveTimeoutError,
 )
 
-CLOSING_TIMEOUT = 3.0
+CLOSING_TIMEOUT = 3.0  # s
 SDO_TIMEOUT = 1.5  # s, for drives that are to be switched off by SDO
 STOP_AND_CUT = 2  # steps: what still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first word

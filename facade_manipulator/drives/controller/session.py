@@ -38,7 +38,7 @@ from facade_manipulator.drives.controller.targets import MechanismChecks, Target
 from facade_manipulator.errors import BusError, DriveStateError
 
 FORGET_MASTER_HEARTBEAT = bytes.fromhex('2316100100000000')  # 1016h:01 = 0, answer not awaited
-FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0
+FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0  # s, between tries to open a lost bus
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ from facade_manipulator.errors import (
 
 _NO_TARGETS = (None, None, None)
 _AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
-ROUNDING = 1e-9
+ROUNDING = 1e-9  # m
 LIMITED = '; it says that it limits its motion (bit 11)'
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
 MAX_SLIP = 0.005  # m, from where the carriage was when power came
