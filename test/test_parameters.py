@@ -10,9 +10,7 @@ from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.parameters import check_parameters, parameter
-from facade_manipulator.ros import known_parameters
-from facade_manipulator.ros.known_parameters import accept_old_names
-from facade_manipulator.ros.known_parameters import RENAMED as RENAMED_NOW
+from facade_manipulator.ros.known_parameters import name_unknown_parameters
 from facade_manipulator.ros.parameters import declare
 
 NODES = (CompensatorNode, IkServiceNode, DriverNode)
@@ -106,68 +104,14 @@ def test_the_default_of_one_node_may_differ_from_the_dataclass(ros):
     assert declare(ros.node('node'), Sample, low=0.5).low == 0.5
 
 
-RENAMED, REMOVED = {'lowest': 'low'}, {'middle': 'is fixed at 0.5 m now', 'sway.*': 'is gone'}
-
-
-@pytest.fixture
-def make_old(ros, monkeypatch):
-    """Make a node that accepts old names; return it, its settings, changes and warnings."""
-    monkeypatch.setattr(known_parameters, 'RENAMED', RENAMED)
-    monkeypatch.setattr(known_parameters, 'REMOVED', REMOVED)
-
-    def make(**kwargs):
-        node, heard, warnings = ros.node('node', **kwargs), [], []
-        node.get_logger().warning = warnings.append
-        accept_old_names(node)
-        return node, declare(node, Sample, '', heard.append), heard, warnings
-
-    return make
-
-
-def test_an_old_name_in_a_file_has_its_effect_and_warns(make_old, tmp_path):
-    file = tmp_path / 'old.yaml'
-    file.write_text('/**: {ros__parameters: {lowest: 0.3, middle: 0.4, sway: {x: 1.0}}}')
-    _, settings, _, warnings = make_old(cli_args=['--ros-args', '--params-file', str(file)])
-    assert settings == Sample(low=0.3)
-    assert warnings == [
-        'parameter lowest is called low now; the old name works in this release only: '
-        'use the new one',
-        'parameter middle has no effect: it is fixed at 0.5 m now; delete it from the file',
-        'parameter sway.x has no effect: it is gone; delete it from the file']
-
-
-def test_an_old_name_as_an_override_has_its_effect_unless_the_new_one_is_there(make_old):
-    old, new = Parameter('lowest', value=0.3), Parameter('low', value=0.2)
-    assert make_old(parameter_overrides=[old])[1] == Sample(low=0.3)
-    assert make_old(parameter_overrides=[old, new])[1] == Sample(low=0.2)
-
-
-def test_a_value_out_of_range_under_an_old_name_is_rejected_at_start(make_old):
-    with pytest.raises(ParameterError, match='low'):
-        make_old(parameter_overrides=[Parameter('lowest', value=7.0)])
-
-
-def test_an_old_name_may_be_set_while_the_node_runs(make_old):
-    node, _, heard, warnings = make_old()
-    assert node.set_parameters([Parameter('lowest', value=0.3)])[0].successful
-    assert heard == [Sample(low=0.3)]
-    assert 'lowest is called low now' in warnings[0]
-    assert not node.has_parameter('lowest')
-    assert not node.set_parameters([Parameter('lowest', value=7.0)])[0].successful
-
-
-@pytest.mark.parametrize('name, reason', [
-    ('middle', 'parameter middle is fixed at 0.5 m now'), ('sway.x', 'parameter sway.x is gone'),
-    ('lo', "parameter lo is not one of this node: did you mean 'low'?")])
-def test_what_is_no_parameter_is_rejected_with_what_there_is(
-        ros, make_old, name, reason):
-    make_old()
-    request = SetParameters.Request(
-        parameters=[Parameter(name, value=0.4).to_parameter_msg()])
-    result = ros.call(ros.node('caller'), SetParameters, 'node/set_parameters', request).results[0]
-    assert not result.successful and reason in result.reason
-
-
-def test_every_renamed_parameter_leads_to_one_that_there_is(ros):
-    nodes = [ros.add(make()) for make in NODES if RENAMED_NOW]
-    assert all(any(node.has_parameter(name) for node in nodes) for name in RENAMED_NOW.values())
+def test_who_sets_an_unknown_parameter_learns_the_nearest_known_one(ros):
+    node = ros.node('node')
+    name_unknown_parameters(node)
+    declare(node, Sample, '', lambda _: None)
+    request = SetParameters.Request(parameters=[
+        Parameter(name, value=0.4).to_parameter_msg() for name in ('lo', 'low')])
+    unknown, known = ros.call(
+        ros.node('caller'), SetParameters, 'node/set_parameters', request).results
+    assert not unknown.successful
+    assert "parameter lo is not one of this node: did you mean 'low'?" in unknown.reason
+    assert known.successful

@@ -50,7 +50,6 @@ from facade_manipulator.messages import (
 from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
-    accept_old_names,
     declare,
     DiagnosticsPublisher,
     DriverWatch,
@@ -60,6 +59,7 @@ from facade_manipulator.ros import (
     HOLD,
     LATCHED,
     LATEST,
+    name_unknown_parameters,
     node_time,
     offer_trigger,
     pose_codec,
@@ -173,7 +173,7 @@ class CompensatorNode(Node):
 
     def __init__(self, heads: PoseStream | None = None, **kwargs) -> None:
         super().__init__('compensator', **kwargs)
-        accept_old_names(self)
+        name_unknown_parameters(self)
         geometry = declare(self, Geometry, 'geometry')
         rate = declare(self, RateSettings).rate
         self.settings = CompensatorSettings(**{

@@ -55,13 +55,13 @@ from facade_manipulator.nodes.driver_diagnostics import (
 )
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
-    accept_old_names,
     declare,
     Deferred,
     DiagnosticsPublisher,
     DRIVER_STATUS,
     LATEST,
     ManagedNode,
+    name_unknown_parameters,
     offer_trigger,
     parameter_checksum,
     reject_simulated_time,
@@ -112,7 +112,7 @@ class DriverNode(ManagedNode):
     def __init__(self, launch=start_process, **kwargs) -> None:
         super().__init__('driver', **kwargs)
         reject_simulated_time(self)
-        accept_old_names(self)
+        name_unknown_parameters(self)
         self._rejections = Rejections(self)
         self._settings = declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
         self._setup = self._declare_setup()

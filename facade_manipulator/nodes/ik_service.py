@@ -33,13 +33,13 @@ from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.linkage import LinkageView
 from facade_manipulator.nodes.workspace_map import WorkspaceMap
 from facade_manipulator.ros import (
-    accept_old_names,
     declare,
     diagnostic_status,
     DiagnosticsPublisher,
     DriverWatch,
     LATCHED,
     LATEST,
+    name_unknown_parameters,
     node_time,
     pose_codec,
     PoseStream,
@@ -67,7 +67,7 @@ class IkServiceNode(Node):
 
     def __init__(self, **kwargs) -> None:
         super().__init__('ik_service', **kwargs)
-        accept_old_names(self)
+        name_unknown_parameters(self)
         self.geometry = declare(self, Geometry, 'geometry')
         self.settings = declare(self, GoalSettings, '', self._change_settings)
         self._stream = SetpointStream(self.geometry, self.settings)

@@ -35,7 +35,7 @@ from .diagnostics import Rejections as Rejections
 from .diagnostics import SILENT as SILENT
 from .diagnostics import stamp_text as stamp_text
 from .diagnostics import STATUS_PERIOD as STATUS_PERIOD
-from .known_parameters import accept_old_names as accept_old_names
+from .known_parameters import name_unknown_parameters as name_unknown_parameters
 from .known_parameters import require_known_parameters as require_known_parameters
 from .lifecycle import Deferred as Deferred
 from .lifecycle import DeferredReplies as DeferredReplies

@@ -5,12 +5,12 @@ ROS ignores a parameter that no node declares, and a section of a file that is n
 the pen leaves the default in force without a word. Here such a name ends the start, with the
 nearest known one. Of a section for all nodes (``/**``) each process looks at the groups of
 parameters that its nodes have, such as ``geometry``; what else it does not know may be another
-process's, and is named in the log. A name of the release before is accepted with a warning.
+process's, and is named in the log.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 import sys
@@ -25,10 +25,6 @@ from facade_manipulator.parameter_file import given_parameters, NODE_NAMES
 from facade_manipulator.parameters import nearest
 
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
-# of the release before, one line a name, to be deleted one release later: the present name, or
-# what holds now; a name that ends in ``.*`` stands for all below it
-RENAMED: dict[str, str] = {}
-REMOVED: dict[str, str] = {}
 
 
 class Given(NamedTuple):
@@ -80,7 +76,7 @@ def _require(
     given: Given, known: set[str], what: str, complain: Callable[[str], object]
 ) -> None:
     name = given.name
-    if name in known or name.split('.')[0] in OF_ROS or name in RENAMED or _advice(name):
+    if name in known or name.split('.')[0] in OF_ROS:
         return
     complain(f"{what} '{name}' ({given.where}){nearest(name, known)}")
 
@@ -105,54 +101,19 @@ def _given_in(file: Path) -> Iterator[Given]:
 
 
 class NoParameterError(ParameterNotDeclaredException):
-    """An unknown parameter, with what there is in its place."""
+    """An unknown parameter, with the nearest known one; rclpy's own message says nothing."""
 
-    def __init__(self, name: str, advice: str) -> None:
-        Exception.__init__(self, f'parameter {name} {advice}')
-
-
-def accept_old_names(node: Node) -> None:
-    """
-    Accept the parameter names of the release before, with a warning; call it before `declare`.
-
-    A renamed parameter of a file or an override, and one that is set while the node runs, has its
-    effect under the present name; one that is removed has none.
-
-    Notes
-    -----
-    Overrides are in a private attribute of rclpy's node (tried on 7.1.6). Without it old names in
-    files are ignored, as every unknown name is; `ros2 param set` works all the same.
-
-    """
-    overrides = getattr(node, '_parameter_overrides', {})
-    for name in sorted(overrides):
-        if name in RENAMED:
-            overrides.setdefault(RENAMED[name], _renamed(node, overrides[name]))
-        elif instead := _advice(name):
-            node.get_logger().warning(
-                f'parameter {name} has no effect: it {instead}; delete it from the file')
-
-    def present(parameter: Parameter) -> Parameter:
-        name = parameter.name
-        if node.has_parameter(name):
-            return parameter
-        if name in RENAMED:
-            return _renamed(node, parameter)
-        raise NoParameterError(name, _advice(name) or (  # of which rclpy says []
-            f'is not one of this node{nearest(name, node.list_parameters([], 0).names)}'))
-
-    node.add_pre_set_parameters_callback(lambda parameters: list(map(present, parameters)))
+    def __init__(self, name: str, known: Iterable[str]) -> None:
+        Exception.__init__(
+            self, f'parameter {name} is not one of this node{nearest(name, known)}')
 
 
-def _renamed(node: Node, parameter: Parameter) -> Parameter:
-    """Return a parameter under its present name, with a warning."""
-    new = RENAMED[parameter.name]
-    node.get_logger().warning(
-        f'parameter {parameter.name} is called {new} now; the old name works in this release '
-        'only: use the new one')
-    return Parameter(new, value=parameter.value)
+def name_unknown_parameters(node: Node) -> None:
+    """Let whoever sets an unknown parameter of a node that runs learn the nearest known one."""
+    def check(parameters: list[Parameter]) -> list[Parameter]:
+        for parameter in parameters:
+            if not node.has_parameter(parameter.name):
+                raise NoParameterError(parameter.name, node.list_parameters([], 0).names)
+        return parameters
 
-
-def _advice(name: str) -> str | None:
-    """Return what holds in place of a removed parameter, None if there never was one."""
-    return REMOVED.get(name) or REMOVED.get(f'{name.partition(".")[0]}.*')
+    node.add_pre_set_parameters_callback(check)

@@ -10,7 +10,6 @@ from support import DEADLINE
 
 import facade_manipulator
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.ros import known_parameters
 from facade_manipulator.ros.known_parameters import NODE_NAMES, require_known_parameters
 
 PACKAGE = Path(facade_manipulator.__file__).parent
@@ -46,12 +45,6 @@ def check(nodes, tmp_path):
 ])
 def test_what_is_known_is_accepted(check, content):
     check(content)
-
-
-def test_what_the_release_before_had_is_accepted(check, monkeypatch):
-    monkeypatch.setitem(known_parameters.RENAMED, 'swing.margin', 'limits.speed')
-    monkeypatch.setitem(known_parameters.REMOVED, 'sway.*', 'is gone')
-    check('/**/driver: {ros__parameters: {swing: {margin: 0.1}, sway: {x: 0.1}}}')
 
 
 @pytest.mark.parametrize('content, message', [

@@ -40,12 +40,12 @@ from facade_manipulator.messages import (
 )
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
-    accept_old_names,
     declare,
     diagnostic_status,
     DiagnosticsPublisher,
     estimate_codec,
     LATEST,
+    name_unknown_parameters,
     node_time,
     offer_trigger,
     PoseStream,
@@ -73,7 +73,7 @@ class GondolaSimulatorNode(Node):
 
     def __init__(self, **kwargs) -> None:
         super().__init__('gondola_simulator', **kwargs)
-        accept_old_names(self)
+        name_unknown_parameters(self)
         geometry = declare(self, Geometry, 'geometry')
         self._mechanism = mechanism_of(geometry)
         name = declare(self, ScenarioSettings).scenario
