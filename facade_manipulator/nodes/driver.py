@@ -51,6 +51,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
     counters_status,
     finding_status,
     operation_status,
+    overload,
     StatusPublisher,
 )
 from facade_manipulator.parameters import parameter, settings
@@ -163,7 +164,11 @@ class DriverNode(ManagedNode):
 
     def _publish_status(self) -> None:
         self._status.publish(
-            self._loop.snapshot(), self._loop.stream_status().activity, self._last_failure)
+            self._loop.snapshot(), self._loop.stream_status().activity, self._warning())
+
+    def _warning(self) -> str:
+        """Return what is wrong though the drives go on: rejected last, or a slow computer."""
+        return '; '.join(filter(None, [self._last_failure, overload(self._loop.snapshot())]))
 
     def close(self) -> None:
         """Ramp down, power off, leave the bus; ends the loop's process."""
@@ -308,7 +313,7 @@ class DriverNode(ManagedNode):
         self._publish_status()
         if snapshot.state not in ACTIVE_STATES:
             self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))
-        outcome = snapshot.outcome(), self._last_failure
+        outcome = snapshot.outcome(), self._warning()
         if outcome != self._published_outcome:
             self._published_outcome = outcome
             self._diagnostics.publish()
@@ -339,8 +344,8 @@ class DriverNode(ManagedNode):
         }
         return [
             operation_status(
-                snapshot, self._loop.stream_status(), self._rival() or self._last_failure, values),
-            bus_status(snapshot),
+                snapshot, self._loop.stream_status(), self._rival() or self._warning(), values),
+            bus_status(snapshot, not self._settings.simulate_drives),
             *(axis_status(axis) for axis in snapshot.axes),
             counters_status(self._counting, self._service),
         ]

@@ -19,6 +19,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from support import children, patiently, wait_until
 
+from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.drives.controller.snapshot import (
     AxisSnapshot,
     ControllerSnapshot,
@@ -113,8 +114,8 @@ class Bench:
 class ScriptedLoop:
     """In place of the control loop's process: it has sent the states of cycles."""
 
-    def __init__(self, stamps):
-        self.stamps = stamps
+    def __init__(self, stamps, late_share=0.0):
+        self.stamps, self.cycle = stamps, CycleStatistics(late_share=late_share)
 
     def __call__(self, end):
         self.channel = Channel(end.dup())
@@ -127,7 +128,8 @@ class ScriptedLoop:
         axes = [AxisSnapshot(f'q{number + 1}', number + 1, position=position, homed=True)
                 for number, position in enumerate(HOME)]
         return pack_state(
-            ControllerSnapshot(ControllerState.INACTIVE, time, tuple(axes)), StreamStatus())
+            ControllerSnapshot(ControllerState.INACTIVE, time, tuple(axes), cycle=self.cycle),
+            StreamStatus())
 
     def wait(self, timeout):
         return 0
@@ -208,6 +210,16 @@ def test_each_cycle_is_published_once_whenever_the_timer_comes(ros, rate, cycles
     ros.executor.spin_once(0.02)
     assert [message.header.stamp for message in bench.states] == [
         stamp(0.01 * cycle) for cycle in cycles]
+
+
+@pytest.mark.parametrize('share, level', [
+    (0.0, DiagnosticStatus.OK), (0.13, DiagnosticStatus.WARN)])
+def test_driver_status_warns_of_a_computer_that_is_too_slow(ros, share, level):
+    bench = Bench(ros, launch=ScriptedLoop([], share))
+    statuses = ros.collect(bench.operator, DiagnosticStatus, 'driver/status', LATCHED)
+    ros.until(lambda: statuses, 'driver/status')
+    assert statuses[-1].level == level
+    assert ('late in 13.0 % of 500 cycles' in statuses[-1].message) == bool(share)
 
 
 def test_nothing_moves_before_the_operator_activates(bench):

@@ -6,9 +6,18 @@ import pytest
 
 from facade_manipulator.drives.canopen import Frame, pdo
 from facade_manipulator.drives.cia402.settings import AxisSettings
+from facade_manipulator.drives.controller import (
+    ControllerSnapshot,
+    ControllerState,
+    CycleStatistics,
+)
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.nodes.driver_diagnostics import axis_status
+from facade_manipulator.nodes.driver_diagnostics import (
+    axis_status,
+    bus_status,
+    MAX_LATE_SHARE,
+)
 
 OPERATIONAL = b'\x05'
 SETTINGS = ControllerSettings()
@@ -45,3 +54,22 @@ def test_a_drive_that_no_longer_answers_is_stale_whatever_it_said_last(monitor, 
 def test_a_drive_that_never_sent_anything_is_not_called_silent():
     made = AxisMonitor('q2', AxisSettings(node_id=2), SETTINGS)
     assert axis_status(made.snapshot(None, 1e3)).message == 'nothing received yet'
+
+
+@pytest.mark.parametrize('late, priority, is_real, warnings', [
+    (0.0, 50, True, []), (MAX_LATE_SHARE, 50, True, []), (0.0, None, True, []),
+    (0.0, 0, False, []),
+    (MAX_LATE_SHARE + 0.002, 50, True, ['late in 0.7 % of 500 cycles, bound 0.5 %: take load']),
+    (0.0, 0, True, ['without real-time', 'controller.realtime_priority', 'LimitRTPRIO']),
+    (0.9, 0, False, ['late in 90.0 %', 'take load off this computer', 'without real-time']),
+])
+def test_the_bus_warns_of_a_slow_computer_and_a_missing_priority(
+        late, priority, is_real, warnings):
+    snapshot = ControllerSnapshot(
+        ControllerState.ACTIVE, 1.0, (), cycle=CycleStatistics(late_share=late),
+        realtime_priority=priority)
+    status = bus_status(snapshot, is_real)
+    assert status.level == (DiagnosticStatus.WARN if warnings else DiagnosticStatus.OK)
+    assert status.message.startswith('open')
+    assert all(warning in status.message for warning in warnings)
+    assert warnings or status.message == 'open'

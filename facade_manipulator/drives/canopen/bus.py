@@ -117,6 +117,7 @@ class CanBus:
 
     def __init__(self, bus: can.BusABC) -> None:
         self._bus = bus
+        self.is_virtual = isinstance(bus, VirtualBus)  # within this process: there is no cable
         self._sending = Lock()
         self._sync_task: can.CyclicSendTaskABC | None = None
         self._received = self._sent = self._ignored = 0

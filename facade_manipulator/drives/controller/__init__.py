@@ -14,9 +14,11 @@ from .configuration import unit_conflicts as unit_conflicts
 from .configuration import write_objects as write_objects
 from .controller import DriveController as DriveController
 from .cycle import CycleStatistics as CycleStatistics
+from .cycle import LATE_WINDOW as LATE_WINDOW
 from .cycle import LATENESS_BOUNDS as LATENESS_BOUNDS
 from .exchange import CyclicExchange as CyclicExchange
 from .monitor import AxisMonitor as AxisMonitor
+from .realtime import describe_scheduling as describe_scheduling
 from .session import BusAccess as BusAccess
 from .session import Session as Session
 from .settings import ControllerSettings as ControllerSettings

@@ -23,6 +23,7 @@ from facade_manipulator.drives.controller import motion_operations, service_oper
 from facade_manipulator.drives.controller.operation import Operation
 from facade_manipulator.drives.controller.realtime import (
     describe_scheduling,
+    realtime_priority,
     request_realtime,
 )
 from facade_manipulator.drives.controller.service_operations import CLOSING_TIMEOUT
@@ -97,6 +98,7 @@ class DriveController:
         self._requests: deque[tuple[Operation, Future[str]]] = deque()
         self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
+        self._priority: int | None = None
         self._publish(time.monotonic())
         self._thread = threading.Thread(target=self._run, name='drive control', daemon=True)
         self._thread.start()
@@ -152,7 +154,8 @@ class DriveController:
 
     def _run(self) -> None:
         self._rejected = tuple(request_realtime(self._session.settings))
-        _log.info(describe_scheduling())
+        self._priority = realtime_priority()
+        _log.info(describe_scheduling(self._priority))
         while not self._session.is_closed:
             try:
                 self._turn()
@@ -295,7 +298,8 @@ class DriveController:
                 session.monitors, session.targets.positions, strict=True)]),
             group.causes if group is not None else (), self._next_step(state),
             self._rejected + session.notes,
-            bus_error=lost.message if lost is not None else '', bus_load=session.bus_load)
+            bus_error=lost.message if lost is not None else '', bus_load=session.bus_load,
+            realtime_priority=self._priority)
         if exchange is not None:
             clock = exchange.clock
             snapshot = snapshot._replace(

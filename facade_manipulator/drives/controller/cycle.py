@@ -26,6 +26,7 @@ JITTER = 0.25  # of the period: a SYNC that is farther from its expected time se
 JITTER_SHARE = 0.05  # of it that moves the smoothed stamp
 # s, of the histogram
 LATENESS_BOUNDS = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1)
+LATE_WINDOW = 500  # cycles, after which the share of late ones is counted anew
 
 
 class CycleStatistics(NamedTuple):
@@ -42,6 +43,7 @@ class CycleStatistics(NamedTuple):
     #: beyond the last
     lateness: tuple[int, ...] = (0,) * (len(LATENESS_BOUNDS) + 1)
     worst: float = 0.0  #: longest time from SYNC to the step [s]
+    late_share: float = 0.0  #: of the last LATE_WINDOW cycles that are complete
 
 
 class CycleClock:
@@ -81,14 +83,15 @@ class CycleClock:
         self._next_sync = 0.0
         self._cycles = self._incomplete = self._late = self._skipped = self._unexpected = 0
         self._bins = [0] * (len(LATENESS_BOUNDS) + 1)
-        self._worst = 0.0
+        self._worst = self._late_share = 0.0
+        self._late_before = 0  # the present window
 
     @property
     def statistics(self) -> CycleStatistics:
         """Counters since the start."""
         return CycleStatistics(
             self._cycles, self._incomplete, self._late, self._skipped, self._unexpected,
-            tuple(self._bins), self._worst)
+            tuple(self._bins), self._worst, self._late_share)
 
     def stop(self) -> None:
         """Let nothing be due until the next start."""
@@ -156,6 +159,9 @@ class CycleClock:
         self._late += late
         self._bins[bisect_right(LATENESS_BOUNDS, age)] += 1
         self._worst = max(self._worst, age)
+        if self._cycles % LATE_WINDOW == 0:
+            self._late_share = (self._late - self._late_before) / LATE_WINDOW
+            self._late_before = self._late
         self.late_in_a_row = 0 if in_time else self.late_in_a_row + 1
         if in_time:
             self._note_command()

@@ -301,7 +301,8 @@ class CyclicExchange:
         causes = [cause for one in self._monitors
                   if (cause := one.silence(self.read_until)) is not None]
         if len(causes) == len(self._monitors):
-            return [Cause(f'no drive answers any more: {causes[0].message}', BUS_REMEDY)]
+            remedy = COMPUTER_REMEDY if self.bus.is_virtual else BUS_REMEDY
+            return [Cause(f'no drive answers any more: {causes[0].message}', remedy)]
         return causes
 
     # --- sending

@@ -51,12 +51,17 @@ def _rejections(priority: int, cpu: int, lock_memory: bool) -> Iterator[str]:
                'unlimited" in /etc/security/limits.d')
 
 
-def describe_scheduling() -> str:
-    """Return in one line how the calling thread is scheduled, and how to do better."""
+def realtime_priority() -> int:
+    """Return the real-time priority of the calling thread, 0 for none."""
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
-    if policy in (os.SCHED_FIFO, os.SCHED_RR):
-        return ('the control loop runs with real-time scheduling, priority '
-                f'{os.sched_getparam(0).sched_priority}')
+    is_realtime = policy in (os.SCHED_FIFO, os.SCHED_RR)
+    return os.sched_getparam(0).sched_priority if is_realtime else 0
+
+
+def describe_scheduling(priority: int) -> str:
+    """Return in one line how the control loop is scheduled, and how to do better."""
+    if priority > 0:
+        return f'the control loop runs with real-time scheduling, priority {priority}'
     return ('the control loop runs without real-time scheduling: other programs can hold it up '
             f'until the drives stop; set controller.realtime_priority, which needs {PERMISSION}')
 

@@ -6,6 +6,7 @@ from facade_manipulator.drives.controller.cycle import (
     ANSWERS_DUE,
     COMMANDS_DUE,
     FIRST_ANSWER_DUE,
+    LATE_WINDOW,
     LATENESS_BOUNDS,
     MIN_GAP,
     OTHERS_DUE,
@@ -259,6 +260,18 @@ def test_the_histogram_holds_every_step(ages):
     statistics = clock.statistics
     assert sum(statistics.lateness) == statistics.cycles == statistics.incomplete == len(ages)
     assert len(statistics.lateness) == len(LATENESS_BOUNDS) + 1
+
+
+@pytest.mark.parametrize('late', [0, 1, LATE_WINDOW])
+def test_the_share_of_late_cycles_is_that_of_the_last_window(late):
+    clock, shares = consumer(), []
+    for number in range(3 * LATE_WINDOW):
+        clock.receive(T * number, 0.0)
+        is_late = LATE_WINDOW <= number < LATE_WINDOW + late
+        clock.finish(T * (number + (0.9 if is_late else 0.1)))
+        shares.append(clock.statistics.late_share)
+    assert shares[LATE_WINDOW - 1::LATE_WINDOW] == [0.0, late / LATE_WINDOW, 0.0]
+    assert {*shares[:2 * LATE_WINDOW - 1]} == {0.0}
 
 
 # --- stamps without jitter

@@ -12,6 +12,7 @@ from facade_manipulator.drives.controller import realtime
 from facade_manipulator.drives.controller.realtime import (
     Collector,
     describe_scheduling,
+    realtime_priority,
     request_realtime,
 )
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -49,7 +50,7 @@ def test_a_granted_priority_says_nothing(monkeypatch):
 def test_how_the_control_thread_is_scheduled_is_what_the_kernel_says(monkeypatch, policy, says):
     monkeypatch.setattr(os, 'sched_getscheduler', lambda thread: policy)
     monkeypatch.setattr(os, 'sched_getparam', lambda thread: os.sched_param(7))
-    assert re.search(says, describe_scheduling())
+    assert re.search(says, describe_scheduling(realtime_priority()))
 
 
 def test_what_the_control_thread_starts_has_no_priority():
