@@ -17,6 +17,7 @@ REQUIRES = [
     'ruckig>=0.14,<1',  # jerk-limited ways: the reference on the wall, the carriages' limits
     'mcap>=1.2,<2',  # the black box's files, which Foxglove and ros2 bag read
     'mcap-ros2-support>=0.5.5,<1',  # reads their messages by the definitions in the file
+    'packaging>=23,<27',  # doctor: whether what is installed is within these ranges
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'typing-extensions>=4.1,<5',  # checkers know the fields of settings, with Python 3.10, too
     'rich>=13,<16',  # tables in the terminal: demo, monitor, commission, study
@@ -81,6 +82,7 @@ setup(
         f'replay = {NAME}.tools.replay.__main__:main',
         f'install = {NAME}.tools.deployment:main',
         f'demo = {NAME}.lab.demo.__main__:main',
+        f'doctor = {NAME}.tools.doctor:main',
         f'stopping = {NAME}.tools.stopping:main',
         f'support = {NAME}.tools.support:main',
         f'workspace_study = {NAME}.lab.study.study:main',

@@ -40,6 +40,7 @@ TOOLS = {
     'tools.deployment': BASE | {'files', 'resources'},
     'tools.support': BASE | {'files', 'resources'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
+    'tools.doctor': ALL_OF_IT,
     'tools.emergency_stop': ALL_OF_IT,
     'tools.stopping': ALL_OF_IT | {'tools.emergency_stop'},
 }
@@ -52,7 +53,7 @@ LAB = {
 }
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms
-ROS_ROOMS = {'ros', 'nodes', 'lab.demo'}
+ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor'}
 PURE_ROOMS = {'errors', 'parameters', 'kinematics', 'messages', 'prediction', 'motion',
               'compensation', 'lab.gondola'}
 DRAWING = {('lab', 'gondola', 'pictures')}

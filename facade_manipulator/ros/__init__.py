@@ -51,6 +51,7 @@ from .runtime import LATCHED as LATCHED
 from .runtime import LATEST as LATEST
 from .runtime import RECENT as RECENT
 from .runtime import RELIABLE as RELIABLE
+from .runtime import ros_errors as ros_errors
 from .runtime import run as run
 from .runtime import USAGE_ERROR as USAGE_ERROR
 from .software_stop import SoftwareStop as SoftwareStop

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 import gc
 import os
 from pathlib import Path
@@ -104,15 +104,22 @@ def _reject_other_arguments(args: list[str] | None) -> None:
 
 
 def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> Sequence[Node]:
+    """Make the nodes; what ROS itself rejects, such as a parameter file, is a message too."""
+    with ros_errors():
+        _reject_other_arguments(args)
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        return make_nodes()
+
+
+@contextmanager
+def ros_errors() -> Iterator[None]:
     """
-    Make the nodes; what ROS itself rejects, such as a parameter file, is a message too.
+    Raise a ManipulatorError for what ROS itself rejects.
 
     rclpy has no public name for that error (tried on 7.1.6): without the import no node starts.
     """
     try:
-        _reject_other_arguments(args)
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        return make_nodes()
+        yield
     except rclpy_implementation.RCLError as error:
         is_enforced = os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce'
         hint = ': ROS_SECURITY_STRATEGY is Enforce; is this enclave in its keystore?'

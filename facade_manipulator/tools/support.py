@@ -11,6 +11,7 @@ from pathlib import Path
 import platform
 import shutil
 import subprocess
+import sys
 import tarfile
 import time
 
@@ -19,7 +20,8 @@ from facade_manipulator.files import atomic_write
 from facade_manipulator.resources import STATE_FOLDER
 
 DAY = 86_400.0  # s
-JOURNAL_TIMEOUT = 60.0  # s
+TIMEOUT = 60.0  # s, of a command
+DOCTOR = sys.executable, '-m', 'facade_manipulator.tools.doctor'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -40,7 +42,8 @@ def _pack(options: argparse.Namespace) -> None:
     oldest = time.time() - options.days * DAY
     files = [*options.parameters, *_files(options.folder, oldest), *_files(_logs(), oldest)]
     with atomic_write(options.output) as draft, tarfile.open(draft, 'w:gz') as archive:
-        for name, text in (('versions.txt', _versions()), ('journal.txt', _journal(oldest))):
+        for name, text in (('versions.txt', _versions()), ('journal.txt', _journal(oldest)),
+                           ('doctor.txt', _output(*DOCTOR, *map(str, options.parameters)))):
             _add(archive, name, text.encode())
         for path in files:
             archive.add(path, str(path.resolve()).lstrip('/'))
@@ -70,10 +73,17 @@ def _journal(oldest: float) -> str:
     command = ['journalctl', '--no-pager', f'--since=@{oldest:.0f}', '--unit=facade*']
     if shutil.which(command[0]) is None:
         return 'this computer has no journalctl'
-    outputs = [
-        subprocess.run([*command, *user], capture_output=True, text=True, check=False,
-                       timeout=JOURNAL_TIMEOUT) for user in ((), ('--user',))]
-    return ''.join(one.stdout + one.stderr for one in outputs)
+    return ''.join(_output(*command, *user) for user in ((), ('--user',)))
+
+
+def _output(*command: str) -> str:
+    """Return what a command writes, or that it does not end."""
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, timeout=TIMEOUT)
+    except subprocess.TimeoutExpired as error:
+        return str(error)
+    return done.stdout + done.stderr
 
 
 def _add(archive: tarfile.TarFile, name: str, content: bytes) -> None:

@@ -6,7 +6,8 @@ import tarfile
 from facade_manipulator.tools.support import main
 
 
-def test_an_archive_has_files_counters_logs_parameters_and_versions(tmp_path, monkeypatch):
+def test_an_archive_has_files_counters_logs_parameters_and_versions(
+        tmp_path, monkeypatch, ros_domain):
     state, logs = tmp_path / 'state', tmp_path / 'log'
     for folder in (state, logs):
         folder.mkdir()
@@ -23,9 +24,11 @@ def test_an_archive_has_files_counters_logs_parameters_and_versions(tmp_path, mo
         texts = {name.rpartition('/')[2]: archive.extractfile(name).read().decode()
                  for name in archive.getnames()}
     assert texts.keys() == {
-        'versions.txt', 'journal.txt', new.name, counters.name, log.name, parameters.name}
+        'versions.txt', 'journal.txt', 'doctor.txt', new.name, counters.name, log.name,
+        parameters.name}
     assert all(texts[path.name] == path.name for path in (new, counters, log, parameters))
     assert 'facade_manipulator ' in texts['versions.txt']
+    assert all(f'{what}: ' in texts['doctor.txt'] for what in ('versions', 'publishers', 'doctor'))
 
 
 def test_a_parameter_file_that_is_missing_leaves_no_archive(tmp_path, capsys):

@@ -19,6 +19,7 @@ from .cycle import LATENESS_BOUNDS as LATENESS_BOUNDS
 from .exchange import CyclicExchange as CyclicExchange
 from .monitor import AxisMonitor as AxisMonitor
 from .realtime import describe_scheduling as describe_scheduling
+from .realtime import request_realtime as request_realtime
 from .session import BusAccess as BusAccess
 from .session import Session as Session
 from .settings import ControllerSettings as ControllerSettings

@@ -1,0 +1,102 @@
+"""Each finding says what is, or what is wrong and what to do; the exit status says it, too."""
+
+import os
+import subprocess
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import pytest
+
+from facade_manipulator.blackbox import RESERVE
+from facade_manipulator.drives.controller import ControllerSettings
+from facade_manipulator.ros import DRIVER_STATUS
+from facade_manipulator.tools import doctor
+from facade_manipulator.tools.support import DOCTOR
+
+
+def test_what_nodes_say_and_second_publishers_are_found(ros, tmp_path):
+    for name in ('driver', 'other'):
+        ros.node(name, namespace='g').create_publisher(DiagnosticStatus, DRIVER_STATUS, 1)
+    node = ros.node()
+    publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+    message = DiagnosticArray(status=[
+        DiagnosticStatus(name='g/driver: bus', level=DiagnosticStatus.WARN, message='late',
+                         values=[KeyValue(key='late share [%]', value='13')]),
+        DiagnosticStatus(name='g/driver: q1', message='switched on')])
+    node.create_timer(0.1, lambda: publisher.publish(message))
+    process = subprocess.Popen(DOCTOR, stdout=subprocess.PIPE, text=True)
+    ros.until(lambda: process.poll() is not None, 'the end', 40.0)
+    found = process.stdout.read().splitlines()
+    assert process.returncode == 1
+    assert 'WRONG g/driver: bus: late; 13 % of cycles late' in found
+    assert 'ok    g/driver: q1: switched on' in found
+    assert ('WRONG publishers: /g/driver/status has 2 publishers: /g/driver, /g/other; '
+            'next: end all but one') in found
+    assert not any('real-time rights' in line for line in found)  # the driver has its own
+
+
+def test_a_keystore_that_is_not_there_is_named_and_the_rest_cannot_be_looked_at(ros_domain):
+    done = subprocess.run(
+        DOCTOR, capture_output=True, text=True,
+        env={**os.environ, 'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce',
+             'ROS_SECURITY_KEYSTORE': '/nowhere'}, check=False)
+    assert done.returncode == 2
+    assert 'WRONG enclaves: none in /nowhere/enclaves; next: set ROS_SEC' in done.stdout
+    assert 'is this enclave in its keystore?' in done.stderr and 'Traceback' not in done.stderr
+
+
+def test_a_part_of_a_key_that_is_missing_is_named(tmp_path, monkeypatch):
+    monkeypatch.setenv('ROS_SECURITY_ENABLE', 'true')
+    monkeypatch.setenv('ROS_SECURITY_KEYSTORE', str(tmp_path))
+    enclave = tmp_path / 'enclaves/g/driver'
+    enclave.mkdir(parents=True)
+    for name in doctor.ENCLAVE_FILES:
+        (enclave / name).touch()
+    assert doctor.enclaves() == ('enclaves', True, str(enclave))
+    (enclave / 'key.pem').unlink()
+    assert not doctor.enclaves().passed and f'{enclave}/key.pem' in doctor.enclaves().message
+
+
+@pytest.mark.parametrize('found, wrong', [('99.0', 'thing is 99.0, not <2,>=1'), ('1.5', '')])
+def test_a_package_of_another_version_is_named(monkeypatch, found, wrong):
+    monkeypatch.setattr(doctor, 'requires', lambda _: ['thing>=1,<2', 'other; extra == "test"'])
+    monkeypatch.setattr(doctor, 'version', lambda _: found)
+    assert doctor.versions().passed == (not wrong) and wrong in doctor.versions().message
+
+
+@pytest.mark.parametrize('state, passed', [(0, True), (4, True), (5, False), (-1, False)])
+def test_the_clock_is_as_the_kernel_says(monkeypatch, state, passed):
+    class Library:
+        def __init__(self, _):
+            self.adjtimex = lambda timex: state
+
+    monkeypatch.setattr(doctor.ctypes, 'CDLL', Library)
+    assert doctor.clock().passed == passed
+
+
+def test_a_folder_that_is_not_writable_or_full_is_named(tmp_path, monkeypatch):
+    folder = tmp_path / 'not made yet'
+    assert doctor.writable(folder).passed
+    monkeypatch.setattr(doctor.shutil, 'disk_usage', lambda _: type(
+        'usage', (), {'free': RESERVE - 1}))
+    assert 'bound 50 MB' in doctor.writable(folder).message
+    monkeypatch.setattr(doctor.os, 'access', lambda *_: False)
+    assert f'cannot write to {tmp_path}; next: sudo chown' in doctor.writable(folder).message
+    assert not doctor.writable(folder).passed
+
+
+def test_a_priority_that_is_rejected_comes_with_its_cure(monkeypatch):
+    def reject(*_):
+        raise PermissionError(1, 'Operation not permitted')
+
+    monkeypatch.setattr(os, 'sched_setscheduler', reject)
+    finding = doctor.realtime(ControllerSettings(realtime_priority=50))
+    assert not finding.passed and 'priority 50 is rejected' in finding.message
+    assert 'LimitRTPRIO' in finding.message
+    monkeypatch.setattr(os, 'sched_setscheduler', lambda *_: None)
+    assert doctor.realtime(ControllerSettings(realtime_priority=50)).passed
+    assert not doctor.realtime(ControllerSettings()).passed
+
+
+def test_another_middleware_than_the_tried_one_is_named():
+    assert doctor.middleware(doctor.TRIED_RMW).passed
+    assert 'rmw_other was not tried; next: RMW_' in doctor.middleware('rmw_other').message
