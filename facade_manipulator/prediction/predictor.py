@@ -37,8 +37,7 @@ MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
 BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
 OUTLIER = 8.0  # standard deviations
-BELIEVED = 3  # outliers in a row: the last is believed
-SHIFT_PAUSE = 1.0  # s between jumps of the origin: filters shrink faster than it can grow
+DISBELIEF = 0.25  # s: for as long outliers are an error of the estimator's, then it has stepped
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
 NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones soon and often
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
@@ -139,13 +138,14 @@ class DisturbancePredictor:
         """Begin at rest where the gondola is, which is the origin of everything that is kept."""
         axes = len(measured)
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
-        self._origin, self._shifted = measured, np.full(axes, -math.inf)
+        self._origin = measured
+        self._suspected_since = np.full(axes, math.inf)
         self._bank = FilterBank(axes)
         near, far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
         self._tones = Tones(axes)
-        self._values, self._mean, self._peak, self._bend, self._suspicions = np.zeros((5, axes))
+        self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
 
@@ -155,7 +155,7 @@ class DisturbancePredictor:
         """
         Lead the filters to an estimate; a gap along the prediction, corrected to end there.
 
-        Outliers are taken for what was predicted. The third in a row is true: not the gondola has
+        Outliers are taken for what was predicted. Those that last are true: not the gondola has
         jumped, but what the estimator measures from, and all that is kept with it.
         """
         ahead = min(interval, HORIZONS[-1])
@@ -163,12 +163,12 @@ class DisturbancePredictor:
         error = measured - self._origin - expected
         known = self._variances[:, np.searchsorted(HORIZONS, ahead)]
         suspected = (error ** 2 > OUTLIER ** 2 * (known + noise)) & (interval <= HORIZONS[-1])
-        self._suspicions = suspected * (self._suspicions + 1.0)
-        if suspected.any():
-            jumped = (self._suspicions == BELIEVED) & (stamp - self._shifted > SHIFT_PAUSE)
-            self._origin = self._origin + np.where(jumped, error, 0.0)
-            self._shifted = np.where(jumped, stamp, self._shifted)
-            error[jumped | suspected & (self._suspicions < BELIEVED)] = 0.0
+        self._suspected_since = np.where(
+            suspected, np.minimum(self._suspected_since, stamp), math.inf)
+        stepped = stamp - self._suspected_since >= DISBELIEF
+        self._origin = self._origin + np.where(stepped, error, 0.0)
+        self._suspected_since[stepped] = math.inf
+        error[suspected] = 0.0
         steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
         for share in np.arange(1, steps) / steps:
             between = self._full @ _basis(min(share * interval, HORIZONS[-1]))

@@ -9,7 +9,7 @@ import pytest
 from facade_manipulator.compensation.compensator import CompensatorSettings
 from facade_manipulator.compensation.correction import CorrectionSettings
 from facade_manipulator.compensation.pressing import PressMode
-from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.kinematics import compose, forward_kinematics, Geometry, Pose
 from facade_manipulator.lab.gondola.bench.__main__ import run_scenario
 from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, START
 from facade_manipulator.lab.gondola.facade import Facade
@@ -139,3 +139,27 @@ def test_a_stiff_wall_is_pressed_gently_or_left_with_the_reason(stiffness):
     assert forces.max() < 80.0
     assert 0.4 * hammering.sum() < 5.0
     assert pressing.mode is PressMode.HOLDING or (pressing.reason and held[-1] == 0.0)
+
+
+def way_on_the_wall(glitch: float, duration: float) -> float:
+    """Return how far the head moves more on the wall than without estimates that lie [m]."""
+    ways = []
+    for size in (0.0, glitch):
+        run = loop()
+        deliver, until = run.estimator.advance, START + 12.0 + duration
+
+        def advance(now, deliver=deliver, size=size, until=until):
+            for now_or_stamp, pose, *rest in deliver(now):
+                lies = START + 12.0 <= now_or_stamp < until
+                yield now_or_stamp, pose._replace(x=pose.x + size * lies), *rest
+
+        run.estimator.advance = advance
+        run.send_goal(GOAL)
+        ways.append(np.array([compose(step.rail, forward_kinematics(Geometry(), step.actual)).x
+                              for step in run.run(15.0)]))
+    return float(np.abs(ways[1] - ways[0]).max())
+
+
+@pytest.mark.parametrize('duration', [0.06, 0.1, pytest.param(0.2, marks=pytest.mark.long)])
+def test_estimates_that_lie_for_a_moment_move_the_head_by_millimetres(duration):
+    assert way_on_the_wall(0.03, duration) < 0.005
