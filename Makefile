@@ -57,10 +57,10 @@ docs: setup  ## Make pages of the docstrings, in build/api
 	@.ci/setup-tool sphinx
 	@$(IN_VENV) PYTHONPATH=.venv/sphinx:$$PYTHONPATH python -m sphinx -q -W --keep-going docs/api build/api
 
-lint: setup  ## Check the style
-	@$(IN_VENV) ruff check .
+lint: setup  ## Check style and types
+	@$(IN_VENV) ruff check . && mypy
 
 clean:  ## Remove .venv and everything made
-	@rm -rf .venv build install log *.egg-info .pytest_cache .hypothesis .ruff_cache \
+	@rm -rf .venv build install log *.egg-info .pytest_cache .hypothesis .mypy_cache .ruff_cache \
 	  demo_report bench_report workspace_report
 	@find . -name __pycache__ -prune -exec rm -rf {} +

@@ -63,7 +63,7 @@ class CalibratedMechanism:
         """Pose of the head in frame rail."""
         return compose(compose(self._rail, platform), self._tool)
 
-    def on_rail(self, carriages: Carriages) -> Carriages:
+    def on_rail(self, carriages: tuple[float, float, float]) -> Carriages:
         """Return where on the rail the carriages stand [m]."""
         return Carriages(*(
             screw.actual(q) for screw, q in zip(self._screws, carriages, strict=True)))

@@ -89,7 +89,9 @@ def certify_carriages(geometry: Geometry, *path: Carriages) -> None:
         check_branch(branch_number((sine, cosine, y - rise, y + rise, left + span, span - right)))
 
 
-def on_rail(_: Geometry, carriages: Carriages) -> Carriages:
+def on_rail(
+    _: Geometry, carriages: tuple[float, float, float]
+) -> tuple[float, float, float]:
     """Return the carriages as the drives count them [m]: on the drawing the drives are right."""
     return carriages
 

@@ -28,6 +28,7 @@ from facade_manipulator.motion.limits import (
     PathLimiter,
     PlannedState,
     Triple,
+    triple,
     ZERO,
 )
 from facade_manipulator.motion.setpoints import extrapolate, interpolate, Setpoint
@@ -137,7 +138,7 @@ class SetpointFollower:
     def reset(self, positions: Triple) -> None:
         """Hold at measured positions [m] and forget the stream."""
         self.hold()
-        self.motion = CarriageMotion(tuple(positions))
+        self.motion = CarriageMotion(triple(positions))
         self._stop = iter(())
         self.activity = Activity.HOLDING
 
@@ -225,7 +226,8 @@ class SetpointFollower:
         self._note_margin(latch_time)
         self._sampled = latch_time
         target = self._target(latch_time)
-        motion = self._brake() if target is None else self._follow(*target)
+        motion = (self._brake(self.motion) if target is None
+                  else self._follow(self.motion, *target))
         self.motion = motion
         return motion.position
 
@@ -267,7 +269,7 @@ class SetpointFollower:
         (_, first), (time, newest) = before
         h, k = time - first.time, following.time - time
         most = 0.5 * self._limiter.limits.acceleration * h  # what a mean velocity is late by
-        velocity = tuple([
+        velocity = triple([
             min(max((k / h * (b - a) + h / k * (c - b)) / (h + k), mean - most), mean + most)
             for a, b, c, mean in zip(
                 first.position, newest.position, following.position, newest.velocity,
@@ -284,19 +286,21 @@ class SetpointFollower:
             return extrapolate(before[1], time) if is_confirmed else (before[1].position, ZERO)
         return interpolate(before[1], after[1], time)
 
-    def _follow(self, position: Triple, velocity: Triple) -> CarriageMotion:
+    def _follow(
+        self, before: CarriageMotion, position: Triple, velocity: Triple
+    ) -> CarriageMotion:
         """Go where the target is, as long as there is a path to rest from there."""
         limiter = self._limiter
-        if not limiter.keeps(self.motion):
-            return self._brake()
-        limiter.speed = min(limiter.limits.speed, self._fastest_at(self.motion.position))
-        direct = limiter.reach(self.motion, position, velocity)
+        if not limiter.keeps(before):
+            return self._brake(before)
+        limiter.speed = min(limiter.limits.speed, self._fastest_at(before.position))
+        direct = limiter.reach(before, position, velocity)
         try:
-            motion = direct or limiter.chase(self.motion, position, velocity)
+            motion = direct or limiter.chase(before, position, velocity)
             self._stop = self._checked_stop(limiter, motion)
         except ManipulatorError as error:
             self.last_rejection = str(error)
-            return self._brake()
+            return self._brake(before)
         self.activity = Activity.FOLLOWING if direct else Activity.LIMITED
         self.limited_cycles += direct is None
         return motion
@@ -314,20 +318,20 @@ class SetpointFollower:
     def _require_slow_near(self, *path: PlannedState) -> None:
         """Let nobody come near a neighbour faster than he could stop if that one stood dead."""
         for position, velocity, _ in path:
-            speed, bound = max(map(abs, velocity)), self._fastest_at(position)
+            speed, bound = max(map(abs, velocity)), self._fastest_at(triple(position))
             if speed > bound:
                 raise SetpointLimitError(
                     'speed of a carriage so near its neighbour', speed, bound, 'm/s', 'above')
 
-    def _brake(self) -> CarriageMotion:
+    def _brake(self, before: CarriageMotion) -> CarriageMotion:
         """Go on to rest on the path that was checked when the present motion was chosen."""
         state = next(self._stop, None)
         if state is None:
             self.activity = Activity.HOLDING
-            return CarriageMotion(self.motion.position)
+            return CarriageMotion(before.position)
         self.brakes += self.activity is not Activity.BRAKING
         self.activity = Activity.BRAKING
-        return self._limiter.advance(self.motion, state)
+        return self._limiter.advance(before, state)
 
     def _require_finite(self, setpoint: Setpoint) -> None:
         for name, values, unit in (

@@ -74,7 +74,7 @@ class HomingGuard:
         self._whole = mechanism_guard(geometry)
 
     def __call__(
-        self, positions: tuple[float, float, float], homed: tuple[bool, bool, bool]
+        self, positions: tuple[float, float, float], homed: tuple[bool, ...]
     ) -> None:
         """
         Check positions (q1, q2, q3) [m] of carriages of which some are homed.

@@ -12,7 +12,7 @@ neighbour that stands dead.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import math
 from typing import NamedTuple
 
@@ -60,6 +60,12 @@ class MotionLimits:
                 'a ramp would take more than 1 s')
 
 
+def triple(values: Iterable[float]) -> Triple:
+    """Return one value of each carriage."""
+    a, b, c = values
+    return a, b, c
+
+
 class CarriageMotion(NamedTuple):
     """How the three carriages move at one instant; each shape (3,)."""
 
@@ -105,8 +111,8 @@ class PathLimiter:
         self._chase = _plan(limits, ControlInterface.Position)
         self._brake = _plan(limits, ControlInterface.Velocity)
         self._path, self._stop = Trajectory(3), Trajectory(3)
-        self._relative: tuple[Triple, ...] | None = None
-        self._frame: Triple | None = None
+        self._relative: PlannedState = ZERO, ZERO, ZERO
+        self._frame: Triple | None = None  # of the path that is planned
         self._planned_speed = self._elapsed = 0.0
         self._reached: CarriageMotion | None = None
 
@@ -150,9 +156,9 @@ class PathLimiter:
         """
         frame, speed = self._feed_forward(target_velocity), self.speed
         relative = (
-            tuple(p - t + w * self.period
+            triple(p - t + w * self.period
                   for p, t, w in zip(motion.position, target, frame, strict=True)),
-            tuple(v - w for v, w in zip(motion.velocity, frame, strict=True)),
+            triple(v - w for v, w in zip(motion.velocity, frame, strict=True)),
             motion.acceleration)
         if speed != self._planned_speed or not self._continues(relative, frame):
             self._chase.max_velocity = [speed - w for w in frame]
@@ -160,11 +166,11 @@ class PathLimiter:
             self._calculate(self._chase, relative, self._path)
             self._elapsed, self._frame, self._planned_speed = 0.0, frame, speed
         self._elapsed += self.period
-        self._relative = error, rate, acceleration = tuple(map(tuple, self._path.at_time(
-            min(self._elapsed, self._path.duration))))
+        self._relative = error, rate, acceleration = self._path.at_time(
+            min(self._elapsed, self._path.duration))
         return self.advance(motion, (
-            tuple(e + t for e, t in zip(error, target, strict=True)),
-            tuple(e + w for e, w in zip(rate, frame, strict=True)), acceleration))
+            triple(e + t for e, t in zip(error, target, strict=True)),
+            triple(e + w for e, w in zip(rate, frame, strict=True)), acceleration))
 
     def keeps(self, motion: CarriageMotion) -> bool:
         """
@@ -184,7 +190,7 @@ class PathLimiter:
         fastest = _greatest(motion.velocity)
         lost = self.limits.acceleration * seconds
         share = 1.0 - lost / fastest if fastest > lost else 0.0
-        velocity = tuple([share * v for v in motion.velocity])
+        velocity = triple([share * v for v in motion.velocity])
         return CarriageMotion(motion.position, velocity, mean_velocity=velocity)
 
     def stop(self, motion: CarriageMotion) -> list[PlannedState]:
@@ -207,7 +213,7 @@ class PathLimiter:
         return [at_time(min(number * self.period, duration)) for number in range(1, count + 1)]
 
     def _calculate(
-        self, plan: InputParameter, start: tuple[Triple, ...], trajectory: Trajectory
+        self, plan: InputParameter, start: PlannedState, trajectory: Trajectory
     ) -> None:
         """
         Calculate the trajectory of a plan from a position, velocity and acceleration.
@@ -223,7 +229,7 @@ class PathLimiter:
             for a in acceleration]
         calculate(self._planner, plan, trajectory)
 
-    def _continues(self, relative: tuple[Triple, ...], frame: Triple) -> bool:
+    def _continues(self, relative: PlannedState, frame: Triple) -> bool:
         """Return whether the present motion is the planned one: a new plan would bend the path."""
         return frame == self._frame and all(
             abs(a - b) <= PLAN_TOLERANCE
@@ -240,12 +246,12 @@ class PathLimiter:
         mean = self._rates(motion.position, target)
         acceleration = self._rates(motion.mean_velocity, mean)
         half = 0.5 * self.period
-        velocity = tuple([v + half * a for v, a in zip(mean, acceleration, strict=True)])
+        velocity = triple([v + half * a for v, a in zip(mean, acceleration, strict=True)])
         return CarriageMotion(target, velocity, acceleration, mean, acceleration)
 
     def advance(self, before: CarriageMotion, state: PlannedState) -> CarriageMotion:
         """Return the motion in a state one period after another motion."""
-        position, velocity, acceleration = map(tuple, state)
+        position, velocity, acceleration = map(triple, state)
         mean = self._rates(before.position, position)
         return CarriageMotion(
             position, velocity, acceleration, mean, self._rates(before.mean_velocity, mean))
@@ -267,7 +273,7 @@ class PathLimiter:
     def _extreme_velocity(self, motion: CarriageMotion) -> Triple:
         """Return what the velocities come to until the jerk has ended the accelerations."""
         share = 0.5 / self.limits.jerk
-        return tuple([
+        return triple([
             v + share * a * abs(a)
             for v, a in zip(motion.velocity, motion.acceleration, strict=True)])
 
@@ -282,7 +288,7 @@ class PathLimiter:
     def _feed_forward(self, velocity: Triple) -> Triple:
         fastest = _greatest(velocity)
         share = min(1.0, FEED_FORWARD_SHARE * self.speed / fastest) if fastest else 1.0
-        return tuple(share * v for v in velocity)
+        return triple(share * v for v in velocity)
 
 
 class Separation(NamedTuple):

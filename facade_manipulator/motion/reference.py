@@ -66,7 +66,7 @@ class ReferencePath:
         self.settings = settings
         self._trajectory = Trajectory(len(Pose._fields))
         self._end = HeadMotion(ZERO_POSE)
-        self._start: float | None = None
+        self._start = -math.inf  # before the first path
 
     def initialise(self, time: float, motion: HeadMotion, goal: Pose) -> None:
         """
@@ -138,7 +138,7 @@ class ReferencePath:
 
     def arrival(self) -> float:
         """Return when the path ends [s], −inf before the first."""
-        return -math.inf if self._start is None else self._start + self._trajectory.duration
+        return self._start + self._trajectory.duration
 
 
 class Approach:

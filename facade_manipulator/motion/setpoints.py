@@ -21,7 +21,7 @@ from facade_manipulator.kinematics import (
     Twist,
     ZERO_TWIST,
 )
-from facade_manipulator.motion.limits import Triple
+from facade_manipulator.motion.limits import Triple, triple
 from facade_manipulator.parameters import parameter, settings
 
 PATH_SPACING = 0.005  # m, between the poses of a path where the request names none
@@ -40,7 +40,7 @@ class Setpoint(NamedTuple):
 def extrapolate(last: Setpoint, time: float) -> tuple[Triple, Triple]:
     """Return position and velocity that a setpoint leads to at a later time."""
     ahead = time - last.time
-    position = tuple(
+    position = triple(
         p + ahead * v for p, v in zip(last.position, last.velocity, strict=True))
     return position, last.velocity
 
@@ -54,8 +54,8 @@ def interpolate(a: Setpoint, b: Setpoint, time: float) -> tuple[Triple, Triple]:
     h10, h11 = u * w * w * h, -u * u * w * h
     slope, g10, g11 = 6.0 * u * w / h, w * (1.0 - 3.0 * u), u * (3.0 * u - 2.0)
     axes = list(zip(a.position, b.position, a.velocity, b.velocity, strict=True))
-    position = tuple(h00 * p + h01 * q + h10 * v + h11 * w_ for p, q, v, w_ in axes)
-    velocity = tuple(slope * (q - p) + g10 * v + g11 * w_ for p, q, v, w_ in axes)
+    position = triple(h00 * p + h01 * q + h10 * v + h11 * w_ for p, q, v, w_ in axes)
+    velocity = triple(slope * (q - p) + g10 * v + g11 * w_ for p, q, v, w_ in axes)
     return position, velocity
 
 
@@ -93,8 +93,9 @@ class SetpointStream:
         carriages = mechanism.certify(pose, self.settings.min_conditioning)
         rates = self._rates(time, pose)
         self._last = (time, pose)
-        velocity = mechanism.carriage_velocity(pose, rates) if any(rates) else rates
-        return Setpoint(time, tuple(mechanism.take_up(carriages, velocity)), tuple(velocity))
+        velocity = (mechanism.carriage_velocity(pose, rates) if any(rates)
+                    else Carriages(0.0, 0.0, 0.0))
+        return Setpoint(time, triple(mechanism.take_up(carriages, velocity)), triple(velocity))
 
     def _rates(self, time: float, pose: Pose) -> Twist:
         if self._last is None or not 0.0 < time - self._last[0] <= STREAM_GAP:

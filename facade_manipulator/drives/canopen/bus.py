@@ -215,7 +215,7 @@ class CanBus:
         message = can.Message(
             timestamp=stamp, arbitration_id=cob_id & ~ERROR_FRAME, data=data,
             is_extended_id=False, is_error_frame=cob_id >= ERROR_FRAME)
-        message.data = data  # the virtual bus copies deeply: a bytearray costs it as much again
+        message.data = data  # type: ignore[assignment]  # the virtual bus copies deeply: a bytearray costs it as much again
         self._bus.send(message)
 
     def command(self, command: NmtCommand, node_id: int) -> None:
@@ -276,6 +276,7 @@ class SocketCanBus(CanBus):
     """Frames of SocketCAN: python-can sets the socket up so that each comes with its stamp."""
 
     has_kernel_sync = True
+    _bus: SocketcanBus
 
     def listen_to(self, cob_ids: tuple[int, ...]) -> None:
         """Let the kernel drop every other frame."""
@@ -300,7 +301,7 @@ def can_bus(bus: can.BusABC) -> CanBus:
     """Return the best access to an interface that python-can has opened, owned from now on."""
     if isinstance(bus, VirtualBus):
         bus.preserve_timestamps = True  # else it stamps what it carries
-    return (SocketCanBus if isinstance(bus, SocketcanBus) else CanBus)(bus)
+    return SocketCanBus(bus) if isinstance(bus, SocketcanBus) else CanBus(bus)
 
 
 def _code(error: Exception) -> int | None:
@@ -308,7 +309,7 @@ def _code(error: Exception) -> int | None:
 
 
 def _reason(error: Exception) -> str:
-    return _DOWN.get(_code(error), str(error))
+    return _DOWN.get(_code(error) or 0, str(error))
 
 
 def _quietly(release) -> None:

@@ -61,7 +61,7 @@ def heartbeat_cob_id(node_id: int) -> int:
 class ObjectWrite(NamedTuple):
     """One expedited SDO download: an unsigned value of `size` bytes."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     value: int
     size: int
@@ -70,7 +70,7 @@ class ObjectWrite(NamedTuple):
 class MappedObject(NamedTuple):
     """An object in a PDO; `code` is its letter in `struct`."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     code: str
 

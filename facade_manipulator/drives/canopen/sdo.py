@@ -54,7 +54,8 @@ class PumpedNetwork(canopen.Network):
         """Hand an SDO answer to whoever waits for it; called in the control thread."""
         if len(frame.data) == SDO_FRAME_LENGTH:
             for callback in self.subscribers.get(frame.cob_id, ()):
-                callback(frame.cob_id, frame.data, frame.stamp)
+                # bytes do: it is copied
+                callback(frame.cob_id, frame.data, frame.stamp)  # type: ignore[arg-type]
 
 
 class Patience(NamedTuple):
@@ -164,7 +165,7 @@ class SdoChannel(canopen.sdo.SdoClient):
             raise canopen.SdoCommunicationError('the deadline has passed')
         super().send_request(request)
 
-    def on_response(self, cob_id: int, data: bytes, stamp: float) -> None:
+    def on_response(self, cob_id: int, data: bytes | bytearray, stamp: float) -> None:
         """Keep an answer; nobody empties the queue between transfers, so it is bounded."""
         if self.responses.qsize() < _LONGEST_QUEUE:
             super().on_response(cob_id, data, stamp)

@@ -46,6 +46,10 @@ class Cause:
             requests = 'clear_faults, home, activate'
         return f'{self.remedy}, then {requests}' if self.remedy else requests
 
+    def is_explained_by(self, later: Cause) -> bool:
+        """Return whether a later cause says more of the same axis."""
+        return self.is_vague and not later.is_vague and later.axis == self.axis
+
     def is_completed_by(self, later: Cause) -> bool:
         """Return whether a later cause completes this one: a silent drive has restarted."""
         return self.is_silence and later.is_restart and later.axis == self.axis

@@ -79,7 +79,7 @@ class Group:
         self._step_timeout = settings.step_timeout
         self._max_resets = settings.max_resets
         self._resets: deque[float] = deque(maxlen=settings.max_resets)
-        self.homing: HomingSequence | None = None
+        self.homing = HomingSequence(())  # none yet
         self._last_shown: list[tuple[int, int, str]] = []
         self._steppers = tuple(AxisStepper(name) for name in names)
         self._enable = plans.enable_plan(settings.hold_cycles)
@@ -107,7 +107,7 @@ class Group:
         """
         self._require('activate', Phase.OFF, Phase.HALTED)
         self._require_settled('activate')
-        self.homing = None
+        self.homing = HomingSequence(())
         self._begin(plans.FOLLOW if self.phase is Phase.HALTED else self._enable, now)
 
     def home(self, sequence: HomingSequence, now: float) -> None:
@@ -180,13 +180,19 @@ class Group:
 
         """
         self._require('clear_faults', Phase.STOPPING, Phase.STOPPED)
-        if self.needs_configuration:
-            raise DriveStateError(f'clear_faults is not enough: {self.severest_cause.message}')
+        severest = self.severest_cause
+        if severest is not None and severest.configure_again:
+            raise DriveStateError(f'clear_faults is not enough: {severest.message}')
         if len(self._resets) == self._max_resets and now - self._resets[0] < RESET_WINDOW:
             wait = RESET_WINDOW - (now - self._resets[0])
             raise DriveStateError(
                 f'{self._max_resets} fault resets within {RESET_WINDOW:g} s are the most: find '
-                f'the cause ({self.cause.message}), the next reset is possible in {wait:.0f} s')
+                f'the cause ({self.reason}), the next reset is possible in {wait:.0f} s')
+
+    @property
+    def reason(self) -> str:
+        """What has stopped it, '' for nothing."""
+        return '' if self.cause is None else self.cause.message
 
     @property
     def causes(self) -> tuple[Cause, ...]:
@@ -205,7 +211,7 @@ class Group:
 
     def stop(self, cause: Cause, now: float) -> None:
         """Quick stop all axes and stay stopped; the first cause is kept, the later ones noted."""
-        if self.cause is None or self._explains(cause):
+        if self.cause is None or self.cause.is_explained_by(cause):
             self.cause = cause
         elif self.cause.is_completed_by(cause):
             self.cause = self.cause.completed_by(cause)
@@ -247,8 +253,8 @@ class Group:
             except DriveError as error:
                 failures.append((number, error))
         self.is_settled = done and not failures
-        for number, error in failures:
-            self._fail(number, error, now)
+        for number, failure in failures:
+            self._fail(number, failure, now)
         may_proceed = len(self._plan) > 1 and (phase is not Phase.HOMING or self.homing.done)
         if self.is_settled and may_proceed:
             self._proceed(now)
@@ -269,7 +275,7 @@ class Group:
             for command, extra in zip(self.commands, bits, strict=True))
 
     def _homing_bits(self, number: int, feedback: Feedback, now: float) -> int:
-        if self.homing is None:
+        if not self.homing.axes:
             return 0
         if self.phase is not Phase.HOMING:
             self.homing.axes[number].watch(feedback)
@@ -295,9 +301,6 @@ class Group:
             self.not_responding.add(name)
             self.stop(Cause(str(error), NOT_RESPONDING_REMEDY, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
-
-    def _explains(self, cause: Cause) -> bool:
-        return self.cause.is_vague and not cause.is_vague and cause.axis == self.cause.axis
 
     def _require(self, request: str, *phases: Phase) -> None:
         if self.phase in phases:

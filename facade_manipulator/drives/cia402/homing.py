@@ -10,6 +10,8 @@ Whatever the method: a drive that says success somewhere else than at its home p
 
 from __future__ import annotations
 
+import math
+
 from facade_manipulator.drives.cia402.axis import Feedback
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, Status
@@ -46,7 +48,7 @@ class AxisHoming:
         self._needs_no_motion = method in METHODS_AT_PRESENT_POSITION
         self.homed = False
         self._timeout = timeout
-        self._started: float | None = None
+        self._deadline = math.inf  # set by the first cycle of the homing
         self._cycles = self._cycles_elsewhere = 0
         self._seen_clear = False
 
@@ -69,8 +71,8 @@ class AxisHoming:
         """
         if self.homed:
             return 0
-        if self._started is None:
-            self._started = now
+        if not self._cycles:
+            self._deadline = now + self._timeout
         self._cycles += 1
         if self._has_succeeded(feedback):
             if feedback.home_error:
@@ -102,7 +104,7 @@ class AxisHoming:
             raise DriveFaultError(
                 f'{self.name}: homing failed, the drive reports a homing error (statusword '
                 f'{statusword:04X}h): check switch, hard stop and homing method')
-        if now - self._started > self._timeout:
+        if now > self._deadline:
             raise DriveTimeoutError(
                 f'{self.name}: homing took longer than {self._timeout:g} s (statusword '
                 f'{statusword:04X}h): check switch, hard stop and homing method')

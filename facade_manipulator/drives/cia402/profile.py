@@ -48,7 +48,7 @@ _CODES = {8: 'B', 16: 'H', 32: 'I'}
 class InputPolarity(NamedTuple):
     """The object that inverts digital inputs: its bit n + shift inverts bit n of 60FDh."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     shift: int = 0
 
@@ -56,7 +56,7 @@ class InputPolarity(NamedTuple):
 class ProfileObject(NamedTuple):
     """An object to write: `value` is a number or a key of `QUANTITIES`."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     value: int | str
     required: bool

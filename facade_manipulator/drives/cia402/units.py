@@ -35,6 +35,15 @@ VELOCITY_UNITS = {
 }
 
 
+class SiPerUnit(NamedTuple):
+    """What one unit of the drive's is, for each that `Measured` names."""
+
+    position: float  #: [m]
+    velocity: float  #: [m/s]
+    force: float  #: [N]
+    following_error: float  #: [m]
+
+
 class Measured(NamedTuple):
     """What a drive measures, of the carriage along the rail; None for what it does not send."""
 
@@ -154,10 +163,10 @@ class AxisScale:
         return torque * self.force_per_torque_unit
 
     @cached_property
-    def si_per_unit(self) -> Measured:
+    def si_per_unit(self) -> SiPerUnit:
         """One unit of each quantity that the drive sends, in SI units."""
         metres = self.to_metres(1.0)
-        return Measured(metres, self.speed_to_metres(1.0), self.to_force(1.0), metres)
+        return SiPerUnit(metres, self.speed_to_metres(1.0), self.to_force(1.0), metres)
 
 
 def _rounded(quantity: str, value: float, unit: str, most: int = INT32_MAX) -> int:

@@ -33,7 +33,7 @@ _POLARITY = 0xC0  # bits of 607Eh: position and velocity turned round
 class Write(NamedTuple):
     """One object to write."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     value: int
     size: int | None = None  #: bytes; None for what the drive's object dictionary says

@@ -17,6 +17,7 @@ from dataclasses import replace
 import logging
 import threading
 import time
+from typing import Any
 
 from facade_manipulator.drives.cia402 import Cause, CLEAR_REMEDY, Phase
 from facade_manipulator.drives.controller import motion_operations, service_operations
@@ -68,6 +69,7 @@ REQUESTS: dict[str, type[Operation]] = {
     'self_test': service_operations.SelfTest,
     'close': service_operations.Close,
 }
+_NO_TARGETS = (None, None, None)
 _log = logging.getLogger(__name__)
 
 
@@ -94,8 +96,7 @@ class DriveController:
         self._session = session
         self.observe: Callable[[ControllerSnapshot], None] = allow_anything
         self._operation: Operation | None = None
-        self._future: Future[str] | None = None
-        self._requests: deque[tuple[Operation, Future[str]]] = deque()
+        self._requests: deque[Operation] = deque()
         self._wake = threading.Event()
         self._rejected: tuple[str, ...] = ()
         self._priority: int | None = None
@@ -105,15 +106,14 @@ class DriveController:
 
     # --- from any thread
 
-    def request(self, name: str) -> Future[str]:
+    def request(self, name: str) -> Future[Any]:
         """Ask for one of `REQUESTS`; return its reply as a future, at once."""
-        future: Future[str] = Future()
-        future.set_running_or_notify_cancel()  # from here on nobody can cancel it
-        self._requests.append((REQUESTS[name](self._session), future))
+        operation = REQUESTS[name](self._session)
+        self._requests.append(operation)
         self._wake.set()
         if self._session.is_closed:
             self._reject_rest()
-        return future
+        return operation.future
 
     def stop(self, cause: str, remedy: str = CLEAR_REMEDY) -> None:
         """Quick stop all axes at once and stay stopped until the faults are cleared."""
@@ -177,10 +177,9 @@ class DriveController:
             now = session.exchange.turn()
         if session.forbidden and session.is_powered and session.exchange is not None:
             session.exchange.stop_for(Cause(session.forbidden))
-        if session.lost is not None:
-            session.watch_recovery(now)
+        session.watch_recovery(now)
         if self._operation is not None:
-            self._poll(now)
+            self._poll(self._operation, now)
         self._publish(now)
         if session.group is not None and now >= session.collector.due:
             session.collector.collect(now)
@@ -193,12 +192,12 @@ class DriveController:
         self._wake.clear()
         now = time.monotonic()
         if lost is not None and now >= lost.next_try:
-            self._session.try_to_reopen()
+            self._session.try_to_reopen(lost)
         return now
 
     def _begin_requests(self) -> None:
         while self._requests and not self._session.is_closed:
-            operation, future = self._requests.popleft()
+            operation = self._requests.popleft()
             try:
                 if self._operation is not None and not operation.interrupts:
                     raise DriveStateError(f'{operation.name} is not possible while '
@@ -206,22 +205,22 @@ class DriveController:
                 message = operation.begin(time.monotonic())
             except ManipulatorError as error:
                 self._publish(time.monotonic())
-                future.set_exception(self._with_next_step(error))
+                operation.future.set_exception(self._with_next_step(error))
                 continue
             except Exception as error:
-                future.set_exception(error)
+                operation.future.set_exception(error)
                 raise
             if self._operation is not None and not operation.interrupts:
-                future.set_result(message)  # it had nothing to do
+                operation.future.set_result(message)  # it had nothing to do
                 continue
             self._fail(DriveStateError(f'cancelled by {operation.name}'))
-            self._operation, self._future = operation, future
+            self._operation = operation
             if message is not None:
-                self._succeed(message)
+                self._succeed(operation, message)
 
-    def _poll(self, now: float) -> None:
+    def _poll(self, operation: Operation, now: float) -> None:
         try:
-            message = self._operation.poll(now)
+            message = operation.poll(now)
         except ManipulatorError as error:
             self._fail(error)
             return
@@ -229,13 +228,13 @@ class DriveController:
             self._fail(error)
             raise
         if message is not None:
-            self._succeed(message)
+            self._succeed(operation, message)
 
-    def _succeed(self, message: str) -> None:
-        future = self._future
-        self._operation = self._future = None
+    def _succeed(self, operation: Operation, result: Any) -> None:
+        self._operation = None
         self._publish(time.monotonic())
-        future.set_result(self._explained(message) if isinstance(message, str) else message)
+        operation.future.set_result(
+            self._explained(result) if isinstance(result, str) else result)
 
     def _explained(self, message: str, before: str = '') -> str:
         """Return the reply to a request, with power and next step as they are now."""
@@ -253,17 +252,16 @@ class DriveController:
         return error
 
     def _fail(self, error: Exception) -> None:
-        operation, future = self._operation, self._future
-        self._operation = self._future = None
+        operation, self._operation = self._operation, None
         if operation is not None:
             operation.give_up()
             self._publish(time.monotonic())
-            future.set_exception(self._with_next_step(error))
+            operation.future.set_exception(self._with_next_step(error))
 
     def _reject_rest(self) -> None:
         while self._requests:
-            _, future = self._requests.popleft()
-            future.set_exception(DriveStateError('the drive controller is closed'))
+            self._requests.popleft().future.set_exception(
+                DriveStateError('the drive controller is closed'))
 
     def _lose_bus(self, error: BusError) -> None:
         now = time.monotonic()
@@ -295,7 +293,7 @@ class DriveController:
         snapshot = ControllerSnapshot(
             state, None,
             tuple([one.snapshot(target, now) for one, target in zip(
-                session.monitors, session.targets.positions, strict=True)]),
+                session.monitors, session.targets.positions or _NO_TARGETS, strict=True)]),
             group.causes if group is not None else (), self._next_step(state),
             self._rejected + session.notes,
             bus_error=lost.message if lost is not None else '', bus_load=session.bus_load,
@@ -323,8 +321,8 @@ class DriveController:
     def _next_step(self, state: ControllerState) -> str:
         """Return what the operator does so that the drives follow setpoints, '' if they do."""
         session, group = self._session, self._session.group
-        if group is not None and group.is_stopped:
-            cause = group.severest_cause
+        cause = group.severest_cause if group is not None and group.is_stopped else None
+        if cause is not None:
             remedy = f'{FORBIDDEN_REMEDY}, {cause.remedy}' if session.forbidden else cause.remedy
             return replace(
                 cause, remedy=remedy.removesuffix(', '),

@@ -44,6 +44,7 @@ from facade_manipulator.errors import BusError
 LONGEST_WAIT = 0.02  # s, after which requests are looked at
 MAX_UNSENT = 8  # frames in a row: two cycles
 _EMERGENCY_LENGTH = 8
+Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, who takes it
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
 
 
@@ -110,8 +111,10 @@ class CyclicExchange:
 
     # --- receiving
 
-    def _make_routes(self) -> dict[int, tuple[int, Callable[[Frame], Cause | None]]]:
-        routes = {pdo.SYNC_COB_ID: (0, self._on_sync)} if self.bus.has_kernel_sync else {}
+    def _make_routes(self) -> dict[int, Route]:
+        routes: dict[int, Route] = {}
+        if isinstance(self.clock, SyncConsumer):
+            routes[pdo.SYNC_COB_ID] = 0, partial(self._on_sync, self.clock)
         for monitor in self._monitors:
             node = monitor.axis.node_id
             routes |= {
@@ -123,9 +126,9 @@ class CyclicExchange:
         return routes
 
     def _dispatch(self, frame: Frame) -> None:
-        length, receive = self._routes.get(frame.cob_id, (None, None))
-        if length == len(frame.data):
-            cause = receive(frame)
+        route = self._routes.get(frame.cob_id)
+        if route is not None and route[0] == len(frame.data):
+            cause = route[1](frame)
             if cause is not None:
                 self.stop_for(cause)
         elif frame.cob_id in self._only_masters:
@@ -155,15 +158,15 @@ class CyclicExchange:
                 f'another master uses this bus: {", ".join(self._other_master)} was received; end '
                 'it (a second driver, a configuration tool), or open another bus')
 
-    def _on_sync(self, frame: Frame) -> None:
+    def _on_sync(self, clock: SyncConsumer, frame: Frame) -> None:
         if self.group is None:
             self._note_other_master(frame)
             return
-        if self.clock.is_unexpected(frame.time):
+        if clock.is_unexpected(frame.time):
             return
-        if self.clock.is_open:
-            self._step(time.monotonic())
-        self.clock.receive(frame.time, frame.stamp)
+        if clock.is_open:
+            self._step(self.group, time.monotonic())
+        clock.receive(frame.time, frame.stamp)
 
     def _on_tpdo(self, monitor: AxisMonitor, tpdo: pdo.Pdo, frame: Frame) -> Cause | None:
         before = monitor.answers.newest
@@ -257,15 +260,20 @@ class CyclicExchange:
             self._dispatch(frame)
         if now >= self._next_heartbeat:
             self._send_heartbeat(now)
-        if self._waits_for_sync and self.group is not None:
-            self._send_commands(self.group.commands)
+        if self.group is not None:
+            self._go_on(self.group, frame, now)
+        return now
+
+    def _go_on(self, group: Group, frame: Frame | None, now: float) -> None:
+        """Do what is due, unless it may wait for more frames."""
+        if self._waits_for_sync:
+            self._send_commands(group.commands)
         clock = self.clock
         if now >= clock.next_event and (frame is None or not clock.may_wait(now, frame.time)):
             if clock.is_open:
-                self._step(now)
+                self._step(group, now)
             else:
                 self._send_sync()
-        return now
 
     def _blame_computer(self, pause: float) -> None:
         """Stop because this loop has not run for a while [s]: no drive is silent, frames wait."""
@@ -273,9 +281,9 @@ class CyclicExchange:
             f'the control loop stood still for {1e3 * pause:.0f} ms, '
             f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms', COMPUTER_REMEDY))
 
-    def _step(self, now: float) -> None:
+    def _step(self, group: Group, now: float) -> None:
         in_time = self.clock.finish(now)
-        group, monitors, targets = self.group, self._monitors, self._targets
+        monitors, targets = self._monitors, self._targets
         feedback = tuple([one.end_cycle(self.clock.sync_time) for one in monitors])
         targets.supervise(group, monitors, now)
         if group.phase not in STOPPED_PHASES:
@@ -289,7 +297,7 @@ class CyclicExchange:
             actual = tuple([one.encoder.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
         if group.not_responding != self._taken_out:
-            self._take_out_of_operation()
+            self._take_out_of_operation(group)
         self._has_stepped = True
 
     def _silences(self) -> list[Cause]:
@@ -342,10 +350,10 @@ class CyclicExchange:
         else:
             self._unsent = 0
 
-    def _take_out_of_operation(self) -> None:
+    def _take_out_of_operation(self, group: Group) -> None:
         """Command NMT stop, once each, to drives that go on in spite of a quick stop."""
-        due = self.group.not_responding - self._taken_out
+        due = group.not_responding - self._taken_out
         for monitor in self._monitors:
             if monitor.name in due:
                 self.bus.command(NmtCommand.STOP, monitor.axis.node_id)
-        self._taken_out = set(self.group.not_responding)
+        self._taken_out = set(group.not_responding)

@@ -30,11 +30,13 @@ from facade_manipulator.drives.cia402 import (
     Mode,
     Quirks,
     Status,
+    Triple,
 )
 from facade_manipulator.drives.controller.answers import Answers
 from facade_manipulator.drives.controller.encoder import Encoder
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import AxisSnapshot
+from facade_manipulator.errors import DriveStateError
 
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 ENABLED, ENABLED_MASK = 0x27, 0x6F  # of the statusword
@@ -42,6 +44,22 @@ STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
 VELOCITY, FOLLOWING_ERROR = pdo.TPDO2.indices
 ERROR_CODE, TORQUE, INPUTS = pdo.TPDO3.indices
 MEASURED_OBJECTS = (POSITION, VELOCITY, TORQUE, FOLLOWING_ERROR)  # in the order of Measured
+
+
+def positions_of(monitors: tuple[AxisMonitor, ...]) -> Triple:
+    """
+    Return where the carriages are [m].
+
+    Raises
+    ------
+    DriveStateError
+        A drive has not sent its position yet.
+
+    """
+    q1, q2, q3 = [one.measured.position for one in monitors]
+    if q1 is None or q2 is None or q3 is None:
+        raise DriveStateError('not every drive has sent its position yet: try again')
+    return q1, q2, q3
 
 
 class AxisMonitor:

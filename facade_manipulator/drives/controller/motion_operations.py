@@ -94,7 +94,7 @@ class Home(Operation):
         while not session.is_off:
             yield
             if session.is_stopped:
-                raise DriveFaultError(f'{group.cause.message}. {self._conclude()}')
+                raise DriveFaultError(f'{group.reason}. {self._conclude()}')
         return self._conclude()
 
     def _conclude(self) -> str:

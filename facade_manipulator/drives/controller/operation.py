@@ -4,18 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from concurrent.futures import Future
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 from facade_manipulator.drives.cia402 import Group, Phase
+from facade_manipulator.drives.controller.commissioning import Commissioning
+from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
+    BusError,
     DriveError,
     DriveFaultError,
     DriveStateError,
     ManipulatorError,
 )
 
+Result = TypeVar('Result')
 Steps = Generator[None, float, Any]  # each takes a cycle, whose time [s] is sent
 
 
@@ -31,15 +35,22 @@ class Operation:
     ----------
     session : Session
 
+    Attributes
+    ----------
+    future : Future
+        Of the reply.
+
     """
 
     state: ClassVar[ControllerState]
     interrupts = False
+    _steps: Steps
     outlives_bus: ClassVar[bool] = False
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        self._steps: Steps | None = None
+        self.future: Future[Any] = Future()
+        self.future.set_running_or_notify_cancel()  # from here on nobody can cancel it
 
     @property
     def name(self) -> str:
@@ -61,6 +72,24 @@ class Operation:
             raise DriveStateError(f'{self.name} is not possible, the drives are not configured')
         return self.session.group
 
+    @property
+    def open_bus(self) -> tuple[CyclicExchange, Commissioning]:
+        """
+        The bus, and the worker's access to the drives on it.
+
+        Raises
+        ------
+        BusError
+            The bus is not open.
+
+        """
+        session = self.session
+        if session.lost is not None:
+            raise BusError(f'{self.name} is not possible, the bus is lost: {session.lost.message}')
+        if session.exchange is None or session.commissioning is None:
+            raise BusError(f'{self.name} is not possible, the bus is not open')
+        return session.exchange, session.commissioning
+
     def run(self, now: float) -> Steps:
         """Do what is asked for, from a time on [s]."""
         raise NotImplementedError
@@ -73,7 +102,7 @@ class Operation:
     def poll(self, now: float | None) -> Any:
         """Go on; return the message once it is done, None until then."""
         try:
-            self._steps.send(now)
+            next(self._steps) if now is None else self._steps.send(now)
         except StopIteration as end:
             return end.value
         return None
@@ -114,10 +143,10 @@ class Operation:
         while not any(map(self.session.has_done, phases)):
             yield
             if self.session.is_stopped:
-                raise DriveFaultError(self.group.cause.message)
+                raise DriveFaultError(self.group.reason)
 
 
-def result_of(job: Future) -> Any:
+def result_of(job: Future[Result]) -> Result:
     """Return the worker's result, or raise its error with a message for an operator."""
     error = job.exception()
     if error is None or isinstance(error, ManipulatorError):

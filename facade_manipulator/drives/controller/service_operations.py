@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import TypeVar
 
 from facade_manipulator.drives.canopen import Condition
-from facade_manipulator.drives.cia402 import Cause, CONFIGURE_REMEDY, Phase
+from facade_manipulator.drives.cia402 import Cause, CONFIGURE_REMEDY, Group, Phase
 from facade_manipulator.drives.controller.commissioning import Finding
-from facade_manipulator.drives.controller.operation import Operation, result_of, Steps
+from facade_manipulator.drives.controller.exchange import CyclicExchange
+from facade_manipulator.drives.controller.operation import (
+    Operation,
+    Result,
+    result_of,
+    Steps,
+)
 from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
-    BusError,
     DriveError,
     DriveFaultError,
     DriveStateError,
@@ -25,7 +29,6 @@ STOP_AND_CUT = 2  # steps: what still moves is stopped before it loses its power
 LISTEN_PERIODS = 2  # of the heartbeats, before the first word
 SLOWEST = 20  # cycles in which each TPDO comes once
 MAX_BAD_CYCLES = 0.001  # of all
-Result = TypeVar('Result')
 
 
 class Configure(Operation):
@@ -38,21 +41,21 @@ class Configure(Operation):
         session, settings = self.session, self.session.settings
         if session.exchange is not None or session.lost is not None:
             raise DriveStateError('configure is not possible, the drives are configured already')
-        session.open()
-        end = session.exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
-        while session.exchange.read_until < end:
+        exchange, commissioning = session.open()
+        end = exchange.read_until + LISTEN_PERIODS * settings.heartbeat_period
+        while exchange.read_until < end:
             now = yield
-        session.exchange.require_sole_master()
-        yield from self._done(session.commissioning.require_unused)
-        session.exchange.require_sole_master()
-        session.exchange.transmits = True
+        exchange.require_sole_master()
+        yield from self._done(commissioning.require_unused)
+        exchange.require_sole_master()
+        exchange.transmits = True
         try:
-            session.notes = tuple((yield from self._done(session.commissioning.configure)))
+            session.notes = tuple((yield from self._done(commissioning.configure)))
         except DriveTimeoutError as error:  # a drive that is silent may be on another bus
             raise DriveTimeoutError(f'{error}. The bus is {session.bus_name}') from error
         now = yield
-        session.exchange.require_sole_master()
-        session.start_cycle(now)
+        exchange.require_sole_master()
+        group = session.start_cycle(exchange, now)
         end = now + settings.step_timeout + SLOWEST * settings.period
         while not session.is_stopped:
             silent = [f'{name} of {one.title}'
@@ -64,9 +67,9 @@ class Configure(Operation):
             if not silent and session.is_off:
                 return f'The drives on {session.bus_name} are configured.'
             now = yield
-        if session.group.needs_configuration:
-            raise DriveTimeoutError(session.group.cause.message)
-        return f'The drives are configured, but stopped: {session.group.cause.message}.'
+        if group.needs_configuration:
+            raise DriveTimeoutError(group.reason)
+        return f'The drives are configured, but stopped: {group.reason}.'
 
     def _done(self, work: Callable[[], Result]) -> Generator[None, float, Result]:
         """Wait until the worker has done something; return its result."""
@@ -87,9 +90,10 @@ class Cleanup(Operation):
 
     def run(self, now: float) -> Steps:
         """Close once the drives have confirmed that their power is off, or had the time to."""
-        if self.group.is_powered:
+        group = self.group
+        if group.is_powered:
             raise DriveStateError('cleanup is not possible while the drives have power')
-        return (yield from _cut_power_and_close(self.session, now))
+        return (yield from _cut_power_and_close(self.session, group, now))
 
 
 class ClearFaults(Operation):
@@ -107,11 +111,9 @@ class ClearFaults(Operation):
             return 'The halt is ended; the drives follow setpoints.'
         if cause is None:
             return 'There is no fault to clear.'
-        if session.lost is not None:
-            raise BusError(
-                f'clear_faults is not possible, the bus is lost: {session.lost.message}')
+        _, commissioning = self.open_bus
         group.require_resettable(now)
-        job = session.worker.submit(session.commissioning.check_again)
+        job = session.worker.submit(commissioning.check_again)
         while not (job.done() and group.phase is Phase.STOPPED):
             now = yield
         try:
@@ -139,16 +141,14 @@ class SelfTest(Operation):
         session = self.session
         if session.is_powered:
             raise DriveStateError('self_test is not possible while powered: deactivate first')
-        if session.lost is not None:
-            raise BusError(f'self_test is not possible, the bus is lost: {session.lost.message}')
-        self._is_first = session.exchange is None
-        if self._is_first:
-            session.open()
-        job = session.worker.submit(session.commissioning.inspect, not self._is_first)
+        self._is_first = session.exchange is None and session.lost is None
+        exchange, commissioning = session.open() if self._is_first else self.open_bus
+        job = session.worker.submit(commissioning.inspect, not self._is_first)
         yield  # it has begun: whatever fails now, `give_up` closes the bus
         while not job.done():
             yield
-        findings = [*result_of(job), self._bus(), self._cycle(), self._stop()]
+        findings = [
+            *result_of(job), self._bus(exchange), self._cycle(exchange), self._stop()]
         self.give_up()
         return findings
 
@@ -157,15 +157,15 @@ class SelfTest(Operation):
         if self._is_first:
             self.session.let_go()
 
-    def _bus(self) -> Finding:
-        bus = self.session.exchange.bus.statistics
+    def _bus(self, exchange: CyclicExchange) -> Finding:
+        bus = exchange.bus.statistics
         return Finding(
             'bus', bus.condition is Condition.ACTIVE and not bus.overflows,
             f'the controller is {bus.condition.name.lower()}, {bus.error_frames} error frames, '
             f'{bus.overflows} overflows, worst-case load {100.0 * self.session.bus_load:.0f} %')
 
-    def _cycle(self) -> Finding:
-        cycle = self.session.exchange.clock.statistics
+    def _cycle(self, exchange: CyclicExchange) -> Finding:
+        cycle = exchange.clock.statistics
         bad = cycle.incomplete + cycle.late + cycle.skipped
         return Finding(
             'cycle', bad <= MAX_BAD_CYCLES * cycle.cycles,
@@ -187,31 +187,27 @@ class Close(Operation):
 
     def run(self, now: float) -> Steps:
         """Power off, and take the power once the carriages stand still."""
-        session = self.session
-        end = now + CLOSING_TIMEOUT
-        if self._has_drives and session.is_powered:
-            try:
-                session.group.disable(now)
-            except DriveStateError:
-                session.group.stop(Cause('the drive controller is being closed'), now)
-        while self._has_drives and now <= end and (
-                session.group.phase not in (Phase.OFF, Phase.STOPPED)):
-            now = yield
-        session.is_closed = session.group is None
-        if session.is_closed:
+        session, group = self.session, self.session.group
+        if group is None:
+            session.is_closed = True
             session.close()
             return 'The bus is closed; no drive was configured.'
+        end = now + CLOSING_TIMEOUT
+        if session.lost is None and session.is_powered:
+            try:
+                group.disable(now)
+            except DriveStateError:
+                group.stop(Cause('the drive controller is being closed'), now)
+        while session.lost is None and now <= end and (
+                group.phase not in (Phase.OFF, Phase.STOPPED)):
+            now = yield
         try:
-            return (yield from _cut_power_and_close(session, now))
+            return (yield from _cut_power_and_close(session, group, now))
         finally:
             session.is_closed = True
 
-    @property
-    def _has_drives(self) -> bool:
-        return self.session.group is not None and self.session.lost is None
 
-
-def _cut_power_and_close(session: Session, now: float) -> Steps:
+def _cut_power_and_close(session: Session, group: Group, now: float) -> Steps:
     """
     Take the power off and close the bus; return the message.
 
@@ -223,12 +219,12 @@ def _cut_power_and_close(session: Session, now: float) -> Steps:
     """
     since, end = now, now + STOP_AND_CUT * session.settings.step_timeout
     if session.lost is None:
-        session.group.cut_power(now)
+        group.cut_power(now)
     unsure = session.unconfirmed(since)
     while unsure and now < end and session.lost is None:
         now = yield
         unsure = session.unconfirmed(since)
-    if unsure and session.lost is None:
+    if unsure and session.lost is None and session.commissioning is not None:
         job = session.worker.submit(session.commissioning.unconfirmed, unsure)
         while not job.done() and now < end + SDO_TIMEOUT:
             now = yield

@@ -10,11 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+import math
 import time
 
 import can
 
-from facade_manipulator.drives.canopen import can_bus, Condition, NmtCommand, pdo, SdoChannel
+from facade_manipulator.drives.canopen import (
+    can_bus,
+    CanBus,
+    Condition,
+    NmtCommand,
+    pdo,
+    SdoChannel,
+)
 from facade_manipulator.drives.cia402 import (
     AXIS_NAMES,
     AxisSettings,
@@ -31,11 +39,11 @@ from facade_manipulator.drives.controller.bus_load import check_bus_load
 from facade_manipulator.drives.controller.commissioning import Commissioning, Drive
 from facade_manipulator.drives.controller.configuration import object_writes
 from facade_manipulator.drives.controller.exchange import CyclicExchange
-from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.monitor import AxisMonitor, positions_of
 from facade_manipulator.drives.controller.realtime import Collector
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import MechanismChecks, Targets
-from facade_manipulator.errors import BusError, DriveStateError
+from facade_manipulator.errors import BusError
 
 FORGET_MASTER_HEARTBEAT = bytes.fromhex('2316100100000000')  # 1016h:01 = 0, answer not awaited
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 2.0  # s, between tries to open a lost bus
@@ -57,7 +65,7 @@ class LostBus:
     message: str
     next_try: float
     pause: float
-    healthy_since: float | None = None
+    healthy_since: float = math.inf
 
 
 class Session:
@@ -146,10 +154,7 @@ class Session:
             A drive has not sent its position yet.
 
         """
-        positions = tuple([one.measured.position for one in self.monitors])
-        if None in positions:
-            raise DriveStateError('not every drive has sent its position yet: try again')
-        return positions
+        return positions_of(self.monitors)
 
     @property
     def is_powered(self) -> bool:
@@ -177,7 +182,7 @@ class Session:
 
     # --- the bus: opened, lost, back, closed
 
-    def open(self) -> None:
+    def open(self) -> tuple[CyclicExchange, Commissioning]:
         """
         Open the bus and listen; nothing is sent yet.
 
@@ -198,21 +203,23 @@ class Session:
             Drive(monitor, SdoChannel(
                 exchange.network, monitor.axis.node_id, monitor.name, profile.eds), profile)
             for monitor, profile in zip(self.monitors, self._profiles, strict=True))
-        self.commissioning = Commissioning(bus, drives, self.settings, exchange.is_closing)
-        self.exchange = exchange
+        commissioning = Commissioning(bus, drives, self.settings, exchange.is_closing)
+        self.exchange, self.commissioning = exchange, commissioning
+        return exchange, commissioning
 
-    def start_cycle(self, now: float) -> None:
+    def start_cycle(self, exchange: CyclicExchange, now: float) -> Group:
         """Let the cycle run, with all drives switched off."""
         self.collector.keep()  # what configuring has made would cost the first collection a cycle
-        self.group = Group(AXIS_NAMES, self.settings, now)
-        self.exchange.start(self.group, time.monotonic())
+        self.group = group = Group(AXIS_NAMES, self.settings, now)
+        exchange.start(group, time.monotonic())
+        return group
 
     def close(self) -> None:
         """Leave the drives in NMT pre-operational, close the bus, forget everything."""
         if self.exchange is not None:
             self.exchange.stop()
             if self.exchange.transmits:  # else they are another master's, or lost
-                self._leave_operational()
+                self._leave_operational(self.exchange.bus)
         self.let_go()
 
     def let_go(self) -> None:
@@ -222,13 +229,12 @@ class Session:
         self.collector.stop()
         self._forget()
 
-    def _leave_operational(self) -> None:
+    def _leave_operational(self, bus: CanBus) -> None:
         """Let the drives miss nobody from now on, so that none reports a lost master."""
         try:
             for axis in self.axes:
-                self.exchange.bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
-                self.exchange.bus.send(
-                    pdo.sdo_request_cob_id(axis.node_id), FORGET_MASTER_HEARTBEAT)
+                bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, axis.node_id)
+                bus.send(pdo.sdo_request_cob_id(axis.node_id), FORGET_MASTER_HEARTBEAT)
         except BusError:
             pass  # the drives notice the missing heartbeat by themselves
 
@@ -244,22 +250,23 @@ class Session:
             self.lost = LostBus(str(error), now + pause, pause)
             self.group.stop(Cause(str(error), BUS_REMEDY), now)
 
-    def try_to_reopen(self) -> None:
+    def try_to_reopen(self, lost: LostBus) -> None:
         """Open a lost bus and listen, or raise why it is still gone as `open` does."""
-        self.open()
-        self.lost.healthy_since = self.exchange.read_until
+        exchange, _ = self.open()
+        lost.healthy_since = exchange.read_until
 
     def watch_recovery(self, now: float) -> None:
         """Transmit again on a bus that has been healthy for a while; the drives stay stopped."""
-        if self.exchange is None:
+        exchange, lost, group = self.exchange, self.lost, self.group
+        if exchange is None or lost is None or group is None:
             return
-        self.exchange.require_sole_master()
-        if self.exchange.bus.statistics.condition >= Condition.PASSIVE:
-            self.lost.healthy_since = now
-        if self.exchange.read_until - self.lost.healthy_since >= self.settings.reopen_after:
+        exchange.require_sole_master()
+        if exchange.bus.statistics.condition >= Condition.PASSIVE:
+            lost.healthy_since = now
+        if exchange.read_until - lost.healthy_since >= self.settings.reopen_after:
             self.lost = None
             for monitor, profile in zip(self.monitors, self._profiles, strict=True):
                 monitor.recover(profile.quirks.boots_operational)
-            self.group.restart_step(now)
-            self.exchange.transmits = True
-            self.exchange.start(self.group, now)
+            group.restart_step(now)
+            exchange.transmits = True
+            exchange.start(group, now)

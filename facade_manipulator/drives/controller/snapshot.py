@@ -139,14 +139,15 @@ class ControllerSnapshot(NamedTuple):
 
         An encoder that was not homed counts from anywhere: that is no carriage position.
         """
-        if not self.stamp or not all(
-                [axis.homed and axis.position is not None and not axis.is_silent
-                 for axis in self.axes]):
+        a, b, c = self.axes
+        if not self.stamp or not all([one.homed and not one.is_silent for one in self.axes]):
+            return None
+        if a.position is None or b.position is None or c.position is None:
             return None
         return JointStates(
-            self.stamp, tuple([axis.position for axis in self.axes]),
-            tuple([axis.velocity or 0.0 for axis in self.axes]),
-            tuple([axis.force or 0.0 for axis in self.axes]))
+            self.stamp, (a.position, b.position, c.position),
+            (a.velocity or 0.0, b.velocity or 0.0, c.velocity or 0.0),
+            (a.force or 0.0, b.force or 0.0, c.force or 0.0))
 
     def outcome(self) -> tuple:
         """Return what the levels and messages in /diagnostics depend on."""

@@ -29,9 +29,10 @@ from facade_manipulator.drives.cia402 import (
     Triple,
 )
 from facade_manipulator.drives.controller.cycle import CycleClock
-from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.drives.controller.monitor import AxisMonitor, positions_of
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import (
+    DriveStateError,
     InputError,
     LimitError,
     ManipulatorError,
@@ -39,7 +40,6 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 
-_NO_TARGETS = (None, None, None)
 _AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
 ROUNDING = 1e-9  # m
 LIMITED = '; it says that it limits its motion (bit 11)'
@@ -68,7 +68,7 @@ class TargetSource(Protocol):
 
 
 TargetCheck = Callable[[Triple], None]
-HomingCheck = Callable[[Triple, tuple[bool, bool, bool]], None]
+HomingCheck = Callable[[Triple, tuple[bool, ...]], None]
 
 
 def allow_anything(*_: object) -> None:
@@ -104,8 +104,8 @@ class Targets:
     ----------
     counts : tuple of int
         The targets last chosen.
-    positions : tuple of float or of None
-        The same [m] while the drives follow, else None each.
+    positions : tuple of float or None
+        The same [m] while the drives follow, else None.
 
     """
 
@@ -115,7 +115,7 @@ class Targets:
     ) -> None:
         self.mechanism = mechanism
         self.counts: tuple[int, ...] = (0,) * len(axes)
-        self.positions: Triple | tuple[None, ...] = _NO_TARGETS
+        self.positions: Triple | None = None
         self._axes = axes
         self._largest_steps = tuple(
             STEP_MARGIN * axis.max_speed * settings.period for axis in axes)
@@ -137,35 +137,43 @@ class Targets:
 
     def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
         """Stop where the carriages are not what was commanded: nobody else sees all three."""
-        if group.phase is Phase.HOMING:
-            self._supervise_homing(group, monitors, now)
-        elif group.phase in FOLLOWING_PHASES:
-            self._supervise_following(group, monitors, now)
-
-    def _supervise_homing(
-        self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
-    ) -> None:
+        if group.phase is not Phase.HOMING and group.phase not in FOLLOWING_PHASES:
+            return
         try:
-            self.mechanism.check_homing(
-                tuple([one.measured.position for one in monitors]), group.homing.homed)
+            actual = positions_of(monitors)
+        except DriveStateError as error:
+            group.stop(Cause(str(error)), now)
+            return
+        if group.phase is Phase.HOMING:
+            self._supervise_homing(group, actual, now)
+        else:
+            self._supervise_following(group, monitors, actual, now)
+
+    def _supervise_homing(self, group: Group, actual: Triple, now: float) -> None:
+        try:
+            self.mechanism.check_homing(actual, group.homing.homed)
         except ManipulatorError as error:
             group.stop(Cause(
                 f'homing stopped: {error}', 'move the carriages apart by hand, clear the '
                 'faults, then home'), now)
 
     def _supervise_following(
-        self, group: Group, monitors: tuple[AxisMonitor, ...], now: float
+        self, group: Group, monitors: tuple[AxisMonitor, ...], actual: Triple, now: float
     ) -> None:
         try:
-            self.mechanism.check_actual(tuple([one.measured.position for one in monitors]))
+            self.mechanism.check_actual(actual)
         except ManipulatorError as error:
             group.stop(Cause(f'the measured mechanism: {error}', TRACKING_REMEDY), now)
+        if self.positions is None:
+            return  # no command has followed yet: the first came too late to be sent
         self._latched.append(self.positions)
-        errors = [self._following_error(number, one) for number, one in enumerate(monitors)]
-        for one, error, window in zip(monitors, errors, self._windows, strict=True):
-            if abs(error) > window:
+        errors = [
+            self._commanded(number, one.answers.cycles_old) - position
+            for number, (one, position) in enumerate(zip(monitors, actual, strict=True))]
+        for one, behind, window in zip(monitors, errors, self._windows, strict=True):
+            if abs(behind) > window:
                 group.stop(Cause(
-                    f'{one.title} is {error:.4g} m behind its targets by its positions, bound '
+                    f'{one.title} is {behind:.4g} m behind its targets by its positions, bound '
                     f'{window:g} m{LIMITED if one.is_limited else ""}',
                     TRACKING_REMEDY, one.name), now)
         least, greatest, window = min(errors), max(errors), min(self._windows)
@@ -176,15 +184,15 @@ class Targets:
                 f'the following errors of {names} differ by {greatest - least:.4g} m, bound '
                 f'{window:g} m', TRACKING_REMEDY), now)
 
-    def _following_error(self, number: int, monitor: AxisMonitor) -> float:
+    def _commanded(self, number: int, cycles_old: float) -> float:
         """
-        Return how far [m] a drive is behind what it was commanded for the SYNC that it answered.
+        Return where [m] a drive was commanded to be at the SYNC that it answered.
 
-        Not what the drive says (60F4): one that receives no RPDO any more has no such error.
+        Its own following error (60F4) would not do: without RPDOs a drive has none.
         """
-        whole, share = divmod(self._age + monitor.answers.cycles_old, 1.0)
+        whole, share = divmod(self._age + cycles_old, 1.0)
         before, after = (self._latched[-1 - int(whole) - more][number] for more in (1, 0))
-        return after + share * (before - after) - monitor.measured.position
+        return after + share * (before - after)
 
     def command(
         self, group: Group, commands: tuple[AxisCommand, ...], actual: tuple[int, ...],
@@ -234,37 +242,39 @@ class Targets:
             The source has failed, or a target must not go to the drives.
 
         """
-        before, self._phase = self._phase, phase
+        before, self._phase, held = self._phase, phase, self.positions
         if phase not in FOLLOWING_PHASES:
-            self.positions = _NO_TARGETS
+            self.positions = None
             enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
             if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
                 self.counts = actual
             return
-        if before not in FOLLOWING_PHASES or (before, phase) == (Phase.HALTED, Phase.RUNNING):
-            self._initialise(actual)
+        if held is None or (before, phase) == (Phase.HALTED, Phase.RUNNING):
+            held = self._initialise(actual)
         if phase is Phase.HOLDING:
             return
         if phase in _AT_REST:
             self.mechanism.source.hold()
-        self._set(self.mechanism.source.sample(latch_time))
+        self._set(held, self.mechanism.source.sample(latch_time))
 
-    def _initialise(self, actual: tuple[int, ...]) -> None:
+    def _initialise(self, actual: tuple[int, ...]) -> Triple:
         """Begin where the drives hold; reject a carriage that is elsewhere by now."""
-        self.positions = tuple(
-            axis.to_metres(counts) for axis, counts in zip(self._axes, self.counts, strict=True))
-        for name, axis, held, counts in zip(
-                AXIS_NAMES, self._axes, self.positions, actual, strict=True):
-            slip = abs(axis.to_metres(counts) - held)
+        q1, q2, q3 = [
+            axis.to_metres(counts) for axis, counts in zip(self._axes, self.counts, strict=True)]
+        self.positions = held = q1, q2, q3
+        for name, axis, position, counts in zip(
+                AXIS_NAMES, self._axes, held, actual, strict=True):
+            slip = abs(axis.to_metres(counts) - position)
             if slip > MAX_SLIP:
                 raise SetpointLimitError(
                     f'distance of {name} from its target', slip, MAX_SLIP, 'm', 'above')
-        self._latched.extend([self.positions] * (self._latched.maxlen or 0))
-        self.mechanism.source.reset(self.positions)
+        self._latched.extend([held] * (self._latched.maxlen or 0))
+        self.mechanism.source.reset(held)
+        return held
 
-    def _set(self, targets: Triple) -> None:
+    def _set(self, before: Triple, targets: Triple) -> None:
         for number, (axis, target) in enumerate(zip(self._axes, targets, strict=True)):
-            step = abs(target - self.positions[number])
+            step = abs(target - before[number])
             if not (axis.lower_limit - ROUNDING <= target <= axis.upper_limit + ROUNDING
                     and step <= self._largest_steps[number] + ROUNDING):
                 raise self._violation(number, target, step)
@@ -272,7 +282,7 @@ class Targets:
         self.counts = tuple([  # inside the stroke, whose ends fit into the drives' 32 bits
             round(target * counts)
             for target, counts in zip(targets, self._counts_per_metre, strict=True)])
-        self.positions = tuple(targets)
+        self.positions = targets
 
     def _violation(self, number: int, target: float, step: float) -> ManipulatorError:
         """Say what is wrong with a target, ready to be raised."""

@@ -5,10 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.cia402.group import AxisCommand
+from facade_manipulator.drives.cia402.group import AxisCommand, Group
 from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Mode
+from facade_manipulator.drives.cia402.units import Measured
+from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.targets import (
     MAX_SLIP,
@@ -44,6 +46,18 @@ def following(source=None, **details) -> Targets:
     return one
 
 
+def supervised(phase: Phase, position: float | None) -> Group:
+    """Return a group in a phase, supervised once although nothing was commanded yet."""
+    group = Group(('q1', 'q2', 'q3'))
+    group.phase = phase
+    monitors = tuple(AxisMonitor(name, axis, SETTINGS) for name, axis in zip(
+        ('q1', 'q2', 'q3'), DEFAULT_AXES, strict=True))
+    for one in monitors:
+        one.measured = Measured(position)
+    targets().supervise(group, monitors, 0.0)
+    return group
+
+
 def elsewhere(counts: int) -> tuple[int, ...]:
     return tuple(value + counts for value in HERE)
 
@@ -53,7 +67,7 @@ def test_without_power_the_targets_are_where_the_carriages_are():
     for counts in (0, 500, -900):
         one.choose(Phase.OFF, OFF, elsewhere(counts), 0.0)
         assert one.counts == elsewhere(counts)
-        assert one.positions == (None,) * 3
+        assert one.positions is None
 
 
 def test_the_targets_stay_where_the_power_found_the_carriages():
@@ -160,3 +174,12 @@ def test_carriages_beyond_the_stroke_and_its_margin_are_named():
     require_inside(DEFAULT_AXES, (-0.504, 0.504, 0.0))
     with pytest.raises(LimitError, match='position of q2 = 0.51 m is above the bound 0.505 m'):
         require_inside(DEFAULT_AXES, (0.0, 0.51, 0.0))
+
+
+def test_holding_whose_first_command_came_too_late_to_be_sent_stops_nothing():
+    assert supervised(Phase.HOLDING, 0.1).cause is None
+
+
+@pytest.mark.parametrize('phase', [Phase.HOMING, *sorted(FOLLOWING_PHASES, key=str)])
+def test_a_carriage_whose_position_is_unknown_stops_all(phase):
+    assert 'has sent its position' in supervised(phase, None).cause.message
