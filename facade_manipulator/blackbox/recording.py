@@ -13,7 +13,7 @@ encoding `cdr`, schema encoding `ros2msg`.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, islice, takewhile
 import json
@@ -189,7 +189,7 @@ def _read(file: BinaryIO, only: Collection[str]) -> RecordedRun:
                     topics[record.id] = (
                         topic if topic in OF_THE_GRAPH else topic.removeprefix(
                             run.about['namespace'].rstrip('/') + '/'),
-                        factory.decoder_for(record.message_encoding, schemas[record.schema_id]))
+                        _decoder(factory, record, schemas[record.schema_id]))
                 case Message() if not only or topics[record.channel_id][0] in only:
                     topic, decode = topics[record.channel_id]
                     came = record.publish_time / _NANOSECONDS
@@ -198,6 +198,13 @@ def _read(file: BinaryIO, only: Collection[str]) -> RecordedRun:
     except Exception as error:  # damaged bytes raise whatever their decoder does
         run.damage = str(error) or type(error).__name__
     return run
+
+
+def _decoder(factory: DecoderFactory, channel: Channel, schema: Schema) -> Callable[[bytes], Any]:
+    decode = factory.decoder_for(channel.message_encoding, schema)
+    if decode is None:
+        raise RecordError(f'{channel.topic} holds no ROS messages')
+    return decode
 
 
 def _note(run: RecordedRun, name: str, values: dict[str, str]) -> None:

@@ -295,18 +295,18 @@ class ControlLoop:
 
 def pack_state(snapshot: ControllerSnapshot, status: tuple) -> tuple[tuple, tuple]:
     """Return controller and stream as plain tuples, which are pickled in half the time."""
-    return tuple(snapshot._replace(
-        state=snapshot.state.value, axes=tuple([tuple(axis) for axis in snapshot.axes]),
-        cycle=tuple(snapshot.cycle), bus=tuple(snapshot.bus))), tuple(status)
+    state, stamp, axes, causes, next_step, notes, cycle, bus, *rest = snapshot
+    return (state.value, stamp, tuple([tuple(axis) for axis in axes]), causes, next_step, notes,
+            tuple(cycle), tuple(bus), *rest), tuple(status)
 
 
 def unpack_state(snapshot: tuple, status: tuple) -> tuple[ControllerSnapshot, StreamStatus]:
     """Return controller and stream as they were before `pack_state`."""
-    plain = ControllerSnapshot(*snapshot)
-    return plain._replace(
-        state=ControllerState(plain.state),
-        axes=tuple([AxisSnapshot(*axis) for axis in plain.axes]),
-        cycle=CycleStatistics(*plain.cycle), bus=BusStatistics(*plain.bus)), StreamStatus(*status)
+    state, stamp, axes, causes, next_step, notes, cycle, bus, *rest = snapshot
+    return ControllerSnapshot(
+        ControllerState(state), stamp, tuple([AxisSnapshot(*axis) for axis in axes]), causes,
+        next_step, notes, CycleStatistics(*cycle), BusStatistics(*bus), *rest,
+    ), StreamStatus(*status)
 
 
 def _percentiles(values: tuple[float, ...]) -> tuple[float, ...]:

@@ -50,6 +50,7 @@ WITHOUT_BUS = frozenset({ControllerState.UNCONFIGURED, ControllerState.BUS_LOST}
 FEED_PERIOD = 0.02  # s, while it ends
 MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
+LoopState = tuple[ControllerSnapshot, StreamStatus]
 
 
 def start_process(end: socket.socket) -> subprocess.Popen:
@@ -117,8 +118,8 @@ class LoopProcess:
         self._unanswered = 0
         self._closing = False
         self._farewell: Future | None = None
-        self._decoded = None, first
         self._latest: Message | None = None
+        self._decoded: tuple[Message | None, LoopState] = None, first
         self._states: deque[Message] = deque(maxlen=MAX_STATES)
         self._taken = 0
         self._process, self._channel = process, channel
@@ -225,12 +226,12 @@ class LoopProcess:
                 taken.append(unpack_state(*message.content)[0])
         return taken
 
-    def _read_latest(self) -> tuple[ControllerSnapshot, StreamStatus]:
+    def _read_latest(self) -> LoopState:
         """Decode the newest state, once; more come than are ever looked at."""
         if self._lost is not None:
             return self._lost
         latest, (decoded, state) = self._latest, self._decoded
-        if latest is not decoded:
+        if latest is not None and latest is not decoded:
             state = unpack_state(*latest.content)
             self._decoded = latest, state
         return state

@@ -82,7 +82,7 @@ class CounterFile:
         self._saved = self.counters.values()
         self._events = self.counters.events
         self._writer = ThreadPoolExecutor(1, 'counters')
-        self._job: Future | None = None
+        self._job: Future[None] | None = None
         self._next = 0.0
 
     def keep(self, now: float) -> None:
@@ -103,25 +103,25 @@ class CounterFile:
         if self._path is None:
             return
         self._events = self.counters.events
-        self._job = self._writer.submit(self._save, self.counters.values())
+        self._job = self._writer.submit(self._save, self._path, self.counters.values())
 
-    def _save(self, values: dict[str, Any]) -> None:
+    def _save(self, path: Path, values: dict[str, Any]) -> None:
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            with _locked(self._path.parent):
-                kept = self._kept()
-                with atomic_write(self._path) as draft:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with _locked(path.parent):
+                kept = self._kept(path)
+                with atomic_write(path) as draft:
                     draft.write_text(
                         json.dumps(merged(kept, self._saved, values), indent=1), encoding='utf-8')
             self._saved = values
             self.error = ''
         except OSError as error:
-            self.error = f'the counters are not kept: {self._path}: {error.strerror or error}'
+            self.error = f'the counters are not kept: {path}: {error.strerror or error}'
 
-    def _kept(self) -> dict[str, Any]:
+    def _kept(self, path: Path) -> dict[str, Any]:
         """Return what the file has now, all that was counted here if it cannot be read."""
         try:
-            return {**self._first, **_read(self._path)}
+            return {**self._first, **_read(path)}
         except DAMAGES:
             return {**self._first, **self._saved}
 

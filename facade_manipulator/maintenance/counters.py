@@ -92,7 +92,8 @@ class MachineCounters:
         made = _known(MachineCounters, values)
         made.stops = {cause: int(count) for cause, count in made.stops.items()}
         made.drives = {number: float(hours) for number, hours in made.drives.items()}
-        made.axes = {name: _known(AxisCounters, axis) for name, axis in made.axes.items()}
+        made.axes = {
+            name: _known(AxisCounters, axis) for name, axis in values.get('axes', {}).items()}
         return made
 
     def values(self) -> dict[str, Any]:

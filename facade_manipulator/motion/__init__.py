@@ -22,6 +22,7 @@ from .limits import fastest_near as fastest_near
 from .limits import MotionLimits as MotionLimits
 from .limits import Separation as Separation
 from .limits import Triple as Triple
+from .limits import triple as triple
 from .reference import Approach as Approach
 from .reference import HeadMotion as HeadMotion
 from .reference import ReferencePath as ReferencePath

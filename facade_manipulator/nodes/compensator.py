@@ -68,7 +68,6 @@ from facade_manipulator.ros import (
     Rejections,
     RELIABLE,
     run,
-    SILENT,
     steady_timer,
     Transforms,
 )
@@ -236,17 +235,13 @@ class CompensatorNode(Node):
             self._progress.reject(stamp, str(error))
             return
         self._goal = goal
-        if self._driver.is_idle:
-            reason = f'{self._drives()}: send it again once they are active'
+        if idle := self._driver.idle:
+            reason = f'{idle}: send it again once they are active'
             self.get_logger().warning(
                 f'goal_pose is not followed, {reason}', throttle_duration_sec=LOG_PAUSE)
             self._progress.reject(stamp, reason)
         else:
             self._progress.accept(stamp)
-
-    def _drives(self) -> str:
-        status = self._driver.status
-        return 'the driver is silent' if status is SILENT else f'the drives are {status.state}'
 
     def _choose_goal(self) -> None:
         """Follow the newest goal unless it came before the drives were activated."""
@@ -260,7 +255,7 @@ class CompensatorNode(Node):
             self._compensator.set_goal(goal.pose)
             return True
         self._compensator.drop_goal()
-        self._progress.end(self._drives())
+        self._progress.end(str(self._driver.status))
         self._compensator.require_inside(goal.pose)
         return False
 

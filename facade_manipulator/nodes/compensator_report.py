@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import math
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -83,9 +84,9 @@ class CompensatorReport:
             return level, f'{mode.value}; {held_back}'
         return LEVELS[mode], mode.value
 
-    def _values(self, now: float) -> dict:
+    def _values(self, now: float) -> dict[str, Any]:
         correction = self._compensator.correction
-        values = {
+        values: dict[str, Any] = {
             'horizon [ms]': 1e3 * self._compensator.settings.horizon,
             'corrected poses': self.pose_count,
             'age of the estimate [ms]': 1e3 * correction.age(now),
@@ -110,7 +111,7 @@ class CompensatorReport:
                 f'x {1e3 * x:.2f} mm, y {1e3 * y:.2f} mm, theta {math.degrees(theta):.3f} deg')
         return values
 
-    def _contact_values(self) -> dict:
+    def _contact_values(self) -> dict[str, Any]:
         contact = self._compensator.contact
         pressing, watch = contact.pressing, contact.pressing.watch
         sway, energy = pressing.sway, self._compensator.sway_energy

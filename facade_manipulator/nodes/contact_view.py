@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 import math
 
@@ -14,6 +13,7 @@ from facade_manipulator.compensation import contact_wrench, FrictionSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
 from facade_manipulator.messages import CARRIAGES, END_EFFECTOR, require_finite
+from facade_manipulator.motion import Triple
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import declare, wrench_stamped
 
@@ -40,7 +40,7 @@ class ContactView:
                 WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
 
     def publish(
-        self, time: float, head: Pose, velocity: Sequence[float], effort: Sequence[float]
+        self, time: float, head: Pose, velocity: Triple, effort: Triple
     ) -> None:
         """
         Publish the wrench at the time [s] of joint states.
@@ -49,7 +49,7 @@ class ContactView:
         ----------
         time : float
         head : Pose
-        velocity, effort : sequence of float, shape (3,)
+        velocity, effort : tuple of float, shape (3,)
             [m/s], [N].
 
         Raises

@@ -291,8 +291,8 @@ class DriverNode(ManagedNode):
     def _receive_setpoint(self, data: bytes) -> None:
         try:
             self._require_active()
-            time, (q1, q2, q3, *velocity) = self._setpoint_codec.read(data)
-            self._loop.send_setpoint(Setpoint(time, (q1, q2, q3), tuple(velocity)))
+            time, (q1, q2, q3, v1, v2, v3) = self._setpoint_codec.read(data)
+            self._loop.send_setpoint(Setpoint(time, (q1, q2, q3), (v1, v2, v3)))
         except ManipulatorError as error:
             self._rejections.add(error)
 

@@ -28,6 +28,7 @@ from facade_manipulator.motion import (
     ReferenceSettings,
     SetpointStream,
     STREAM_GAP,
+    triple,
 )
 from facade_manipulator.nodes.contact_view import ContactView
 from facade_manipulator.nodes.linkage import LinkageView
@@ -49,7 +50,6 @@ from facade_manipulator.ros import (
     RELIABLE,
     run,
     setpoint_codec,
-    SILENT,
     states_codec,
     steady_timer,
     Transforms,
@@ -140,7 +140,7 @@ class IkServiceNode(Node):
     def follow(self, time: float, pose: Pose) -> None:
         """Follow a pose of a stream, meant for a time [s]; approach one that comes alone."""
         try:
-            if self._driver.is_idle:
+            if self._driver.idle:
                 self._mechanism.certify(pose, self.settings.min_conditioning)
                 self._waiting = node_time(self), pose
                 return
@@ -181,7 +181,7 @@ class IkServiceNode(Node):
         self._head = None
         with self._rejections:
             time, numbers = self._states_codec.read(data)
-            position, velocity, effort = numbers[:3], numbers[3:6], numbers[6:]
+            position, velocity, effort = map(triple, (numbers[:3], numbers[3:6], numbers[6:]))
             require_finite(CARRIAGES, position, 'joint_states position of')
             self._head = self._mechanism.forward_kinematics(Carriages(*position))
             self.heads.publish(time, self._head)
@@ -219,10 +219,9 @@ class IkServiceNode(Node):
         driver = self._driver.status
         if self._rejected:
             return 'error', self._rejected
-        if self._driver.is_idle:
-            following = f'; next: {driver.next_step}' if driver.next_step else ''
-            what = 'the driver is silent' if driver is SILENT else f'the drives are {driver.state}'
-            return 'warn', f'no goal is followed: {what}{following}'
+        if idle := self._driver.idle:
+            following = f'; next: {idle.next_step}' if idle.next_step else ''
+            return 'warn', f'no goal is followed: {idle}{following}'
         if driver is not None and self._last_goal_time < driver.active_since:
             return 'ok', 'holding: no goal since the drives were activated'
         if driver is not None and driver.activity == 'holding':

@@ -47,8 +47,13 @@ MISSING = {
 class Report(Protocol):
     """A component's last diagnostic status and when it was received [s, monotonic]."""
 
-    received: float
-    status: Any
+    @property
+    def received(self) -> float:
+        """Return when it was received."""
+
+    @property
+    def status(self) -> Any:
+        """Return the status."""
 
 
 Components = Mapping[str, Report]

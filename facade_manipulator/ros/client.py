@@ -102,11 +102,13 @@ class ManipulatorClient:
         self._progress: deque[DiagnosticStatus] = deque(maxlen=RECENT.depth)
         self._publishers: dict[str, Publisher] = {}  # an observer needs no right to move anything
         self.node.create_subscription(
-            DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE)
-        for topic, receive, qos in (  # rclpy wants a signature, which methods of C have not
-            ('ik_service/status', lambda status: setattr(self, 'goal_status', status), LATCHED),
-            ('ik_service/rejections', lambda status: self._rejections.append(status), RECENT),
-            (GOAL_STATUS, lambda status: self._progress.append(status), RECENT),
+            DiagnosticArray, '/diagnostics',
+            self._receive_diagnostics,  # type: ignore[arg-type]  # rclpy hands over the info, too
+            RELIABLE)
+        for topic, receive, qos in (
+            ('ik_service/status', self._receive_goal_status, LATCHED),
+            ('ik_service/rejections', self._receive_rejection, RECENT),
+            (GOAL_STATUS, self._receive_progress, RECENT),
         ):
             self.node.create_subscription(DiagnosticStatus, topic, receive, qos)
         self.node.create_subscription(
@@ -114,6 +116,15 @@ class ManipulatorClient:
         self._clients: dict[str, Any] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
+
+    def _receive_goal_status(self, status: DiagnosticStatus) -> None:
+        self.goal_status = status
+
+    def _receive_rejection(self, status: DiagnosticStatus) -> None:
+        self._rejections.append(status)
+
+    def _receive_progress(self, status: DiagnosticStatus) -> None:
+        self._progress.append(status)
 
     def __enter__(self) -> ManipulatorClient:
         return self
@@ -147,7 +158,7 @@ class ManipulatorClient:
             self._executor.spin_once(min(left, SPIN_STEP))
 
     def wait_until(
-        self, condition: Callable[[], Value], what: str, timeout: float = ANSWER_TIMEOUT
+        self, condition: Callable[[], Value | None], what: str, timeout: float = ANSWER_TIMEOUT
     ) -> Value:
         """
         Return the condition's first true value.
@@ -310,24 +321,23 @@ class ManipulatorClient:
         end = time.monotonic() + timeout
         while time.monotonic() < end:  # again where a stream that was interrupted has left it
             on_rail.publish(pose_stamped(RAIL, node_time(self.node), pose))
-            self._await_rest(timeout)
-            if _distance(self.head_in_rail, pose) < STANDS_WITHIN:
+            if _distance(self._await_rest(timeout), pose) < STANDS_WITHIN:
                 return
         raise NoAnswerError(f'the head stands at {self.head_in_rail}, not at {pose}, for '
                             f'{timeout:g} s: ik_service/status and /diagnostics say why')
 
-    def _await_rest(self, timeout: float) -> None:
-        """Wait until the head has not moved for a while."""
+    def _await_rest(self, timeout: float) -> Pose:
+        """Wait until the head has not moved for a while; return where it is."""
         since, place = time.monotonic(), self.head_in_rail
 
-        def rests() -> bool:
+        def rests() -> Pose | None:
             nonlocal since, place
             head = self.head_in_rail
             if head is None or place is None or _distance(head, place) > STANDS_WITHIN:
                 since, place = time.monotonic(), head
-            return time.monotonic() - since > STANDS_FOR
+            return head if time.monotonic() - since > STANDS_FOR else None
 
-        self.wait_until(rests, 'a head at rest', timeout)
+        return self.wait_until(rests, 'a head at rest', timeout)
 
     def hold(self) -> str:
         """End the way to the goal; the head stays on the wall."""

@@ -228,6 +228,9 @@ class DriverStatus(NamedTuple):
     active_since: float = math.inf
     power: str = 'unknown'  #: of the drives, as their statuswords say
 
+    def __str__(self) -> str:
+        return 'the driver is silent' if self is SILENT else f'the drives are {self.state}'
+
     def to_message(self, level: str, message: str) -> DiagnosticStatus:
         """Return the message on driver/status."""
         return diagnostic_status('operation', level, message, {
@@ -282,9 +285,10 @@ class DriverWatch:
             node, SILENCE, lambda: self._change(SILENT), autostart=False)
 
     @property
-    def is_idle(self) -> bool:
-        """Return whether there is a driver and it does not follow setpoints."""
-        return self.status is not None and not math.isfinite(self.status.active_since)
+    def idle(self) -> DriverStatus | None:
+        """Return the status of a driver that does not follow setpoints, else None."""
+        status = self.status
+        return None if status is None or math.isfinite(status.active_since) else status
 
     def may_move(self, time: float) -> bool:
         """Return whether a goal that came at a time [s] came after the drives were activated."""

@@ -67,7 +67,7 @@ class DeferredReplies:
             else:
                 send_response(response, header)
 
-        service.send_response = send
+        service.send_response = send  # type: ignore[method-assign]  # that is the wrapping
 
     def when_done(self, job: Future, action: Callable[[Future], Any]) -> None:
         """Do something with a job that any thread completes, in the node's executor."""

@@ -113,7 +113,8 @@ def declare(
 def parameter_checksum(node: Node) -> str:
     """Return eight hexadecimal digits that are the same where all parameters have one value."""
     values = sorted(
-        (name, repr(one.value)) for name, one in node.get_parameters_by_prefix('').items())
+        (name, repr(one.value))  # type: ignore[union-attr]  # they are Parameters
+        for name, one in node.get_parameters_by_prefix('').items())
     return hashlib.sha256(repr(values).encode()).hexdigest()[:8]
 
 

@@ -178,7 +178,7 @@ def _source(kind: type) -> str:
     return path.read_text(encoding='utf-8').rstrip() + '\n'
 
 
-def _contained(kind: type) -> Iterator[type]:
+def _contained(kind: Any) -> Iterator[type]:
     for field in kind.get_fields_and_field_types().values():
         for package, name in _TYPE.findall(field):
             part = getattr(import_module(f'{package}.msg'), name)

@@ -197,7 +197,7 @@ def _require_messages(executor: Executor, namespace: str) -> None:
     node = rclpy.create_node(
         'executor_check', namespace=namespace, use_global_arguments=False, enable_rosout=False,
         start_parameter_services=False)
-    received = []
+    received: list[Empty] = []
     node.create_subscription(Empty, '~/message', received.append, 1)
     publisher = node.create_publisher(Empty, '~/message', 1)
     node.create_timer(CHECK_PERIOD, lambda: publisher.publish(Empty()))

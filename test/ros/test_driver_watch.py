@@ -31,13 +31,13 @@ def test_goals_may_move_from_the_activation_on(ros):
     node, changes = ros.node(), []
     publisher = node.create_publisher(type(IDLE.to_message('ok', '')), DRIVER_STATUS, LATCHED)
     watch = DriverWatch(node, Rejections(node), lambda: changes.append(watch.status))
-    assert watch.may_move(0.0) and not watch.is_idle  # nothing is known of a driver
+    assert watch.may_move(0.0) and not watch.idle  # nothing is known of a driver
     publisher.publish(IDLE.to_message('ok', 'inactive'))
     ros.until(lambda: changes == [IDLE], 'the first status')
-    assert watch.is_idle and not watch.may_move(math.nextafter(math.inf, 0.0))
+    assert watch.idle and not watch.may_move(math.nextafter(math.inf, 0.0))
     publisher.publish(ACTIVE.to_message('ok', 'active'))
     ros.until(lambda: len(changes) == 2, 'the second status')
-    assert not watch.is_idle
+    assert not watch.idle
     assert watch.may_move(ACTIVE.active_since)
     assert not watch.may_move(ACTIVE.active_since - 0.001)
 
@@ -49,7 +49,7 @@ def test_a_driver_that_says_no_more_is_silent_until_it_speaks(ros, monkeypatch):
     watch = DriverWatch(node, Rejections(node), lambda: changes.append(watch.status))
     publisher.publish(ACTIVE.to_message('ok', 'active'))
     ros.until(lambda: changes == [ACTIVE, SILENT], 'the silence')
-    assert watch.is_idle
+    assert watch.idle
     publisher.publish(ACTIVE.to_message('ok', 'active'))
     ros.until(lambda: changes == [ACTIVE, SILENT, ACTIVE], 'the driver again')
 
