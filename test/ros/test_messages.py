@@ -44,6 +44,12 @@ def first_arguments(*names: str) -> set[str]:
     return {item for item in found if item.strip('…: ')}
 
 
+def may_be(said: str, code: str) -> bool:
+    """Return whether a text of the source may be, or contain, what a document quotes."""
+    pattern = '.*'.join(map(re.escape, said.split('…')))
+    return code in said or len(said.strip('… ')) > 8 and re.search(pattern, code) is not None
+
+
 def table(after: str) -> list[str]:
     """Return the code of the first column of the document's table after a phrase."""
     rest = OPERATION.read_text().split(after, 1)[1]
@@ -70,8 +76,9 @@ def test_every_cause_of_a_stop_is_documented_and_no_other():
     assert len(causes) > 8
     missing = {cause for cause in causes if not any(code in cause for code in documented)}
     assert not missing
-    gone = {code for code in documented if not any(code in cause for cause in causes)}
-    assert gone == {ControllerState.BUS_LOST.value}
+    said = {text(node) for path in PACKAGE.rglob('*.py')
+            for node in ast.walk(ast.parse(path.read_text()))}
+    assert not {code for code in documented if not any(may_be(one, code) for one in said)}
 
 
 def test_everything_that_keeps_the_compensator_from_compensating_is_documented():
