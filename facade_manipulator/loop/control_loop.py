@@ -209,7 +209,8 @@ class ControlLoop:
     def close(self) -> None:
         """Ramp down, power off, close bus and channel; waits for it."""
         try:
-            _log.info(self.controller.close())
+            if self.controller.snapshot().state is not ControllerState.CLOSED:
+                _log.info(self.controller.close())
         except ManipulatorError as error:
             _log.error(str(error))
         if self.simulator is not None:

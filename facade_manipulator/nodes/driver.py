@@ -65,7 +65,6 @@ from facade_manipulator.ros import (
     name_unknown_parameters,
     offer_trigger,
     parameter_checksum,
-    reject_simulated_time,
     Rejections,
     RELIABLE,
     run,
@@ -112,7 +111,6 @@ class DriverNode(ManagedNode):
 
     def __init__(self, launch=start_process, **kwargs) -> None:
         super().__init__('driver', **kwargs)
-        reject_simulated_time(self)
         name_unknown_parameters(self)
         self._rejections = Rejections(self)
         self._settings = declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
@@ -293,8 +291,9 @@ class DriverNode(ManagedNode):
             self._require_active()
             time, (q1, q2, q3, v1, v2, v3) = self._setpoint_codec.read(data)
             self._loop.send_setpoint(Setpoint(time, (q1, q2, q3), (v1, v2, v3)))
-        except ManipulatorError as error:
-            self._rejections.add(error)
+        except ManipulatorError as error:  # who sends them learns by and by that it deactivates
+            state = self._loop.snapshot().state
+            self._rejections.add(error, is_logged=state is not ControllerState.DEACTIVATING)
 
     def _require_active(self) -> None:
         state = self._loop.snapshot().state

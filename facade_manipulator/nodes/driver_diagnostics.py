@@ -144,8 +144,9 @@ def axis_status(axis: AxisSnapshot) -> DiagnosticStatus:
         'heartbeat age [s]': axis.heartbeat_age,
         'missed': axis.missed,
     }
-    serial = '' if axis.serial_number is None else str(axis.serial_number)
-    return diagnostic_status(axis.name, *_axis_outcome(axis), values, serial)
+    known = axis.serial_number is not None
+    return diagnostic_status(axis.name, *_axis_outcome(axis), values, str(
+        axis.serial_number if known else f'node {axis.node_id}'))
 
 
 def _axis_outcome(axis: AxisSnapshot) -> tuple[str, str]:

@@ -6,7 +6,6 @@ Everything that rclpy offers beyond its public interface is used in this package
 
 from .client import Component as Component
 from .client import ManipulatorClient as ManipulatorClient
-from .clocks import reject_simulated_time as reject_simulated_time
 from .clocks import steady_timer as steady_timer
 from .codec import estimate_codec as estimate_codec
 from .codec import pose_codec as pose_codec

@@ -14,18 +14,17 @@ from facade_manipulator.errors import ParameterError
 
 SIMULATED_TIME = 'use_sim_time'
 _REASON = ('use_sim_time = true is not possible: whoever publishes /clock could stop the '
-           'supervision of the drives; start the driver without it')
+           'supervision of the drives, and stamps of another time are rejected; start without it')
 
 
 def steady_timer(node: Node, period: float, callback: Callable[[], Any], **options: Any) -> Timer:
     """
-    Create a timer on a clock that nobody sets; only where time is simulated it follows that.
+    Create a timer on a clock that nobody sets.
 
     A node's own timers stand still for as long as the system clock is set back.
     """
-    clock = None if node.get_parameter(SIMULATED_TIME).value else Clock(
-        clock_type=ClockType.STEADY_TIME)
-    return node.create_timer(period, callback, clock=clock, **options)
+    return node.create_timer(
+        period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME), **options)
 
 
 def reject_simulated_time(node: Node) -> None:

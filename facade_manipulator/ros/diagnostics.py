@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 import math
+import platform
 import time
 from typing import Any, NamedTuple
 
@@ -40,6 +41,7 @@ PERIOD = 1.0  # s, of /diagnostics
 WARN_EVERY = 1.0  # s
 STATUS_PERIOD = 0.5  # s, between two messages on driver/status that say the same
 SILENCE = 4 * STATUS_PERIOD  # s: the driver is dead, or does not get through
+HOST = platform.node()  # the hardware of what is no drive
 REPEAT_AFTER = 60.0  # s, for a message that stands in the log already
 
 
@@ -148,6 +150,7 @@ class DiagnosticsPublisher:
         message = DiagnosticArray(status=self._components())
         for item in message.status:
             item.name = f'{self._name}: {item.name}'
+            item.hardware_id = item.hardware_id or HOST
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
 
@@ -205,11 +208,11 @@ class Rejections:
         """Count of all rejections."""
         return self._counts.total()
 
-    def add(self, error: ManipulatorError, what: str = '') -> None:
+    def add(self, error: ManipulatorError, what: str = '', is_logged: bool = True) -> None:
         """Count a rejection; `what` names the message where the error's message does not."""
         self._counts[getattr(error, 'reason', 'other')] += 1
         self.last_message = f'{what}: {error}' if what else str(error)
-        if self._log.is_due(self.last_message):
+        if is_logged and self._log.is_due(self.last_message):
             self._logger.warning(self.last_message)
 
     def values(self) -> dict[str, int | str]:

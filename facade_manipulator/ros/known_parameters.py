@@ -24,6 +24,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.parameter_file import given_parameters, NODE_NAMES
 from facade_manipulator.parameters import nearest
 
+OF_MECHANISM = 'geometry.'  # of all nodes but the recorder
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
 
 
@@ -54,8 +55,12 @@ def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None =
     """
     known = {node.get_name(): set(node.list_parameters([], 0).names) for node in nodes}
     everything = set().union(*known.values())
+    renamed = {_original_name(node): node.get_name() for node in nodes}
     for given in _given(list(sys.argv if args is None else args)):
-        if given.node in known:
+        if renamed.get(given.node, given.node) not in (given.node, *NODE_NAMES):
+            _reject(f"{renamed[given.node]} was started as {given.node} and renamed: nobody reads "
+                    f"'{given.name}' of {given.node} ({given.where}); rename it there, too")
+        elif given.node in known:
             _require(given, known[given.node], f'{given.node} has no parameter', _reject)
         elif given.node and set(given.node) != {'*'}:
             if given.node not in NODE_NAMES:
@@ -64,8 +69,16 @@ def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None =
         else:
             group = given.name.partition('.')[0] + '.'
             is_ours = not given.node or any(name.startswith(group) for name in everything)
+            if group == OF_MECHANISM and not is_ours:
+                continue  # the nodes that have it look at it
             _require(given, everything, f'{" and ".join(known)}: no parameter',
                      _reject if is_ours else nodes[0].get_logger().warning)
+
+
+def _original_name(node: Node) -> str:
+    """Return the name of a node before it was remapped: that of its module."""
+    spec = sys.modules[type(node).__module__].__spec__
+    return spec.name.rpartition('.')[2] if spec is not None else ''
 
 
 def _reject(message: str) -> None:

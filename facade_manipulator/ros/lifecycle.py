@@ -115,6 +115,11 @@ class ManagedNode(LifecycleNode):
         """Label of the present lifecycle state."""
         return self._state_machine.current_state[1]
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the node was shut down, from which there is no way back: its process ends."""
+        return self._state_machine.current_state[0] == State.PRIMARY_STATE_FINALIZED
+
     def report(self, success: bool, message: str) -> None:
         """Log how a request ended, before its response: that of a transition has no text."""
         if success:

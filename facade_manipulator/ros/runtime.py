@@ -12,6 +12,7 @@ import signal
 import socket
 import sys
 import time
+from typing import NoReturn
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -26,6 +27,7 @@ from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Empty
 
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.ros.clocks import reject_simulated_time
 from facade_manipulator.ros.known_parameters import require_known_parameters
 
 LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -50,7 +52,7 @@ def run(
     experimental: bool = True,
 ) -> int:
     """
-    Spin the nodes until SIGINT, SIGTERM or SIGHUP; return the process's exit status.
+    Spin the nodes until a signal or lifecycle's shutdown; return the process's exit status.
 
     A `ManipulatorError` while the nodes are made, such as a parameter out of range, is one
     message on stderr and exit status 2; so is the end of ROS without a signal, with status 1:
@@ -58,16 +60,16 @@ def run(
     ROS still runs: rclpy's own signal handlers would end ROS before, under a waiting executor.
     Nodes that move drives are not run `experimental`, in rclpy's EventsExecutor.
     """
-    received: list[int] = []
+    received: list[int | str] = []  # signals, and names of nodes that were shut down
     manager = ServiceManager()
-    for number in STOP_SIGNALS:
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # of nohup
-            signal.signal(number, lambda number, _: received.append(number))
+    _on_signals(_interrupt)
     nodes: Sequence[Node] = ()
     try:
         nodes = _start(make_nodes, args)
+        _on_signals(lambda number, _: received.append(number))
         require_known_parameters(nodes, args)
         for node in nodes:  # a managed node says what is next
+            reject_simulated_time(node)
             require_of_rclpy(node.get_clock(), 'handle')
             node.get_logger().info('ready' + getattr(node, 'following_step', str)())
         namespace = nodes[0].get_namespace()
@@ -75,6 +77,8 @@ def run(
               else SingleThreadedExecutor(), manager)
     except ExternalShutdownException:
         pass
+    except KeyboardInterrupt:
+        return 0
     except ManipulatorError as error:
         print(f'could not start: {error}', file=sys.stderr)
         return USAGE_ERROR
@@ -91,6 +95,17 @@ def run(
         print('ended, though by no signal: ROS was shut down in this process', file=sys.stderr)
         return SHUT_DOWN
     return 0
+
+
+def _on_signals(action: Callable[[int, object], object]) -> None:
+    for number in STOP_SIGNALS:
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:  # of nohup
+            signal.signal(number, action)
+
+
+def _interrupt(*_: object) -> NoReturn:
+    """End while nodes are made: nothing moves, and what they wait for may take its time."""
+    raise KeyboardInterrupt
 
 
 def _reject_other_arguments(args: list[str] | None) -> None:
@@ -127,7 +142,7 @@ def ros_errors() -> Iterator[None]:
 
 
 def _spin(
-    nodes: Sequence[Node], received: list[int], executor: Executor, manager: ServiceManager
+    nodes: Sequence[Node], received: list[int | str], executor: Executor, manager: ServiceManager
 ) -> None:
     for node in nodes:
         executor.add_node(node)
@@ -135,8 +150,13 @@ def _spin(
     end = Future()
     rclpy.get_default_context().on_shutdown(lambda: end.set_result(None))
     steady = Clock(clock_type=ClockType.STEADY_TIME)  # simulated time may stand still
-    nodes[0].create_timer(
-        WATCH_PERIOD, lambda: received and end.set_result(None), clock=steady)
+
+    def watch() -> None:
+        received.extend(node.get_name() for node in nodes if getattr(node, 'is_over', False))
+        if received:
+            end.set_result(None)
+
+    nodes[0].create_timer(WATCH_PERIOD, watch, clock=steady)
     if manager.feed_period is not None:
         nodes[0].create_timer(
             manager.feed_period, lambda: manager.notify('WATCHDOG'), clock=steady)

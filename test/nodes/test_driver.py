@@ -4,11 +4,12 @@ from collections import Counter
 import math
 import os
 from pathlib import Path
+import platform
 import signal
 import subprocess
 import sys
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -114,8 +115,9 @@ class Bench:
 class ScriptedLoop:
     """In place of the control loop's process: it has sent the states of cycles."""
 
-    def __init__(self, stamps, late_share=0.0):
+    def __init__(self, stamps, late_share=0.0, state=ControllerState.INACTIVE):
         self.stamps, self.cycle = stamps, CycleStatistics(late_share=late_share)
+        self.present = state
 
     def __call__(self, end):
         self.channel = Channel(end.dup())
@@ -128,7 +130,7 @@ class ScriptedLoop:
         axes = [AxisSnapshot(f'q{number + 1}', number + 1, position=position, homed=True)
                 for number, position in enumerate(HOME)]
         return pack_state(
-            ControllerSnapshot(ControllerState.INACTIVE, time, tuple(axes), cycle=self.cycle),
+            ControllerSnapshot(self.present, time, tuple(axes), cycle=self.cycle),
             StreamStatus())
 
     def wait(self, timeout):
@@ -220,6 +222,20 @@ def test_driver_status_warns_of_a_computer_that_is_too_slow(ros, share, level):
     ros.until(lambda: statuses, 'driver/status')
     assert statuses[-1].level == level
     assert ('late in 13.0 % of 500 cycles' in statuses[-1].message) == bool(share)
+
+
+@pytest.mark.parametrize('state', [ControllerState.DEACTIVATING, ControllerState.HALTED])
+def test_setpoints_that_an_ordinary_deactivate_rejects_are_counted_and_not_logged(
+        ros, capfd, state):
+    bench = Bench(ros, launch=ScriptedLoop([], state=state))
+    diagnostics = ros.collect(bench.operator, DiagnosticArray, '/diagnostics')
+    bench.send(HOME)
+    ros.until(lambda: bench.values()['rejected'] == '1', 'the rejection')
+    assert ('setpoint rejected' in capfd.readouterr().err) == (state is ControllerState.HALTED)
+    ros.until(lambda: diagnostics, '/diagnostics')
+    identities = {one.name.partition(': ')[2]: one.hardware_id for one in diagnostics[-1].status}
+    assert identities['q2'] == 'node 2'
+    assert identities['operation'] == identities['bus'] == platform.node()
 
 
 def test_nothing_moves_before_the_operator_activates(bench):

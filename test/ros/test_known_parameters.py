@@ -69,6 +69,13 @@ def test_what_all_nodes_are_given_and_others_may_know_is_named_in_the_log(check,
     assert "no parameter 'weather' (in parameters.yaml)" in capfd.readouterr().err
 
 
+def test_a_process_without_the_mechanism_leaves_its_parameters_to_those_that_have_it(
+        check, nodes, capfd):
+    nodes[:] = nodes[:1]
+    check('/**: {ros__parameters: {geometry: {link_length: 0.3}}}')
+    assert not capfd.readouterr().err
+
+
 @pytest.mark.parametrize('argument', ['rate:=2.0', 'driver:limits.speed:=1.0',
                                       'ik_service:geometry.link_length:=0.3',
                                       'geometry.link_length:=0.3'])
@@ -101,6 +108,8 @@ def test_all_nodes_of_the_package_are_known():
 
 @pytest.mark.parametrize('module, arguments, message', [
     ('driver', ('-p', 'nonsense:=1'), "no parameter 'nonsense'"),
+    ('recorder', ('-r', '__node:=box', '-p', 'recorder:disk:=500.0'),
+     "box was started as recorder and renamed: nobody reads 'disk' of recorder (given by -p)"),
     ('driver', ('-p', 'limits.speed:=-1.0'),
      'could not start: limits.speed = -1 m/s is below its minimum 0.001 m/s\n'),
     ('driver', ('-p', 'limits.speed:=1'),

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 from threading import Timer
+import time
 from types import SimpleNamespace
 
 import pytest
@@ -13,7 +14,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 
 from facade_manipulator import start
-from facade_manipulator.ros import runtime
+from facade_manipulator.ros import ManagedNode, runtime
 
 DEADLINE = 10.0
 
@@ -75,6 +76,31 @@ def test_a_signal_ends_a_node_where_nothing_happens(ros_domain, handlers, number
         timer.start()
     assert runtime.run(lambda: [rclpy.create_node('idle')], []) == 0
     timers[1].cancel()
+
+
+@pytest.mark.parametrize('number', runtime.STOP_SIGNALS)
+def test_a_signal_ends_within_a_second_what_still_starts(ros_domain, handlers, number):
+    timer = Timer(0.3, os.kill, (os.getpid(), number))
+    timer.start()
+    begin = time.monotonic()
+    assert runtime.run(lambda: time.sleep(DEADLINE), []) == 0
+    assert time.monotonic() < begin + 0.3 + 1.0
+
+
+def test_every_node_rejects_simulated_time(ros_domain, handlers, capfd):
+    arguments = ['--ros-args', '-p', 'use_sim_time:=true']
+    assert runtime.run(lambda: [rclpy.create_node('idle')], arguments) == 2
+    assert 'use_sim_time = true is not possible' in capfd.readouterr().err
+
+
+def test_a_shutdown_ends_the_process_with_success(ros_domain, handlers, capfd):
+    def make_nodes():
+        node = ManagedNode('managed')
+        node.create_timer(0.1, node.trigger_shutdown)
+        return [node]
+
+    assert runtime.run(make_nodes, []) == 0
+    assert 'ended' not in capfd.readouterr().err
 
 
 def test_a_node_that_moves_drives_is_not_run_in_an_experimental_executor(
