@@ -28,7 +28,7 @@ def test_an_archive_has_files_counters_logs_parameters_and_versions(
         parameters.name}
     assert all(texts[path.name] == path.name for path in (new, counters, log, parameters))
     assert 'facade_manipulator ' in texts['versions.txt']
-    assert all(f'{what}: ' in texts['doctor.txt'] for what in ('versions', 'publishers', 'doctor'))
+    assert all(text in texts['doctor.txt'] for text in ('versions', 'publishers', 'doctor: '))
 
 
 def test_a_parameter_file_that_is_missing_leaves_no_archive(tmp_path, capsys):
