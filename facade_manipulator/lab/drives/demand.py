@@ -1,8 +1,6 @@
-"""Position demands over time: cyclic interpolation, a speed ramp, a trapezoidal profile."""
+"""Position demands over time: cyclic interpolation and a speed ramp."""
 
 from __future__ import annotations
-
-import math
 
 
 class Interpolator:
@@ -71,54 +69,4 @@ class SpeedRamp:
         change = min(max(self.goal - self.speed, -most), most)
         self.position += (self.speed + 0.5 * change) * step
         self.speed += change
-        return self.position, self.speed
-
-
-class PositionRamp:
-    """
-    Demand of profile position: a trapezoidal speed profile to a target.
-
-    Parameters
-    ----------
-    position : float
-        Where the demand starts, in counts.
-
-    Attributes
-    ----------
-    target : float
-        Where it goes.
-    halted : bool
-        Whether it comes to rest before the target.
-
-    """
-
-    def __init__(self, position: float) -> None:
-        self.position = position
-        self.speed = 0.0
-        self.target = position
-        self.halted = False
-        self._limits = (0.0, 1.0, 1.0)
-
-    def go(self, target: float, speed: float, acceleration: float, deceleration: float) -> None:
-        """Set a target and the profile to reach it with: counts/s and counts/s²."""
-        self.target = target
-        self._limits = (speed, acceleration, deceleration)
-
-    @property
-    def arrived(self) -> bool:
-        """Whether the demand stands at the target."""
-        return self.position == self.target and self.speed == 0.0
-
-    def step(self, step: float) -> tuple[float, float]:
-        """Return demand position and speed after `step` seconds."""
-        limit, acceleration, deceleration = self._limits
-        distance = self.target - self.position
-        brake = math.sqrt(2.0 * deceleration * abs(distance))
-        wanted = 0.0 if self.halted else math.copysign(min(limit, brake), distance)
-        slows = abs(wanted) < abs(self.speed) or wanted * self.speed < 0.0
-        most = (deceleration if slows else acceleration) * step
-        self.speed += min(max(wanted - self.speed, -most), most)
-        if not self.halted and abs(distance) <= max(abs(self.speed) * step, 0.5):
-            self.position, self.speed = self.target, 0.0
-        self.position += self.speed * step
         return self.position, self.speed

@@ -1,18 +1,18 @@
 """
-Modes of operation of a simulated drive: cyclic synchronous position, profile position, homing.
+Modes of operation of a simulated drive: cyclic synchronous position and homing.
 
 A mode gets the controlword's bits, makes the position demand, and returns the statusword's bits.
 
 References
 ----------
-IEC 61800-7-201 (CiA 402-2): profile position, homing and cyclic synchronous position mode.
+IEC 61800-7-201 (CiA 402-2): homing and cyclic synchronous position mode.
 
 """
 
 from __future__ import annotations
 
 from facade_manipulator.drives.cia402 import Controlword, DriveProfile, Mode, Status
-from facade_manipulator.lab.drives.demand import Interpolator, PositionRamp, SpeedRamp
+from facade_manipulator.lab.drives.demand import Interpolator, SpeedRamp
 from facade_manipulator.lab.drives.homing import (
     HomingFailed,
     HomingSettings,
@@ -41,7 +41,7 @@ class SimulatedMode:
 
     def enter(self) -> None:
         """Begin where the carriage is, at rest and with no target."""
-        self._demand: Interpolator | PositionRamp | SpeedRamp = Interpolator(self._motor.position)
+        self._demand: Interpolator | SpeedRamp = Interpolator(self._motor.position)
 
     def control(self, before: int, controlword: int) -> None:
         """Take the mode's own bits of the controlword."""
@@ -71,40 +71,6 @@ class CyclicPosition(SimulatedMode):
     def status(self) -> int:
         """Return the mode's bits of the statusword."""
         return 0 if self._profile.quirks.never_follows else Status.DRIVE_FOLLOWS
-
-
-class ProfilePosition(SimulatedMode):
-    """Profile position: a trapezoidal move to 607A at each rising edge of controlword bit 4."""
-
-    def enter(self) -> None:
-        """Begin where the carriage is, with no target."""
-        self._demand = PositionRamp(self._motor.position)
-        self._acknowledge = 0
-
-    def control(self, before: int, controlword: int) -> None:
-        """Take a new target, or halt."""
-        self._demand.halted = bool(controlword & Controlword.HALT)
-        is_new = controlword & Controlword.NEW_SETPOINT
-        self._acknowledge = Status.SETPOINT_ACKNOWLEDGE if is_new else 0
-        if is_new and not before & Controlword.NEW_SETPOINT:
-            self._go(bool(controlword & Controlword.RELATIVE))
-
-    def _go(self, relative: bool) -> None:
-        values, units = self._values, self._units
-        base = self._demand.target if relative else -self._motor.offset
-        speed = min(values[0x6081, 0], values[0x607F, 0])
-        self._demand.go(self._within_limits(base + values[0x607A, 0]), speed / units,
-                        values[0x6083, 0] / units, values[0x6084, 0] / units)
-
-    def _within_limits(self, target: float) -> float:
-        low, high = self._values[0x607D, 1], self._values[0x607D, 2]
-        offset = self._motor.offset
-        return min(max(target, low - offset), high - offset) if low < high else target
-
-    def status(self) -> int:
-        """Return the mode's bits of the statusword."""
-        resting = self._demand.halted and self._demand.speed == 0.0
-        return self._acknowledge | Status.TARGET_REACHED * (resting or self._demand.arrived)
 
 
 class Homing(SimulatedMode):
@@ -198,6 +164,5 @@ class Homing(SimulatedMode):
 MODES: dict[int, type[SimulatedMode]] = {
     Mode.NONE: SimulatedMode,
     Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition,
-    Mode.PROFILE_POSITION: ProfilePosition,
     Mode.HOMING: Homing,
 }

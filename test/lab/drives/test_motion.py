@@ -1,4 +1,4 @@
-"""Motion of the simulated drive: following, interpolation, limits, profile position, torque."""
+"""Motion of the simulated drive: following, interpolation, limits, torque."""
 
 import math
 
@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 import pytest
 
-from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
+from facade_manipulator.drives.cia402.states import Controlword, State, Status
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.drives.demand import Interpolator, PositionRamp, SpeedRamp
+from facade_manipulator.lab.drives.demand import Interpolator, SpeedRamp
 from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
 
 LAG = 0.005
@@ -216,50 +216,6 @@ def test_without_power_a_carriage_coasts_as_far_as_friction_and_mass_let_it():
     assert bench.drive.motor.carriage_position - start == pytest.approx(way, rel=0.02)
 
 
-# --- profile position
-
-def test_profile_position_goes_to_its_target_and_says_so():
-    bench = Bench().configure(_6081=round(0.3 * CPM), _6083=round(2 * CPM))
-    bench.enable(Mode.PROFILE_POSITION)
-    bench.target = round(0.2 * CPM)
-    status = bench.command(Controlword.NEW_SETPOINT)
-    assert status.statusword & Status.SETPOINT_ACKNOWLEDGE
-    assert not status.statusword & Status.TARGET_REACHED
-    assert not bench.command().statusword & Status.SETPOINT_ACKNOWLEDGE
-    top = 0
-    for _ in range(150):
-        bench.cycle()
-        top = max(top, bench.motion.velocity)
-    assert top == pytest.approx(0.3 * CPM, rel=0.01)
-    assert bench.status.position_counts == bench.target
-    assert bench.status.statusword & Status.TARGET_REACHED
-
-
-def test_profile_position_halts_and_goes_on():
-    bench = Bench().configure(_6081=round(0.2 * CPM))
-    bench.enable(Mode.PROFILE_POSITION)
-    bench.target = round(0.3 * CPM)
-    bench.command(Controlword.NEW_SETPOINT)
-    bench.cycle(30)
-    bench.command(Controlword.NEW_SETPOINT, Controlword.HALT)
-    bench.cycle(50)
-    assert bench.motion.velocity == 0 and 0 < bench.status.position_counts < bench.target
-    bench.command(Controlword.NEW_SETPOINT)
-    bench.cycle(250)
-    assert bench.status.position_counts == bench.target
-
-
-def test_profile_position_adds_a_relative_target_and_stays_within_the_limits():
-    bench = Bench().configure(_6081=round(0.5 * CPM), _6083=round(5 * CPM))
-    bench.enable(Mode.PROFILE_POSITION)
-    for expected in (0.2, 0.4, 0.5):
-        bench.target = round(0.2 * CPM)
-        bench.command(Controlword.NEW_SETPOINT, Controlword.RELATIVE)
-        bench.command()
-        bench.cycle(150)
-        assert bench.status.position_counts == pytest.approx(expected * CPM, abs=1)
-
-
 # --- torque
 
 def torque_for(force):
@@ -342,21 +298,6 @@ def test_an_interpolator_meets_each_target_at_the_end_of_its_period(targets, ste
 
 
 @settings(max_examples=50)
-@given(st.floats(-1e5, 1e5), st.floats(2e4, 1e6), st.floats(5e4, 1e7), st.floats(5e4, 1e7))
-def test_a_position_ramp_arrives_within_its_limits(target, speed, acceleration, deceleration):
-    ramp = PositionRamp(0.0)
-    ramp.go(target, speed, acceleration, deceleration)
-    time_needed = abs(target) / speed + speed / acceleration + speed / deceleration + 0.1
-    for _ in range(math.ceil(1.1 * time_needed / 0.001)):
-        before = ramp.speed
-        ramp.step(0.001)
-        assert abs(ramp.speed) <= speed * 1.0001
-        assert abs(ramp.speed) - abs(before) <= acceleration * 0.0010001
-        if ramp.arrived:
-            break
-    assert ramp.position == target
-
-
 @given(st.floats(-1e5, 1e5), st.floats(1e3, 1e6))
 def test_a_speed_ramp_comes_to_rest_after_the_stopping_distance(speed, acceleration):
     ramp = SpeedRamp(0.0, speed, acceleration)
