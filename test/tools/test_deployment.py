@@ -54,7 +54,7 @@ def test_the_users_parameter_file_stays_and_units_are_renewed(tmp_path, capsys):
     unit.write_text('[Service]\nExecStart=/bin/false\n')
     capsys.readouterr()
     assert install(tmp_path, '--check') == 1
-    assert 'facade-driver@.service is another' in capsys.readouterr().out
+    assert 'facade-driver@.service differs from' in capsys.readouterr().out
     install(tmp_path)
     assert mine.read_text() == 'mine: true'
     assert 'facade_manipulator.nodes.driver' in unit.read_text()
