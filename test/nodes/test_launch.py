@@ -19,7 +19,7 @@ from facade_manipulator.ros.client import ManipulatorClient
 pytest.importorskip('launch_ros', reason='launch_ros is not installed; apt Jazzy has it')
 
 PACKAGE = 'facade_manipulator'
-EXECUTABLES = ('driver', 'manipulator', 'gondola_simulator')
+EXECUTABLES = ('driver', 'manipulator', 'gondola_simulator', 'recorder')
 LAUNCHER = """
 import sys
 from launch import LaunchService
@@ -83,7 +83,7 @@ def until_logged(process, text: str) -> None:
 
 def test_launched_with_mock_hardware_the_driver_is_configured_and_ends_in_order(launch, ros):
     process = launch('use_mock_hardware:=true', 'namespace:=gondola_1')
-    until_logged(process, 'configured')
+    until_logged(process, 'are configured')
     operator = ros.node('operator')
     state = ros.call(operator, GetState, 'gondola_1/driver/get_state').current_state.id
     assert state == State.PRIMARY_STATE_INACTIVE  # nothing powers the drives on by itself
@@ -97,7 +97,7 @@ def test_launched_with_mock_hardware_the_driver_is_configured_and_ends_in_order(
 @pytest.mark.parametrize('victim', ['manipulator', 'driver'])
 def test_the_death_of_one_node_ends_all_and_stops_the_drives(launch, ros, victim):
     process = launch('use_mock_hardware:=true', 'namespace:=gondola_1')
-    until_logged(process, 'configured')
+    until_logged(process, 'are configured')
     with ManipulatorClient('gondola_1') as client:
         client.home()
         client.activate()
@@ -109,6 +109,26 @@ def test_the_death_of_one_node_ends_all_and_stops_the_drives(launch, ros, victim
     assert f'{victim}-' in log and 'exit code -9' in log
     if victim != 'driver':
         assert re.search(r'\[driver-\d+\]: process has finished cleanly', log)
+
+
+def test_launch_interrupted_alone_ends_its_nodes_in_the_end_and_terminated_alone_leaves_them(
+        launch, ros):
+    interrupted, terminated = (
+        launch('use_mock_hardware:=true', f'namespace:=gondola_{k}') for k in (1, 2))
+    for process in (interrupted, terminated):
+        until_logged(process, 'are configured')
+    pids = {process: [pid_of(process, name) for name in EXECUTABLES]
+            for process in (interrupted, terminated)}
+    interrupted.send_signal(signal.SIGINT)
+    terminated.terminate()
+    terminated.wait(DEADLINE)
+    assert all(map(is_alive, pids[terminated]))
+    interrupt(terminated)  # of its process group what is left
+    wait_until(lambda: not any(map(is_alive, pids[terminated])), 'the end of the nodes left')
+    interrupted.wait(2 * DEADLINE)
+    log = interrupted.log.read_text()
+    assert log.count('process has finished cleanly') == len(EXECUTABLES)
+    assert "[driver-1]: process[driver-1] failed to terminate '15.0'" in log
 
 
 @pytest.mark.parametrize('argument, message', [
