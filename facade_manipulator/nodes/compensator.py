@@ -68,6 +68,7 @@ from facade_manipulator.ros import (
     Rejections,
     RELIABLE,
     run,
+    SILENT,
     steady_timer,
     Transforms,
 )
@@ -234,7 +235,7 @@ class CompensatorNode(Node):
             self._rejections.add(error, 'goal_pose' if isinstance(error, LimitError) else '')
             self._progress.reject(stamp, str(error))
             return
-        self._goal = goal
+        self._goal = self._unless_silent(goal)
         if idle := self._driver.idle:
             reason = f'{idle}: send it again once they are active'
             self.get_logger().warning(
@@ -249,6 +250,11 @@ class CompensatorNode(Node):
             with self._rejections:  # its bounds may have been changed meanwhile
                 if self._follow(self._goal) and self._progress.stamp is None:
                     self._progress.accept(self._goal.stamp)
+            self._goal = self._unless_silent(self._goal)
+
+    def _unless_silent(self, goal: Goal) -> Goal | None:
+        """Forget a goal while the driver is silent: nothing moves by itself when it is back."""
+        return None if self._driver.status is SILENT else goal
 
     def _follow(self, goal: Goal) -> bool:
         if self._driver.may_move(goal.came):

@@ -296,6 +296,34 @@ def test_a_goal_right_after_the_activation_is_not_lost(neighbours):
     neighbours.ros.until(lambda: neighbours.corrected, 'a corrected pose')
 
 
+@pytest.mark.parametrize('during', [False, True])
+def test_no_goal_before_or_during_a_silence_of_the_driver_moves_the_head_after_it(
+        ros, monkeypatch, during):
+    monkeypatch.setattr('facade_manipulator.ros.diagnostics.SILENCE', 0.3)
+    neighbours = Neighbours(ros)
+    node, watch = neighbours.node, neighbours.compensator._driver
+    driver = node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
+    statuses = ros.collect(node, DiagnosticStatus, GOAL_STATUS, RECENT)
+    active = DriverStatus('active', 'holding', '', neighbours.now()).to_message('ok', '')
+    driver.publish(active)
+    ros.until(lambda: watch.status and not watch.idle, 'the driver')
+    neighbours.send_goal()
+    ros.until(lambda: any('ended' in one.message for one in statuses), 'the silence')
+    if during:
+        neighbours.send_goal()
+        ros.until(lambda: 'rejected' in statuses[-1].message, 'the rejection')
+    statuses.clear()
+    neighbours.corrected.clear()
+    driver.publish(active)
+    ros.until(lambda: not watch.idle, 'the driver again')
+    ros.until(lambda: watch.idle, 'another silence')
+    assert len(neighbours.corrected) <= 1 and not statuses  # one may have been on its way
+    driver.publish(active)
+    ros.until(lambda: not watch.idle, 'the driver again')
+    neighbours.send_goal()
+    ros.until(lambda: neighbours.corrected, 'a corrected pose')
+
+
 def wrench(now, frame='end_effector', force=-10.0):
     message = WrenchStamped()
     message.header.frame_id, message.header.stamp = frame, stamp(now)
