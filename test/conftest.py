@@ -103,10 +103,12 @@ def ros(ros_domain, monkeypatch):
 
     monkeypatch.setattr('facade_manipulator.ros.diagnostics.PERIOD', 0.1)
     rclpy.init(domain_id=ros_domain)
-    session = RosSession(rclpy.get_default_context())
-    yield session
-    session.close()
-    rclpy.try_shutdown()
+    try:  # whatever fails, the next test begins without a context
+        session = RosSession(rclpy.get_default_context())
+        yield session
+        session.close()
+    finally:
+        rclpy.try_shutdown()
 
 
 @pytest.fixture
