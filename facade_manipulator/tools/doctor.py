@@ -82,7 +82,7 @@ def _findings(files: Sequence[Path], arguments: Sequence[str] | None) -> Finding
 
 def _nodes(arguments: Sequence[str] | None) -> dict[str, str]:
     """Return what the nodes that run say and do."""
-    rclpy.init(args=arguments)
+    rclpy.init(args=None if arguments is None else list(arguments))
     try:
         with ManipulatorClient('', 'doctor') as client:
             client.spin(LISTENING)

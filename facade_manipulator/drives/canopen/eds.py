@@ -79,8 +79,10 @@ def stated(variable: ODVariable | None) -> int | None:
     return variable.default if variable.value is None else variable.value
 
 
-def misfit(variable: ODVariable, value: int) -> str:
+def misfit(variable: ODVariable | None, value: int) -> str:
     """Return why an object does not take a value; ``''`` if it does, or has it for good."""
+    if variable is None:
+        return 'the object is missing'
     label = f'{variable.index:04X}h:{variable.subindex:02X}'
     if not variable.writable:
         found = stated(variable)

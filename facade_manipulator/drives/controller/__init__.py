@@ -13,6 +13,7 @@ from .configuration import read_identity as read_identity
 from .configuration import unit_conflicts as unit_conflicts
 from .configuration import write_objects as write_objects
 from .controller import DriveController as DriveController
+from .cycle import CycleClock as CycleClock
 from .cycle import CycleStatistics as CycleStatistics
 from .cycle import LATE_WINDOW as LATE_WINDOW
 from .cycle import LATENESS_BOUNDS as LATENESS_BOUNDS

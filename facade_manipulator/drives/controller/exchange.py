@@ -13,6 +13,7 @@ from functools import partial
 import math
 import threading
 import time
+from typing import Protocol
 
 from facade_manipulator.drives.canopen import (
     BusCongestedError,
@@ -35,10 +36,9 @@ from facade_manipulator.drives.cia402 import (
     Phase,
     STOPPED_PHASES,
 )
-from facade_manipulator.drives.controller.cycle import SyncConsumer, SyncProducer
+from facade_manipulator.drives.controller.cycle import CycleClock, SyncConsumer, SyncProducer
 from facade_manipulator.drives.controller.monitor import AxisMonitor
 from facade_manipulator.drives.controller.settings import ControllerSettings
-from facade_manipulator.drives.controller.targets import Targets
 from facade_manipulator.errors import BusError
 
 LONGEST_WAIT = 0.02  # s, after which requests are looked at
@@ -46,6 +46,25 @@ MAX_UNSENT = 8  # frames in a row: two cycles
 _EMERGENCY_LENGTH = 8
 Route = tuple[int, Callable[[Frame], Cause | None]]  # length of the data, who takes it
 _MASTER_HEARTBEAT = pdo.heartbeat_cob_id(pdo.MASTER_NODE_ID)
+
+
+class CycleTargets(Protocol):
+    """What is commanded in each cycle, such as `Targets`."""
+
+    counts: tuple[int, ...]
+
+    @property
+    def at_rest(self) -> bool:
+        """Return whether the targets stand still."""
+
+    def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
+        """Stop where the carriages are not what was commanded."""
+
+    def command(
+        self, group: Group, commands: tuple[AxisCommand, ...], actual: tuple[int, ...],
+        clock: CycleClock, now: float,
+    ) -> tuple[AxisCommand, ...]:
+        """Choose the targets of a cycle; return the commands to send along with them."""
 
 
 class CyclicExchange:
@@ -60,7 +79,7 @@ class CyclicExchange:
         Owned from now on: `close` closes it.
     monitors : tuple of AxisMonitor
     settings : ControllerSettings
-    targets : Targets
+    targets : CycleTargets
 
     Attributes
     ----------
@@ -77,7 +96,7 @@ class CyclicExchange:
 
     def __init__(
         self, bus: CanBus, monitors: tuple[AxisMonitor, ...], settings: ControllerSettings,
-        targets: Targets,
+        targets: CycleTargets,
     ) -> None:
         self.bus = bus
         self.group: Group | None = None

@@ -177,7 +177,7 @@ class _Fit(NamedTuple):
                 np.zeros(len(tolerances)), tolerances, values[self.free])
             values = with_free(found)
             remains = self.misses(values)
-            noise = np.maximum(robust_scatter(remains).filled(0.0), 1e-9)
+            noise = np.maximum(np.ma.filled(robust_scatter(remains), 0.0), 1e-9)
         residual = rms(remains)
         _check_agreement(residual, self.published(self.times).std(axis=0))
         deviations = self._deviations(rates, (remains / noise).filled(0.0))

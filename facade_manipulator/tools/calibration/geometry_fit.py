@@ -112,7 +112,7 @@ def identify(
     used = np.isfinite(measurements.heads)
     values = fit.solve(used)
     misses = fit.misses(values)
-    outlying = used & (np.abs(misses) > OUTLIER * max(1.0, robust_scatter(misses[used])))
+    outlying = used & (np.abs(misses) > OUTLIER * max(1.0, float(robust_scatter(misses[used]))))
     if outlying.sum() > MOST_OUTLIERS * used.sum():
         raise CalibrationError(
             f'{outlying.sum()} of {used.sum()} measured numbers contradict the rest: is this the '
@@ -120,7 +120,8 @@ def identify(
     if outlying.any():
         used &= ~outlying
         values = fit.solve(used, loss='linear')
-    return fit.identification(used, values, [*map(tuple, np.argwhere(outlying).tolist())])
+    return fit.identification(
+        used, values, [(pose, axis) for pose, axis in np.argwhere(outlying).tolist()])
 
 
 class _MachineFit(NamedTuple):
@@ -198,7 +199,7 @@ def _unidentified(covariance: np.ndarray, unknowns: Sequence[Unknown]) -> list[l
 class HeldOut(NamedTuple):
     """RMS of measured less expected at poses left out of a fit, before and after, shape (3,)."""
 
-    count: int
+    count: int  # type: ignore[assignment]  # hides tuple.count
     before: np.ndarray
     after: np.ndarray
 

@@ -44,7 +44,7 @@ class Unknown(NamedTuple):
     """
 
     field: str
-    index: int | None
+    index: int | None  # type: ignore[assignment]  # hides tuple.index
     words: str
     tolerance: float
     unit: tuple[str, float] = MM
@@ -94,10 +94,11 @@ def with_screw_tables(geometry: Geometry, entries: int) -> Geometry:
     if entries < 2:
         raise ParameterError(f'a table of {entries} entries is too short: 2 are the least')
     positions = np.linspace(*geometry.screw_span, entries)
-    return replace(geometry, **{
+    tables: dict[str, Any] = {
         f'screw_errors_{name}': tuple(np.interp(
             positions, np.linspace(*geometry.screw_span, len(table)), table).tolist())
-        for name, table in zip(Carriages._fields, geometry.screw_errors, strict=True)})
+        for name, table in zip(Carriages._fields, geometry.screw_errors, strict=True)}
+    return replace(geometry, **tables)
 
 
 def unknowns_named(names: Sequence[str]) -> tuple[Unknown, ...]:
@@ -124,14 +125,14 @@ def with_values(
     settings: Settings, unknowns: Iterable[Unknown], values: Iterable[float]
 ) -> Settings:
     """Return settings with other values of unknowns."""
-    fields: dict[str, float | list[float]] = {}
+    fields: dict[str, Any] = {}
     for unknown, value in zip(unknowns, values, strict=True):
         if unknown.index is None:
             fields[unknown.field] = float(value)
         else:
             fields.setdefault(unknown.field, list(getattr(settings, unknown.field)))
             fields[unknown.field][unknown.index] = float(value)
-    return replace(settings, **as_fields(fields))
+    return replace(settings, **as_fields(fields))  # type: ignore[type-var]  # a dataclass
 
 
 def head_at(

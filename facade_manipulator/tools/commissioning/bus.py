@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 import threading
 import time
 
@@ -101,9 +102,12 @@ class ToolBus:
             time.sleep(0.002)
         return True
 
-    def objects(self, node_id: int, name: str = '', **details: object) -> SdoChannel:
-        """Return the objects of a drive, for the newest caller; `details` as of `SdoChannel`."""
-        return SdoChannel(self.network, node_id, name or f'node {node_id}', **details)
+    def objects(
+        self, node_id: int, name: str = '', eds: Path | None = None,
+        patience: Patience | None = None,
+    ) -> SdoChannel:
+        """Return the objects of a drive, for the newest caller, as `SdoChannel` takes them."""
+        return SdoChannel(self.network, node_id, name or f'node {node_id}', eds, patience)
 
     def lss(self, timeout: float) -> LssMaster:
         """Return a master of the layer setting services, with a time-out for each answer [s]."""

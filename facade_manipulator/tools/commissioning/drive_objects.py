@@ -47,8 +47,8 @@ class Snapshot(NamedTuple):
     dictionary: ObjectDictionary
     sizes: dict[Key, int]  #: bytes that an object has, where the description says otherwise
 
-    def variable(self, key: Key) -> ODVariable | None:
-        """Return what the object dictionary says of an object."""
+    def variable(self, key: Key) -> Any:
+        """Return the `ODVariable` of one of the objects, with what a file adds to it."""
         return self.dictionary.get_variable(*key)
 
     def value(self, key: Key, node_id: int = 0) -> Any:

@@ -122,7 +122,9 @@ def draft(
 
 def _objects(dictionary: ObjectDictionary) -> tuple[list[ProfileObject], list[str], list[str]]:
     """Return what can be written of the template, and what is lacking: required and optional."""
-    objects, reservations, without = [], [], []
+    objects: list[ProfileObject] = []
+    reservations: list[str] = []
+    without: list[str] = []
     for item in load_profile(TEMPLATE).objects:
         if item.index not in dictionary and item.value == 'home_position' and (
                 dictionary.device_information.vendor_number == _MAXON):

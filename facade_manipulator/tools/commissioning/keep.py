@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 import shutil
 
-from facade_manipulator.drives.canopen import SdoChannel
+from facade_manipulator.drives.canopen import SdoChannel, variables
 from facade_manipulator.drives.cia402 import AXIS_NAMES, decode_state, load_profile, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, file_errors
 from facade_manipulator.resources import config_path
@@ -22,7 +22,6 @@ from facade_manipulator.tools.commissioning.drive_objects import (
     Snapshot,
     store,
     take_snapshot,
-    variables,
     write_dcf,
 )
 from facade_manipulator.tools.commissioning.drive_profile import differences, draft

@@ -33,6 +33,7 @@ from facade_manipulator.drives.controller import (
     ControllerSettings,
     ControllerSnapshot,
     ControllerState,
+    CycleClock,
     CyclicExchange,
     drive_writes,
     write_objects,
@@ -83,8 +84,9 @@ class _Carriage(AxisMonitor):
     def sample(self) -> AxisSample:
         """Return what it sent at the newest SYNC."""
         moved = self.axis.to_metres((self.encoder.counts or 0) - self.start)
-        now = self.snapshot(None, self.heartbeat_time)
-        return AxisSample(moved, now.velocity, now.force or 0.0, now.digital_inputs or 0)
+        now = self.snapshot(None, self.heartbeat_time or 0.0)
+        return AxisSample(
+            moved, now.velocity or 0.0, now.force or 0.0, now.digital_inputs or 0)
 
     def limited(self, here: float, window: float) -> AxisSettings:
         """Return its settings with limits around where it is [m]."""
@@ -100,9 +102,9 @@ class _Displacement:
 
     at_rest = True
 
-    def __init__(self, carriages: tuple[AxisMonitor, ...]) -> None:
+    def __init__(self, carriages: tuple[_Carriage, ...]) -> None:
         self.value = 0.0
-        self.counts = (0,) * len(carriages)
+        self.counts: tuple[int, ...] = (0,) * len(carriages)
         self._carriages = carriages
 
     def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
@@ -114,7 +116,7 @@ class _Displacement:
 
     def command(
         self, group: Group, commands: tuple[AxisCommand, ...], actual: tuple[int, ...],
-        *_: object,
+        clock: CycleClock, now: float,
     ) -> tuple[AxisCommand, ...]:
         """Choose the targets of a cycle; return the commands to send along with them."""
         if group.phase not in FOLLOWING_PHASES:
@@ -244,6 +246,8 @@ class Motion:
         raise CommissioningError(f'{message}: all carriages are stopped')
 
     def _cycle(self) -> None:
+        if self._exchange is None:
+            raise CommissioningError('the carriages are not powered')
         self._exchange.turn()
         cause = self._group.cause
         if cause is not None and not self._is_stopping:

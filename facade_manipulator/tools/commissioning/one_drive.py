@@ -7,6 +7,7 @@ import re
 
 from canopen.objectdictionary import ODVariable
 
+from facade_manipulator.drives.canopen import read_dictionary, variables
 from facade_manipulator.drives.cia402 import load_profile
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
@@ -16,9 +17,7 @@ from facade_manipulator.tools.commissioning.drive_objects import (
     is_kept,
     label,
     read_dcf,
-    read_dictionary,
     shown,
-    variables,
 )
 from facade_manipulator.tools.commissioning.identify import add_lss_timeout, assign
 from facade_manipulator.tools.commissioning.keep import (

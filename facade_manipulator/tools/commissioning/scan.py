@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 import struct
 import time
 from typing import NamedTuple
@@ -137,7 +138,9 @@ def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) ->
             yield f'{name} (node {node_id} in the parameter file) is silent: {remedy}'
 
 
-def only_drive(bus: ToolBus, axis: AxisSettings, name: str, **details: object) -> SdoChannel:
+def only_drive(
+    bus: ToolBus, axis: AxisSettings, name: str, eds: Path | None = None
+) -> SdoChannel:
     """Return the objects of an axis's drive; a DriveIdentityError if more than one answers."""
     node_id = axis.node_id
     answers = [frame for frame in _ask(bus, [node_id])
@@ -146,4 +149,4 @@ def only_drive(bus: ToolBus, axis: AxisSettings, name: str, **details: object) -
         raise DriveIdentityError(
             f'{len(answers)} drives answer as {name} (node {node_id}): nothing was done; '
             'commission assign gives each its own node id')
-    return bus.objects(node_id, name, **details)
+    return bus.objects(node_id, name, eds)

@@ -113,7 +113,8 @@ def drive_faults(run: RecordedRun) -> list[DriveFault]:
 
 def _faults_on_bus(run: RecordedRun, nodes: list[int]) -> Iterator[DriveFault]:
     yield from _error_frames(run)
-    words, beats = dict.fromkeys(range(len(nodes)), run.begin), {}
+    words = dict.fromkeys(range(len(nodes)), run.begin)
+    beats: dict[int, float] = {}
     for stamp, axis, kind, data in _frames_of_drives(run, nodes):
         if kind == EMERGENCY:
             yield from _errors(stamp, axis, int.from_bytes(data[:2], 'little'))
@@ -262,16 +263,21 @@ def _actions(
 ) -> list[tuple[float, Callable[[float], None]]]:
     """Return what is to be done at which time of the recording; each receives the time's shift."""
     actions: list[tuple[float, Callable[[float], None]]] = [
-        (time, lambda shift, one=one: loop.send_setpoint(one._replace(time=one.time + shift)))
-        for time, one in setpoints]
-    actions += [
-        (fault.time, lambda _, fault=fault: loop.disturb(
-            fault.axis, fault.method, *fault.arguments)) for fault in faults]
+        (time, _sending(loop, one)) for time, one in setpoints]
+    actions += [(fault.time, _disturbing(loop, fault)) for fault in faults]
     actions += [
         (one.time, lambda _: loop.stop('software_stop was set'))
         for one in run.topics['software_stop']
         if one.message.data and one.time >= setpoints[0][0]]
     return sorted(actions, key=lambda action: action[0])
+
+
+def _sending(loop: LoopProcess, one: Setpoint) -> Callable[[float], None]:
+    return lambda shift: loop.send_setpoint(one._replace(time=one.time + shift))
+
+
+def _disturbing(loop: LoopProcess, fault: DriveFault) -> Callable[[float], None]:
+    return lambda _: loop.disturb(fault.axis, fault.method, *fault.arguments)
 
 
 def _power_on(loop: LoopProcess) -> None:
