@@ -103,7 +103,7 @@ def test_requirements_that_make_no_sense_are_rejected(asked, words):
 
 
 def test_an_unknown_objective_is_rejected_with_the_known_ones():
-    with pytest.raises(ParameterError, match='none of area, good_area, volume, ratio'):
+    with pytest.raises(ParameterError, match='not one of area, good_area, volume, ratio'):
         optimise('beauty')
 
 
