@@ -8,6 +8,7 @@ from .client import Component as Component
 from .client import ManipulatorClient as ManipulatorClient
 from .clocks import steady_timer as steady_timer
 from .codec import estimate_codec as estimate_codec
+from .codec import message_from as message_from
 from .codec import pose_codec as pose_codec
 from .codec import setpoint_codec as setpoint_codec
 from .codec import states_codec as states_codec
@@ -42,7 +43,6 @@ from .lifecycle import ManagedNode as ManagedNode
 from .lifecycle import offer_trigger as offer_trigger
 from .parameters import declare as declare
 from .parameters import parameter_checksum as parameter_checksum
-from .recording import message_from as message_from
 from .recording import message_type as message_type
 from .recording import MessageQueue as MessageQueue
 from .recording import ParameterReader as ParameterReader

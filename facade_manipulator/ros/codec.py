@@ -141,13 +141,25 @@ class Codec:
         return time
 
     def _read_slowly(self, data: bytes) -> tuple[float, Sequence[float]]:
-        try:
-            message = deserialize_message(data, self._type)
-        except Exception as error:  # whatever the middleware's library makes of it
-            raise InputError(
-                'malformed', f'{self._what}: {len(data)} bytes are no '
-                f'{self._type.__name__}') from error
+        message = message_from(data, self._type, self._what)
         return self._checked(seconds(message.header.stamp)), self._numbers_of(message)
+
+
+def message_from(data: bytes, kind: type, what: str) -> Any:
+    """
+    Return a message from its bytes.
+
+    Raises
+    ------
+    InputError
+        With reason ``'malformed'``.
+
+    """
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # whatever the middleware's library makes of it
+        raise InputError(
+            'malformed', f'{what}: {len(data)} bytes are no {kind.__name__}') from error
 
 
 def pose_codec(topic: str, frame_id: str) -> Codec:

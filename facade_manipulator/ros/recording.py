@@ -16,7 +16,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 from rclpy.type_support import check_for_type_support
 
@@ -131,23 +130,6 @@ def _plain(name: str, value: ParameterValue) -> Any:
         raise InputError('parameter', f'parameter {quoted(name)} is of unknown type '
                          f'{value.type}') from None
     return plain.tolist() if hasattr(plain, 'tolist') else plain
-
-
-def message_from(data: bytes, kind: type, topic: str) -> Any:
-    """
-    Return a message from its bytes.
-
-    Raises
-    ------
-    InputError
-        With reason ``'malformed'``.
-
-    """
-    try:
-        return deserialize_message(data, kind)
-    except RuntimeError as error:  # of rmw: RMWError is one
-        raise InputError(
-            'malformed', f'{topic}: {len(data)} bytes are no {kind.__name__}') from error
 
 
 def message_type(kind: type) -> tuple[str, str]:

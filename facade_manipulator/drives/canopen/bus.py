@@ -215,7 +215,8 @@ class CanBus:
         message = can.Message(
             timestamp=stamp, arbitration_id=cob_id & ~ERROR_FRAME, data=data,
             is_extended_id=False, is_error_frame=cob_id >= ERROR_FRAME)
-        message.data = data  # type: ignore[assignment]  # the virtual bus copies deeply: a bytearray costs it as much again
+        # the virtual bus copies deeply: a bytearray costs it as much again
+        message.data = data  # type: ignore[assignment]
         self._bus.send(message)
 
     def command(self, command: NmtCommand, node_id: int) -> None:

@@ -49,7 +49,6 @@ class Status(IntEnum):
     INTERNAL_LIMIT = 0x0800
     HOMING_ATTAINED = 0x1000
     DRIVE_FOLLOWS = 0x1000
-    SETPOINT_ACKNOWLEDGE = 0x1000
     HOMING_ERROR = 0x2000
     FOLLOWING_ERROR = 0x2000
 
@@ -64,9 +63,6 @@ class Controlword(IntEnum):
     DISABLE_OPERATION = 0x0007
     ENABLE_OPERATION = 0x000F
     HOMING_START = 0x0010
-    NEW_SETPOINT = 0x0010
-    CHANGE_IMMEDIATELY = 0x0020
-    RELATIVE = 0x0040
     FAULT_RESET = 0x0080
     HALT = 0x0100
 
@@ -75,7 +71,6 @@ class Mode(IntEnum):
     """Modes of operation 6060 that this package uses."""
 
     NONE = 0
-    PROFILE_POSITION = 1
     HOMING = 6
     CYCLIC_SYNCHRONOUS_POSITION = 8
 
