@@ -83,6 +83,7 @@ setup(
         f'install = {NAME}.tools.deployment:main',
         f'demo = {NAME}.lab.demo.__main__:main',
         f'doctor = {NAME}.tools.doctor:main',
+        f'policies = {NAME}.tools.policies:main',
         f'stopping = {NAME}.tools.stopping:main',
         f'support = {NAME}.tools.support:main',
         f'workspace_study = {NAME}.lab.study.study:main',

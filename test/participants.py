@@ -26,9 +26,10 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
 from std_msgs.msg import Bool  # noqa: E402
 
+from facade_manipulator import interfaces  # noqa: E402
+from facade_manipulator.ros import publisher, subscription  # noqa: E402
 from facade_manipulator.ros.client import ManipulatorClient  # noqa: E402
 from facade_manipulator.ros.conversions import node_time, stamp  # noqa: E402
-from facade_manipulator.ros.runtime import LATEST, RELIABLE  # noqa: E402
 
 SETTINGS = {
     'localhost': {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'},
@@ -123,12 +124,11 @@ class Streamer:
 
     def __init__(self, client: ManipulatorClient) -> None:
         self._client, self._node = client, client.node
-        self._publisher = self._node.create_publisher(JointState, 'joint_setpoints', LATEST)
+        self._publisher = publisher(self._node, interfaces.JOINT_SETPOINTS)
         self._begin = 0.0
         self._timer = None
         self.pauses, self.driver_pauses = Pauses(), Pauses()
-        self._node.create_subscription(
-            JointState, 'joint_states', lambda _: self.driver_pauses.happens(), RELIABLE)
+        subscription(self._node, interfaces.JOINT_STATES, lambda _: self.driver_pauses.happens())
 
     def start(self) -> None:
         """Begin to send."""

@@ -21,6 +21,7 @@ MACHINE = {
     'resources': set(),
     'files': set(),
     'parameter_file': BASE | {'files'},
+    'interfaces': set(),
     'kinematics': BASE,
     'messages': BASE | {'kinematics'},
     'prediction': BASE | {'kinematics'},
@@ -37,6 +38,7 @@ ALL_OF_IT = set(MACHINE) | {'ros', 'nodes'}
 TOOLS = {
     'tools.calibration': SETTINGS | {'blackbox', 'kinematics', 'messages', 'prediction'},
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance'},
+    'tools.policies': SETTINGS | {'interfaces'},
     'tools.deployment': BASE | {'files', 'resources'},
     'tools.support': BASE | {'files', 'resources'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
@@ -54,8 +56,8 @@ LAB = {
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms
 ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor'}
-PURE_ROOMS = {'errors', 'parameters', 'kinematics', 'messages', 'prediction', 'motion',
-              'compensation', 'lab.gondola'}
+PURE_ROOMS = {'errors', 'parameters', 'interfaces', 'kinematics', 'messages', 'prediction',
+              'motion', 'compensation', 'lab.gondola'}
 DRAWING = {('lab', 'gondola', 'pictures')}
 CLOCKS_AND_IO = {'datetime', 'os', 'random', 'select', 'signal', 'socket', 'subprocess', 'time'}
 ROS_PREFIXES, ROS_SUFFIXES = ('rcl', 'ros', 'launch', 'tf2', 'ament'), ('_msgs', '_srvs')

@@ -25,7 +25,7 @@ AGREED = {
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
     'demo', 'monitor', 'workspace_study', 'calibrate',
-    'commission', 'install', 'recorder', 'replay', 'stopping', 'support', 'doctor',
+    'commission', 'install', 'recorder', 'replay', 'stopping', 'support', 'doctor', 'policies',
 }
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',

@@ -10,18 +10,18 @@ import xml.etree.ElementTree as ElementTree
 import pytest
 import yaml
 
-from facade_manipulator import config_path
+from facade_manipulator import config_path, interfaces
 from facade_manipulator.messages import CARRIAGES
-from facade_manipulator.nodes.recorder import COMPONENTS, TOPICS
+from facade_manipulator.ros import class_of
 
 TOP = Path(__file__).resolve().parents[1]
-MARKERS = {'/ik_service/linkage', '/ik_service/workspace'}
+MARKERS = {f'/{one.name}' for one in (interfaces.LINKAGE, interfaces.WORKSPACE)}
+TOPICS = {f"/{one.name.lstrip('/')}": one for one in interfaces.TOPICS}
 
 
 def require_field(topic: str, path: list[str]) -> None:
     """Raise unless a message of the topic has a field."""
-    kind, _ = TOPICS[topic if topic == '/diagnostics' else topic.removeprefix('/')]
-    value = kind()
+    value = class_of(TOPICS[topic])()
     for name in path:
         value = getattr(value, name)
 
@@ -54,7 +54,7 @@ def test_the_layout_of_plotjuggler_shows_what_is_published():
                for splitter in root.iter('DockSplitter'))
 
 
-@pytest.mark.parametrize('node', [*COMPONENTS, 'recorder'])
+@pytest.mark.parametrize('node', interfaces.NODES)
 @pytest.mark.parametrize('namespace', ['', 'gondola_1/'])
 def test_the_aggregator_sums_up_every_component_once(node, namespace):
     (content,) = yaml.safe_load(config_path('diagnostic_aggregator.yaml').read_text()).values()

@@ -10,18 +10,12 @@ from typing import NamedTuple
 from action_msgs.msg import GoalInfo
 from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
-from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import (
-    PointStamped,
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    WrenchStamped,
-)
+from geometry_msgs.msg import PointStamped, PoseStamped, WrenchStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool
 
+from facade_manipulator import interfaces
 from facade_manipulator.compensation import (
     ArrivalSettings,
     ArrivalWatch,
@@ -54,22 +48,21 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     DriverWatch,
     estimate_codec,
-    GOAL_STATUS,
     goal_status,
     HOLD,
-    LATCHED,
-    LATEST,
     name_unknown_parameters,
     node_time,
     offer_trigger,
     pose_codec,
     PoseStream,
+    publisher,
     RejectedGoal,
     Rejections,
-    RELIABLE,
     run,
+    service,
     SILENT,
     steady_timer,
+    subscription,
     Transforms,
 )
 
@@ -111,7 +104,7 @@ class GoalReport:
         self._watch = ArrivalWatch(declare(
             node, ArrivalSettings, 'arrival',
             lambda settings: setattr(self._watch, 'settings', settings)))
-        self._publisher = node.create_publisher(DiagnosticStatus, GOAL_STATUS, LATCHED)
+        self._publisher = publisher(node, interfaces.GOAL_STATUS)
         self.stamp: Time | None = None  #: of the goal that is followed
         self._rejected: RejectedGoal | None = None
         self._published: tuple[GoalState | None, str] = (None, '')
@@ -186,16 +179,16 @@ class CompensatorNode(Node):
         self._goal: Goal | None = None  # the newest
         self._driver = DriverWatch(self, self._rejections, self._choose_goal)
         self._progress = GoalReport(self, self._compensator, self._held_back)
-        self.corrected = PoseStream(self, 'corrected_pose', RAIL, LATEST)
-        self._reference = PoseStream(self, 'compensator/reference', FACADE, RELIABLE)
+        self.corrected = PoseStream(self, interfaces.CORRECTED_POSE, RAIL)
+        self._reference = PoseStream(self, interfaces.REFERENCE, FACADE)
         self._rail = Transforms(self, FACADE, RAIL)
         self._disturbance_codec = estimate_codec('disturbance', FACADE)
         self._head_codec = pose_codec('end_effector_pose', RAIL)
         self._subscribe(heads)
-        self.create_service(SetBool, 'compensator/enable', self._enable)
-        offer_trigger(self, 'compensator/tare', self._tare)
-        offer_trigger(self, 'compensator/hold', self._hold)
-        self.create_service(CancelGoal, 'compensator/cancel', self._cancel)
+        service(self, interfaces.ENABLE, self._enable)
+        offer_trigger(self, interfaces.TARE, self._tare)
+        offer_trigger(self, interfaces.HOLD, self._hold)
+        service(self, interfaces.CANCEL, self._cancel)
         self._diagnostics = DiagnosticsPublisher(
             self, lambda: self._report.components(node_time(self), self._rejections.values()))
         steady_timer(self, 1.0 / rate, self._update)
@@ -209,21 +202,15 @@ class CompensatorNode(Node):
             partial(WorkspaceLimit, geometry) if part == 'workspace_limit' else None)
 
     def _subscribe(self, heads: PoseStream | None) -> None:
-        self.create_subscription(PoseStamped, 'goal_pose', self._receive_goal, LATEST)
-        self.create_subscription(
-            PoseWithCovarianceStamped, 'disturbance', self._receive_disturbance,
-            qos_profile_sensor_data, raw=True)
-        self.create_subscription(
-            Odometry, 'disturbance_odometry', self._receive_odometry, qos_profile_sensor_data)
+        subscription(self, interfaces.GOAL_POSE, self._receive_goal)
+        subscription(self, interfaces.DISTURBANCE, self._receive_disturbance, raw=True)
+        subscription(self, interfaces.DISTURBANCE_ODOMETRY, self._receive_odometry)
         if heads is not None:
             heads.connect(self._add_head, subscribes=False)
         else:
-            self.create_subscription(
-                PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE, raw=True)
-        self.create_subscription(
-            WrenchStamped, 'contact_wrench', self._receive_wrench, qos_profile_sensor_data)
-        self.create_subscription(
-            PointStamped, 'lateral_offset', self._receive_lateral_offset, qos_profile_sensor_data)
+            subscription(self, interfaces.END_EFFECTOR_POSE, self._receive_head, raw=True)
+        subscription(self, interfaces.CONTACT_WRENCH, self._receive_wrench)
+        subscription(self, interfaces.LATERAL_OFFSET, self._receive_lateral_offset)
 
     def _receive_goal(self, message: PoseStamped) -> None:
         now, stamp = self.get_clock().now().to_msg(), message.header.stamp

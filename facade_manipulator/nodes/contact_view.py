@@ -5,17 +5,16 @@ from __future__ import annotations
 from functools import partial
 import math
 
-from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
 
+from facade_manipulator import interfaces
 from facade_manipulator.compensation import contact_wrench, FrictionSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
 from facade_manipulator.messages import CARRIAGES, END_EFFECTOR, require_finite
 from facade_manipulator.motion import Triple
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import declare, wrench_stamped
+from facade_manipulator.ros import declare, publisher, wrench_stamped
 
 
 @settings
@@ -36,8 +35,7 @@ class ContactView:
             node, FrictionSettings, 'friction', partial(setattr, self, '_friction'))
         self._publisher = None
         if declare(node, ContactSettings, 'contact_wrench').from_drives:
-            self._publisher = node.create_publisher(
-                WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+            self._publisher = publisher(node, interfaces.CONTACT_WRENCH)
 
     def publish(
         self, time: float, head: Pose, velocity: Triple, effort: Triple

@@ -24,6 +24,7 @@ from lifecycle_msgs.msg import State
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from facade_manipulator import interfaces
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
 from facade_manipulator.drives.controller import (
@@ -59,19 +60,19 @@ from facade_manipulator.ros import (
     declare,
     Deferred,
     DiagnosticsPublisher,
-    DRIVER_STATUS,
-    LATEST,
     ManagedNode,
     name_unknown_parameters,
     offer_trigger,
     parameter_checksum,
+    publisher,
     Rejections,
-    RELIABLE,
     run,
+    service,
     setpoint_codec,
     SoftwareStop,
     states_codec,
     steady_timer,
+    subscription,
 )
 
 SUPERVISION_PERIOD = 0.02  # s: a fiftieth of a second is the node's whole delay
@@ -95,7 +96,7 @@ class DriverSettings:
         default=0.5, unit='s', minimum=0.05, maximum=10.0)
     software_stop_topics: tuple[str, ...] = parameter(
         'Topics on which supervisors forbid power, one for each of them',
-        default=('software_stop',), read_only=True)
+        default=(interfaces.SOFTWARE_STOP.name,), read_only=True)
 
 
 class DriverNode(ManagedNode):
@@ -194,36 +195,33 @@ class DriverNode(ManagedNode):
             _simulator() if self._settings.simulate_drives else None)
 
     def _offer(self) -> None:
-        self._joint_states = self.create_publisher(JointState, 'joint_states', RELIABLE)
-        self.create_subscription(
-            JointState, 'joint_setpoints', self._receive_setpoint, LATEST, raw=True)
+        self._joint_states = publisher(self, interfaces.JOINT_STATES)
+        subscription(self, interfaces.JOINT_SETPOINTS, self._receive_setpoint, raw=True)
         if self._settings.simulate_drives:
-            self.create_subscription(
-                JointState, 'gondola_simulator/carriage_forces', self._receive_forces, LATEST)
+            subscription(self, interfaces.CARRIAGE_FORCES, self._receive_forces)
         self._software_stop = SoftwareStop(
             self, self._loop.forbid_power, self._settings.software_stop_topics)
-        for name in ('home', 'halt', 'clear_faults'):
-            self._offer_request(name)
-        offer_trigger(self, 'driver/service_done', self._record_service)
-        self.replies.attach(self.create_service(
-            SelfTest, 'driver/self_test',
-            lambda *_: Deferred(
-                self._loop.request('self_test'), self._self_test_response)))
+        for name, request in (('home', interfaces.HOME), ('halt', interfaces.HALT),
+                              ('clear_faults', interfaces.CLEAR_FAULTS)):
+            self._offer_request(name, request)
+        offer_trigger(self, interfaces.SERVICE_DONE, self._record_service)
+        self.replies.attach(service(self, interfaces.SELF_TEST, lambda *_: Deferred(
+            self._loop.request('self_test'), self._self_test_response)))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         rate = self._settings.joint_states_rate
         every = math.ceil(self._setup.controller.rate / rate)
         steady_timer(self, 1.0 / rate, lambda: self._publish_joint_states(every))
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
-    def _offer_request(self, name: str) -> None:
+    def _offer_request(self, name: str, request: interfaces.Service) -> None:
         def answer(job: Future) -> Trigger.Response:
             error = job.exception()
             message = str(error or job.result())
             self.report(error is None, message)
             return Trigger.Response(success=error is None, message=message)
 
-        self.replies.attach(self.create_service(
-            Trigger, f'driver/{name}', lambda *_: Deferred(self._loop.request(name), answer)))
+        self.replies.attach(service(
+            self, request, lambda *_: Deferred(self._loop.request(name), answer)))
 
     def _self_test_response(self, job: Future) -> SelfTest.Response:
         error = job.exception()
@@ -267,7 +265,7 @@ class DriverNode(ManagedNode):
 
     def _rival(self) -> str:
         """Return what is wrong and the next step where another driver runs beside this one."""
-        if self.count_publishers(DRIVER_STATUS) < 2:
+        if self.count_publishers(interfaces.DRIVER_STATUS.name) < 2:
             return ''
         return (f'another driver runs in namespace {self.get_namespace()}, and both would follow '
                 'the setpoints; next: end one of the two')

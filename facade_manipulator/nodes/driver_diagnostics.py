@@ -9,6 +9,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 
+from facade_manipulator import interfaces
 from facade_manipulator.drives.cia402 import COMPUTER_REMEDY, State
 from facade_manipulator.drives.controller import (
     AxisSnapshot,
@@ -23,10 +24,9 @@ from facade_manipulator.loop import StreamStatus
 from facade_manipulator.maintenance import CounterFile, ServiceSettings
 from facade_manipulator.ros import (
     diagnostic_status,
-    DRIVER_STATUS,
     DriverStatus,
-    LATCHED,
     node_time,
+    publisher,
     STATUS_PERIOD,
 )
 
@@ -48,7 +48,7 @@ class StatusPublisher:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._publisher = node.create_publisher(DiagnosticStatus, DRIVER_STATUS, LATCHED)
+        self._publisher = publisher(node, interfaces.DRIVER_STATUS)
         self._active_since = math.inf
         self._published: tuple = ()
         self._published_at = -math.inf

@@ -9,8 +9,8 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
 
+from facade_manipulator import interfaces
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.messages import (
@@ -38,20 +38,19 @@ from facade_manipulator.ros import (
     diagnostic_status,
     DiagnosticsPublisher,
     DriverWatch,
-    LATCHED,
-    LATEST,
     name_unknown_parameters,
     node_time,
     pose_codec,
     PoseStream,
-    RECENT,
+    publisher,
     rejection_status,
     Rejections,
-    RELIABLE,
     run,
+    service,
     setpoint_codec,
     states_codec,
     steady_timer,
+    subscription,
     Transforms,
 )
 
@@ -85,17 +84,14 @@ class IkServiceNode(Node):
         self._goal_codec = pose_codec('corrected_pose', RAIL)
         self._states_codec, self._setpoint_codec = states_codec(), setpoint_codec()
         self._driver = DriverWatch(self, self._rejections, self._change_driver)
-        self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
-        self.heads = PoseStream(self, 'end_effector_pose', RAIL, RELIABLE)
+        self._setpoints = publisher(self, interfaces.JOINT_SETPOINTS)
+        self.heads = PoseStream(self, interfaces.END_EFFECTOR_POSE, RAIL)
         self._end_effector = Transforms(self, RAIL, END_EFFECTOR)
-        self._status = self.create_publisher(DiagnosticStatus, 'ik_service/status', LATCHED)
-        self._rejected_requests = self.create_publisher(
-            DiagnosticStatus, 'ik_service/rejections', RECENT)
-        self.create_subscription(
-            PoseStamped, 'corrected_pose', self._receive_goal, LATEST, raw=True)
-        self.create_subscription(
-            JointState, 'joint_states', self._receive_joint_states, RELIABLE, raw=True)
-        self.create_service(GetPlan, 'ik_service/solve', self._solve)
+        self._status = publisher(self, interfaces.IK_STATUS)
+        self._rejected_requests = publisher(self, interfaces.REJECTIONS)
+        subscription(self, interfaces.CORRECTED_POSE, self._receive_goal, raw=True)
+        subscription(self, interfaces.JOINT_STATES, self._receive_joint_states, raw=True)
+        service(self, interfaces.SOLVE, self._solve)
         self._approaching = steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False)
         self._contact = ContactView(self, self.geometry)

@@ -9,15 +9,14 @@ from typing import Any, NamedTuple
 
 from builtin_interfaces.msg import Duration
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Point, PoseStamped, PoseWithCovarianceStamped, Vector3
-from nav_msgs.msg import Odometry
-from rclpy.event_handler import PublisherEventCallbacks
+from geometry_msgs.msg import Point, Vector3
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from facade_manipulator import interfaces
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import (
     compose,
     Geometry,
@@ -31,25 +30,20 @@ from facade_manipulator.messages import pose_numbers, projected, RAIL
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     declare,
-    LATEST,
     LEVELS,
     node_time,
     pose_message,
-    RELIABLE,
+    publisher,
     steady_timer,
+    subscription,
 )
 
 # s
 PERIOD = 0.1
 OLDEST = 0.5  # s: what is older is not drawn, and markers vanish by themselves
 OLDEST_STATE = 2.5  # s: /diagnostics comes once a second
-POSES = {
-    'end_effector_pose': (PoseStamped, LATEST),
-    'corrected_pose': (PoseStamped, LATEST),
-    'goal_pose': (PoseStamped, LATEST),
-    'disturbance': (PoseWithCovarianceStamped, qos_profile_sensor_data),
-    'disturbance_odometry': (Odometry, qos_profile_sensor_data),
-}
+POSES = (interfaces.END_EFFECTOR_POSE, interfaces.CORRECTED_POSE, interfaces.GOAL_POSE,
+         interfaces.DISTURBANCE, interfaces.DISTURBANCE_ODOMETRY)
 LEVEL_NAMES = {value: name for name, value in LEVELS.items()}
 
 Colour = tuple[float, float, float, float]  # red, green, blue and opacity, 0 to 1
@@ -105,36 +99,33 @@ class LinkageView:
         self._driver = f'{node.get_namespace()}/driver: operation'.lstrip('/')
         self._subscriptions: list = []
         self._timer = steady_timer(node, PERIOD, self._publish, autostart=False)
-        self._publisher = node.create_publisher(
-            MarkerArray, 'ik_service/linkage', LATEST,
-            event_callbacks=PublisherEventCallbacks(matched=self._match))
+        self._publisher = publisher(node, interfaces.LINKAGE, self._match)
 
-    def _match(self, matched) -> None:
+    def _match(self, matched: Any) -> None:
         if matched.current_count and not self._subscriptions:
             self._open()
         elif not matched.current_count and self._subscriptions:
             self._close()
 
     def _open(self) -> None:
-        create = self._node.create_subscription
         self._subscriptions = [
-            create(DiagnosticArray, '/diagnostics', self._receive_diagnostics, RELIABLE),
-            *(create(kind, topic, partial(self._receive_pose, topic), qos)
-              for topic, (kind, qos) in POSES.items())]
+            subscription(self._node, interfaces.DIAGNOSTICS, self._receive_diagnostics),
+            *(subscription(self._node, topic, partial(self._receive_pose, topic))
+              for topic in POSES)]
         self._timer.reset()
 
     def _close(self) -> None:
         self._timer.cancel()
-        for subscription in self._subscriptions:
-            self._node.destroy_subscription(subscription)
+        for one in self._subscriptions:
+            self._node.destroy_subscription(one)
         self._subscriptions = []
         self._values.clear()
 
-    def _receive_pose(self, topic: str, message: Any) -> None:
+    def _receive_pose(self, topic: Topic, message: Any) -> None:
         """Keep a pose, with or without a covariance; of an odometry only that of the rail."""
         if getattr(message, 'child_frame_id', RAIL) != RAIL:
             return
-        what = topic.removesuffix('_odometry')
+        what = topic.name.removesuffix('_odometry')
         try:
             pose = getattr(message.pose, 'pose', message.pose)
             self._keep(what, projected(pose_numbers(pose), what)[0])

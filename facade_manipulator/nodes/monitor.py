@@ -22,24 +22,18 @@ from rich.table import Table
 from rich.text import Text
 from sensor_msgs.msg import JointState
 
+from facade_manipulator import interfaces
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.interfaces import Topic
 from facade_manipulator.messages import planar_pose
 from facade_manipulator.nodes.overview import Overview, overview, POSES, Seen, Words
 from facade_manipulator.nodes.overview import Table as TableOfWords
-from facade_manipulator.ros import (
-    followed_goal,
-    GOAL_STATUS,
-    LATCHED,
-    LATEST,
-    ManipulatorClient,
-    RELIABLE,
-)
+from facade_manipulator.ros import followed_goal, ManipulatorClient, subscription
 
 REFRESH_PERIOD = 0.25  # s
 LINE_PERIOD = 5.0  # s between lines where a screen cannot be written again
 NARROW = 70  # columns below which a table shows the first of its columns alone
 STYLES = {'ok': 'green', 'warn': 'yellow', 'error': 'bold red', 'stale': 'bold magenta'}
-PROFILES = {'corrected_pose': LATEST}
 
 
 class Observer:
@@ -51,27 +45,25 @@ class Observer:
 
     def __init__(self, client: ManipulatorClient) -> None:
         self.seen = Seen(client.namespace, client.gondolas)
-        create = client.node.create_subscription
-        for topic in POSES.keys() - {GOAL_STATUS}:
-            create(PoseStamped, topic, partial(self._receive_pose, topic),
-                   PROFILES.get(topic, RELIABLE))
-        create(DiagnosticStatus, GOAL_STATUS, self._receive_goal, LATCHED)
-        create(JointState, 'joint_states', self._receive_joints, RELIABLE)
+        for topic in POSES.keys() - {interfaces.GOAL_STATUS}:
+            subscription(client.node, topic, partial(self._receive_pose, topic))
+        subscription(client.node, interfaces.GOAL_STATUS, self._receive_goal)
+        subscription(client.node, interfaces.JOINT_STATES, self._receive_joints)
 
     def overview(self) -> Overview:
         """Return what is to be seen at this moment."""
         return overview(self.seen, time.monotonic())
 
-    def _receive_pose(self, topic: str, message: PoseStamped) -> None:
+    def _receive_pose(self, topic: Topic, message: PoseStamped) -> None:
         try:
-            pose = planar_pose(message.pose, topic)
+            pose = planar_pose(message.pose, topic.name)
         except ManipulatorError:
             pose = None  # the node that rejects it says why
         self.seen.poses[topic] = time.monotonic(), pose
 
     def _receive_goal(self, status: DiagnosticStatus) -> None:
         # a goal stays until another is followed
-        self.seen.poses[GOAL_STATUS] = math.inf, followed_goal(status)
+        self.seen.poses[interfaces.GOAL_STATUS] = math.inf, followed_goal(status)
 
     def _receive_joints(self, message: JointState) -> None:
         self.seen.joints = time.monotonic(), message

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 import math
 from typing import Any, Protocol
 
+from facade_manipulator import interfaces
+from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, status_level, status_values
 
@@ -20,11 +22,11 @@ OLD_AFTER = 1.0  # s after which a pose is no longer shown
 OPERATION, RECORDER = 'driver: operation', 'recorder: black box'
 LEVEL_WORDS = {'ok': '', 'warn': 'warning: ', 'error': 'ERROR: ', 'stale': 'stale: '}
 POSES = {
-    'compensator/goal_status': 'goal on the wall',
-    'corrected_pose': 'corrected goal',
-    'end_effector_pose': 'head, from the rail',
-    'gondola_simulator/uncompensated_error': 'disturbance at the goal',
-    'gondola_simulator/wall_error': 'from the goal',
+    interfaces.GOAL_STATUS: 'goal on the wall',
+    interfaces.CORRECTED_POSE: 'corrected goal',
+    interfaces.END_EFFECTOR_POSE: 'head, from the rail',
+    interfaces.UNCOMPENSATED_ERROR: 'disturbance at the goal',
+    interfaces.WALL_ERROR: 'from the goal',
 }
 # what is shown of a component beside its message: diagnostic key, and how it is written
 DETAILS = {
@@ -66,7 +68,7 @@ class Seen:
     namespace: str = ''
     #: by namespace and name of the component
     gondolas: Mapping[str, Components] = field(default_factory=dict)
-    poses: dict[str, tuple[float, Pose | None]] = field(default_factory=dict)  #: by topic
+    poses: dict[Topic, tuple[float, Pose | None]] = field(default_factory=dict)
     joints: tuple[float, Any] = (-math.inf, None)  #: a JointState
 
     @property

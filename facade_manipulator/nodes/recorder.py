@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
-from importlib import import_module
 from importlib.metadata import distributions
 from itertools import pairwise
 import os
@@ -23,16 +22,12 @@ import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PointStamped, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
-from nav_msgs.msg import OccupancyGrid, Odometry
-from rcl_interfaces.msg import Log, ParameterEvent
+from rcl_interfaces.msg import ParameterEvent
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 import yaml
 
+from facade_manipulator import interfaces
 from facade_manipulator.blackbox import (
     Arrivals,
     BlackBoxSettings,
@@ -48,56 +43,29 @@ from facade_manipulator.blackbox import (
 )
 from facade_manipulator.drives.cia402 import load_profile
 from facade_manipulator.errors import ManipulatorError, RecordError
+from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.messages import status_values
 from facade_manipulator.resources import config_path
 from facade_manipulator.ros import (
+    class_of,
     declare,
     Deferred,
     DeferredReplies,
     diagnostic_status,
     DiagnosticsPublisher,
-    GOAL_STATUS,
     HOLD,
+    is_installed,
     message_from,
     message_type,
     MessageQueue,
     ParameterReader,
     Rejections,
     run,
+    service,
     steady_timer,
 )
 
 DEPTH = 200  # messages of a topic that wait until they are taken
-STREAM = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)  # holds nobody up
-EVERY = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE)
-KEPT = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.RELIABLE,
-                  durability=DurabilityPolicy.TRANSIENT_LOCAL)
-# topic: type, quality of service; those with a slash are the whole graph's
-TOPICS = {
-    'goal_pose': (PoseStamped, EVERY),
-    'disturbance': (PoseWithCovarianceStamped, STREAM),
-    'disturbance_odometry': (Odometry, STREAM),
-    'contact_wrench': (WrenchStamped, STREAM),
-    'lateral_offset': (PointStamped, STREAM),
-    'head_on_wall': (PoseStamped, STREAM),  # what `calibrate estimator` asks for
-    'corrected_pose': (PoseStamped, STREAM),
-    'joint_setpoints': (JointState, STREAM),
-    'joint_states': (JointState, STREAM),
-    'end_effector_pose': (PoseStamped, STREAM),
-    'compensator/reference': (PoseStamped, STREAM),
-    GOAL_STATUS: (DiagnosticStatus, KEPT),
-    'software_stop': (Bool, STREAM),
-    'driver/status': (DiagnosticStatus, KEPT),
-    'ik_service/status': (DiagnosticStatus, KEPT),
-    'ik_service/rejections': (DiagnosticStatus, KEPT),
-    'ik_service/workspace': (OccupancyGrid, KEPT),
-    '/rosout': (Log, EVERY),
-    '/parameter_events': (ParameterEvent, EVERY),
-    '/diagnostics': (DiagnosticArray, EVERY),
-}
-with suppress(ImportError):  # frames are broadcast where tf2 is installed
-    TOPICS['/tf'] = (import_module('tf2_msgs.msg').TFMessage, STREAM)
-COMPONENTS = ('driver', 'ik_service', 'compensator', 'gondola_simulator')
 OPERATION = 'driver: operation'
 STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # states of the driver
 MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
@@ -122,8 +90,9 @@ class RecorderNode(Node):
         self._trigger = RecordTrigger(settings.duration, settings.aftermath)
         self._shelf = Shelf(settings.folder, settings.disk, self.get_namespace())
         self._topics = [CAN_TOPIC, *(
-            RecordedTopic(self.resolve_topic_name(topic), *message_type(kind), playback(qos))
-            for topic, (kind, qos) in TOPICS.items())]
+            RecordedTopic(
+                self.resolve_topic_name(one.name), *message_type(class_of(one)),
+                playback(recorded_quality(one))) for one in recorded_topics())]
         self._stream = Stream(  # a file begins before its first reason, and may have later ones
             self._shelf.folder, self._shelf.name, self._topics,
             2 * settings.duration + settings.aftermath, round(1e6 * settings.memory),
@@ -143,13 +112,16 @@ class RecorderNode(Node):
         self._listener: CanListener | None = None
         self._rejections = Rejections(self)
         self._readers = {name: ParameterReader(self, name, self._rejections)
-                         for name in COMPONENTS}
+                         for name in interfaces.RECORDED}
         replies = DeferredReplies(self)
-        replies.attach(self.create_service(Trigger, 'recorder/save', self._save))
-        reads = {'/diagnostics': self._read_diagnostics, '/parameter_events': self._read_event,
-                 GOAL_STATUS: self._read_goal_status}
-        self._queues = [(MessageQueue(self, kind, topic, qos), reads.get(topic))
-                        for topic, (kind, qos) in TOPICS.items()]
+        replies.attach(service(self, interfaces.SAVE, self._save))
+        reads: dict[Topic, Callable[[Any], None]] = {
+            interfaces.DIAGNOSTICS: self._read_diagnostics,
+            interfaces.PARAMETER_EVENTS: self._read_event,
+            interfaces.GOAL_STATUS: self._read_goal_status}
+        self._queues = [
+            (MessageQueue(self, one, recorded_quality(one)), reads.get(one))
+            for one in recorded_topics()]
         self._arrivals = Arrivals()
         self._prefix = self.get_namespace().strip('/')
         self._diagnostics = DiagnosticsPublisher(self, self._components)
@@ -174,7 +146,7 @@ class RecorderNode(Node):
                 self._driver_time = now
                 self._driver_state = status_values(status).get('state', '')
                 stops |= self._driver_state in STOPS
-            if name.partition(': ')[0] in COMPONENTS:
+            if name.partition(': ')[0] in interfaces.RECORDED:
                 self._note_reason(name, status.message if stops else '')
 
     def _read_goal_status(self, status: DiagnosticStatus) -> None:
@@ -188,7 +160,7 @@ class RecorderNode(Node):
             self._flushed = 0.0  # people switch the power off when the machine has stopped
 
     def _read_event(self, event: ParameterEvent) -> None:
-        if (name := self._own(event.node)) in COMPONENTS:
+        if (name := self._own(event.node)) in interfaces.RECORDED:
             self._readers[name].update(event)
 
     def _own(self, name: str) -> str:
@@ -342,7 +314,18 @@ class RecorderNode(Node):
             self._listener.close()
 
 
-def playback(qos: QoSProfile) -> str:
+def recorded_topics() -> list[Topic]:
+    """Return the topics that are recorded on this computer."""
+    return [one for one in interfaces.TOPICS if one.recorded and is_installed(one)]
+
+
+def recorded_quality(topic: Topic) -> Quality:
+    """Return how a topic is subscribed to: a stream holds nobody up."""
+    latched = topic.quality.latched
+    return Quality(DEPTH, latched or topic.recorded == interfaces.EVERY, latched)
+
+
+def playback(quality: Quality) -> str:
     """
     Return a quality of service as `ros2 bag play` offers it.
 
@@ -353,8 +336,10 @@ def playback(qos: QoSProfile) -> str:
     """
     forever = {'sec': 9223372036, 'nsec': 854775807}
     return yaml.safe_dump([{
-        'history': 'keep_last', 'depth': qos.depth, 'reliability': qos.reliability.name.lower(),
-        'durability': qos.durability.name.lower(), 'deadline': forever, 'lifespan': forever,
+        'history': 'keep_last', 'depth': quality.depth,
+        'reliability': 'reliable' if quality.reliable else 'best_effort',
+        'durability': 'transient_local' if quality.latched else 'volatile',
+        'deadline': forever, 'lifespan': forever,
         'liveliness': 'automatic', 'liveliness_lease_duration': forever,
         'avoid_ros_namespace_conventions': False}], sort_keys=False)
 

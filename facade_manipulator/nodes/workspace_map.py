@@ -8,10 +8,11 @@ from collections.abc import Callable
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
+from facade_manipulator import interfaces
 from facade_manipulator.kinematics import Geometry, lci_grid, Pose
 from facade_manipulator.messages import RAIL
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import declare, LATCHED, pose_message, steady_timer
+from facade_manipulator.ros import declare, pose_message, publisher, steady_timer
 
 PERIOD = 0.25  # s, between two looks at the angle
 THETA_STEP = 0.01  # rad, turn of the head after which the map is drawn again
@@ -47,7 +48,7 @@ class WorkspaceMap:
         self._geometry = geometry
         self._head = head
         self._theta = 0.0
-        self._publisher = node.create_publisher(OccupancyGrid, 'ik_service/workspace', LATCHED)
+        self._publisher = publisher(node, interfaces.WORKSPACE)
         self._settings = declare(node, WorkspaceSettings, 'workspace', self._change_settings)
         steady_timer(node, PERIOD, self._watch)
         self._publish()

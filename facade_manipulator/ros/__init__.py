@@ -21,11 +21,9 @@ from .conversions import Transforms as Transforms
 from .conversions import wrench_stamped as wrench_stamped
 from .diagnostics import diagnostic_status as diagnostic_status
 from .diagnostics import DiagnosticsPublisher as DiagnosticsPublisher
-from .diagnostics import DRIVER_STATUS as DRIVER_STATUS
 from .diagnostics import DriverStatus as DriverStatus
 from .diagnostics import DriverWatch as DriverWatch
 from .diagnostics import followed_goal as followed_goal
-from .diagnostics import GOAL_STATUS as GOAL_STATUS
 from .diagnostics import goal_status as goal_status
 from .diagnostics import HOLD as HOLD
 from .diagnostics import LEVELS as LEVELS
@@ -35,6 +33,13 @@ from .diagnostics import Rejections as Rejections
 from .diagnostics import SILENT as SILENT
 from .diagnostics import stamp_text as stamp_text
 from .diagnostics import STATUS_PERIOD as STATUS_PERIOD
+from .interfaces import class_of as class_of
+from .interfaces import client as client
+from .interfaces import is_installed as is_installed
+from .interfaces import profile as profile
+from .interfaces import publisher as publisher
+from .interfaces import service as service
+from .interfaces import subscription as subscription
 from .known_parameters import name_unknown_parameters as name_unknown_parameters
 from .known_parameters import require_known_parameters as require_known_parameters
 from .lifecycle import Deferred as Deferred
@@ -46,10 +51,6 @@ from .parameters import parameter_checksum as parameter_checksum
 from .recording import message_type as message_type
 from .recording import MessageQueue as MessageQueue
 from .recording import ParameterReader as ParameterReader
-from .runtime import LATCHED as LATCHED
-from .runtime import LATEST as LATEST
-from .runtime import RECENT as RECENT
-from .runtime import RELIABLE as RELIABLE
 from .runtime import ros_errors as ros_errors
 from .runtime import run as run
 from .runtime import USAGE_ERROR as USAGE_ERROR

@@ -30,15 +30,16 @@ from nav_msgs.srv import GetPlan
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import qos_profile_system_default
 from std_srvs.srv import SetBool, Trigger
 
+from facade_manipulator import interfaces
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.interfaces import Service, Topic
 from facade_manipulator.kinematics import Carriages, difference, Pose
 from facade_manipulator.messages import planar_pose, RAIL, status_values
 from facade_manipulator.ros.conversions import node_time, pose_stamped
-from facade_manipulator.ros.diagnostics import GOAL_STATUS, REJECTED_STAMP, stamp_text
-from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
+from facade_manipulator.ros.diagnostics import REJECTED_STAMP, stamp_text
+from facade_manipulator.ros.interfaces import client, publisher, subscription
 
 ANSWER_TIMEOUT = 5.0  # s
 CONFIGURE_TIMEOUT = 30.0  # s
@@ -48,6 +49,7 @@ GOAL_TIMEOUT = 60.0  # s
 REACHED, OVER = 'reached', ('rejected', 'ended', 'superseded')  # states of a goal
 STANDS_WITHIN, STANDS_FOR = 2e-4, 1.0  # m or rad, s
 SENDINGS, SEND_AGAIN = 5, 0.3  # of a goal of which compensator/goal_status says nothing yet, s
+KEPT = interfaces.REJECTIONS.quality.depth  # statuses, in which one looks for those of a goal
 SPIN_STEP = 0.02  # s, after which a waiting call looks at its condition again
 
 Value = TypeVar('Value')
@@ -98,33 +100,22 @@ class ManipulatorClient:
         self.head_in_rail: Pose | None = None
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
-        self._rejections: deque[DiagnosticStatus] = deque(maxlen=RECENT.depth)
-        self._progress: deque[DiagnosticStatus] = deque(maxlen=RECENT.depth)
-        self._publishers: dict[str, Publisher] = {}  # an observer needs no right to move anything
-        self.node.create_subscription(
-            DiagnosticArray, '/diagnostics',
-            self._receive_diagnostics,  # type: ignore[arg-type]  # rclpy hands over the info, too
-            RELIABLE)
-        for topic, receive, qos in (
-            ('ik_service/status', self._receive_goal_status, LATCHED),
-            ('ik_service/rejections', self._receive_rejection, RECENT),
-            (GOAL_STATUS, self._receive_progress, RECENT),
-        ):
-            self.node.create_subscription(DiagnosticStatus, topic, receive, qos)
-        self.node.create_subscription(
-            PoseStamped, 'end_effector_pose', self._receive_head, RELIABLE)
-        self._clients: dict[str, Any] = {}
+        self._rejections: deque[DiagnosticStatus] = deque(maxlen=KEPT)
+        self._progress: deque[DiagnosticStatus] = deque(maxlen=KEPT)
+        self._publishers: dict[Topic, Publisher] = {}  # an observer has no right to move anything
+        subscription(self.node, interfaces.DIAGNOSTICS, self._receive_diagnostics)
+        subscription(self.node, interfaces.IK_STATUS, self._receive_goal_status)
+        subscription(  # rclpy takes no method of a deque
+            self.node, interfaces.REJECTIONS, lambda one: self._rejections.append(one))
+        subscription(
+            self.node, interfaces.GOAL_STATUS, lambda one: self._progress.append(one), depth=KEPT)
+        subscription(self.node, interfaces.END_EFFECTOR_POSE, self._receive_head)
+        self._clients: dict[Service, Any] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
 
     def _receive_goal_status(self, status: DiagnosticStatus) -> None:
         self.goal_status = status
-
-    def _receive_rejection(self, status: DiagnosticStatus) -> None:
-        self._rejections.append(status)
-
-    def _receive_progress(self, status: DiagnosticStatus) -> None:
-        self._progress.append(status)
 
     def __enter__(self) -> ManipulatorClient:
         return self
@@ -195,28 +186,28 @@ class ManipulatorClient:
 
     def driver_state(self) -> str:
         """Return the label of the driver's lifecycle state."""
-        return self.call(GetState, 'driver/get_state', GetState.Request()).current_state.label
+        return self.call(interfaces.GET_STATE, GetState.Request()).current_state.label
 
     def home(self) -> str:
         """Home all axes; return the driver's report."""
-        return self._trigger('driver/home', HOMING_TIMEOUT)
+        return self._trigger(interfaces.HOME, HOMING_TIMEOUT)
 
     def halt(self) -> str:
         """Brake and hold; return the driver's next step."""
-        return self._trigger('driver/halt')
+        return self._trigger(interfaces.HALT)
 
     def clear_faults(self) -> str:
         """Reset what stopped the drives; return the driver's next step."""
-        return self._trigger('driver/clear_faults')
+        return self._trigger(interfaces.CLEAR_FAULTS)
 
     def enable_compensation(self, enabled: bool = True) -> str:
         """Fade the compensation in or out."""
-        reply = self.call(SetBool, 'compensator/enable', SetBool.Request(data=enabled))
-        return _message('compensator/enable', reply)
+        reply = self.call(interfaces.ENABLE, SetBool.Request(data=enabled))
+        return _message(interfaces.ENABLE, reply)
 
     def tare(self) -> str:
         """Make the present disturbance the nominal position of the gondola."""
-        return self._trigger('compensator/tare')
+        return self._trigger(interfaces.TARE)
 
     def send_goal(self, pose: Pose) -> str:
         """
@@ -231,7 +222,7 @@ class ManipulatorClient:
             Nobody subscribes to goals.
 
         """
-        goals = self._publisher('goal_pose')
+        goals = self._publisher(interfaces.GOAL_POSE)
         self.wait_until(  # all who subscribe: a goal published before would miss some
             lambda: 0 < self.node.count_subscribers('goal_pose') <= goals.get_subscription_count(),
             'a compensator that subscribes to goal_pose')
@@ -313,7 +304,7 @@ class ManipulatorClient:
             Nobody subscribes to corrected poses, or the head does not get there in time.
 
         """
-        on_rail = self._publisher('corrected_pose')
+        on_rail = self._publisher(interfaces.CORRECTED_POSE)
         self.wait_until(on_rail.get_subscription_count, 'an ik_service', timeout)
         if self.node.count_publishers('corrected_pose') > 1:
             raise RequestRejectedError(
@@ -341,7 +332,7 @@ class ManipulatorClient:
 
     def hold(self) -> str:
         """End the way to the goal; the head stays on the wall."""
-        return self._trigger('compensator/hold')
+        return self._trigger(interfaces.HOLD)
 
     def solve(
         self, goal: Pose, start: Pose | None = None, spacing: float = 0.0
@@ -367,7 +358,7 @@ class ManipulatorClient:
         if start is not None:
             request.start = pose_stamped('rail', now, start)
         self._rejections.clear()
-        plan = self.call(GetPlan, 'ik_service/solve', request).plan
+        plan = self.call(interfaces.SOLVE, request).plan
         if not plan.poses:
             status = self.wait_until(
                 lambda: _newest(self._rejections, stamp_text(request.goal.header.stamp)),
@@ -376,32 +367,28 @@ class ManipulatorClient:
         points = [item.pose.position for item in plan.poses]
         return [Carriages(point.x, point.y, point.z) for point in points]
 
-    def call(
-        self, service_type: Any, name: str, request: Any, timeout: float = ANSWER_TIMEOUT
-    ) -> Any:
+    def call(self, service: Service, request: Any, timeout: float = ANSWER_TIMEOUT) -> Any:
         """Call a service of the manipulator and return its response."""
-        client = self._clients.get(name)
-        if client is None:
-            client = self._clients[name] = self.node.create_client(
-                service_type, name, qos_profile=qos_profile_system_default)
-        self.wait_until(client.service_is_ready, f'service {name}', timeout)
-        future = client.call_async(request)
-        self.wait_until(future.done, f'the answer of {name}', timeout)
+        if service not in self._clients:
+            self._clients[service] = client(self.node, service)
+        caller = self._clients[service]
+        self.wait_until(caller.service_is_ready, f'service {service.name}', timeout)
+        future = caller.call_async(request)
+        self.wait_until(future.done, f'the answer of {service.name}', timeout)
         return future.result()
 
-    def _publisher(self, topic: str) -> Publisher:
-        """Return what publishes poses on a topic."""
+    def _publisher(self, topic: Topic) -> Publisher:
         if topic not in self._publishers:
-            self._publishers[topic] = self.node.create_publisher(PoseStamped, topic, LATEST)
+            self._publishers[topic] = publisher(self.node, topic)
         return self._publishers[topic]
 
-    def _trigger(self, name: str, timeout: float = ANSWER_TIMEOUT) -> str:
-        return _message(name, self.call(Trigger, name, Trigger.Request(), timeout))
+    def _trigger(self, service: Service, timeout: float = ANSWER_TIMEOUT) -> str:
+        return _message(service, self.call(service, Trigger.Request(), timeout))
 
     def _change_state(self, label: str, timeout: float = ANSWER_TIMEOUT) -> None:
         begin = time.monotonic()
         request = ChangeState.Request(transition=Transition(label=label))
-        if not self.call(ChangeState, 'driver/change_state', request, timeout).success:
+        if not self.call(interfaces.CHANGE_STATE, request, timeout).success:
             raise RequestRejectedError(f'{label}: {self._driver_reason(begin)}')
 
     def _driver_reason(self, since: float) -> str:
@@ -438,7 +425,7 @@ def _distance(a: Pose, b: Pose) -> float:
     return max(map(abs, difference(a, b)))
 
 
-def _message(name: str, reply: Any) -> str:
+def _message(service: Service, reply: Any) -> str:
     if not reply.success:
-        raise RequestRejectedError(f'{name}: {reply.message}')
+        raise RequestRejectedError(f'{service.name}: {reply.message}')
     return reply.message

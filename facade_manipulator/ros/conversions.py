@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib import import_module
+from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
-from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
+from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.messages import planar_numbers, stamp_numbers
 from facade_manipulator.ros.codec import pose_codec
+from facade_manipulator.ros.interfaces import publisher
 
 
 def node_time(node: Node) -> float:
@@ -57,15 +58,13 @@ def wrench_stamped(frame_id: str, time: float, wrench: Wrench) -> WrenchStamped:
 class PoseStream:
     """Publish poses: to a node of the process by a call, on the topic if anybody subscribes."""
 
-    def __init__(self, node: Node, topic: str, frame_id: str, qos: QoSProfile) -> None:
-        self._codec = pose_codec(topic, frame_id)
+    def __init__(self, node: Node, topic: Topic, frame_id: str) -> None:
+        self._codec = pose_codec(topic.name, frame_id)
         self._callback: Callable[[float, Pose], None] | None = None
         self._subscriptions = self._unused = 0
-        self._publisher = node.create_publisher(
-            PoseStamped, topic, qos,
-            event_callbacks=PublisherEventCallbacks(matched=self._match))
+        self._publisher = publisher(node, topic, self._match)
 
-    def _match(self, matched) -> None:
+    def _match(self, matched: Any) -> None:
         self._subscriptions = matched.current_count
 
     def connect(self, callback: Callable[[float, Pose], None], subscribes: bool) -> None:

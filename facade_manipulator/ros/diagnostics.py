@@ -13,6 +13,7 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
+from facade_manipulator import interfaces
 from facade_manipulator.errors import (
     InputError,
     LimitError,
@@ -22,11 +23,9 @@ from facade_manipulator.errors import (
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import status_values
 from facade_manipulator.ros.clocks import steady_timer
-from facade_manipulator.ros.runtime import LATCHED, RELIABLE
+from facade_manipulator.ros.interfaces import publisher, subscription
 
-DRIVER_STATUS = 'driver/status'
-GOAL_STATUS = 'compensator/goal_status'
-HOLD = 'compensator/hold was called'  # a reason in it
+HOLD = 'compensator/hold was called'  # a reason in compensator/goal_status
 LEVELS = {
     'ok': DiagnosticStatus.OK,
     'warn': DiagnosticStatus.WARN,
@@ -142,7 +141,7 @@ class DiagnosticsPublisher:
         self._node = node
         self._name = node.get_fully_qualified_name().lstrip('/')
         self._components = components
-        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', RELIABLE)
+        self._publisher = publisher(node, interfaces.DIAGNOSTICS)
         steady_timer(node, PERIOD, self.publish)
 
     def publish(self) -> None:
@@ -252,7 +251,7 @@ class DriverStatus(NamedTuple):
                                 since, values.get('power', 'unknown'))
         except (KeyError, ValueError) as error:
             raise InputError(
-                'names', f'{DRIVER_STATUS} is not as the driver sends it: {error}') from None
+                'names', f'driver/status is not as the driver sends it: {error}') from None
 
 
 SILENT = DriverStatus('silent', 'unknown', 'look whether the driver still runs')
@@ -283,7 +282,7 @@ class DriverWatch:
         self.status: DriverStatus | None = None
         self._rejections = rejections
         self._on_change = on_change
-        node.create_subscription(DiagnosticStatus, DRIVER_STATUS, self._receive, LATCHED)
+        subscription(node, interfaces.DRIVER_STATUS, self._receive)
         self._silence = steady_timer(
             node, SILENCE, lambda: self._change(SILENT), autostart=False)
 

@@ -10,19 +10,21 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.node import Node
-from rclpy.service import Service
+from rclpy.service import Service as Offer
 from std_srvs.srv import Trigger
 
 from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.interfaces import Service
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.diagnostics import RepeatedLog
+from facade_manipulator.ros.interfaces import service
 from facade_manipulator.ros.runtime import require_of_rclpy
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 FAILURE = TransitionCallbackReturn.FAILURE
 
 
-def offer_trigger(node: Node, name: str, act: Callable[[], str]) -> None:
+def offer_trigger(node: Node, offered: Service, act: Callable[[], str]) -> None:
     """Offer a service that does something at once, and answers with its message or its error."""
     def answer(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         try:
@@ -31,7 +33,7 @@ def offer_trigger(node: Node, name: str, act: Callable[[], str]) -> None:
             response.success, response.message = False, str(error)
         return response
 
-    node.create_service(Trigger, name, answer)
+    service(node, offered, answer)
 
 
 class Deferred(NamedTuple):
@@ -55,7 +57,7 @@ class DeferredReplies:
     def __init__(self, node: Node) -> None:
         self._node = node
 
-    def attach(self, service: Service) -> None:
+    def attach(self, service: Offer) -> None:
         """Let the service's callback return a `Deferred` in place of a response."""
         require_of_rclpy(service, 'send_response')
         send_response = service.send_response

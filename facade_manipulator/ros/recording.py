@@ -15,12 +15,14 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import QoSProfile
 from rclpy.task import Future
 from rclpy.type_support import check_for_type_support
 
+from facade_manipulator import interfaces
 from facade_manipulator.errors import InputError
+from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.ros.diagnostics import Rejections
+from facade_manipulator.ros.interfaces import class_of, client, profile
 from facade_manipulator.ros.runtime import require_of_rclpy
 
 _TYPE = re.compile(r'(\w+)/(\w+)')
@@ -37,21 +39,19 @@ class MessageQueue:
     Parameters
     ----------
     node : rclpy.node.Node
-    kind : type
-        Of the messages.
-    topic : str
-    qos : rclpy.qos.QoSProfile
+    topic : Topic
+    quality : Quality
         Its depth bounds what waits.
 
     """
 
-    def __init__(self, node: Node, kind: type, topic: str, qos: QoSProfile) -> None:
+    def __init__(self, node: Node, topic: Topic, quality: Quality) -> None:
         require_of_rclpy(rclpy_implementation, 'Subscription')
-        check_for_type_support(kind)
-        self.kind, self.topic = kind, node.resolve_topic_name(topic)
+        self.kind, self.topic = class_of(topic), node.resolve_topic_name(topic.name)
+        check_for_type_support(self.kind)
         with node.handle:
             self._subscription = rclpy_implementation.Subscription(
-                node.handle, kind, topic, qos.get_c_qos_profile())
+                node.handle, self.kind, topic.name, profile(quality).get_c_qos_profile())
         require_of_rclpy(self._subscription, 'take_message')
 
     def take(self) -> Iterator[tuple[float, bytes]]:
@@ -90,8 +90,9 @@ class ParameterReader:
         self.values: dict[str, Any] = {}
         self._rejections = rejections
         # not rclpy's AsyncParameterClient: its clients could set parameters, which SROS2 forbids
-        self._list = node.create_client(ListParameters, f'{name}/list_parameters')
-        self._get = node.create_client(GetParameters, f'{name}/get_parameters')
+        self._list, self._get = (
+            client(node, interfaces.SERVICES_BY_NAME[f'{name}/{what}'])
+            for what in ('list_parameters', 'get_parameters'))
         self._was_there = False
 
     def ask_once(self) -> None:

@@ -20,22 +20,16 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Empty
 
+from facade_manipulator import interfaces
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.clocks import reject_simulated_time
+from facade_manipulator.ros.interfaces import publisher, subscription
 from facade_manipulator.ros.known_parameters import require_known_parameters
-
-LATEST = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-RELIABLE = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-LATCHED = QoSProfile(
-    depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-RECENT = QoSProfile(  # who subscribes late, to look for one of them, still receives it
-    depth=10, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -178,7 +172,7 @@ def choose_executor(namespace: str = '') -> Executor:
     """
     Return an EventsExecutor if messages arrive in it, else a SingleThreadedExecutor.
 
-    The messages are in the nodes' namespace, where the policies of config/sros2 allow them.
+    The messages are in the nodes' namespace, where the policies of SROS2 allow them.
 
     rclpy's EventsExecutor hands a message on in a third of the processor time of the
     SingleThreadedExecutor, which builds a wait set for every event. It is experimental: in rclpy
@@ -218,9 +212,9 @@ def _require_messages(executor: Executor, namespace: str) -> None:
         'executor_check', namespace=namespace, use_global_arguments=False, enable_rosout=False,
         start_parameter_services=False)
     received: list[Empty] = []
-    node.create_subscription(Empty, '~/message', received.append, 1)
-    publisher = node.create_publisher(Empty, '~/message', 1)
-    node.create_timer(CHECK_PERIOD, lambda: publisher.publish(Empty()))
+    subscription(node, interfaces.EXECUTOR_CHECK, received.append)
+    sender = publisher(node, interfaces.EXECUTOR_CHECK)
+    node.create_timer(CHECK_PERIOD, lambda: sender.publish(Empty()))
     executor.add_node(node)
     try:
         deadline = time.monotonic() + CHECK_TIMEOUT

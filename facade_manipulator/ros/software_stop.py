@@ -15,7 +15,8 @@ import time
 from rclpy.node import Node
 from std_msgs.msg import Bool
 
-from facade_manipulator.ros.runtime import LATEST
+from facade_manipulator import interfaces
+from facade_manipulator.ros.interfaces import subscription
 
 
 class SoftwareStop:
@@ -34,14 +35,14 @@ class SoftwareStop:
 
     def __init__(
         self, node: Node, forbid: Callable[[str], None],
-        topics: Sequence[str] = ('software_stop',),
+        topics: Sequence[str] = (interfaces.SOFTWARE_STOP.name,),
     ) -> None:
         self._node = node
         self._forbid = forbid
         self._received_at: dict[str, float] = {}
         self._causes: dict[str, str] = {}
         for topic in topics:
-            node.create_subscription(Bool, topic, partial(self._receive, topic), LATEST)
+            subscription(node, interfaces.SOFTWARE_STOP, partial(self._receive, topic), name=topic)
 
     def watch(self, timeout: float) -> None:
         """Forbid power for a supervisor that has been silent for a time [s], until it speaks."""

@@ -27,9 +27,11 @@ from rclpy.signals import SignalHandlerOptions
 from ros_roles import HORIZON, JOINT_STATES_PERIOD
 from sensor_msgs.msg import JointState
 
+from facade_manipulator import interfaces
 from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.ros.runtime import choose_executor, RELIABLE
+from facade_manipulator.ros import publisher
+from facade_manipulator.ros.runtime import choose_executor
 
 CYCLE_RATE = 500.0
 
@@ -40,7 +42,7 @@ class DriverRelay(RelayDriver):
     def __init__(self) -> None:
         self._taken: list[tuple[float, float]] = []
         super().__init__(CYCLE_RATE, self._taken)
-        self._states = self.create_publisher(JointState, 'joint_states', RELIABLE)
+        self._states = publisher(self, interfaces.JOINT_STATES)
         self._message = JointState(
             name=CARRIAGES, position=(0.0,) * 3, velocity=(0.0,) * 3, effort=(0.0,) * 3)
         self.create_timer(JOINT_STATES_PERIOD, lambda: self._states.publish(self._message))

@@ -23,8 +23,10 @@ from rclpy.signals import SignalHandlerOptions
 from ros_roles import HORIZON, Inputs
 from sensor_msgs.msg import JointState
 
+from facade_manipulator import interfaces
 from facade_manipulator.drives.canopen import pdo
-from facade_manipulator.ros.runtime import choose_executor, LATEST
+from facade_manipulator.ros import subscription
+from facade_manipulator.ros.runtime import choose_executor
 
 LAST_COMMAND = pdo.RPDO1.cob_id(3)
 HOP = 0.0002  # s: an estimate younger than this is not in the next corrected pose yet
@@ -58,7 +60,7 @@ class RelayDriver(Node):
         super().__init__('driver')
         self._heard = heard
         self._bus = can.Bus(interface='virtual', channel=CHANNEL)
-        self.create_subscription(JointState, 'joint_setpoints', self._hear, LATEST)
+        subscription(self, interfaces.JOINT_SETPOINTS, self._hear)
         self._period = 1.0 / rate
         self.cycle = Thread(target=self._command, daemon=True)
         self.cycle.start()

@@ -20,16 +20,17 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 
+from facade_manipulator import interfaces
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.messages import CARRIAGES, RAIL, seconds
+from facade_manipulator.ros import publisher, subscription
 from facade_manipulator.ros.codec import setpoint_codec
 from facade_manipulator.ros.conversions import pose_stamped, stamp
-from facade_manipulator.ros.runtime import choose_executor, LATEST, RELIABLE
+from facade_manipulator.ros.runtime import choose_executor
 
 HORIZON = 0.06
 JOINT_STATES_PERIOD = 0.01
@@ -43,12 +44,11 @@ class CompensatorRelay(Node):
 
     def __init__(self, rate: float) -> None:
         super().__init__('compensator')
-        self.create_subscription(PoseStamped, 'goal_pose', self.take, LATEST)
-        self.create_subscription(PoseStamped, 'end_effector_pose', self.take, RELIABLE)
-        self.create_subscription(
-            PoseWithCovarianceStamped, 'disturbance', self.take, qos_profile_sensor_data)
-        self._corrected = self.create_publisher(PoseStamped, 'corrected_pose', LATEST)
-        self._reference = self.create_publisher(PoseStamped, 'compensator/reference', RELIABLE)
+        subscription(self, interfaces.GOAL_POSE, self.take)
+        subscription(self, interfaces.END_EFFECTOR_POSE, self.take)
+        subscription(self, interfaces.DISTURBANCE, self.take)
+        self._corrected = publisher(self, interfaces.CORRECTED_POSE)
+        self._reference = publisher(self, interfaces.REFERENCE)
         self._message = pose_stamped('rail', 0.0, PLACE)
         self.create_timer(1.0 / rate, self._relay)
 
@@ -67,10 +67,10 @@ class IkRelay(Node):
 
     def __init__(self, _) -> None:
         super().__init__('ik_service')
-        self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
-        self._heads = self.create_publisher(PoseStamped, 'end_effector_pose', RELIABLE)
-        self.create_subscription(PoseStamped, 'corrected_pose', self._relay, LATEST)
-        self.create_subscription(JointState, 'joint_states', self._relay_back, RELIABLE)
+        self._setpoints = publisher(self, interfaces.JOINT_SETPOINTS)
+        self._heads = publisher(self, interfaces.END_EFFECTOR_POSE)
+        subscription(self, interfaces.CORRECTED_POSE, self._relay)
+        subscription(self, interfaces.JOINT_STATES, self._relay_back)
         self._message = JointState(
             header=Header(frame_id=RAIL), name=CARRIAGES, position=(0.0,) * 3,
             velocity=(0.0,) * 3)
@@ -90,10 +90,8 @@ class DeploymentRelay(IkRelay):
 
     def __init__(self, rate: float) -> None:
         super().__init__(rate)
-        for message_type, topic, qos in (
-                (PoseStamped, 'goal_pose', LATEST), (PoseStamped, 'end_effector_pose', RELIABLE),
-                (PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)):
-            self.create_subscription(message_type, topic, self._hear, qos)
+        for topic in (interfaces.GOAL_POSE, interfaces.END_EFFECTOR_POSE, interfaces.DISTURBANCE):
+            subscription(self, topic, self._hear)
         self._pose = pose_stamped('rail', 0.0, PLACE)
         self.create_timer(1.0 / rate, self._tick)
 
@@ -110,16 +108,15 @@ class Inputs(Node):
 
     def __init__(self, rate: float) -> None:
         super().__init__('inputs')
-        self._goals = self.create_publisher(PoseStamped, 'goal_pose', LATEST)
-        self._states = self.create_publisher(JointState, 'joint_states', RELIABLE)
-        self._disturbances = self.create_publisher(
-            PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
+        self._goals = publisher(self, interfaces.GOAL_POSE)
+        self._states = publisher(self, interfaces.JOINT_STATES)
+        self._disturbances = publisher(self, interfaces.DISTURBANCE)
         self._disturbance = PoseWithCovarianceStamped()
         self._disturbance.header.frame_id = 'facade'
         for index in VARIANCES:
             self._disturbance.pose.covariance[index] = 1e-6
         self._carriages = inverse_kinematics(Geometry(), PLACE)
-        self.create_subscription(JointState, 'joint_setpoints', self._follow, LATEST)
+        subscription(self, interfaces.JOINT_SETPOINTS, self._follow)
         self.create_timer(1.0 / rate, self._sway)
         self.create_timer(JOINT_STATES_PERIOD, self._tell_states)
         self.create_timer(GOAL_PERIOD, self._tell_goal)
@@ -148,7 +145,7 @@ class Poses(Inputs):
 
     def __init__(self, rate: float) -> None:
         super().__init__(1.0)
-        self._corrected = self.create_publisher(PoseStamped, 'corrected_pose', LATEST)
+        self._corrected = publisher(self, interfaces.CORRECTED_POSE)
         self.create_timer(1.0 / rate, self._tell_pose)
 
     def _tell_pose(self) -> None:
@@ -165,8 +162,8 @@ class Setpoints(Node):
         self._begin = time.time()
         self._home: tuple[float, ...] = ()
         self._message = JointState(header=Header(frame_id=RAIL), name=CARRIAGES)
-        self._setpoints = self.create_publisher(JointState, 'joint_setpoints', LATEST)
-        self.create_subscription(JointState, 'joint_states', self._stand, RELIABLE)
+        self._setpoints = publisher(self, interfaces.JOINT_SETPOINTS)
+        subscription(self, interfaces.JOINT_STATES, self._stand)
         self.create_timer(1.0 / rate, self._tell)
 
     def _stand(self, message: JointState) -> None:
@@ -188,12 +185,11 @@ class Setpoints(Node):
 class Listener(Node):
     """Measures how late messages are: now less the instant at which their sender began."""
 
-    def __init__(self, topic: str, message_type, read: Callable | None = None) -> None:
+    def __init__(self, topic: interfaces.Topic, read: Callable | None = None) -> None:
         super().__init__('listener')
         self._latencies: list[float] = []
         self._read = read or (lambda message: (seconds(message.header.stamp), message))
-        self.create_subscription(
-            message_type, topic, self._hear, LATEST, raw=read is not None)
+        subscription(self, topic, self._hear, raw=read is not None)
         Thread(target=self._obey, daemon=True).start()
 
     def _hear(self, message) -> None:
@@ -215,10 +211,10 @@ ROLES = {
     'inputs': Inputs,
     'poses': Poses,
     'setpoints': Setpoints,
-    'hear_poses': lambda _: Listener('corrected_pose', PoseStamped),
-    'hear_setpoints': lambda _: Listener('joint_setpoints', JointState),
+    'hear_poses': lambda _: Listener(interfaces.CORRECTED_POSE),
+    'hear_setpoints': lambda _: Listener(interfaces.JOINT_SETPOINTS),
     'hear_as_the_driver': lambda _: Listener(
-        'joint_setpoints', JointState, setpoint_codec().read),
+        interfaces.JOINT_SETPOINTS, setpoint_codec().read),
 }
 
 

@@ -15,6 +15,7 @@ from geometry_msgs.msg import (
 from geometry_msgs.msg import Pose as PoseMessage
 from nav_msgs.msg import Odometry
 import pytest
+from qualities import DRIVER_STATUS, GOAL_STATUS, LATCHED, LATEST, RECENT, RELIABLE
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from std_srvs.srv import SetBool, Trigger
@@ -26,12 +27,9 @@ from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import (
-    DRIVER_STATUS,
     DriverStatus,
     followed_goal,
-    GOAL_STATUS,
 )
-from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
 
 GOAL, OUTSIDE = Pose(0.03, 0.25, 0.02), Pose(0.0, 0.9, 0.0)
 DISTURBANCE = Pose(0.05, 0.01, 0.02)

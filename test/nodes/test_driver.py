@@ -14,6 +14,7 @@ from diagnostic_msgs.srv import SelfTest
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
+from qualities import LATCHED, LATEST, RELIABLE
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -34,7 +35,6 @@ from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import stamp
 from facade_manipulator.ros.diagnostics import DriverStatus
-from facade_manipulator.ros.runtime import LATCHED, LATEST, RELIABLE
 
 HOME = (-0.1, 0.1, 0.0)
 PARTICIPANTS = Path(__file__).resolve().parents[1] / 'participants.py'

@@ -10,7 +10,7 @@ from action_msgs.srv import CancelGoal
 from builtin_interfaces.msg import Time
 import pytest
 
-from facade_manipulator import config_path
+from facade_manipulator import config_path, interfaces
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import status_values
 from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
@@ -43,7 +43,7 @@ def states(client: ManipulatorClient, stamp: str) -> set[str]:
 
 def cancel(client: ManipulatorClient, **stamp: int) -> int:
     request = CancelGoal.Request(goal_info=GoalInfo(stamp=Time(**stamp)))
-    return client.call(CancelGoal, 'compensator/cancel', request).return_code
+    return client.call(interfaces.CANCEL, request).return_code
 
 
 def test_a_stroke_of_goals_is_reached_held_rejected_and_ended(client):

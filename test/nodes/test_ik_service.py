@@ -5,6 +5,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nav_msgs.srv import GetPlan
 import pytest
+from qualities import DRIVER_STATUS, LATCHED, LATEST, RECENT, RELIABLE
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -19,8 +20,7 @@ from facade_manipulator.kinematics import (
 from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.ros.conversions import pose_stamped, stamp
-from facade_manipulator.ros.diagnostics import DRIVER_STATUS, DriverStatus
-from facade_manipulator.ros.runtime import LATCHED, LATEST, RECENT, RELIABLE
+from facade_manipulator.ros.diagnostics import DriverStatus
 
 GEOMETRY = Geometry()
 MIDDLE = Pose(0.05, 0.25, 0.1)

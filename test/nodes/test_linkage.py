@@ -11,6 +11,7 @@ from hypothesis import given
 from mechanism import DESIGN as GEOMETRY
 from mechanism import workspace_poses
 import pytest
+from qualities import LATEST, RELIABLE
 from rclpy.qos import qos_profile_sensor_data
 from visualization_msgs.msg import Marker, MarkerArray
 import yaml
@@ -22,7 +23,6 @@ from facade_manipulator.messages import planar_pose
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.linkage import markers, MechanismView, STATE_COLOURS
 from facade_manipulator.ros.conversions import pose_message, pose_stamped
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 MIDDLE = Pose(0.05, 0.25, 0.1)
 

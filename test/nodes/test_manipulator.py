@@ -2,13 +2,13 @@ import math
 
 from geometry_msgs.msg import PoseStamped
 import pytest
+from qualities import LATEST, RELIABLE
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import Carriages, Geometry, inverse_kinematics, Pose
 from facade_manipulator.messages import CARRIAGES, planar_pose, seconds
 from facade_manipulator.nodes.manipulator import make_nodes
 from facade_manipulator.ros.conversions import pose_stamped
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 PLACE = Pose(0.02, 0.25, 0.0)
 

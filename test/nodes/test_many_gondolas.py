@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from qualities import LATEST
 from std_msgs.msg import Bool
 from support import wait_until
 
 from facade_manipulator import config_path
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.ros.client import ManipulatorClient, RequestRejectedError
-from facade_manipulator.ros.runtime import LATEST
 
 GONDOLAS = ('gondola_1', 'gondola_2')
 GOAL = Pose(0.05, 0.25, 0.0)

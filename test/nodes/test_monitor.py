@@ -11,6 +11,7 @@ from types import SimpleNamespace
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 import pytest
+from qualities import LATCHED, RELIABLE
 from rich.console import Console
 from sensor_msgs.msg import JointState
 
@@ -20,7 +21,6 @@ from facade_manipulator.nodes.overview import overview, POSES, Seen
 from facade_manipulator.ros.client import Component, ManipulatorClient
 from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.ros.diagnostics import diagnostic_status
-from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
 CAUSE = ('q2 (node 2): following error 8611h, the carriage is 21.3 mm behind its setpoint, bound '
          '20 mm')

@@ -14,6 +14,7 @@ from geometry_msgs.msg import PoseStamped
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 import pytest
+from qualities import LATCHED, RELIABLE
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rclpy.parameter import Parameter
@@ -24,7 +25,6 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.ros.diagnostics import HOLD
-from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
 GOAL = Pose(0.1, 0.26, 0.02)
 

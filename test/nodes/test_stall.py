@@ -9,6 +9,7 @@ from frames import decode_rpdo1
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from loop_bench import LoopThread
 import pytest
+from qualities import LATEST
 from rclpy.parameter import Parameter
 from support import patiently
 
@@ -19,7 +20,6 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.motion.limits import MotionLimits
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.ros.conversions import pose_stamped
-from facade_manipulator.ros.runtime import LATEST
 
 STALL = 0.35  # s, as Fast DDS may stand still while a participant joins
 # a C call that holds the interpreter's lock, and the executor with it

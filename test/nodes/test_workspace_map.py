@@ -6,12 +6,12 @@ from mechanism import DESIGN as GEOMETRY
 from nav_msgs.msg import OccupancyGrid
 import numpy as np
 import pytest
+from qualities import LATCHED, RELIABLE
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 
 from facade_manipulator.kinematics import inverse_kinematics, lci_grid, Pose
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.ros.runtime import LATCHED, RELIABLE
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 import pytest
+from qualities import GOAL_STATUS, LATEST, RECENT, RELIABLE
 from support import DEADLINE
 
 from facade_manipulator.compensation import GoalProgress, GoalState
@@ -12,8 +13,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose
 from facade_manipulator.ros.client import ManipulatorClient, NoAnswerError, RequestRejectedError
 from facade_manipulator.ros.conversions import pose_stamped, stamp
-from facade_manipulator.ros.diagnostics import GOAL_STATUS, goal_status
-from facade_manipulator.ros.runtime import LATEST, RECENT, RELIABLE
+from facade_manipulator.ros.diagnostics import goal_status
 
 GOAL = Pose(0.05, 0.25, 0.0)
 

@@ -4,11 +4,11 @@ import math
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
+from qualities import DRIVER_STATUS, LATCHED
 
 from facade_manipulator.messages import status_level
 from facade_manipulator.ros.diagnostics import (
     diagnostic_status,
-    DRIVER_STATUS,
     DriverStatus,
     DriverWatch,
     FOLLOWED,
@@ -16,7 +16,6 @@ from facade_manipulator.ros.diagnostics import (
     Rejections,
     SILENT,
 )
-from facade_manipulator.ros.runtime import LATCHED
 
 ACTIVE = DriverStatus('active', 'holding', '', 1795320000.123456)
 IDLE = DriverStatus('inactive', 'holding', 'activate')

@@ -4,11 +4,12 @@ import math
 
 from geometry_msgs.msg import PoseStamped
 import pytest
+from qualities import LATEST
 
+from facade_manipulator import interfaces
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.ros.conversions import PoseStream
-from facade_manipulator.ros.runtime import LATEST
 
 PLACE = Pose(0.1, 0.2, math.radians(5.0))
 
@@ -16,7 +17,7 @@ PLACE = Pose(0.1, 0.2, math.radians(5.0))
 @pytest.fixture
 def stream(ros):
     """Return a stream whose publisher notes what it is given."""
-    stream = PoseStream(ros.node('teller'), 'poses', 'rail', LATEST)
+    stream = PoseStream(ros.node('teller'), interfaces.CORRECTED_POSE, 'rail')
     publish, stream.published = stream._publisher.publish, []
 
     def note(data):
@@ -31,7 +32,7 @@ def listen(ros, stream):
     """Return the list of messages that a new listener hears, once it is known, and its node."""
     listeners = stream._subscriptions
     node = ros.node('listener')
-    received = ros.collect(node, PoseStamped, 'poses', LATEST)
+    received = ros.collect(node, PoseStamped, interfaces.CORRECTED_POSE.name, LATEST)
     ros.until(lambda: stream._subscriptions == listeners + 1, 'the listener')
     return received, node
 

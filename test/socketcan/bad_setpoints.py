@@ -18,8 +18,9 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
+from facade_manipulator import interfaces
+from facade_manipulator.ros import publisher
 from facade_manipulator.ros.conversions import stamp
-from facade_manipulator.ros.runtime import LATEST
 
 HOME = (-0.1, 0.1, 0.0)
 NAMES = ('q1', 'q2', 'q3')
@@ -74,16 +75,16 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('stranger')
-    publisher = node.create_publisher(JointState, 'joint_setpoints', LATEST)
-    while not publisher.get_subscription_count():
+    sender = publisher(node, interfaces.JOINT_SETPOINTS)
+    while not sender.get_subscription_count():
         time.sleep(0.01)
     rng, number, begin = random.Random(0), 0, time.time()
     while True:
         now = time.time()
         if number % GOOD_ONE_IN:
-            publisher.publish(rng.choice(bad(rng, now + AHEAD)))
+            sender.publish(rng.choice(bad(rng, now + AHEAD)))
         else:
-            publisher.publish(good(now + AHEAD, begin + AHEAD))
+            sender.publish(good(now + AHEAD, begin + AHEAD))
         number += 1
         if number % TELL_EVERY == 0:
             print(f'{number} setpoints in {time.time() - begin:.2f} s', flush=True)

@@ -6,10 +6,10 @@ from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
+from qualities import DRIVER_STATUS
 
 from facade_manipulator.blackbox import RESERVE
 from facade_manipulator.drives.controller import ControllerSettings
-from facade_manipulator.ros import DRIVER_STATUS
 from facade_manipulator.tools import doctor
 from facade_manipulator.tools.support import DOCTOR
 

@@ -26,7 +26,7 @@ from rich.console import Console
 from std_srvs.srv import Trigger
 import yaml
 
-from facade_manipulator import config_path
+from facade_manipulator import config_path, interfaces
 from facade_manipulator.blackbox import read_recording
 from facade_manipulator.errors import INTERRUPTED, ManipulatorError, missing_package
 from facade_manipulator.files import atomic_write
@@ -150,7 +150,7 @@ class Demo:
 
     def _save(self) -> Path:
         """Return the recorder's file of the run."""
-        saved = self.client.call(Trigger, 'recorder/save', Trigger.Request(), SAVE_TIMEOUT)
+        saved = self.client.call(interfaces.SAVE, Trigger.Request(), SAVE_TIMEOUT)
         if not saved.success:
             raise ManipulatorError(f'recorder: {saved.message}')
         return Path(saved.message.removeprefix('recorded in '))

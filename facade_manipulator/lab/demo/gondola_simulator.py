@@ -6,17 +6,11 @@ from functools import partial
 import json
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import (
-    Point,
-    PointStamped,
-    PoseStamped,
-    PoseWithCovarianceStamped,
-    WrenchStamped,
-)
+from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
 
+from facade_manipulator import interfaces
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
 from facade_manipulator.lab.gondola import (
     carriage_loads,
@@ -44,16 +38,16 @@ from facade_manipulator.ros import (
     diagnostic_status,
     DiagnosticsPublisher,
     estimate_codec,
-    LATEST,
     name_unknown_parameters,
     node_time,
     offer_trigger,
     PoseStream,
+    publisher,
     Rejections,
-    RELIABLE,
     run,
     stamp,
     steady_timer,
+    subscription,
     wrench_stamped,
 )
 
@@ -96,21 +90,16 @@ class GondolaSimulatorNode(Node):
 
     def _connect(self) -> None:
         self._estimate_codec = estimate_codec('disturbance', FACADE)
-        self._disturbance = self.create_publisher(
-            PoseWithCovarianceStamped, 'disturbance', qos_profile_sensor_data)
+        self._disturbance = publisher(self, interfaces.DISTURBANCE)
         self._head, self._error, self._uncompensated = (
-            PoseStream(self, f'gondola_simulator/{name}', FACADE, RELIABLE)
-            for name in ('head_pose', 'wall_error', 'uncompensated_error'))
-        self._wrench = self.create_publisher(
-            WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
-        self._loads = self.create_publisher(
-            JointState, 'gondola_simulator/carriage_forces', LATEST)
-        self._lateral = self.create_publisher(
-            PointStamped, 'lateral_offset', qos_profile_sensor_data)
-        self.create_subscription(PoseStamped, 'goal_pose', self._receive_goal, LATEST)
-        self.create_subscription(JointState, 'joint_states', self._receive_joint_states, RELIABLE)
-        offer_trigger(
-            self, 'gondola_simulator/report', lambda: json.dumps(self._wall.report()))
+            PoseStream(self, topic, FACADE) for topic in (
+                interfaces.HEAD_POSE, interfaces.WALL_ERROR, interfaces.UNCOMPENSATED_ERROR))
+        self._wrench = publisher(self, interfaces.CONTACT_WRENCH)
+        self._loads = publisher(self, interfaces.CARRIAGE_FORCES)
+        self._lateral = publisher(self, interfaces.LATERAL_OFFSET)
+        subscription(self, interfaces.GOAL_POSE, self._receive_goal)
+        subscription(self, interfaces.JOINT_STATES, self._receive_joint_states)
+        offer_trigger(self, interfaces.REPORT, lambda: json.dumps(self._wall.report()))
 
     def _deliver(self) -> None:
         for estimate in self._estimator.advance(node_time(self)):

@@ -7,6 +7,7 @@ import signal
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 import pytest
+from qualities import LATEST, RELIABLE
 from rclpy.parameter import Parameter
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import JointState
@@ -17,7 +18,6 @@ from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
 from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.ros.conversions import pose_stamped, stamp
-from facade_manipulator.ros.runtime import LATEST, RELIABLE
 
 GOAL = Pose(0.03, 0.25, 0.02)
 

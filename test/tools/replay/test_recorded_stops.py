@@ -6,6 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 import time
 
 import pytest
+from qualities import LATEST
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -13,7 +14,6 @@ from std_msgs.msg import Bool
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.conversions import stamp
-from facade_manipulator.ros.runtime import LATEST
 from facade_manipulator.tools.replay.__main__ import main
 
 HOME = (-0.1, 0.1, 0.0)

@@ -1,0 +1,145 @@
+"""
+Topics and services of a manipulator: the one table of them, without ROS.
+
+The nodes declare what they publish, subscribe to, serve and call from it (`ros.publisher` and its
+kin); the recorder's topics, the policies of SROS2 (`tools.policies`), the tables of
+docs/supervisor.md and the layouts for viewers are made from it or held to it by tests.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Quality(NamedTuple):
+    """Quality of service: what ROS 2 calls a profile."""
+
+    depth: int
+    reliable: bool = True
+    latched: bool = False  #: transient local: who subscribes later receives the last ones, too
+
+
+LATEST = Quality(1)
+RELIABLE = Quality(10)
+LATCHED = Quality(1, latched=True)
+RECENT = Quality(10, latched=True)
+SENSOR = Quality(5, reliable=False)  # as rclpy's qos_profile_sensor_data
+TRANSFORMS = Quality(100)
+STREAM, EVERY = 'stream', 'every'  # recorded without holding anybody up, or none may be lost
+
+# Who takes part, by the name of the node: our own, and programs and instruments of others. The
+# recorder subscribes to what is recorded and reads parameters, the monitor subscribes to all.
+COMPENSATOR, DRIVER, IK, SIMULATOR = 'compensator', 'driver', 'ik_service', 'gondola_simulator'
+RECORDER, SUPERVISOR, MONITOR = 'recorder', 'supervisor', 'monitor'
+RECORDED = (DRIVER, COMPENSATOR, IK, SIMULATOR)
+NODES = (*RECORDED, RECORDER)
+ROLES = (*NODES, SUPERVISOR, 'estimator', 'force_sensor', 'camera', 'instrument', MONITOR)
+READ = ('list_parameters', 'get_parameters')
+
+
+class Topic(NamedTuple):
+    """A topic; names and types as ROS has them, without the namespace."""
+
+    name: str
+    type: str
+    quality: Quality
+    publishers: tuple[str, ...]
+    subscribers: tuple[str, ...] = ()  #: beside recorder and monitor
+    recorded: str = STREAM  #: or `EVERY`; '' is not
+    parameter: str = ''  #: of the subscribing node, with the names if there are others or more
+    #: whether the type's package may be missing: then there is no such topic
+    optional: bool = False
+
+
+class Service(NamedTuple):
+    """A service: who offers it and who may call it."""
+
+    name: str
+    type: str
+    server: str
+    clients: tuple[str, ...] = (SUPERVISOR,)
+
+
+GOAL_POSE = Topic('goal_pose', 'geometry_msgs/PoseStamped', LATEST, (SUPERVISOR,),
+                  (COMPENSATOR, IK, SIMULATOR), EVERY)
+DISTURBANCE = Topic('disturbance', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR,
+                    ('estimator', SIMULATOR), (COMPENSATOR, IK))
+DISTURBANCE_ODOMETRY = Topic('disturbance_odometry', 'nav_msgs/Odometry', SENSOR, ('estimator',),
+                             (COMPENSATOR, IK))
+CORRECTED_POSE = Topic('corrected_pose', 'geometry_msgs/PoseStamped', LATEST, (COMPENSATOR,),
+                       (IK,))
+GOAL_STATUS = Topic('compensator/goal_status', 'diagnostic_msgs/DiagnosticStatus', LATCHED,
+                    (COMPENSATOR,), (SUPERVISOR,))
+REFERENCE = Topic('compensator/reference', 'geometry_msgs/PoseStamped', RELIABLE, (COMPENSATOR,))
+JOINT_SETPOINTS = Topic('joint_setpoints', 'sensor_msgs/JointState', LATEST, (IK,), (DRIVER,))
+JOINT_STATES = Topic('joint_states', 'sensor_msgs/JointState', RELIABLE, (DRIVER,),
+                     (IK, SIMULATOR))
+END_EFFECTOR_POSE = Topic('end_effector_pose', 'geometry_msgs/PoseStamped', RELIABLE, (IK,),
+                          (COMPENSATOR, IK, SUPERVISOR))
+SOFTWARE_STOP = Topic('software_stop', 'std_msgs/Bool', LATEST, (SUPERVISOR,), (DRIVER,),
+                      parameter='software_stop_topics')
+CONTACT_WRENCH = Topic('contact_wrench', 'geometry_msgs/WrenchStamped', SENSOR,
+                       ('force_sensor', IK, SIMULATOR), (COMPENSATOR,))
+LATERAL_OFFSET = Topic('lateral_offset', 'geometry_msgs/PointStamped', SENSOR,
+                       ('camera', SIMULATOR), (COMPENSATOR,))
+HEAD_ON_WALL = Topic('head_on_wall', 'geometry_msgs/PoseStamped', SENSOR, ('instrument',))
+DRIVER_STATUS = Topic('driver/status', 'diagnostic_msgs/DiagnosticStatus', LATCHED, (DRIVER,),
+                      (COMPENSATOR, IK, SUPERVISOR))
+IK_STATUS = Topic('ik_service/status', 'diagnostic_msgs/DiagnosticStatus', LATCHED, (IK,),
+                  (SUPERVISOR,))
+REJECTIONS = Topic('ik_service/rejections', 'diagnostic_msgs/DiagnosticStatus', RECENT, (IK,),
+                   (SUPERVISOR,))
+WORKSPACE = Topic('ik_service/workspace', 'nav_msgs/OccupancyGrid', LATCHED, (IK,))
+LINKAGE = Topic('ik_service/linkage', 'visualization_msgs/MarkerArray', LATEST, (IK,), recorded='')
+DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/DiagnosticArray', RELIABLE, NODES,
+                    (IK, SUPERVISOR), EVERY)
+TF = Topic('/tf', 'tf2_msgs/TFMessage', TRANSFORMS, (COMPENSATOR, IK), optional=True)
+CARRIAGE_FORCES = Topic('gondola_simulator/carriage_forces', 'sensor_msgs/JointState', LATEST,
+                        (SIMULATOR,), (DRIVER,), recorded='')
+HEAD_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (
+    Topic(f'gondola_simulator/{name}', 'geometry_msgs/PoseStamped', RELIABLE, (SIMULATOR,),
+          recorded='')
+    for name in ('head_pose', 'wall_error', 'uncompensated_error'))
+# of ROS itself
+ROSOUT = Topic('/rosout', 'rcl_interfaces/Log', RELIABLE, ROLES, recorded=EVERY)
+PARAMETER_EVENTS = Topic(
+    '/parameter_events', 'rcl_interfaces/ParameterEvent', RELIABLE, ROLES, recorded=EVERY)
+TRANSITION_EVENT = Topic('driver/transition_event', 'lifecycle_msgs/TransitionEvent', RELIABLE,
+                         (DRIVER,), recorded='')
+EXECUTOR_CHECK = Topic('executor_check/message', 'std_msgs/Empty', LATEST,
+                       (COMPENSATOR, RECORDER, SIMULATOR), (COMPENSATOR, RECORDER, SIMULATOR), '')
+
+SOLVE = Service('ik_service/solve', 'nav_msgs/GetPlan', IK)
+ENABLE = Service('compensator/enable', 'std_srvs/SetBool', COMPENSATOR)
+HOLD = Service('compensator/hold', 'std_srvs/Trigger', COMPENSATOR)
+CANCEL = Service('compensator/cancel', 'action_msgs/CancelGoal', COMPENSATOR)
+TARE = Service('compensator/tare', 'std_srvs/Trigger', COMPENSATOR)
+CHANGE_STATE = Service('driver/change_state', 'lifecycle_msgs/ChangeState', DRIVER)
+GET_STATE = Service('driver/get_state', 'lifecycle_msgs/GetState', DRIVER)
+HOME = Service('driver/home', 'std_srvs/Trigger', DRIVER)
+HALT = Service('driver/halt', 'std_srvs/Trigger', DRIVER)
+CLEAR_FAULTS = Service('driver/clear_faults', 'std_srvs/Trigger', DRIVER)
+SERVICE_DONE = Service('driver/service_done', 'std_srvs/Trigger', DRIVER)
+SELF_TEST = Service('driver/self_test', 'diagnostic_msgs/SelfTest', DRIVER)
+SAVE = Service('recorder/save', 'std_srvs/Trigger', RECORDER)
+REPORT = Service('gondola_simulator/report', 'std_srvs/Trigger', SIMULATOR)
+LIFECYCLE = tuple(
+    Service(f'driver/{name}', f'lifecycle_msgs/{kind}', DRIVER, ()) for name, kind in (
+        ('get_available_states', 'GetAvailableStates'),
+        ('get_available_transitions', 'GetAvailableTransitions'),
+        ('get_transition_graph', 'GetAvailableTransitions')))
+OF_EVERY_NODE = tuple(
+    Service(f'{role}/{name}', kind, role, (RECORDER,) if role in RECORDED and name in READ else ())
+    for role in ROLES for name, kind in (
+        ('list_parameters', 'rcl_interfaces/ListParameters'),
+        ('get_parameters', 'rcl_interfaces/GetParameters'),
+        ('describe_parameters', 'rcl_interfaces/DescribeParameters'),
+        ('get_parameter_types', 'rcl_interfaces/GetParameterTypes'),
+        ('set_parameters', 'rcl_interfaces/SetParameters'),
+        ('set_parameters_atomically', 'rcl_interfaces/SetParametersAtomically'),
+        ('get_type_description', 'type_description_interfaces/GetTypeDescription')))
+
+TOPICS = tuple(one for one in globals().values() if isinstance(one, Topic))
+SERVICES = (*(one for one in globals().values() if isinstance(one, Service)), *LIFECYCLE,
+            *OF_EVERY_NODE)
+SERVICES_BY_NAME = {one.name: one for one in SERVICES}

@@ -1,0 +1,91 @@
+"""
+Print the policies of SROS2 for one manipulator: what the table of interfaces allows, and no more.
+
+There is an enclave for each process and for each program or instrument beside the nodes;
+compensator and ik_service are one process.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from facade_manipulator.errors import exit_status
+from facade_manipulator.interfaces import (
+    COMPENSATOR,
+    DRIVER,
+    IK,
+    MONITOR,
+    RECORDER,
+    ROLES,
+    SERVICES,
+    Topic,
+    TOPICS,
+)
+from facade_manipulator.parameter_file import read_parameters
+
+ENCLAVES = {COMPENSATOR: 'manipulator', IK: 'manipulator', MONITOR: 'viewer'}  # else the role
+Parameters = Mapping[str, Sequence[str]]
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Print the policies of a namespace."""
+    parser = argparse.ArgumentParser(prog='policies', description=__doc__.splitlines()[1])
+    parser.add_argument('namespace', help='of the nodes, such as gondola_1')
+    parser.add_argument('--params-file', type=Path, action='append', default=[],
+                        help='of the driver, where it names topics')
+    options = parser.parse_args(args)
+    return exit_status('policies', lambda: print(policies(
+        options.namespace, read_parameters(options.params_file, DRIVER))))
+
+
+def policies(namespace: str, parameters: Parameters = {}) -> str:  # noqa: B006  # read alone
+    """Return the policies; the driver's parameters name topics that have no fixed name."""
+    root = Element('policy', version='0.2.0')
+    enclaves = SubElement(root, 'enclaves')
+    namespace = f"/{namespace.strip('/')}"
+    profiles: dict[str, Element] = {}
+    for role in ROLES:
+        name = ENCLAVES.get(role, role)
+        if name not in profiles:
+            enclave = SubElement(enclaves, 'enclave', path=f"{namespace.rstrip('/')}/{name}")
+            profiles[name] = SubElement(enclave, 'profiles')
+        profile = SubElement(profiles[name], 'profile', ns=namespace, node=role)
+        for kind, verb, names in rights(role, parameters):
+            group = SubElement(profile, f'{kind}s', {verb: 'ALLOW'})
+            for one in names:
+                SubElement(group, kind).text = one
+    ElementTree.indent(root)
+    return ElementTree.tostring(root, encoding='unicode', xml_declaration=True)
+
+
+def rights(role: str, parameters: Parameters) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield what a role may do: kind of interface, verb of SROS2, names; nothing empty."""
+    taken = [one for one in TOPICS if may_subscribe(role, one)]
+    given = [one for one in TOPICS if role in one.publishers]
+    for kind, verb, names in (
+        ('topic', 'subscribe', [name for one in taken for name in names_of(one, parameters)]),
+        ('topic', 'publish', [name for one in given for name in names_of(one, parameters)]),
+        ('service', 'request', [one.name for one in SERVICES if role in one.clients]),
+        ('service', 'reply', [one.name for one in SERVICES if role == one.server]),
+    ):
+        if names:
+            yield kind, verb, names
+
+
+def may_subscribe(role: str, topic: Topic) -> bool:
+    """Return whether a role may subscribe: the monitor always, the recorder to what it keeps."""
+    return role in topic.subscribers or role == MONITOR or (
+        role == RECORDER and bool(topic.recorded))
+
+
+def names_of(topic: Topic, parameters: Parameters) -> Sequence[str]:
+    """Return the names of a topic: its own, or those that a parameter has."""
+    return parameters.get(topic.parameter, (topic.name,))
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

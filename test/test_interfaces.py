@@ -1,0 +1,167 @@
+"""One table of topics and services: what nodes declare and documents say is what stands there."""
+
+from __future__ import annotations
+
+import ast
+from functools import partial
+from pathlib import Path
+import re
+
+from loop_bench import LoopThread
+from own_processes import free_domain
+import pytest
+import rclpy
+from rclpy.parameter import Parameter
+
+import facade_manipulator
+from facade_manipulator import interfaces
+from facade_manipulator.interfaces import Service, SERVICES, Topic, TOPICS
+from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.monitor import Observer
+from facade_manipulator.nodes.recorder import recorded_quality, recorded_topics, RecorderNode
+from facade_manipulator.ros import class_of, is_installed, ManipulatorClient, profile
+from facade_manipulator.tools.policies import may_subscribe, names_of
+
+PACKAGE = Path(facade_manipulator.__file__).parent
+DOCUMENT = PACKAGE.parent / 'docs' / 'supervisor.md'
+GONDOLA = '/gondola_1'
+STOPS = {'software_stop_topics': ['software_stop', 'watchdog/stop']}
+RECORDED = {'': 'no', interfaces.STREAM: 'yes', interfaces.EVERY: 'every one'}
+OF_ROS = {interfaces.ROSOUT, interfaces.PARAMETER_EVENTS, interfaces.TRANSITION_EVENT}
+DECLARING = {'create_publisher', 'create_subscription', 'create_service', 'create_client',
+             'create_lifecycle_publisher', 'Subscription'}
+NODES = {
+    'driver': partial(DriverNode, LoopThread, parameter_overrides=[
+        Parameter('simulate_drives', value=True),
+        Parameter('software_stop_topics', value=STOPS['software_stop_topics'])]),
+    'compensator': CompensatorNode,
+    'ik_service': partial(IkServiceNode, parameter_overrides=[
+        Parameter('contact_wrench.from_drives', value=True)]),
+    'recorder': RecorderNode,
+    'gondola_simulator': GondolaSimulatorNode,
+}
+
+
+@pytest.fixture
+def context(monkeypatch, tmp_path):
+    """Lend ROS without a network: no test here waits for anybody."""
+    monkeypatch.setattr('facade_manipulator.nodes.recorder.BlackBoxSettings.folder',
+                        str(tmp_path), raising=False)
+    with free_domain() as domain:
+        rclpy.init(domain_id=domain)
+        yield
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def node(request, context):
+    """Make the node of a name, with all that it may ever do."""
+    made = NODES[request.param](namespace=GONDOLA)
+    if request.param == 'ik_service':
+        made._linkage._open()  # as when somebody looks
+    yield made
+    if hasattr(made, 'close'):
+        made.close()
+    made.destroy_node()
+
+
+def full(name: str) -> str:
+    return name if name.startswith('/') else f'{GONDOLA}/{name}'
+
+
+def expected(topics, depth=None) -> dict[str, tuple[type, tuple]]:
+    """Return type and quality by name of the topics that this computer has the messages of."""
+    return {full(name): (class_of(one), quality(profile(one.quality)))
+            for one in topics if is_installed(one) for name in names_of(one, STOPS)}
+
+
+def quality(qos) -> tuple:
+    return qos.depth, qos.reliability, qos.durability
+
+
+def declared(endpoints) -> dict[str, tuple[type, tuple]]:
+    return {one.topic_name: (one.msg_type, quality(one.qos_profile)) for one in endpoints
+            if one.topic_name not in {full(topic.name) for topic in OF_ROS}}
+
+
+@pytest.mark.parametrize('node', NODES, indirect=True)
+def test_a_node_has_the_topics_of_the_table(node):
+    name = node.get_name()
+    own = {one for one in TOPICS if one not in OF_ROS and one != interfaces.EXECUTOR_CHECK}
+    assert declared(node.publishers) == expected(one for one in own if name in one.publishers)
+    if name != 'recorder':  # whose queues no executor knows
+        heard = {one for one in own if may_subscribe(name, one)}
+        assert declared(node.subscriptions) == expected(heard)
+
+
+@pytest.mark.parametrize('node', NODES, indirect=True)
+def test_a_node_has_the_services_of_the_table(node):
+    name = node.get_name()
+    for found, rows in (
+            (node.services, [one for one in SERVICES if one.server == name]),
+            (node.clients, [one for one in SERVICES if name in one.clients])):
+        assert {one.service_name: one.srv_type for one in found} == {
+            full(one.name): class_of(one) for one in rows}
+
+
+@pytest.mark.parametrize('node', ['recorder'], indirect=True)
+def test_the_recorder_keeps_what_the_table_says(node):
+    recorded = {one for one in TOPICS if one.recorded and is_installed(one)}
+    assert {queue.topic: queue.kind for queue, _ in node._queues} == {
+        full(one.name): class_of(one) for one in recorded}
+    assert {one.name for one in recorded_topics() if recorded_quality(one).latched} == {
+        one.name for one in recorded if one.quality.latched}
+
+
+@pytest.mark.parametrize('name, look', [('supervisor', id), ('monitor', Observer)])
+def test_supervisor_and_monitor_do_no_more_than_they_may(context, name, look):
+    with ManipulatorClient(GONDOLA, name) as client:
+        look(client)
+        heard = declared(client.node.subscriptions).keys()
+        allowed = expected(one for one in TOPICS if may_subscribe(name, one))
+        assert heard and heard <= allowed.keys()
+        assert {one.service_name for one in client.node.services} == {
+            full(one.name) for one in SERVICES if one.server == name}
+
+
+def declarations(module: Path) -> set[str]:
+    return {getattr(node.func, 'attr', '') for node in ast.walk(ast.parse(module.read_text()))
+            if isinstance(node, ast.Call)} & DECLARING
+
+
+def test_nothing_is_declared_past_the_table():
+    found = {str(path.relative_to(PACKAGE)) for path in PACKAGE.rglob('*.py')
+             if declarations(path)}
+    assert found == {'ros/interfaces.py', 'ros/recording.py'}  # the recorder's queues
+
+
+def cells(interface: Topic | Service) -> str:
+    """Return what the documents say of a topic or service, but for what it is for."""
+    if isinstance(interface, Service):
+        return f'| `{interface.name}` | {interface.type} | '
+    to = ', '.join(interface.subscribers) or 'all'
+    depth, reliable, latched = interface.quality
+    kind = 'latched' if latched else 'reliable' if reliable else 'best effort'
+    return (f'| `{interface.name}` | {interface.type} | {", ".join(interface.publishers)} → {to} '
+            f'| {kind}, {depth} | {RECORDED[interface.recorded]} | ')
+
+
+@pytest.mark.skipif(not DOCUMENT.is_file(), reason='the documents stand in the source tree alone')
+def test_the_documents_have_the_table():
+    lines = DOCUMENT.read_text().splitlines()
+    documented = {*TOPICS} - OF_ROS | {*SERVICES} - {*interfaces.OF_EVERY_NODE}
+    for interface in documented:
+        assert sum(line.startswith(cells(interface)) for line in lines) == 1, cells(interface)
+    tables = [line for line in lines if re.match(r'\| `[^|]+` \| \w+_(msgs|srvs)/\w+ \|', line)]
+    assert len(tables) == len(documented)
+
+
+def test_names_stand_once_and_roles_are_known():
+    for rows in (TOPICS, SERVICES):
+        assert len({one.name for one in rows}) == len(rows)
+    roles = {role for one in TOPICS for role in one.publishers + one.subscribers}
+    roles |= {role for one in SERVICES for role in (one.server, *one.clients)}
+    assert roles == {*interfaces.ROLES}
