@@ -43,9 +43,14 @@ def share_directories() -> Iterator[Path]:
     """Yield the directories that may hold the data files, the nearest to the code first."""
     if (PACKAGE.parent / 'package.xml').is_file():
         yield PACKAGE.parent
+    yield from installed_shares(PACKAGE.name)
+
+
+def installed_shares(package: str) -> Iterator[Path]:
+    """Yield the share directories of a ROS package, by ament prefix, then ``sys.prefix``."""
     prefixes = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     for prefix in (*filter(None, prefixes), sys.prefix):
-        share = Path(prefix) / 'share' / PACKAGE.name
+        share = Path(prefix) / 'share' / package
         if share.is_dir():
             yield share
 

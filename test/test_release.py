@@ -42,7 +42,7 @@ def release(folder, *arguments):
 
 def test_a_release_is_one_commit_with_version_and_date(clone):
     done = release(clone, '7.8.9')
-    assert done.returncode == 0 and 'git tag --annotate 7.8.9' in done.stdout
+    assert done.returncode == 0 and 'git tag --sign 7.8.9' in done.stdout
     assert '<version>7.8.9</version>' in (clone / 'package.xml').read_text()
     title, line = re.search(
         r'^(7\.8\.9 \(\d{4}-\d\d-\d\d\))\n(-+)\n\* ', (clone / CHANGES).read_text(),

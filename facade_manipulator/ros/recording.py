@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from importlib import import_module
-from pathlib import Path
 import re
 from reprlib import repr as quoted
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
 from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -21,6 +19,7 @@ from rclpy.type_support import check_for_type_support
 from facade_manipulator import interfaces
 from facade_manipulator.errors import InputError
 from facade_manipulator.interfaces import Quality, Topic
+from facade_manipulator.resources import installed_shares
 from facade_manipulator.ros.diagnostics import Rejections
 from facade_manipulator.ros.interfaces import class_of, client, profile
 from facade_manipulator.ros.runtime import require_of_rclpy
@@ -157,8 +156,11 @@ def _package(kind: type) -> str:
 
 
 def _source(kind: type) -> str:
-    path = Path(get_package_share_directory(_package(kind))) / 'msg' / f'{kind.__name__}.msg'
-    return path.read_text(encoding='utf-8').rstrip() + '\n'
+    file = f'msg/{kind.__name__}.msg'
+    for share in installed_shares(_package(kind)):
+        if (share / file).is_file():
+            return (share / file).read_text(encoding='utf-8').rstrip() + '\n'
+    raise LookupError(f'{file} of {_package(kind)} is not installed')
 
 
 def _contained(kind: Any) -> Iterator[type]:

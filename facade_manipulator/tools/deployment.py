@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 import getpass
 import os
 from pathlib import Path
+import pwd
 import re
 import shutil
 import subprocess
@@ -22,12 +23,12 @@ from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.resources import config_path
 
-UNITS, NETWORK = 'systemd', 'network'
 ENVIRONMENT = 'environment'
 KEPT = re.compile(r'(AMENT_\w+|ROS_\w+|RMW_\w+|FASTDDS_\w+|FASTRTPS_\w+|CYCLONEDDS_\w+|PYTHONPATH|'
                   r'LD_LIBRARY_PATH)')
 NAMESPACE = re.compile(r'[A-Za-z_][A-Za-z0-9_]*')
 ONLY_SYSTEM = '@SYSTEM@'
+NEW_HOME = '/var/lib/facade_manipulator'
 MODE = 0o644
 
 
@@ -75,32 +76,39 @@ class InstalledFile(NamedTuple):
 
 def planned_files(options: argparse.Namespace) -> Iterator[InstalledFile]:
     """Yield what belongs on the disk for the services of one namespace."""
-    folders = _folders(options.user, options.root)
-    there = _folders(options.user, Path('/'))  # on the computer that it is written for
-    values = {'PYTHON': sys.executable, 'FOLDER': str(there[ENVIRONMENT]),
-              'USER': options.account}
+    units, folder = _folders(options)
+    there = folder if options.user else Path('/') / folder.relative_to(options.root)
+    values = {'PYTHON': sys.executable, 'USER': options.account, 'HOME': _home(options.account),
+              'FOLDER': str(there)}  # on the computer that it is written for
     for source in sorted(config_path('deploy/systemd').iterdir()):
-        yield InstalledFile(
-            folders[UNITS] / source.name, _render(source, values, is_system=not options.user))
+        yield InstalledFile(units / source.name, _render(source, values, not options.user))
     if not options.user:
-        for source in sorted(config_path('deploy/network').iterdir()):
-            yield InstalledFile(folders[NETWORK] / source.name, source.read_text('utf-8'))
+        tree = config_path('deploy/system')
+        for source in sorted(path for path in tree.rglob('*') if path.is_file()):
+            yield InstalledFile(options.root / source.relative_to(tree), _render(source, values))
+    yield InstalledFile(folder / ENVIRONMENT, _environment(), is_compared=False)
     yield InstalledFile(
-        folders[ENVIRONMENT] / ENVIRONMENT, _environment(), is_compared=False)
-    yield InstalledFile(
-        folders[ENVIRONMENT] / f'{options.namespace}.yaml',
+        folder / f'{options.namespace}.yaml',
         config_path('manipulator.yaml').read_text('utf-8'), is_kept=True, is_compared=False)
 
 
-def _folders(user: bool, root: Path) -> dict[str, Path]:
-    if user:
+def _folders(options: argparse.Namespace) -> tuple[Path, Path]:
+    """Return where the units are, and the environment with the parameter files."""
+    if options.user:
         home = Path(os.environ.get('XDG_CONFIG_HOME') or Path.home() / '.config')
-        return {UNITS: home / 'systemd/user', ENVIRONMENT: home / 'facade_manipulator'}
-    return {UNITS: root / 'etc/systemd/system', NETWORK: root / 'etc/systemd/network',
-            ENVIRONMENT: root / 'etc/facade_manipulator'}
+        return home / 'systemd/user', home / 'facade_manipulator'
+    return options.root / 'etc/systemd/system', options.root / 'etc/facade_manipulator'
 
 
-def _render(source: Path, values: dict[str, str], is_system: bool) -> str:
+def _home(account: str) -> str:
+    """Return an account's home; sysusers.d makes one that is not there yet."""
+    try:
+        return pwd.getpwnam(account).pw_dir
+    except KeyError:
+        return NEW_HOME
+
+
+def _render(source: Path, values: dict[str, str], is_system: bool = True) -> str:
     lines = source.read_text('utf-8').splitlines(keepends=True)
     text = ''.join(line.removeprefix(ONLY_SYSTEM) for line in lines
                    if is_system or not line.startswith(ONLY_SYSTEM))
@@ -118,7 +126,7 @@ def verify_units(options: argparse.Namespace) -> str:
     """Return what systemd says of the units on the disk; empty if they are right."""
     if shutil.which('systemd-analyze') is None:
         return 'systemd-analyze is not installed: the units could not be checked'
-    folder = _folders(options.user, options.root)[UNITS]
+    folder, _ = _folders(options)
     done = subprocess.run(
         ['systemd-analyze', 'verify', '--man=no', '--generators=no',
          *(['--user'] if options.user else []), *map(str, sorted(folder.glob('facade*@.*')))],
@@ -158,9 +166,10 @@ def _install(files: list[InstalledFile], options: argparse.Namespace) -> int:
         print(complaint, file=sys.stderr)
         return 1
     command = f'systemctl{" --user" if options.user else ""}'
+    account = '' if options.user else '  systemd-sysusers && systemd-tmpfiles --create\n'
     print(f"""next:
   edit {files[-1].path}: node ids, serial numbers, lead, stroke
-  {command} daemon-reload
+{account}  {command} daemon-reload
   {command} enable --now facade@{options.namespace}.target
 The driver configures itself. Nothing has power before somebody homes and activates it.""")
     return 0

@@ -38,6 +38,25 @@ def test_what_is_installed_is_accepted_by_systemd_and_found_again(tmp_path, caps
 
 
 @needs_systemd
+@pytest.mark.parametrize('node', NODES)
+def test_a_service_is_exposed_no_more_than_ok(tmp_path, node):
+    install(tmp_path)
+    subprocess.run(['systemd-analyze', 'security', '--offline=true', f'--root={tmp_path}',
+                    '--threshold=30', f'facade-{node}@gondola_1.service'],
+                   check=True, capture_output=True)
+
+
+def test_services_of_their_own_user_write_in_its_home_alone(tmp_path):
+    install(tmp_path, '--account', 'nobody_of_this_computer')
+    home = '/var/lib/facade_manipulator'
+    texts = {path.name: path.read_text() for path in tmp_path.rglob('*.conf')}
+    assert f'ReadWritePaths={home}/.ros\n' in texts['hardening.conf']
+    files = sorted(path.read_text() for path in tmp_path.rglob('facade_manipulator.conf'))
+    assert f'd {home}/.ros - nobody_of_this_computer -\n' in files[1]
+    assert f'u nobody_of_this_computer - "Façade manipulator" {home}\n' in files[0]
+
+
+@needs_systemd
 def test_services_of_a_user_ask_for_nothing_that_a_user_has_not(tmp_path, monkeypatch):
     monkeypatch.setenv('XDG_CONFIG_HOME', str(tmp_path))
     assert main(['--user']) == 0

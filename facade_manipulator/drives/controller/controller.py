@@ -155,7 +155,8 @@ class DriveController:
     def _run(self) -> None:
         self._rejected = tuple(request_realtime(self._session.settings))
         self._priority = realtime_priority()
-        _log.info(describe_scheduling(self._priority))
+        for line in self._rejected or [describe_scheduling(self._priority)]:
+            _log.info(line)
         while not self._session.is_closed:
             try:
                 self._turn()
