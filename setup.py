@@ -21,7 +21,6 @@ REQUIRES = [
     'PyYAML>=6,<7',  # drive profiles and scenarios
     'typing-extensions>=4.1,<5',  # checkers know the fields of settings, with Python 3.10, too
     'rich>=13,<16',  # tables in the terminal: demo, monitor, commission, study
-    'ruamel.yaml>=0.17.21,<0.19',  # parameter files that a tool writes keep their comments
 ]
 EXTRAS = {
     'build': ['setuptools>=68,<80'],  # installs this package into .venv; colcon wants it below 80

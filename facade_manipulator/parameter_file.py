@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-import math
+import json
 from pathlib import Path
 import re
 from typing import Any, NamedTuple, TypeVar
@@ -26,12 +26,22 @@ _INTEGER = re.compile('[+-]?(0x[0-9a-f]+|0[0-7]*|[1-9][0-9]*)', re.IGNORECASE)
 Class = TypeVar('Class')
 
 
-class FileParameter(NamedTuple):
-    """A parameter in a file: for which nodes (as ``/**/driver``), its full name, its value."""
+class Entry(NamedTuple):
+    """A key and what it holds, in the text of a parameter file."""
 
-    section: str
-    name: str
-    value: Any
+    prefix: str  #: what stands before the key in the full names of the parameters in it
+    key: yaml.Node
+    content: yaml.Node
+    is_flow: bool  #: whether it is between braces
+
+
+class GivenParameter(NamedTuple):
+    """A parameter that somebody has given."""
+
+    section: str  #: for which nodes, such as ``/**/driver``
+    name: str  #: its full name
+    value: Any = None
+    entries: tuple[Entry, ...] = ()  #: where it is in a file, outermost first
 
     @property
     def node(self) -> str:
@@ -39,11 +49,22 @@ class FileParameter(NamedTuple):
         return self.section.rpartition('/')[2]
 
 
-def given_parameters(path: Path) -> list[FileParameter]:
+def given_parameters(path: Path) -> list[GivenParameter]:
     """Return what is in a parameter file, in order; raises a ParameterError if it is not one."""
+    return _parsed(path, _text(path))
+
+
+def _text(path: Path) -> str:
     try:
-        root = yaml.compose(path.read_text(encoding='utf-8'), Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        return path.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise ParameterError(f'{path} cannot be read: {error}') from error
+
+
+def _parsed(path: Path, text: str) -> list[GivenParameter]:
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+    except yaml.YAMLError as error:
         raise ParameterError(f'{path} cannot be read: {error}') from error
     try:
         return list(_sections(root, '')) if root is not None else []
@@ -51,35 +72,38 @@ def given_parameters(path: Path) -> list[FileParameter]:
         raise ParameterError(f'{path} is not a parameter file: {error}') from error
 
 
-def _sections(node: yaml.Node, section: str) -> Iterator[FileParameter]:
+def _sections(node: yaml.Node, section: str) -> Iterator[GivenParameter]:
     for key, inner in _items(node, section or 'it'):
-        if key == _ROS:
-            yield from (FileParameter(section, *one) for one in _values(inner, ''))
+        if key.value == _ROS:
+            yield from _values(inner, section, ())
         else:
-            yield from _sections(inner, _joined(section, key))
+            yield from _sections(inner, f'{section}/{key.value}' if section else key.value)
 
 
-def _joined(section: str, key: object) -> str:
-    return f'{section}/{key}' if section else str(key)
-
-
-def _items(node: yaml.Node, what: str) -> Iterator[tuple[str, yaml.Node]]:
+def _items(node: yaml.Node, what: str) -> Iterator[tuple[yaml.Node, yaml.Node]]:
     if not isinstance(node, yaml.MappingNode):
         raise ParameterError(f'{what} is not a table')
-    yield from ((key.value, inner) for key, inner in node.value)
+    yield from node.value
 
 
-def _values(node: yaml.Node, prefix: str) -> Iterator[tuple[str, Any]]:
+def _values(
+    node: yaml.Node, section: str, outer: tuple[Entry, ...]
+) -> Iterator[GivenParameter]:
+    prefix = outer[-1].prefix + outer[-1].key.value + '.' if outer else ''
     for key, inner in _items(node, _ROS):
-        name = prefix + key
+        entries = (*outer, Entry(prefix, key, inner, node.flow_style))
         if isinstance(inner, yaml.MappingNode):
-            yield from _values(inner, f'{name}.')
-        elif isinstance(inner, yaml.SequenceNode):
-            yield name, [_scalar(element) for element in inner.value]
+            yield from _values(inner, section, entries)
         elif inner.value or inner.style:
-            yield name, _scalar(inner)
+            yield GivenParameter(section, prefix + key.value, _value(inner), entries)
         else:
-            raise ParameterError(f'{name} has no value')
+            raise ParameterError(f'{prefix}{key.value} has no value')
+
+
+def _value(node: yaml.Node) -> Any:
+    if isinstance(node, yaml.SequenceNode):
+        return [_scalar(element) for element in node.value]
+    return _scalar(node)
 
 
 def _scalar(node: yaml.Node) -> Any:
@@ -125,7 +149,8 @@ def read_parameters(
             raise ParameterError(f"{paths[-1]}: no node is called '{one.node}'"
                                  f'{nearest(one.node, NODE_NAMES)}')
     namespaces = _namespaces(given) if namespace is None else [namespace]
-    values = [_merged(given, f'{name}/{node}') for name in namespaces]
+    values = [{one.name: one.value for one in _of_node(given, f'{name}/{node}')}
+              for name in namespaces]
     if any(one != values[0] for one in values):
         raise ParameterError(
             f'{paths[-1]} gives {node} other values in each of the namespaces '
@@ -133,12 +158,12 @@ def read_parameters(
     return values[0]
 
 
-def _merged(given: Iterable[FileParameter], name: str) -> dict[str, Any]:
-    """Sections beat those that begin before them in the files; within one the last value wins."""
+def _of_node(given: Iterable[GivenParameter], name: str) -> list[GivenParameter]:
+    """Return a node's: sections beat those that begin before them, and in one the last value."""
     given = list(given)
     order = list(dict.fromkeys(one.section for one in given))
-    return {one.name: one.value for one in sorted(given, key=lambda one: order.index(one.section))
-            if _matches(one.section, name)}
+    return [one for one in sorted(given, key=lambda one: order.index(one.section))
+            if _matches(one.section, name)]
 
 
 def _matches(section: str, name: str) -> bool:
@@ -147,7 +172,7 @@ def _matches(section: str, name: str) -> bool:
                                 for token in tokens), name) is not None
 
 
-def _namespaces(given: Iterable[FileParameter]) -> list[str]:
+def _namespaces(given: Iterable[GivenParameter]) -> list[str]:
     """Return the namespaces that sections name; that without a name if there are none."""
     sections = {f'/{one.section.removeprefix("/")}' for one in given}
     named = {section.partition('/**')[0] if '**' in section else section.rpartition('/')[0]
@@ -206,99 +231,63 @@ def write_parameters(
     Raises
     ------
     ParameterError
-        If the source cannot be read or the target not be written; nothing is written then.
+        If the source cannot be read, the target not be written, or a node would read anything
+        else from it; nothing is written then.
 
     """
     nodes = _OF_MECHANISM if node == ALL_NODES else (node,)
     namespace = _namespaces(given_parameters(source))[0]
-    content = _load(source)
-    for section, values in sections.items():
-        for name, value in values.items():
-            for one in nodes:
-                _put(content, node, f'{namespace}/{one}', (section, name), _plain(value))
-    with (file_errors(target), atomic_write(target) as draft):
-        with draft.open('w', encoding='utf-8') as file:
-            _yaml().dump(content, file)
+    changed = {f'{section}.{name}': _plain(value) for section, values in sections.items()
+               for name, value in values.items()}
+    text = _text(source)
+    for name, value in changed.items():
         for one in nodes:
-            _require_written(draft, one, sections)
+            given = _of_node(_parsed(source, text), f'{namespace}/{one}')
+            text = _changed(text, given, node, name, value)
+    with file_errors(target), atomic_write(target) as draft:
+        draft.write_text(text, 'utf-8')
+        for one in nodes:
+            wanted = read_parameters([source], one) | changed
+            if (found := read_parameters([draft], one)) != wanted:
+                raise ParameterError(f'{one} would read {found} instead of {wanted}')
 
 
-def _require_written(
-    draft: Path, node: str, sections: Mapping[str, Mapping[str, Any]]
-) -> None:
-    found = read_parameters([draft], node)
-    for section, values in sections.items():
-        for name, value in values.items():
-            full_name = f'{section}.{name}'
-            if found.get(full_name) != _plain(value):
-                raise ParameterError(
-                    f'{node} would read {full_name} = {found.get(full_name)} instead of {value!r}')
-
-
-def _put(
-    content: Any, node: str, node_name: str, full_name: tuple[str, str], value: Any
-) -> None:
-    """Write a value where a node has it, or else where its neighbours are."""
-    section, name = full_name
-    tables = [(key, table) for key, table in _tables(content, '') if _matches(key, node_name)]
-    for _, table in reversed(tables):
-        if place := _place(table, f'{section}.{name}'):
-            place[0][place[1]] = value
-            return
-    homes = [table for _, table in tables if isinstance(table.get(section), dict)] or [
-        table for key, table in tables if key.rpartition('/')[2] == node]
+def _changed(
+    text: str, given: list[GivenParameter], node: str, full_name: str, value: Any
+) -> str:
+    """Return a text in which a parameter has a value: in its place, or beside its neighbours."""
+    shown = json.dumps(value, ensure_ascii=False)  # which is YAML, and no word of ROS's
+    for one in reversed(given):
+        if one.name == full_name:
+            place = one.entries[-1].content
+            return text[:place.start_mark.index] + shown + text[_end(place):]
+    section = full_name.partition('.')[0] + '.'
+    homes = [one for one in given if one.name.startswith(section)] or [
+        one for one in given if one.node == node]
     if not homes:
         key = '/**' if node == ALL_NODES else f'/**/{node}'
-        homes = [content.setdefault(key, {}).setdefault(_ROS, {})]
-    homes[-1].setdefault(section, {})[name] = value
+        return f'{text.rstrip()}\n\n{key}:\n  {_ROS}:\n    {full_name}: {shown}\n'.lstrip()
+    place = [one for one in homes[-1].entries if full_name.startswith(one.prefix)][-1]
+    line = f'{full_name.removeprefix(place.prefix)}: {shown}'
+    end = _end(place.content)
+    if place.is_flow:
+        return f'{text[:end]}, {line}{text[end:]}'
+    behind, newline, rest = text[end:].partition('\n')
+    indent = ' ' * place.key.start_mark.column
+    return f'{text[:end]}{behind}\n{indent}{line}{newline}{rest}'
 
 
-def _tables(content: Any, section: str) -> Iterator[tuple[str, Any]]:
-    for key, inner in content.items():
-        if key == _ROS:
-            yield section, inner
-        else:
-            yield from _tables(inner, _joined(section, key))
-
-
-def _place(table: Any, name: str) -> tuple[Any, str] | None:
-    """Return the table and the key, dotted or not, under which a parameter is; the last if two."""
-    for key in reversed(table):
-        if key == name:
-            return table, key
-        rest = name.removeprefix(f'{key}.')
-        if rest != name and (found := _place(table[key], rest)):
-            return found
-    return None
-
-
-def _load(path: Path) -> Any:
-    """Return the content of a file that can be read, with its comments."""
-    from ruamel.yaml import YAMLError
-
-    try:
-        return _yaml().load(path.read_text(encoding='utf-8')) or {}
-    except YAMLError as error:  # as of a name that is there twice, which ROS accepts
-        raise ParameterError(f'{path} cannot be changed: {error}') from error
-
-
-def _yaml() -> Any:
-    """Return what reads and writes YAML with its comments; PyYAML drops them."""
-    from ruamel.yaml import YAML
-
-    made: Any = YAML()  # whose width is said to be an int
-    made.preserve_quotes = True
-    made.width = math.inf
-    return made
+def _end(node: yaml.Node) -> int:
+    """Return where a node ends in the text; the mark of a block stands behind what follows it."""
+    while isinstance(node, yaml.CollectionNode) and not node.flow_style and node.value:
+        last = node.value[-1]
+        node = last[-1] if isinstance(last, tuple) else last
+    return node.end_mark.index
 
 
 def _plain(value: Any) -> Any:
-    from ruamel.yaml.comments import CommentedSeq
-
     if isinstance(value, (int, str)):
         return value
-    if not isinstance(value, (tuple, list)):
-        return round(float(value), DIGITS)
-    row = CommentedSeq(round(float(element), DIGITS) for element in value)
-    row.fa.set_flow_style()
-    return row
+    if isinstance(value, (tuple, list)):
+        return [_plain(float(element)) for element in value]
+    return round(float(value), DIGITS)

@@ -29,7 +29,7 @@ EXECUTABLES = {
 }
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',
-    'PIL': 'pillow', 'yaml': 'pyyaml', 'ruamel': 'ruamel.yaml',
+    'PIL': 'pillow', 'yaml': 'pyyaml',
     'typing_extensions': 'typing-extensions'}
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 

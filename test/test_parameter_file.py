@@ -82,8 +82,10 @@ def test_what_is_not_understood_is_named(tmp_path, text, reason):
     (f'/g/driver:\n  {P}:\n    q1:\n      lead: 0.02  # m\n', '      lead: 0.01   # m'),
     (f'/**:\n  {P}:\n    q1: {{node_id: 11}}  # swapped\n', 'q1: {node_id: 11, lead: 0.01}'),
     (f'g:\n  driver:\n    {P}: {{q1: {{lead: 0.02}}, q1.lead: 0.03}}\n', 'q1.lead: 0.01'),
-    (f'/**/driver:\n  {P}:\n    q2: {{lead: 0.02}}\n', '    q1:\n      lead: 0.01'),
-    (f'/**/ik_service:\n  {P}: {{a: 1}}\n', '/**/driver:'),
+    (f'/**/driver:\n  {P}:\n    q2: {{lead: 0.02}}\n', '    q1.lead: 0.01'),
+    (f'/**/driver:\n  {P}:\n    q1:\n      x:\n        - 1\n        - 2  # m\n    y: 1',
+     '      lead: 0.01'),
+    (f'/**/ik_service:\n  {P}: {{a: 1}}\n', '/**/driver:'), ('', '/**/driver:'),
 ])
 def test_a_value_is_written_where_the_node_reads_it_and_all_else_stays(tmp_path, text, line):
     (source,) = from_text(tmp_path, [f'# ours\n{text}'])
@@ -100,11 +102,24 @@ def test_a_value_is_written_where_the_node_reads_it_and_all_else_stays(tmp_path,
     assert link.is_symlink() and source.stat().st_mode & 0o777 == 0o640
 
 
-def test_a_value_that_ros_would_read_otherwise_is_not_written(tmp_path):
-    (source,) = from_text(tmp_path, [f'driver: {{{P}: {{q1.profile: epos4}}}}'])
-    with pytest.raises(ParameterError, match="driver would read q1.profile = True instead of 'y'"):
-        write_parameters(source, source, 'driver', {'q1': {'profile': 'y'}})
-    assert read_parameters([source], 'driver') == {'q1.profile': 'epos4'}
+@pytest.mark.parametrize('value', ['y', '1_0', '12:30', '.5', 'a: b # c', '"', 'Tür', 3, 1e-7, [
+    0.1, 2.0]])
+def test_what_was_written_is_read_again_in_place_of_any_other(tmp_path, value):
+    for text in ('q1: {x: 1}', 'q1.x: [1, 2]', 'q1: {x: 2, y: 1}', '\n    q1:\n      x:\n    '
+                 '    - 1\n        - 2\n    y: 1\n'):
+        (source,) = from_text(tmp_path, [f'driver:\n  {P}: {text}' if text[0] == '\n' else
+                                         f'driver: {{{P}: {{{text}}}}}'])
+        before = read_parameters([source], 'driver')
+        write_parameters(source, source, 'driver', {'q1': {'x': value}})
+        assert read_parameters([source], 'driver') == before | {'q1.x': value}
+
+
+def test_a_file_in_which_more_would_change_stays_as_it_was(tmp_path):
+    text = f'driver: {{{P}: {{q1: &one {{x: 1}}, q2: *one}}}}'
+    (source,) = from_text(tmp_path, [text])
+    with pytest.raises(ParameterError, match="driver would read {'q1.x': 2, 'q2.x': 2} instead"):
+        write_parameters(source, source, 'driver', {'q1': {'x': 2}})
+    assert source.read_text() == text
 
 
 def test_the_mechanism_is_written_for_all_nodes(tmp_path):

@@ -11,29 +11,21 @@ process's, and is named in the log.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 import sys
-from typing import NamedTuple
 
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameter_file import given_parameters, NODE_NAMES
+from facade_manipulator.parameter_file import given_parameters, GivenParameter, NODE_NAMES
 from facade_manipulator.parameters import nearest
 
 OF_MECHANISM = 'geometry.'  # of all nodes but the recorder
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides')
-
-
-class Given(NamedTuple):
-    """A parameter that somebody has given: for which node (``*``, ``**`` or '' all), and where."""
-
-    node: str
-    name: str
-    where: str
 
 
 def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None = None) -> None:
@@ -56,23 +48,23 @@ def require_known_parameters(nodes: Sequence[Node], args: Sequence[str] | None =
     known = {node.get_name(): set(node.list_parameters([], 0).names) for node in nodes}
     everything = set().union(*known.values())
     renamed = {_original_name(node): node.get_name() for node in nodes}
-    for given in _given(list(sys.argv if args is None else args)):
+    for given, where in _given(list(sys.argv if args is None else args)):
+        require = partial(_require, where, given.name)
         if renamed.get(given.node, given.node) not in (given.node, *NODE_NAMES):
             _reject(f"{renamed[given.node]} was started as {given.node} and renamed: nobody reads "
-                    f"'{given.name}' of {given.node} ({given.where}); rename it there, too")
+                    f"'{given.name}' of {given.node} ({where}); rename it there, too")
         elif given.node in known:
-            _require(given, known[given.node], f'{given.node} has no parameter', _reject)
+            require(known[given.node], f'{given.node} has no parameter', _reject)
         elif given.node and set(given.node) != {'*'}:
             if given.node not in NODE_NAMES:
-                _require(given._replace(name=given.node), {*NODE_NAMES, *known},
-                         'no node is called', _reject)
+                _require(where, given.node, {*NODE_NAMES, *known}, 'no node is called', _reject)
         else:
             group = given.name.partition('.')[0] + '.'
             is_ours = not given.node or any(name.startswith(group) for name in everything)
             if group == OF_MECHANISM and not is_ours:
                 continue  # the nodes that have it look at it
-            _require(given, everything, f'{" and ".join(known)}: no parameter',
-                     _reject if is_ours else nodes[0].get_logger().warning)
+            require(everything, f'{" and ".join(known)}: no parameter',
+                    _reject if is_ours else nodes[0].get_logger().warning)
 
 
 def _original_name(node: Node) -> str:
@@ -86,31 +78,24 @@ def _reject(message: str) -> None:
 
 
 def _require(
-    given: Given, known: set[str], what: str, complain: Callable[[str], object]
+    where: str, name: str, known: set[str], what: str, complain: Callable[[str], object]
 ) -> None:
-    name = given.name
-    if name in known or name.split('.')[0] in OF_ROS:
-        return
-    complain(f"{what} '{name}' ({given.where}){nearest(name, known)}")
+    if name not in known and name.split('.')[0] not in OF_ROS:
+        complain(f"{what} '{name}' ({where}){nearest(name, known)}")
 
 
-def _given(words: list[str]) -> Iterator[Given]:
-    """Yield what stands between ``--ros-args`` and ``--``."""
+def _given(words: list[str]) -> Iterator[tuple[GivenParameter, str]]:
+    """Yield what stands between ``--ros-args`` and ``--``, and where; ROS has read the files."""
     is_ros = False
     for word, value in pairwise([*words, '']):
         if word in ('--ros-args', '--'):
             is_ros = word == '--ros-args'
         elif is_ros and word == '--params-file':
-            yield from _given_in(Path(value))
+            path = Path(value)
+            yield from ((one, f'in {path.name}') for one in given_parameters(path))
         elif is_ros and word in ('-p', '--param'):
             node, _, name = value.partition(':=')[0].rpartition(':')
-            yield Given(node, name, f'given by {word}')
-
-
-def _given_in(file: Path) -> Iterator[Given]:
-    """Yield what a file gives that ROS has read already."""
-    for one in given_parameters(file):
-        yield Given(one.node, one.name, f'in {file.name}')
+            yield GivenParameter(node, name), f'given by {word}'
 
 
 class NoParameterError(ParameterNotDeclaredException):
