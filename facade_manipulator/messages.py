@@ -21,9 +21,29 @@ NORM_TOLERANCE = 1e-3  # quaternions are often sent rounded
 CARRIAGES = Carriages._fields
 POSE_NUMBERS = (
     'x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')
-FACADE, RAIL, END_EFFECTOR = 'facade', 'rail', 'end_effector'  # the frames' names
+FACADE, RAIL, END_EFFECTOR = 'facade', 'rail', 'end_effector'  # frames, without their prefix
 STATUS_LEVELS = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
+
+
+class Frames(NamedTuple):
+    """The frames of a manipulator as its messages, TF and URDF name them."""
+
+    prefix: str  #: before each name
+    facade: str
+    rail: str
+    end_effector: str
+
+    @classmethod
+    def of(cls, namespace: str) -> Frames:
+        """Return those of a namespace, which is their prefix."""
+        prefix = f"{namespace.strip('/')}/".lstrip('/')
+        return cls(prefix, prefix + FACADE, prefix + RAIL, prefix + END_EFFECTOR)
+
+
+def is_of_rail(message: Any) -> bool:
+    """Return whether an estimate is that of the rail: an odometry may be of the estimator."""
+    return getattr(message, 'child_frame_id', RAIL).rpartition('/')[2] == RAIL
 
 
 def seconds(stamp: Any) -> float:

@@ -61,7 +61,7 @@ def node(request, context):
     """Make the node of a name, with all that it may ever do."""
     made = NODES[request.param](namespace=GONDOLA)
     if request.param == 'ik_service':
-        made._linkage._open()  # as when somebody looks
+        made._linkage.open()  # as when somebody looks
     yield made
     if hasattr(made, 'close'):
         made.close()

@@ -15,7 +15,8 @@ from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.ros import class_of
 
 TOP = Path(__file__).resolve().parents[1]
-MARKERS = {f'/{one.name}' for one in (interfaces.LINKAGE, interfaces.WORKSPACE)}
+MARKERS = {f'/{one.name}' for one in (
+    interfaces.LINKAGE, interfaces.ROBOT_DESCRIPTION, interfaces.WORKSPACE)}
 TOPICS = {f"/{one.name.lstrip('/')}": one for one in interfaces.TOPICS}
 
 
@@ -32,6 +33,7 @@ def test_the_layout_of_foxglove_shows_what_is_published():
     topics, paths = set(), []
     for panel in panels.values():
         topics |= set(panel.get('topics', ()))
+        topics |= {layer['topic'] for layer in panel.get('layers', {}).values()}
         paths += [panel[key] for key in ('topicPath', 'topicToRender') if key in panel]
         paths += [path['value'] for path in panel.get('paths', ())]
     assert topics == MARKERS

@@ -6,6 +6,9 @@ carriages A1, A3, A2 stand on y = 0 in that order; q3 = x.
 """
 
 from .assembly import assembly_modes as assembly_modes
+from .description import positions as positions
+from .description import tree as tree
+from .description import urdf as urdf
 from .forward import forward_kinematics as forward_kinematics
 from .geometry import Carriages as Carriages
 from .geometry import Geometry as Geometry

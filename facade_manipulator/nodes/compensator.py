@@ -30,7 +30,6 @@ from facade_manipulator.compensation import (
 from facade_manipulator.errors import InputError, LimitError, ManipulatorError
 from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.messages import (
-    END_EFFECTOR,
     estimate_numbers,
     FACADE,
     planar,
@@ -48,6 +47,7 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     DriverWatch,
     estimate_codec,
+    frames,
     goal_status,
     HOLD,
     name_unknown_parameters,
@@ -179,11 +179,12 @@ class CompensatorNode(Node):
         self._goal: Goal | None = None  # the newest
         self._driver = DriverWatch(self, self._rejections, self._choose_goal)
         self._progress = GoalReport(self, self._compensator, self._held_back)
-        self.corrected = PoseStream(self, interfaces.CORRECTED_POSE, RAIL)
-        self._reference = PoseStream(self, interfaces.REFERENCE, FACADE)
-        self._rail = Transforms(self, FACADE, RAIL)
-        self._disturbance_codec = estimate_codec('disturbance', FACADE)
-        self._head_codec = pose_codec('end_effector_pose', RAIL)
+        self._frames = frames(self)
+        self.corrected = PoseStream(self, interfaces.CORRECTED_POSE, self._frames.rail)
+        self._reference = PoseStream(self, interfaces.REFERENCE, self._frames.facade)
+        self._transforms = Transforms(self)
+        self._disturbance_codec = estimate_codec('disturbance', self._frames.facade)
+        self._head_codec = pose_codec('end_effector_pose', self._frames.rail)
         self._subscribe(heads)
         service(self, interfaces.ENABLE, self._enable)
         offer_trigger(self, interfaces.TARE, self._tare)
@@ -216,7 +217,8 @@ class CompensatorNode(Node):
         now, stamp = self.get_clock().now().to_msg(), message.header.stamp
         stamp = stamp if seconds(stamp) else now  # goal_status says which it got
         try:
-            goal = Goal(seconds(now), stamp, pose_in_frame(message, FACADE, 'goal_pose'))
+            pose = pose_in_frame(message, self._frames.facade, 'goal_pose')
+            goal = Goal(seconds(now), stamp, pose)
             self._follow(goal)
         except ManipulatorError as error:
             self._rejections.add(error, 'goal_pose' if isinstance(error, LimitError) else '')
@@ -258,13 +260,13 @@ class CompensatorNode(Node):
 
     def _receive_odometry(self, message: Odometry) -> None:
         with self._rejections:
-            require_frame(message.header.frame_id, FACADE, 'disturbance_odometry')
+            require_frame(message.header.frame_id, self._frames.facade, 'disturbance_odometry')
             if not message.child_frame_id:
                 raise InputError('frame', 'disturbance_odometry has no child_frame_id, expected '
-                                 f"'{RAIL}' or the estimator's own")
+                                 f"'{self._frames.rail}' or the estimator's own")
             self._add_estimate(
                 seconds(message.header.stamp), estimate_numbers(message),
-                is_of_rail=message.child_frame_id == RAIL)
+                is_of_rail=message.child_frame_id == self._frames.rail)
 
     def _add_estimate(
         self, time: float, numbers: Sequence[float], is_of_rail: bool = True
@@ -287,13 +289,13 @@ class CompensatorNode(Node):
 
     def _receive_wrench(self, message: WrenchStamped) -> None:
         with self._rejections:
-            require_frame(message.header.frame_id, END_EFFECTOR, 'contact_wrench')
+            require_frame(message.header.frame_id, self._frames.end_effector, 'contact_wrench')
             self._compensator.contact.add_wrench(
                 node_time(self), seconds(message.header.stamp), planar_wrench(message))
 
     def _receive_lateral_offset(self, message: PointStamped) -> None:
         with self._rejections:
-            require_frame(message.header.frame_id, END_EFFECTOR, 'lateral_offset')
+            require_frame(message.header.frame_id, self._frames.end_effector, 'lateral_offset')
             self._compensator.add_lateral_offset(
                 node_time(self), seconds(message.header.stamp), message.point.x)
 
@@ -307,7 +309,7 @@ class CompensatorNode(Node):
         if corrected is not None:
             self.corrected.publish(corrected.time, corrected.pose)
             self._reference.publish(corrected.time, corrected.reference)
-            self._rail.publish(corrected.time, corrected.disturbance)
+            self._transforms.publish(corrected.time, [(FACADE, RAIL, corrected.disturbance)])
             self._held_back.note(now, corrected.saturation_error, corrected.tracking_error)
             self._report.newest = corrected
             self._report.pose_count += 1

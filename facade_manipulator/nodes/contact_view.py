@@ -11,10 +11,10 @@ from facade_manipulator import interfaces
 from facade_manipulator.compensation import contact_wrench, FrictionSettings
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Geometry, mechanism_of, Pose
-from facade_manipulator.messages import CARRIAGES, END_EFFECTOR, require_finite
+from facade_manipulator.messages import CARRIAGES, require_finite
 from facade_manipulator.motion import Triple
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import declare, publisher, wrench_stamped
+from facade_manipulator.ros import declare, frames, publisher, wrench_stamped
 
 
 @settings
@@ -33,7 +33,7 @@ class ContactView:
         self._mechanism = mechanism_of(geometry)
         self._friction = declare(
             node, FrictionSettings, 'friction', partial(setattr, self, '_friction'))
-        self._publisher = None
+        self._frame, self._publisher = frames(node).end_effector, None
         if declare(node, ContactSettings, 'contact_wrench').from_drives:
             self._publisher = publisher(node, interfaces.CONTACT_WRENCH)
 
@@ -64,4 +64,4 @@ class ContactView:
                     'names', f'joint_states has no {what} for each of {", ".join(CARRIAGES)}')
             require_finite(CARRIAGES, values, f'joint_states {what} of')
         wrench = contact_wrench(self._mechanism, self._friction, head, velocity, effort)
-        self._publisher.publish(wrench_stamped(END_EFFECTOR, time, wrench))
+        self._publisher.publish(wrench_stamped(self._frame, time, wrench))

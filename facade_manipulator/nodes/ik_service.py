@@ -15,10 +15,8 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, Pose
 from facade_manipulator.messages import (
     CARRIAGES,
-    END_EFFECTOR,
     planar,
     pose_in_frame,
-    RAIL,
     require_finite,
 )
 from facade_manipulator.motion import (
@@ -31,6 +29,7 @@ from facade_manipulator.motion import (
     triple,
 )
 from facade_manipulator.nodes.contact_view import ContactView
+from facade_manipulator.nodes.description import Description
 from facade_manipulator.nodes.linkage import LinkageView
 from facade_manipulator.nodes.workspace_map import WorkspaceMap
 from facade_manipulator.ros import (
@@ -38,6 +37,7 @@ from facade_manipulator.ros import (
     diagnostic_status,
     DiagnosticsPublisher,
     DriverWatch,
+    frames,
     name_unknown_parameters,
     node_time,
     pose_codec,
@@ -51,7 +51,6 @@ from facade_manipulator.ros import (
     states_codec,
     steady_timer,
     subscription,
-    Transforms,
 )
 
 ACTUATOR_SPACE = 'actuator_space'
@@ -81,12 +80,13 @@ class IkServiceNode(Node):
         self._published_outcome: tuple[str, str] | None = None
         self._setpoint_count = 0
         self._head: Pose | None = None
-        self._goal_codec = pose_codec('corrected_pose', RAIL)
-        self._states_codec, self._setpoint_codec = states_codec(), setpoint_codec()
+        self._frames = frames(self)
+        self._goal_codec = pose_codec('corrected_pose', self._frames.rail)
+        self._states_codec = states_codec()
+        self._setpoint_codec = setpoint_codec(self._frames.rail)
         self._driver = DriverWatch(self, self._rejections, self._change_driver)
         self._setpoints = publisher(self, interfaces.JOINT_SETPOINTS)
-        self.heads = PoseStream(self, interfaces.END_EFFECTOR_POSE, RAIL)
-        self._end_effector = Transforms(self, RAIL, END_EFFECTOR)
+        self.heads = PoseStream(self, interfaces.END_EFFECTOR_POSE, self._frames.rail)
         self._status = publisher(self, interfaces.IK_STATUS)
         self._rejected_requests = publisher(self, interfaces.REJECTIONS)
         subscription(self, interfaces.CORRECTED_POSE, self._receive_goal, raw=True)
@@ -95,7 +95,8 @@ class IkServiceNode(Node):
         self._approaching = steady_timer(
             self, APPROACH_PERIOD, self._continue_approach, autostart=False)
         self._contact = ContactView(self, self.geometry)
-        self._linkage = LinkageView(self, self.geometry)
+        self._description = Description(self, self.geometry)
+        self._linkage = LinkageView(self)
         self._workspace = WorkspaceMap(self, self.geometry, lambda: self._head)
         self._diagnostics = DiagnosticsPublisher(self, lambda: [self._outcome_status()])
         self._publish_outcome()
@@ -181,8 +182,8 @@ class IkServiceNode(Node):
             require_finite(CARRIAGES, position, 'joint_states position of')
             self._head = self._mechanism.forward_kinematics(Carriages(*position))
             self.heads.publish(time, self._head)
-            self._end_effector.publish(time, self._head)
             self._contact.publish(time, self._head, velocity, effort)
+            self._description.publish(time, self._head)
 
     def _solve(self, request: GetPlan.Request, response: GetPlan.Response) -> GetPlan.Response:
         response.plan.header.frame_id = ACTUATOR_SPACE
@@ -198,10 +199,10 @@ class IkServiceNode(Node):
         return response
 
     def _path(self, request: GetPlan.Request) -> list[Carriages]:
-        goal = pose_in_frame(request.goal, RAIL, 'goal')
+        goal = pose_in_frame(request.goal, self._frames.rail, 'goal')
         if not request.start.header.frame_id:
             return certified_path(self._mechanism, self.settings, goal, goal)[:1]
-        start = pose_in_frame(request.start, RAIL, 'start')
+        start = pose_in_frame(request.start, self._frames.rail, 'start')
         return certified_path(self._mechanism, self.settings, start, goal, request.tolerance)
 
     def _publish_outcome(self) -> None:

@@ -10,9 +10,8 @@ from rclpy.node import Node
 
 from facade_manipulator import interfaces
 from facade_manipulator.kinematics import Geometry, lci_grid, Pose
-from facade_manipulator.messages import RAIL
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.ros import declare, pose_message, publisher, steady_timer
+from facade_manipulator.ros import declare, frames, pose_message, publisher, steady_timer
 
 PERIOD = 0.25  # s, between two looks at the angle
 THETA_STEP = 0.01  # rad, turn of the head after which the map is drawn again
@@ -67,7 +66,7 @@ class WorkspaceMap:
         resolution = self._settings.resolution
         cells, origin = lci_grid(self._geometry, self._theta, resolution)
         grid = OccupancyGrid(data=array('b', cells.tobytes()))
-        grid.header.frame_id = RAIL
+        grid.header.frame_id = frames(self._node).rail
         grid.header.stamp = self._node.get_clock().now().to_msg()
         grid.info.map_load_time = grid.header.stamp
         grid.info.resolution = resolution

@@ -12,6 +12,7 @@ from .codec import message_from as message_from
 from .codec import pose_codec as pose_codec
 from .codec import setpoint_codec as setpoint_codec
 from .codec import states_codec as states_codec
+from .conversions import frames as frames
 from .conversions import node_time as node_time
 from .conversions import pose_message as pose_message
 from .conversions import pose_stamped as pose_stamped
@@ -30,6 +31,7 @@ from .diagnostics import LEVELS as LEVELS
 from .diagnostics import RejectedGoal as RejectedGoal
 from .diagnostics import rejection_status as rejection_status
 from .diagnostics import Rejections as Rejections
+from .diagnostics import SILENCE as SILENCE
 from .diagnostics import SILENT as SILENT
 from .diagnostics import stamp_text as stamp_text
 from .diagnostics import STATUS_PERIOD as STATUS_PERIOD

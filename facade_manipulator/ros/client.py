@@ -36,8 +36,8 @@ from facade_manipulator import interfaces
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.interfaces import Service, Topic
 from facade_manipulator.kinematics import Carriages, difference, Pose
-from facade_manipulator.messages import planar_pose, RAIL, status_values
-from facade_manipulator.ros.conversions import node_time, pose_stamped
+from facade_manipulator.messages import planar_pose, status_values
+from facade_manipulator.ros.conversions import frames, node_time, pose_stamped
 from facade_manipulator.ros.diagnostics import REJECTED_STAMP, stamp_text
 from facade_manipulator.ros.interfaces import client, publisher, subscription
 
@@ -95,6 +95,7 @@ class ManipulatorClient:
         self._check = check
         self.node = Node(node_name, namespace=namespace)
         self.namespace = self.node.get_namespace().strip('/')
+        self._frames = frames(self.node)
         #: of every namespace, by it and the name without it
         self.gondolas: dict[str, dict[str, Component]] = defaultdict(dict)
         self.head_in_rail: Pose | None = None
@@ -228,7 +229,7 @@ class ManipulatorClient:
             'a compensator that subscribes to goal_pose')
         self.goal = pose
         self._progress.clear()
-        message = pose_stamped('facade', node_time(self.node), pose)
+        message = pose_stamped(self._frames.facade, node_time(self.node), pose)
         stamp = stamp_text(message.header.stamp)
         for _ in range(SENDINGS):
             goals.publish(message)
@@ -311,7 +312,7 @@ class ManipulatorClient:
                 'a compensator publishes corrected_pose: start driver and ik_service alone')
         end = time.monotonic() + timeout
         while time.monotonic() < end:  # again where a stream that was interrupted has left it
-            on_rail.publish(pose_stamped(RAIL, node_time(self.node), pose))
+            on_rail.publish(pose_stamped(self._frames.rail, node_time(self.node), pose))
             if _distance(self._await_rest(timeout), pose) < STANDS_WITHIN:
                 return
         raise NoAnswerError(f'the head stands at {self.head_in_rail}, not at {pose}, for '
@@ -354,9 +355,10 @@ class ManipulatorClient:
 
         """
         now = node_time(self.node)
-        request = GetPlan.Request(goal=pose_stamped('rail', now, goal), tolerance=spacing)
+        rail = self._frames.rail
+        request = GetPlan.Request(goal=pose_stamped(rail, now, goal), tolerance=spacing)
         if start is not None:
-            request.start = pose_stamped('rail', now, start)
+            request.start = pose_stamped(rail, now, start)
         self._rejections.clear()
         plan = self.call(interfaces.SOLVE, request).plan
         if not plan.poses:

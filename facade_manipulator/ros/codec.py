@@ -192,9 +192,9 @@ def _codec_in_frame(
         topic)
 
 
-def setpoint_codec() -> Codec:
+def setpoint_codec(frame_id: str = RAIL) -> Codec:
     """Return the codec of joint_setpoints: position and velocity of q1, q2 and q3."""
-    return _carriages_codec('setpoint', RAIL, ARRAYS[:2])
+    return _carriages_codec('setpoint', frame_id, ARRAYS[:2])
 
 
 def states_codec() -> Codec:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import import_module
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -11,11 +10,17 @@ from geometry_msgs.msg import Pose as PoseMessage
 from geometry_msgs.msg import PoseStamped, TransformStamped, WrenchStamped
 from rclpy.node import Node
 
+from facade_manipulator import interfaces
 from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose, Wrench
-from facade_manipulator.messages import planar_numbers, stamp_numbers
+from facade_manipulator.messages import Frames, planar_numbers, stamp_numbers
 from facade_manipulator.ros.codec import pose_codec
-from facade_manipulator.ros.interfaces import publisher
+from facade_manipulator.ros.interfaces import class_of, is_installed, publisher
+
+
+def frames(node: Node) -> Frames:
+    """Return the frames of the manipulator in a node's namespace."""
+    return Frames.of(node.get_namespace())
 
 
 def node_time(node: Node) -> float:
@@ -91,27 +96,28 @@ class PoseStream:
 
 
 class Transforms:
-    """
-    Broadcast where one frame is in another, with the node's namespace before their names.
+    """Broadcast where frames are; where tf2_msgs is installed, and while somebody listens."""
 
-    For RViz and others, where tf2_ros is installed; no wheel has it.
-    """
+    def __init__(self, node: Node) -> None:
+        self._prefix = frames(node).prefix
+        self.is_wanted = False
+        if is_installed(interfaces.TF):
+            self._message = class_of(interfaces.TF)
+            self._publisher = publisher(node, interfaces.TF, self._match)
 
-    def __init__(self, node: Node, parent: str, child: str) -> None:
-        prefix = f'{node.get_namespace().strip("/")}/'.lstrip('/')
-        self._parent, self._child = prefix + parent, prefix + child
-        try:
-            self._broadcaster = import_module('tf2_ros').TransformBroadcaster(node)
-        except ImportError:
-            self._broadcaster = None
+    def _match(self, matched: Any) -> None:
+        self.is_wanted = matched.current_count > 0
 
-    def publish(self, time: float, pose: Pose) -> None:
-        """Broadcast the pose of the child in the parent at a time [s]."""
-        if self._broadcaster is None:
-            return
-        message, place = TransformStamped(child_frame_id=self._child), pose_message(pose)
-        message.header.frame_id, message.header.stamp = self._parent, stamp(time)
+    def publish(self, time: float, poses: Iterable[tuple[str, str, Pose]]) -> None:
+        """Broadcast poses at a time [s], each with the names of parent and child before it."""
+        if self.is_wanted:
+            self._publisher.publish(self._message(transforms=[
+                self._transform(time, *one) for one in poses]))
+
+    def _transform(self, time: float, parent: str, child: str, pose: Pose) -> TransformStamped:
+        message, place = TransformStamped(child_frame_id=self._prefix + child), pose_message(pose)
+        message.header.frame_id, message.header.stamp = self._prefix + parent, stamp(time)
         translation, position = message.transform.translation, place.position
         translation.x, translation.y = position.x, position.y
         message.transform.rotation = place.orientation
-        self._broadcaster.sendTransform(message)
+        return message

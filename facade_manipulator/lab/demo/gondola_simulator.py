@@ -26,8 +26,6 @@ from facade_manipulator.lab.gondola import (
 from facade_manipulator.messages import (
     CARRIAGES,
     carriages_from,
-    END_EFFECTOR,
-    FACADE,
     planar_numbers,
     pose_in_frame,
     seconds,
@@ -38,6 +36,7 @@ from facade_manipulator.ros import (
     diagnostic_status,
     DiagnosticsPublisher,
     estimate_codec,
+    frames,
     name_unknown_parameters,
     node_time,
     offer_trigger,
@@ -89,10 +88,11 @@ class GondolaSimulatorNode(Node):
         steady_timer(self, DELIVERY_PERIOD, self._deliver)
 
     def _connect(self) -> None:
-        self._estimate_codec = estimate_codec('disturbance', FACADE)
+        self._frames = frames(self)
+        self._estimate_codec = estimate_codec('disturbance', self._frames.facade)
         self._disturbance = publisher(self, interfaces.DISTURBANCE)
         self._head, self._error, self._uncompensated = (
-            PoseStream(self, topic, FACADE) for topic in (
+            PoseStream(self, topic, self._frames.facade) for topic in (
                 interfaces.HEAD_POSE, interfaces.WALL_ERROR, interfaces.UNCOMPENSATED_ERROR))
         self._wrench = publisher(self, interfaces.CONTACT_WRENCH)
         self._loads = publisher(self, interfaces.CARRIAGE_FORCES)
@@ -108,7 +108,7 @@ class GondolaSimulatorNode(Node):
 
     def _receive_goal(self, message: PoseStamped) -> None:
         with self._rejections:
-            goal = pose_in_frame(message, FACADE, 'goal_pose')
+            goal = pose_in_frame(message, self._frames.facade, 'goal_pose')
             self._mechanism.certify(goal)
             self._wall.set_goal(node_time(self), goal)
 
@@ -143,10 +143,12 @@ class GondolaSimulatorNode(Node):
         """Publish what sensors on the head measure of the wall."""
         measured = self._force_sensor and self._force_sensor.measure(sample.time, wrench)
         if measured is not None:
-            self._wrench.publish(wrench_stamped(END_EFFECTOR, sample.time, measured))
+            self._wrench.publish(wrench_stamped(
+                self._frames.end_effector, sample.time, measured))
         if self._measures_slip and sample.settled:
             message = PointStamped(point=Point(x=sample.lateral_offset))
-            message.header.frame_id, message.header.stamp = END_EFFECTOR, stamp(sample.time)
+            message.header.frame_id = self._frames.end_effector
+            message.header.stamp = stamp(sample.time)
             self._lateral.publish(message)
 
     def _components(self) -> list[DiagnosticStatus]:

@@ -14,10 +14,10 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import (
     by_stamp,
     carriages_from,
+    is_of_rail,
     planar_wrench,
     pose_numbers,
     projected,
-    RAIL,
 )
 from facade_manipulator.prediction import EstimateGate, EstimateSettings, rail_pose
 from facade_manipulator.tools.calibration.estimator_fit import EstimatorRecording
@@ -68,7 +68,7 @@ def read_touches(path: Path, estimate: EstimateSettings) -> TouchRecording:
 
     def rail(message: Any) -> Pose:
         place = _place(message.pose)
-        if getattr(message, 'child_frame_id', RAIL) != RAIL:
+        if not is_of_rail(message):
             place = gate.displacement(place)
         return rail_pose(place, Pose(*estimate.mounting), estimate.axes)
 

@@ -16,10 +16,10 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import (
     estimate_numbers,
     in_order,
+    is_of_rail,
     planar_pose,
     planar_wrench,
     projected,
-    RAIL,
     seconds,
 )
 from facade_manipulator.motion import GoalSettings, Setpoint, SetpointStream
@@ -138,7 +138,7 @@ def _corrected(message: Any) -> Pose:
 def _add_estimate(compensator: Compensator, now: float, message: Any) -> None:
     *pose, x, y, yaw = estimate_numbers(message)
     place, (_, tilt) = projected(pose, 'disturbance')
-    if getattr(message, 'child_frame_id', RAIL) != RAIL:
+    if not is_of_rail(message):
         place = compensator.gate.displacement(place)
     compensator.add_estimate(now, seconds(message.header.stamp), place, (x, y, yaw), tilt)
 

@@ -1,0 +1,147 @@
+"""
+The mechanism as other programs know one: a tree of links and joints, and its URDF.
+
+A URDF has no closed loops. The tree is cut where the two links meet the platform; `positions`
+closes it there with the exact kinematics, for the machine as it was made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import atan2
+from typing import NamedTuple
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
+
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
+from facade_manipulator.kinematics.mechanism import Mechanism, mechanism_of
+from facade_manipulator.kinematics.planar import compose, ZERO_POSE
+
+# m, of what is drawn; a carriage is as wide as the gap, so that two touch where they must stop
+RAIL_DEPTH, RAIL_HEIGHT = 0.03, 0.02
+CARRIAGE_DEPTH, CARRIAGE_HEIGHT, THINNEST_CARRIAGE = 0.05, 0.03, 0.004
+LINK_WIDTH, PLATFORM_WIDTH, GUIDE_WIDTH = 0.012, 0.018, 0.006
+HEAD_LENGTH, HEAD_WIDTH = 0.06, 0.012
+COLOURS = {'dark': '0.35 0.35 0.35 1', 'grey': '0.6 0.6 0.6 1', 'blue': '0 0.45 0.7 1'}
+AXES = {'x': '1 0 0', 'y': '0 1 0', 'z': '0 0 1'}
+
+
+class TreeJoint(NamedTuple):
+    """A joint: where its child is in its parent, and along or about which axis that moves."""
+
+    name: str  #: '' of one that does not move
+    parent: str
+    child: str
+    axis: str = 'z'
+    origin: Pose = ZERO_POSE
+
+    def pose(self, position: float) -> Pose:
+        """Return the pose of the child in the parent at a position of the joint [m or rad]."""
+        moved = ZERO_POSE._replace(**{{'z': 'theta'}.get(self.axis, self.axis): position})
+        return compose(self.origin, moved)
+
+
+def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
+    """Return the joints from the rail to the end effector and to the ends of the links."""
+    along = Pose(0.0, 0.0, geometry.rail_angle)
+    return (
+        TreeJoint('q1', 'rail', 'carriage_1', 'x', along),
+        TreeJoint('q2', 'rail', 'carriage_2', 'x', along),
+        TreeJoint('q3', 'rail', 'carriage_3', 'x', along),
+        TreeJoint('guide', 'carriage_3', 'slider', 'y'),
+        TreeJoint('turn', 'slider', 'platform'),
+        TreeJoint('swing_1', 'carriage_1', 'link_1'),
+        TreeJoint('swing_2', 'carriage_2', 'link_2'),
+        TreeJoint('', 'platform', 'end_effector', 'z', Pose(*geometry.tool)),
+    )
+
+
+def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
+    """
+    Return the positions of the joints of `tree` at a pose of the head [m, rad].
+
+    The carriages' are those on the rail: without the errors of the screws.
+
+    Raises
+    ------
+    ParameterError, UnreachableError
+        As `inverse_kinematics`.
+
+    """
+    platform = mechanism.platform(head)
+    carriages = mechanism.on_rail(mechanism.inverse_kinematics(head))
+    ends = (compose(platform, Pose(side * half, 0.0, 0.0)) for side, half in zip(
+        (-1.0, 1.0), mechanism.geometry.half_lengths, strict=True))
+    swings = (atan2(end.y, end.x - q) for end, q in zip(ends, carriages, strict=False))
+    return (*carriages, platform.y, platform.theta, *swings, 0.0)
+
+
+def urdf(geometry: Geometry, prefix: str = '') -> str:
+    """Return the URDF of a geometry; the prefix stands before the names of the links, as in TF."""
+    robot = Element('robot', name='facade_manipulator')
+    for name, colour in COLOURS.items():
+        SubElement(SubElement(robot, 'material', name=name), 'color', rgba=colour)
+    names = ['rail', *(joint.child for joint in tree(geometry))]
+    links = {name: SubElement(robot, 'link', name=prefix + name) for name in names}
+    for name, size, middle, colour in _boxes(geometry):
+        visual = SubElement(links[name], 'visual')
+        _origin(visual, middle)
+        SubElement(SubElement(visual, 'geometry'), 'box', size=_text(size))
+        SubElement(visual, 'material', name=colour)
+    for joint in tree(geometry):
+        _add_joint(robot, joint, prefix, _range(geometry, joint))
+    ElementTree.indent(robot)
+    return ElementTree.tostring(robot, encoding='unicode')
+
+
+def _add_joint(
+    robot: Element, joint: TreeJoint, prefix: str, bounds: tuple[float, float] | None
+) -> None:
+    kind = 'prismatic' if bounds else 'continuous' if joint.name else 'fixed'
+    element = SubElement(robot, 'joint', name=joint.name or joint.child, type=kind)
+    SubElement(element, 'parent', link=prefix + joint.parent)
+    SubElement(element, 'child', link=prefix + joint.child)
+    _origin(element, joint.origin)
+    if joint.name:
+        SubElement(element, 'axis', xyz=AXES[joint.axis])
+    if bounds:  # an effort or velocity of 0 is not bounded
+        lower, upper = map(repr, bounds)
+        SubElement(element, 'limit', lower=lower, upper=upper, effort='0', velocity='0')
+
+
+def _range(geometry: Geometry, joint: TreeJoint) -> tuple[float, float] | None:
+    """Return between what a prismatic joint moves [m]."""
+    if joint.name in Carriages._fields:
+        ends = (mechanism_of(geometry).on_rail(Carriages(q, q, q)) for q in geometry.stroke)
+        lower, upper = (getattr(end, joint.name) for end in ends)
+        return lower, upper
+    reach = max(geometry.link_lengths) + max(geometry.half_lengths)
+    return (-reach, reach) if joint.axis == 'y' else None
+
+
+def _boxes(geometry: Geometry) -> Iterator[tuple[str, Sequence[float], Pose, str]]:
+    """Yield link, size [m], middle and colour of what is seen."""
+    least, greatest = geometry.stroke
+    yield ('rail', (geometry.stroke_length, RAIL_DEPTH, RAIL_HEIGHT),
+           Pose(0.5 * (least + greatest), 0.0, geometry.rail_angle), 'dark')
+    width = max(geometry.carriage_gap, THINNEST_CARRIAGE)
+    for side, length in enumerate(geometry.link_lengths, start=1):
+        yield (f'link_{side}', (length, LINK_WIDTH, LINK_WIDTH), Pose(0.5 * length, 0.0, 0.0),
+               'blue')
+    for number in (1, 2, 3):
+        yield (f'carriage_{number}', (width, CARRIAGE_DEPTH, CARRIAGE_HEIGHT), ZERO_POSE, 'blue')
+    yield ('carriage_3', (GUIDE_WIDTH, geometry.link_length, GUIDE_WIDTH),
+           Pose(0.0, 0.5 * geometry.link_length, 0.0), 'grey')
+    half_1, half_2 = geometry.half_lengths
+    yield ('platform', (half_1 + half_2, PLATFORM_WIDTH, PLATFORM_WIDTH),
+           Pose(0.5 * (half_2 - half_1), 0.0, 0.0), 'blue')
+    yield ('end_effector', (HEAD_WIDTH, HEAD_LENGTH, HEAD_WIDTH),
+           Pose(0.0, 0.5 * HEAD_LENGTH, 0.0), 'grey')
+
+
+def _origin(element: Element, pose: Pose) -> None:
+    SubElement(element, 'origin', xyz=_text((*pose[:2], 0.0)), rpy=_text((0.0, 0.0, pose.theta)))
+
+
+def _text(numbers: Sequence[float]) -> str:
+    return ' '.join(map(repr, numbers))
