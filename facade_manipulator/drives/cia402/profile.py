@@ -194,11 +194,14 @@ def _locations(data: Any) -> tuple[tuple[int, int], ...]:
                  for index, subindex in data)
 
 
-def fitting_profile(vendor_id: int | None) -> str:
-    """Return the name of the package's profile for a maker's CiA 402 drives."""
-    names = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
-    return next((name for name in names if vendor_id is not None
-                 and load_profile(name).vendor_id == vendor_id), 'generic_cia402')
+def fitting_profile(vendor_id: int | None, product_code: int | None) -> str:
+    """Return the name of the package's profile that fits a drive best: by product, by maker."""
+    known = [load_profile(path.stem) for path in sorted(config_path('drives').glob('*.yaml'))]
+    for product in (product_code, None):
+        for one in known:
+            if vendor_id is not None and (one.vendor_id, one.product_code) == (vendor_id, product):
+                return one.name
+    return 'generic_cia402'
 
 
 def _check_keys(where: str, data: Any, known: set[str]) -> None:

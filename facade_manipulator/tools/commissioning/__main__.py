@@ -13,13 +13,14 @@ from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.errors import exit_status
 from facade_manipulator.resources import MACHINE_FILE
 from facade_manipulator.tools.commissioning import (
-    identify,
+    assign,
     keep,
     lag,
     measuring,
     moving,
     one_drive,
     report,
+    scan,
 )
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.machine import Machine
@@ -31,7 +32,7 @@ Without a command it goes on where the machine stands: scan, assign, scan, profi
 direction, lead, jog, home-switch, lag, report. Each command says what it will do and asks before
 anything moves or is stored. Have the emergency stop at hand: no software replaces it.
 """
-ROOMS = (identify, keep, measuring, moving, lag, one_drive, report)
+ROOMS = (scan, assign, keep, measuring, moving, lag, one_drive, report)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,5 +1,5 @@
 """
-Give node ids by LSS: one drive alone, or all of them by fastscan.
+Command `assign`: node ids by LSS, for all drives (fastscan) or for one that is alone.
 
 References
 ----------
@@ -9,13 +9,14 @@ CiA 305, Layer setting services and protocols.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Iterator
 import time
-from typing import NamedTuple
 
 from canopen.lss import LssError, LssMaster
 
 from facade_manipulator.drives.canopen import NmtCommand
+from facade_manipulator.drives.cia402 import AXIS_NAMES, fitting_profile
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.bus import (
     BOOT_TIMEOUT,
@@ -23,7 +24,15 @@ from facade_manipulator.tools.commissioning.bus import (
     number_or_none,
     ToolBus,
 )
-from facade_manipulator.tools.commissioning.scan import has_unconfigured, is_drive, SERIAL
+from facade_manipulator.tools.commissioning.context import Context
+from facade_manipulator.tools.commissioning.scan import (
+    fast_scanned,
+    Found,
+    has_unconfigured,
+    is_drive,
+    scan,
+    SERIAL,
+)
 
 UNCONFIGURED = 255
 STORING_TIME = 3.0  # s; CiA 305 has no bound; 0.3 s and more were seen
@@ -32,52 +41,147 @@ _NO_LSS = (
     'the drive), one drive at a time, store it there, switch the power off and on, and scan')
 
 
-class Found(NamedTuple):
-    """The identity by which LSS knows a drive."""
+def add_commands(add: Callable) -> None:
+    """Add the command to the tool."""
+    command = add('assign', run_assign, 'Give each drive the node id of its carriage, by LSS.')
+    command.add_argument(
+        '--serials', type=lambda text: int(text, 0), nargs=len(AXIS_NAMES), metavar=AXIS_NAMES,
+        help='serial numbers, on the labels, of the drives of q1, q2 and q3; default: asked for')
+    command.add_argument('--only', choices=AXIS_NAMES,
+                         help='there is one drive alone on the bus, and it moves this carriage')
+    add_lss_timeout(command)
 
-    vendor_id: int
-    product_code: int
-    revision_number: int
-    serial_number: int
+
+def add_lss_timeout(command: argparse.ArgumentParser) -> None:
+    """Add what every command that gives node ids has."""
+    command.add_argument('--lss-timeout', type=float, default=0.1, metavar='S',
+                         help='how long a drive may take to answer (default 0.1)')
+
+
+def run_assign(context: Context) -> None:
+    """Give node ids, store them, and write ids and serial numbers into the parameter file."""
+    assign(context, lambda found: _axis_of(found, context), context.options.only)
+
+
+def assign(context: Context, axis_of: Callable[[Found], str], only: str | None = None) -> None:
+    """Give node ids to all drives, or to one that is alone; write them down."""
+    machine, operator = context.machine, context.operator
+    machine.check_writable()
+    node_ids = {name: axis.node_id for name, axis in machine.axes.items()}
+    with context.bus() as bus:
+        if only:
+            _require_alone(bus)
+            node_ids = {only: node_ids[only]}
+        operator.agree(
+            'All drives on this bus that know LSS lose their node id; each gets the one of its '
+            'carriage (' + ', '.join(f'{name}: {node_id}' for name, node_id in node_ids.items())
+            + ') and stores it. Nothing moves.')
+        given = assign_all(
+            Assignment(bus, context.options.lss_timeout, bool(only)), node_ids,
+            (lambda found: only) if only else axis_of)
+    machine.write({
+        name: {'node_id': node_ids[name], 'serial_number': found.serial_number,
+               'profile': _profile(context, name, found)}
+        for name, found in given.items()})
+    for name, found in given.items():
+        operator.say(f'{name}: node {node_ids[name]}, serial number {found.serial_number}')
+        machine.note('assign', f'node {node_ids[name]}, serial number {found.serial_number}',
+                     axis=name)
+    operator.say(f'{machine.path} is written.')
+
+
+def _profile(context: Context, name: str, found: Found) -> str:
+    """Return the profile that fits a drive; one of the user's own stays."""
+    present = context.machine.axis(name).profile
+    return present if present.endswith('.yaml') else fitting_profile(
+        found.vendor_id, found.product_code)
+
+
+def _require_alone(bus: ToolBus) -> None:
+    nodes = scan(bus)
+    if len(nodes) > 1 or any(len(node.serials) != 1 for node in nodes):
+        raise CommissioningError(
+            '--only wants one drive alone on the bus, found '
+            f'{sum(max(1, len(node.serials)) for node in nodes)}: nothing was done; unplug the '
+            'others')
+    if nodes and not is_drive(nodes[0].device_type):
+        raise CommissioningError(f'node {nodes[0].node_id} is not a drive (1000h): nothing was '
+                                 'done')
+
+
+def _axis_of(found: Found, context: Context) -> str:
+    serials = context.options.serials
+    if serials:
+        return dict(zip(serials, AXIS_NAMES, strict=True)).get(found.serial_number, '')
+    answer = context.operator.ask(
+        f'Drive with serial number {found.serial_number} (product {found.product_code:X}h): which '
+        f'carriage does it move? [{"/".join(AXIS_NAMES)}, or nothing]', '--serials')
+    if answer and answer not in AXIS_NAMES:
+        raise CommissioningError(f'{answer} is not one of {", ".join(AXIS_NAMES)}')
+    return answer
 
 
 class Assignment:
-    """Node ids for the drives of a bus; `timeout` is for a drive's answer to a request [s]."""
+    """
+    Node ids for the drives of a bus.
 
-    def __init__(self, bus: ToolBus, timeout: float) -> None:
+    Parameters
+    ----------
+    bus : ToolBus
+    timeout : float
+        For a drive's answer to a request [s].
+    is_alone : bool
+        Whether there is one drive on the bus, which then needs neither fastscan nor selection.
+
+    """
+
+    def __init__(self, bus: ToolBus, timeout: float, is_alone: bool = False) -> None:
         self._bus = bus
         self._lss = bus.lss(timeout)
+        self._is_alone = is_alone
 
-    def take_all(self) -> None:
-        """Take all node ids, without storing that; a CommissioningError if none knows LSS."""
+    def find(self, spare: Iterator[int]) -> Iterator[Found]:
+        """
+        Take all node ids, and yield the drives one after the other, each under a spare one.
+
+        Nothing is stored. Raises a CommissioningError if none knows LSS, for one whose identity
+        is not found, or that takes no node id.
+        """
         self._lss.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
         self._configure(UNCONFIGURED)
         self._take_effect()
         time.sleep(0.5)
-
-    def find(self) -> Iterator[Found]:
-        """
-        Yield the nodes that have no node id, one after the other; each is then selected.
-
-        Raises a CommissioningError for one whose identity is not found, or that takes no node id.
-        """
+        if self._is_alone:
+            self._lss.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
+            node_id = next(spare)
+            if is_drive(self._lend(node_id)):
+                drive = self._bus.objects(node_id)
+                yield Found(*(drive.read_number(0x1018, number) for number in range(1, 5)))
+            return
         seen: set[Found] = set()
-        while True:
-            self._lss.send_switch_state_global(LssMaster.WAITING_STATE)
-            found, identity = self._lss.fast_scan()
-            if not found:
-                break
-            if (one := Found(*identity)) in seen:
-                raise CommissioningError(f'the node with serial number {one.serial_number} took a '
-                                         'node id and is without one again')
+        while one := next((one for one in fast_scanned(self._lss) if one not in seen), None):
             seen.add(one)
-            yield one
+            self._select(one)
+            if is_drive(self._lend(next(spare))):
+                yield one
         if has_unconfigured(self._bus):
             raise CommissioningError(
                 'a node without a node id answers, but its identity is not found: repeat with '
                 '--lss-timeout 0.5, or connect it alone and use --only')
 
-    def lend(self, node_id: int) -> int | None:
+    def _select(self, found: Found) -> None:
+        """Let nobody but one node be configured; raises a CommissioningError if it is silent."""
+        self._lss.send_switch_state_global(
+            LssMaster.CONFIGURATION_STATE if self._is_alone else LssMaster.WAITING_STATE)
+        try:
+            if self._is_alone or self._lss.send_switch_state_selective(*found):
+                return
+        except LssError:
+            pass
+        raise CommissioningError(f'the drive {found.serial_number} does not answer any more: '
+                                 'nothing is stored in it')
+
+    def _lend(self, node_id: int) -> int | None:
         """Give the selected node an id that is not stored; return its device type (1000h)."""
         self._configure(node_id)
         self._take_effect()
@@ -97,22 +201,7 @@ class Assignment:
 
         Raises a CommissioningError if it is not; the message says in what state the drive is.
         """
-        try:
-            is_selected = self._lss.send_switch_state_selective(*found)
-        except LssError:
-            is_selected = False
-        if not is_selected:
-            raise CommissioningError(f'the drive {found.serial_number} does not answer any more: '
-                                     'nothing is stored in it')
-        self._give_selected(node_id)
-        self.verify(node_id, found.serial_number)
-
-    def give_alone(self, node_id: int) -> None:
-        """Give a node id to the one drive on the bus; raises what `give` does."""
-        self._lss.send_switch_state_global(LssMaster.CONFIGURATION_STATE)
-        self._give_selected(node_id)
-
-    def _give_selected(self, node_id: int) -> None:
+        self._select(found)
         self._configure(node_id)
         timeout = self._lss.RESPONSE_TIMEOUT
         self._lss.RESPONSE_TIMEOUT = max(timeout, STORING_TIME)
@@ -125,6 +214,7 @@ class Assignment:
         finally:
             self._lss.RESPONSE_TIMEOUT = timeout
         self._take_effect()
+        self._verify(node_id, found.serial_number)
 
     def _take_effect(self) -> None:
         """End the configuration of all; some take their node id only when they are reset."""
@@ -141,7 +231,7 @@ class Assignment:
                 f'a drive rejects node id {node_id} ({error}): nothing is stored; it has its old '
                 'one again after its power was off and on') from error
 
-    def verify(self, node_id: int, serial_number: int) -> None:
+    def _verify(self, node_id: int, serial_number: int) -> None:
         """Reset a drive and read what it has stored; a CommissioningError if it is elsewhere."""
         for command, what in ((NmtCommand.RESET_COMMUNICATION, 'before'),
                               (NmtCommand.RESET_NODE, 'after')):
@@ -166,10 +256,7 @@ def assign_all(
     given: dict[str, Found] = {}
     spare = (number for number in reversed(NODE_IDS) if number not in node_ids.values())
     try:
-        assignment.take_all()
-        for found in assignment.find():
-            if not is_drive(assignment.lend(next(spare))):
-                continue
+        for found in assignment.find(spare):
             axis = axis_of(found)
             if axis in given:
                 raise CommissioningError(f'two drives for {axis}')

@@ -10,6 +10,7 @@ from canopen.objectdictionary import ODVariable
 from facade_manipulator.drives.canopen import read_dictionary, variables
 from facade_manipulator.drives.cia402 import load_profile
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.tools.commissioning.assign import add_lss_timeout, assign
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.drive_objects import (
     decoded,
@@ -19,7 +20,6 @@ from facade_manipulator.tools.commissioning.drive_objects import (
     read_dcf,
     shown,
 )
-from facade_manipulator.tools.commissioning.identify import add_lss_timeout, assign
 from facade_manipulator.tools.commissioning.keep import (
     check_profiles,
     run_restore,

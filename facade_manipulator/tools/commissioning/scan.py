@@ -1,9 +1,9 @@
-"""Who is on the bus: nodes that answer, nodes that only beat, drives without a node id."""
+"""Command `scan`: nodes that answer, nodes that only beat, drives without a node id."""
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 import struct
 import time
@@ -14,7 +14,9 @@ from canopen import lss
 from facade_manipulator.drives.canopen import Frame, pdo, SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.drives.cia402 import AxisSettings, fitting_profile
 from facade_manipulator.errors import DriveError, DriveIdentityError
+from facade_manipulator.tools.commissioning.bitrate import guess_bitrate
 from facade_manipulator.tools.commissioning.bus import NODE_IDS, number_or_none, ToolBus
+from facade_manipulator.tools.commissioning.context import Context
 
 _PACE = 0.002  # s between requests: a send queue of ten frames does not fill up
 _ANSWER = 0.25  # s
@@ -23,7 +25,55 @@ _REQUEST = struct.Struct('<BHB4x')
 SERIAL = (0x1018, 4)
 DRIVE_TYPE = 402
 _ALL = 0x80  # asks every node without a node id for an answer to fastscan
-_WITHOUT_ID = bytes([lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE]), bytes([lss.CS_IDENTIFY_SLAVE])
+_COLUMNS = ('node', 'serial', 'name', 'firmware', 'vendor', 'product', 'state', 'profile')
+
+
+def add_commands(add: Callable) -> None:
+    """Add the command to the tool."""
+    command = add('scan', run_scan, 'Who is on the bus.')
+    command.add_argument('--guess-bitrate', action='store_true',
+                         help='where nothing answers, try the usual bit rates (needs root)')
+
+
+def run_scan(context: Context) -> int:
+    """List the nodes; return 1 if something is not as it should be."""
+    expected = {name: axis.node_id for name, axis in context.machine.axes.items()}
+    with context.bus() as bus:
+        nodes = scan(bus)
+        unconfigured = has_unconfigured(
+            bus, [serial for node in nodes for serial in node.serials])
+        problems = list(findings(nodes, expected, unconfigured))
+    operator = context.operator
+    operator.table(_COLUMNS, [_row(node) for node in nodes])
+    for node in nodes:
+        if node.errors:
+            operator.say(f'node {node.node_id} has had the errors (newest first) '
+                         + ', '.join(f'{code:04X}h' for code in node.errors))
+    for problem in problems:
+        operator.say(f'! {problem}')
+    if not nodes and not unconfigured:
+        guess_bitrate(bus.settings, operator, may_change=context.options.guess_bitrate)
+    context.machine.note('scan', '; '.join(problems) or f'{len(nodes)} drives', not problems)
+    return 1 if problems else 0
+
+
+def _row(node: Node) -> tuple:
+    serials = ', '.join(str(serial) for serial in node.serials) or 'no answer'
+    return (node.node_id, serials, node.name, node.firmware, _hex(node.vendor_id),
+            _hex(node.product_code), node.state, node.profile)
+
+
+def _hex(number: int | None) -> str:
+    return '' if number is None else f'{number:X}h'
+
+
+class Found(NamedTuple):
+    """The identity by which LSS knows a drive."""
+
+    vendor_id: int
+    product_code: int
+    revision_number: int
+    serial_number: int
 
 
 class Node(NamedTuple):
@@ -47,7 +97,9 @@ class Node(NamedTuple):
     @property
     def profile(self) -> str:
         """The drive type that fits; empty for none."""
-        return fitting_profile(self.vendor_id) if is_drive(self.device_type) else ''
+        if not is_drive(self.device_type):
+            return ''
+        return fitting_profile(self.vendor_id, self.product_code)
 
 
 def is_drive(device_type: int | None) -> bool:
@@ -106,17 +158,39 @@ def _text(drive: SdoChannel, index: int) -> str:
         return ''
 
 
-def has_unconfigured(bus: ToolBus) -> bool:
-    """Return whether a node without a node id answers; some know fastscan alone."""
-    questions = (bytes([lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE]).ljust(8, b'\0'),
-                 bytes([lss.CS_FAST_SCAN, 0, 0, 0, 0, _ALL, 0, 0]))
+def has_unconfigured(bus: ToolBus, configured: Iterable[int] = ()) -> bool:
+    """
+    Return whether a node without a node id answers.
 
-    def ask() -> None:
-        for question in questions:
-            bus.frames.send(lss.LssMaster.LSS_TX_COBID, question)
+    Some know fastscan alone (CANopenNode); others answer fastscan although they have a node id
+    (Lely), so that their serial numbers are compared with those that are `configured`.
+    """
+    def asked(question: bytes, answer: int) -> bool:
+        frames = bus.collect(_ANSWER, lambda: bus.frames.send(
+            lss.LssMaster.LSS_TX_COBID, question.ljust(8, b'\0')))
+        return any(frame.cob_id == lss.LssMaster.LSS_RX_COBID and frame.data[:1] == bytes([answer])
+                   for frame in frames)
 
-    return any(frame.cob_id == lss.LssMaster.LSS_RX_COBID and frame.data[:1] in _WITHOUT_ID
-               for frame in bus.collect(_ANSWER, ask))
+    if asked(bytes([lss.CS_IDENTIFY_NON_CONFIGURED_REMOTE_SLAVE]),
+             lss.CS_IDENTIFY_NON_CONFIGURED_SLAVE):
+        return True
+    if not asked(bytes([lss.CS_FAST_SCAN, 0, 0, 0, 0, _ALL, 0, 0]), lss.CS_IDENTIFY_SLAVE):
+        return False
+    known, master = set(configured), bus.lss(_ANSWER)
+    try:
+        return not known or any(
+            one.serial_number not in known for one in fast_scanned(master))
+    finally:
+        master.send_switch_state_global(lss.LssMaster.WAITING_STATE)
+
+
+def fast_scanned(master: lss.LssMaster) -> Iterator[Found]:
+    """Yield the nodes that answer fastscan; each is then selected, and so silent."""
+    found: set[Found] = set()
+    master.send_switch_state_global(lss.LssMaster.WAITING_STATE)
+    while (result := master.fast_scan())[0] and (one := Found(*result[1])) not in found:
+        found.add(one)
+        yield one
 
 
 def findings(nodes: list[Node], expected: dict[str, int], unconfigured: bool) -> Iterator[str]:

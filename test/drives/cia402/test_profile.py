@@ -1,10 +1,12 @@
+import shutil
+
 from canopen import import_od
 from canopen.objectdictionary import ODVariable
 import pytest
 import yaml
 
 from facade_manipulator.drives.canopen import misfit, pdo, read_dictionary
-from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES
+from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, profile
 from facade_manipulator.drives.cia402.profile import fitting_profile, load_profile, QUANTITIES
 from facade_manipulator.drives.controller.configuration import drive_writes
 from facade_manipulator.drives.controller.settings import ControllerSettings
@@ -128,10 +130,15 @@ def test_a_profile_may_lie_outside_the_package(tmp_path):
     assert load_profile(str(path)).eds == tmp_path / 'cia402.eds'
 
 
-@pytest.mark.parametrize(('vendor', 'name'), [
-    (0xFB, 'epos4'), (0, 'simulated'), (12345, 'generic_cia402'), (None, 'generic_cia402')])
-def test_the_maker_finds_the_profile(vendor, name):
-    assert fitting_profile(vendor) == name
+@pytest.mark.parametrize(('vendor', 'product', 'name'), [
+    (0xFB, 1, 'epos4'), (0xFB, 7, 'mine'), (0, 7, 'simulated'), (12345, 7, 'generic_cia402'),
+    (None, None, 'generic_cia402')])
+def test_maker_and_product_find_the_profile(tmp_path, monkeypatch, vendor, product, name):
+    shutil.copytree(config_path('drives'), tmp_path / 'drives')
+    text = (tmp_path / 'drives/epos4.yaml').read_text()
+    (tmp_path / 'drives/mine.yaml').write_text(f'{text}\nproduct_code: 7\n')
+    monkeypatch.setattr(profile, 'config_path', lambda _: tmp_path / 'drives')
+    assert fitting_profile(vendor, product) == name
 
 
 # --- process data
