@@ -37,7 +37,8 @@ MACHINE = {
 ALL_OF_IT = set(MACHINE) | {'ros', 'nodes'}
 TOOLS = {
     'tools.calibration': SETTINGS | {'blackbox', 'kinematics', 'messages', 'prediction'},
-    'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance'},
+    'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance',
+                                             'tools.emergency_stop'},
     'tools.policies': SETTINGS | {'interfaces'},
     'tools.deployment': BASE | {'files', 'resources'},
     'tools.support': BASE | {'files', 'resources'},

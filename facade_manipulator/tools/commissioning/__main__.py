@@ -21,6 +21,7 @@ from facade_manipulator.tools.commissioning import (
     one_drive,
     report,
     scan,
+    stop_test,
 )
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.machine import Machine
@@ -29,10 +30,10 @@ from facade_manipulator.tools.commissioning.report import next_command
 
 EPILOG = """
 Without a command it goes on where the machine stands: scan, assign, scan, profile --check, backup,
-direction, lead, jog, home-switch, lag, report. Each command says what it will do and asks before
-anything moves or is stored. Have the emergency stop at hand: no software replaces it.
+direction, lead, jog, home-switch, lag, stop-test, report. Each command says what it will do and
+asks before anything moves or is stored. Have the emergency stop at hand: no software replaces it.
 """
-ROOMS = (scan, assign, keep, measuring, moving, lag, one_drive, report)
+ROOMS = (scan, assign, keep, measuring, moving, lag, stop_test, one_drive, report)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

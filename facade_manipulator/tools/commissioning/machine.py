@@ -13,6 +13,7 @@ import yaml
 
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings, check_axes
+from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import file_errors, ParameterError
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
@@ -65,6 +66,11 @@ class Machine:
         """Return the bus of the file, with what is not None of `changes`."""
         given = {name: value for name, value in changes.items() if value is not None}
         return replace(self._read('bus', BusSettings), **given)
+
+    @property
+    def drive_lag(self) -> float:
+        """Lag of the drives [s] by the file; raises a ParameterError."""
+        return self._read('controller', ControllerSettings).drive_lag
 
     @property
     def service(self) -> ServiceSettings:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from enum import Enum
 import math
 import signal
 import threading
@@ -23,10 +24,12 @@ from facade_manipulator.drives.cia402 import (
     AxisSettings,
     Cause,
     CONFIGURE_REMEDY,
+    Controlword,
     FOLLOWING_PHASES,
     Group,
     load_profile,
     Phase,
+    State,
 )
 from facade_manipulator.drives.controller import (
     AxisMonitor,
@@ -54,7 +57,18 @@ MAX_WINDOW = 0.2  # m
 _MARGIN = 0.002  # m, between the window and the drive's own limits
 _FOLLOWING_ERROR = 0.003  # m
 _READY_TIME = 8.0  # s
+SILENCE = 1.0  # s, in which a silent master sends nothing: any drive must stand by then
+_STANDING = 10  # cycles, over which
+_STANDSTILL = 5e-5  # m at most are gone: 0.5 mm/s
 POSITION, TORQUE, INPUTS = 0x6064, 0x6077, 0x60FD
+
+
+class StopWay(Enum):
+    """What stops carriages that move."""
+
+    QUICK_STOP = 'quick stop'
+    SILENCE = 'silent master'
+    POWER_OFF = 'power off'  # voltage disabled by the controlword: as STO, it coasts
 
 
 class AxisSample(NamedTuple):
@@ -64,6 +78,13 @@ class AxisSample(NamedTuple):
     velocity: float
     force: float
     inputs: int
+
+
+class StopRecord(NamedTuple):
+    """Where carriages were at each SYNC until they stood [m], their states at the first."""
+
+    positions: list[tuple[float, ...]]
+    states: tuple[State | None, ...]
 
 
 class _Carriage(AxisMonitor):
@@ -88,11 +109,11 @@ class _Carriage(AxisMonitor):
         return AxisSample(
             moved, now.velocity or 0.0, now.force or 0.0, now.digital_inputs or 0)
 
-    def limited(self, here: float, window: float) -> AxisSettings:
-        """Return its settings with limits around where it is [m]."""
+    def limited(self, here: float, window: float, speed: float) -> AxisSettings:
+        """Return its settings with limits around where it is [m] and twice the speed [m/s]."""
         return replace(
             self.axis, home_position=here, lower_limit=here - window, upper_limit=here + window,
-            limit_margin=_MARGIN, max_speed=2.0 * MAX_SPEED,
+            limit_margin=_MARGIN, max_speed=2.0 * speed,
             max_acceleration=max(self.axis.max_acceleration, ACCELERATION),
             following_error_window=min(self.axis.following_error_window, _FOLLOWING_ERROR))
 
@@ -105,6 +126,7 @@ class _Displacement:
     def __init__(self, carriages: tuple[_Carriage, ...]) -> None:
         self.value = 0.0
         self.counts: tuple[int, ...] = (0,) * len(carriages)
+        self.is_without_power = False
         self._carriages = carriages
 
     def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
@@ -119,11 +141,13 @@ class _Displacement:
         clock: CycleClock, now: float,
     ) -> tuple[AxisCommand, ...]:
         """Choose the targets of a cycle; return the commands to send along with them."""
-        if group.phase not in FOLLOWING_PHASES:
+        if group.phase not in FOLLOWING_PHASES and not self.value:  # not once they have moved
             for one, counts in zip(self._carriages, actual, strict=True):
                 one.start = counts
         self.counts = tuple(
             one.start + one.axis.to_counts(self.value) for one in self._carriages)
+        if self.is_without_power:
+            return tuple(one._replace(controlword=Controlword.DISABLE_VOLTAGE) for one in commands)
         return commands
 
 
@@ -141,13 +165,17 @@ class Motion:
         The one whose answers are returned.
     window : float
         How far a carriage may go from its start [m].
+    speed : float
+        The fastest of what is to come [m/s].
 
     """
 
     def __init__(
-        self, bus: ToolBus, axes: dict[str, AxisSettings], name: str, window: float
+        self, bus: ToolBus, axes: dict[str, AxisSettings], name: str, window: float,
+        speed: float = MAX_SPEED,
     ) -> None:
         self._bus = bus
+        self._speed = speed
         self.window = min(window, MAX_WINDOW)
         self._carriages = tuple(_Carriage(*item) for item in axes.items())
         self._watched = self._carriages[list(axes).index(name)]
@@ -187,7 +215,7 @@ class Motion:
         self._bus.reset(node_id)
         self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
         here = carriage.axis.to_metres(drive.read_number(POSITION, signed=True))
-        limited = carriage.limited(here, self.window)
+        limited = carriage.limited(here, self.window, self._speed)
         write_objects(drive, drive_writes(profile, limited, _OF_DRIVES))
         self._bus.start(node_id)
 
@@ -219,7 +247,7 @@ class Motion:
         CommissioningError if that is outside the window or too far away, or a drive stopped: all
         are stopped; a BusError if the bus is gone: the drives stop by themselves.
         """
-        change, most = displacement - self._targets.value, 1.5 * MAX_SPEED * PERIOD
+        change, most = displacement - self._targets.value, 1.5 * self._speed * PERIOD
         name = self._watched.name
         if not math.isfinite(displacement) or abs(displacement) > self.window:
             self._fail(f'{name} = {1e3 * displacement:.1f} mm from its start is outside the '
@@ -240,6 +268,39 @@ class Motion:
         while self.ramp.speed:
             self.go(0.0)
         return [self.go(0.0) for _ in range(cycles)][-1]
+
+    @property
+    def positions(self) -> tuple[float, ...]:
+        """Where each carriage was at the newest SYNC, from its start [m]."""
+        return tuple(carriage.sample().position for carriage in self._carriages)
+
+    def stop_by(self, way: StopWay, longest: float) -> StopRecord:
+        """
+        Stop all carriages, while they move, and return what they did until they stand.
+
+        Nothing can follow but the end of the motion. Raises a CommissioningError if one still
+        moves after `longest` [s].
+        """
+        self._is_stopping, start = True, time.monotonic()
+        if way is StopWay.QUICK_STOP:
+            self._group.stop(Cause('stop test'), start)
+        elif way is StopWay.POWER_OFF:
+            self._targets.is_without_power = True
+        else:
+            time.sleep(SILENCE)
+        self._cycle()  # what they send at its SYNC is from before anything that it commands
+        now = time.monotonic()
+        states = tuple(one.snapshot(None, now).state for one in self._carriages)
+        track = [self.positions]
+        while len(track) <= _STANDING or any(
+                abs(last - first) > _STANDSTILL
+                for last, first in zip(track[-1], track[-1 - _STANDING], strict=True)):
+            if time.monotonic() > start + longest:
+                raise CommissioningError(
+                    f'{way.value}: after {longest:g} s not all stand; use the emergency stop')
+            self._cycle()
+            track.append(self.positions)
+        return StopRecord(track, states)
 
     def _fail(self, message: str) -> None:
         self._group.stop(Cause(message), time.monotonic())

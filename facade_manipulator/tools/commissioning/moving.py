@@ -26,22 +26,27 @@ def add_commands(add: Callable) -> None:
         add('jog', run_jog, 'Move a carriage slowly while a key is held.', has_axis=True))
 
 
-def add_motion_options(command: argparse.ArgumentParser, speed: float = 10.0) -> None:
-    """Add what says how a carriage may be moved."""
+def add_motion_options(
+    command: argparse.ArgumentParser, speed: float = 10.0, window: float = 50.0,
+    fastest: float = MAX_SPEED,
+) -> None:
+    """Add what says how a carriage may be moved, with its defaults in mm/s and mm."""
     add = command.add_argument
+    command.set_defaults(fastest=fastest)
     add('--links', choices=LINKS,
         help='whether the links join the carriages: then all three move alike, and the mechanism '
              'stays closed wherever it stands; default: asked for')
     add('--speed', type=float, default=speed, metavar='MM/S',
-        help=f'up to {_MM * MAX_SPEED:g} (default {speed:g})')
-    add('--window', type=float, default=50.0, metavar='MM',
-        help=f'how far from where it stands, up to {_MM * MAX_WINDOW:g} (default 50)')
+        help=f'up to {_MM * fastest:g} (default {speed:g})')
+    add('--window', type=float, default=window, metavar='MM',
+        help=f'how far from where it stands, up to {_MM * MAX_WINDOW:g} (default {window:g})')
 
 
 def motion_bounds(context: Context) -> tuple[float, float]:
     """Return speed [m/s] and window [m] of the options; raises a CommissioningError."""
     bounds = []
-    for name, most, unit in (('speed', MAX_SPEED, 'mm/s'), ('window', MAX_WINDOW, 'mm')):
+    for name, most, unit in (
+            ('speed', context.options.fastest, 'mm/s'), ('window', MAX_WINDOW, 'mm')):
         value = getattr(context.options, name)
         if not 0.0 < value <= _MM * most:
             raise CommissioningError(
@@ -71,7 +76,8 @@ def powered(context: Context, name: str, action: str) -> Iterator[Motion]:
         f'{" and ".join(moved)} are reset, powered and moved: {action}, at most '
         f'{_MM * speed:g} mm/s and {_MM * window:g} mm from where they stand. Keep clear, and '
         'keep the emergency stop in your hand.')
-    with context.bus() as bus, ended_by_signals(), Motion(bus, moved, name, window) as motion:
+    with context.bus() as bus, ended_by_signals(), Motion(
+            bus, moved, name, window, max(speed, MAX_SPEED)) as motion:
         yield motion
 
 

@@ -19,7 +19,7 @@ from facade_manipulator.tools.commissioning.scan import Node, scan
 ONCE = {'scan'}
 CHECKS = {'scan': 'scan', 'assign': 'assign', 'profile': 'profile --check {}',
           'backup': 'backup {}', 'direction': 'direction {}', 'lead': 'lead {}', 'jog': 'jog {}',
-          'home-switch': 'home-switch {}', 'lag': 'lag'}
+          'home-switch': 'home-switch {}', 'lag': 'lag', 'stop-test': 'stop-test'}
 _HERE = (35, 37)  # homing methods that look for nothing
 _FROM_PAPER = {'gear_ratio', 'home_position', 'rated_torque'}
 

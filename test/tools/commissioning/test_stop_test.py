@@ -1,0 +1,101 @@
+"""Command `stop-test`: the ways of three simulated axes, and drives that do not stop."""
+
+from __future__ import annotations
+
+import re
+
+from commission_rig import CommissionRig
+import numpy as np
+import pytest
+
+from facade_manipulator.tools.commissioning import Machine
+from facade_manipulator.tools.commissioning.motion import Motion, PERIOD, StopWay
+from facade_manipulator.tools.commissioning.stop_test import allowed, deceleration
+
+
+def notes(rig: CommissionRig) -> dict[str, dict]:
+    return {entry['axis']: entry for entry in Machine(rig.parameters).journal
+            if entry['check'] == 'stop-test'}
+
+
+def test_the_ways_are_those_of_the_drives_and_go_into_the_report(make_rig, capsys):
+    rig = make_rig('--coulomb-friction', '4', '--viscous-friction', '0',
+                   '--moving-mass', '2').configured()
+    assert rig.run('stop-test') == 0
+    coasting = float(re.search(r'--coasting ([\d.]+)', capsys.readouterr().out)[1])
+    motor = rig.drives[0].motor
+    assert coasting == pytest.approx(4.0 / (2.0 + motor._rotor), rel=0.1)
+    found = notes(rig)
+    assert found.keys() == {'q1', 'q2', 'q3'} and all(one['passed'] for one in found.values())
+    quick, silent, off = map(float, re.findall(r' ([\d.]+) mm of', found['q2']['result']))
+    assert 0.0 < quick < off and 0.0 < silent < off
+    assert not any(rig.is_enabled(number) for number in range(3))
+    rig.run('report')
+    assert 'quick stop' in (rig.folder / 'machine.report.md').read_text()
+
+
+def is_weak(drive) -> None:
+    drive.motor.peak_acceleration = 1.3 * drive.motor._per_metre  # as for a heavy load
+
+
+def ignores_the_master(drive) -> None:
+    drive.axis.lose_connection = lambda: None
+
+
+@pytest.mark.parametrize(('spoil', 'problem'), [
+    (is_weak, 'q1: quick stop took .* look at 6085h'),
+    (ignores_the_master, 'q1: would still follow targets after a silent master: look at 1016h')])
+def test_a_drive_that_stops_late_is_named_and_stays_open(make_rig, capsys, spoil, problem):
+    rig = make_rig().configured()
+    spoil(rig.drives[0])
+    assert rig.run('stop-test') == 1
+    assert re.search(problem, capsys.readouterr().out)
+    assert not notes(rig)['q1']['passed'] and notes(rig)['q2']['passed']
+
+
+def test_a_speed_that_needs_more_room_moves_nothing(make_rig, capsys):
+    rig = make_rig().configured()
+    assert rig.run('stop-test', '--window', '40') == 1
+    assert '--window 40 mm is less than the' in capsys.readouterr().err
+    assert not notes(rig)
+
+
+def test_who_does_not_agree_powers_nothing(make_rig, capsys, monkeypatch):
+    rig = make_rig().configured()
+    monkeypatch.setattr('builtins.input', lambda *_: 'n')
+    assert rig.run('stop-test', yes=False) == 1
+    assert 'the answer was not yes' in capsys.readouterr().err
+    assert not any(rig.is_enabled(number) for number in range(3))
+
+
+def test_ctrl_c_in_the_middle_takes_the_power(make_rig, capsys, monkeypatch):
+    rig = make_rig().configured()
+
+    def interrupted(*_):
+        assert rig.moves()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Motion, 'stop_by', interrupted)
+    assert rig.run('stop-test') == 130
+    assert not any(rig.is_enabled(number) for number in range(3)) and not rig.moves()
+
+
+@pytest.mark.parametrize('way', StopWay)
+def test_what_is_allowed_grows_with_speed_and_lag(way):
+    assert allowed(way, 0.1, 0.01, 7.0) < allowed(way, 0.2, 0.01, 7.0)
+    assert allowed(way, 0.2, 0.01, 7.0) < allowed(way, 0.2, 0.03, 7.0)
+    assert allowed(StopWay.SILENCE, 0.2, 0.01, 7.0) > allowed(StopWay.QUICK_STOP, 0.2, 0.01, 7.0)
+
+
+@pytest.mark.parametrize('coasting', [0.5, 1.9, 3.0])
+def test_the_deceleration_of_a_known_way_comes_back(coasting):
+    time = np.minimum(PERIOD * np.arange(100), 0.2 / coasting)
+    found = deceleration((0.2 * time - 0.5 * coasting * time**2)[:, None])
+    assert found == pytest.approx([coasting], rel=0.05)
+
+
+def test_a_carriage_that_never_stands_is_an_error(make_rig, monkeypatch, capsys):
+    rig = make_rig().configured()
+    monkeypatch.setattr('facade_manipulator.tools.commissioning.stop_test._LONGEST', 0.02)
+    assert rig.run('stop-test') == 1
+    assert 'not all stand; use the emergency stop' in capsys.readouterr().err
