@@ -16,17 +16,19 @@ from facade_manipulator.compensation.contact import Contact, LateralSettings, St
 from facade_manipulator.compensation.correction import (
     Blend,
     Correction,
+    CorrectionMode,
     CorrectionSettings,
     FADE_ACCELERATION,
     LONGEST_PAUSE,
 )
-from facade_manipulator.compensation.following import Following
+from facade_manipulator.compensation.following import Following, LEAST_ERROR
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.limits import (
     Tracker,
     WorkspaceLimit,
     WorkspaceLimitSettings,
 )
+from facade_manipulator.compensation.pressing import Surroundings
 from facade_manipulator.compensation.suspension import (
     obstacle,
     stroke_obstacle,
@@ -142,6 +144,7 @@ class Compensator:
         self._planned_goal: Pose | None = None
         self._last: CorrectedPose | None = None
         self._remainder = Blend(FADE_ACCELERATION)
+        self._frame: tuple[Pose, bool] | None = None  # that places on the wall were found in
         self._changes: dict[str, Callable[[Any], None]] = {
             'compensation': self._change_motion,
             'estimate': self._change_estimate,
@@ -341,15 +344,14 @@ class Compensator:
     def _corrected(
         self, now: float, time: float, reference: Pose, rail: MotionState
     ) -> CorrectedPose:
-        interval, saturation_error = 0.0, ZERO_POSE
+        interval = 0.0
         if self._last is not None:
             interval = min(max(time - self._last.time, 0.0), LONGEST_INTERVAL)
-            saturation_error = self._last.saturation_error
         if self.contact.is_idle:
             shifted, self.contact.yaw = reference, reference.theta
         else:
             shifted = self.contact.shift(
-                now, time, interval, reference, saturation_error, rail)
+                now, time, interval, reference, self._surroundings(reference, rail))
         disturbance = rail.position
         wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
@@ -361,6 +363,20 @@ class Compensator:
         return CorrectedPose(
             time, pose, reference, shifted, disturbance, inside.saturation_error,
             subtract(wanted, tracked))
+
+    def _surroundings(self, reference: Pose, rail: MotionState) -> Surroundings:
+        """Return what pressing depends on; a wall is forgotten whose frame is another one."""
+        correction, last = self.correction, self._last
+        if (correction.nominal, correction.is_blind) != self._frame:
+            self._frame = correction.nominal, correction.is_blind
+            self.contact.pressing.wall = None
+        silence = correction.mode.value if correction.mode in (
+            CorrectionMode.SILENT, CorrectionMode.SETTLING) else ''
+        if last is None:
+            return Surroundings(reference.y, ZERO_POSE, rail, silence)
+        held_back = '' if max(map(abs, (last.saturation_error.y, last.tracking_error.y))) < (
+            LEAST_ERROR) else 'the head was held back in y'
+        return Surroundings(reference.y, last.saturation_error, rail, silence, held_back)
 
     def _initialise(self, now: float, aim: float, disturbance: Pose, goal: Pose) -> None:
         """Begin the path where the head stands, or at the goal if that is not known."""

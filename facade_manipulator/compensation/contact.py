@@ -6,9 +6,9 @@ import math
 
 from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
-from facade_manipulator.compensation.pressing import Pressing
+from facade_manipulator.compensation.pressing import Pressing, Surroundings
 from facade_manipulator.errors import InputError, require_recent
-from facade_manipulator.kinematics import add, MotionState, Pose, Wrench
+from facade_manipulator.kinematics import add, Pose, Wrench
 from facade_manipulator.parameters import parameter, settings
 
 FUTURE_TOLERANCE = 0.02  # s
@@ -190,7 +190,7 @@ class Contact:
         self._check('contact_wrench', now, stamp, OLDEST_WRENCH, wrench._asdict())
         cosine, sine = math.cos(self.yaw), math.sin(self.yaw)
         force = -(sine * wrench.fx + cosine * wrench.fy)
-        self.pressing.add_measurement(stamp, force, -wrench.mz, wrench == self._wrench)
+        self.pressing.add_measurement(stamp, force, -wrench.mz, self._wrench in (None, wrench))
         self._wrench = wrench
 
     def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
@@ -212,8 +212,7 @@ class Contact:
         return Pose(self.lateral.shift, self.pressing.y.offset, self.pressing.theta.offset)
 
     def shift(
-        self, now: float, time: float, interval: float, reference: Pose, saturation_error: Pose,
-        rail: MotionState,
+        self, now: float, time: float, interval: float, reference: Pose, around: Surroundings
     ) -> Pose:
         """
         Return the reference with what the contact adds.
@@ -224,14 +223,11 @@ class Contact:
             Present time, the time the reference is for, the time since the last one [s].
         reference : Pose
             Where the head should be on the wall.
-        saturation_error : Pose
-            By how much each axis was held back at the workspace limit.
-        rail : MotionState
-            Disturbance of the gondola.
+        around : Surroundings
 
         """
-        self.lateral.step(now, interval, saturation_error.x)
-        self.pressing.step(now, time, interval, saturation_error, rail)
+        self.lateral.step(now, interval, around.saturation_error.x)
+        self.pressing.step(now, time, interval, around)
         self.look_whether_idle()
         shifted = add(reference, self.present)
         self.yaw = shifted.theta

@@ -137,6 +137,8 @@ class Correction:
     Attributes
     ----------
     mode : CorrectionMode
+    nominal : Pose
+        Where the estimates have the rail that is to count as not displaced.
     predictor : DisturbancePredictor
 
     """
@@ -148,7 +150,7 @@ class Correction:
         self._mean = EstimateMean()
         self.enabled = settings.enabled
         self.mode = CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
-        self._nominal = ZERO_POSE
+        self.nominal = ZERO_POSE
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; what comes later continues it
         self._fade = Blend(FADE_ACCELERATION)
@@ -243,7 +245,7 @@ class Correction:
 
     def _change(self, mode: CorrectionMode | None = None, nominal: Pose | None = None) -> None:
         """Aim at another trajectory and fade over from where the correction is."""
-        self.mode, self._nominal = mode or self.mode, nominal or self._nominal
+        self.mode, self.nominal = mode or self.mode, nominal or self.nominal
         self._fade.clear()
         self._smooth.clear()
         if self._time is not None:
@@ -266,6 +268,11 @@ class Correction:
         return self.motion(time).position if self._has_estimates else ZERO_POSE
 
     @property
+    def is_blind(self) -> bool:
+        """Whether nobody knows where on the wall the head is."""
+        return self.mode in (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
+
+    @property
     def is_complete(self) -> bool:
         """Whether the whole prediction is corrected: nothing fades in any more."""
         return self.mode is CorrectionMode.ACTIVE and self._time is not None and max(
@@ -274,9 +281,9 @@ class Correction:
     def motion(self, time: float) -> MotionState:
         """Return the rail's motion at a time [s] by the estimates, of which there must be some."""
         predicted = self.predictor.predict(time)
-        if self._nominal == ZERO_POSE:
+        if self.nominal == ZERO_POSE:
             return predicted
-        back = invert(self._nominal)
+        back = invert(self.nominal)
         cosine, sine = math.cos(back.theta), math.sin(back.theta)
         vx, vy, omega = predicted.velocity
         velocity = Twist(cosine * vx - sine * vy, sine * vx + cosine * vy, omega)

@@ -178,7 +178,8 @@ class ArrivalWatch:
         self._near_since, self._is_reached = math.inf, False
 
     def update(
-        self, now: float, error: Pose | None, path_time: float, is_held_back: bool
+        self, now: float, error: Pose | None, path_time: float, is_held_back: bool,
+        is_pressed: bool = True,
     ) -> GoalProgress:
         """
         Return the progress at a time [s].
@@ -191,13 +192,15 @@ class ArrivalWatch:
         path_time : float
             How long the path to the goal still takes [s].
         is_held_back : bool
-            Whether a limit keeps the head from its path.
+            Whether a limit keeps the head from its path, or something from the wall.
+        is_pressed : bool
+            Whether the force on the wall is held, where one is asked for.
 
         """
         distance = angle = math.nan
         if error is not None:
             distance, angle = math.hypot(error.x, error.y), abs(error.theta)
-        near = path_time <= 0.0 and self._is_near(distance, angle)
+        near = is_pressed and path_time <= 0.0 and self._is_near(distance, angle)
         self._near_since = min(self._near_since, now) if near else math.inf
         dwelt = max(now - self._near_since, 0.0)
         self._is_reached = near and (self._is_reached or dwelt >= self.settings.dwell)

@@ -15,7 +15,7 @@ LEAST_CHATTER, CHATTER_SHARE = 3.0, 0.2  # N; of the desired force
 CHATTER_PAUSE, CHATTER_FORGOTTEN, MOST_CHATTERS = 0.4, 10.0, 6  # s, s, and how often
 MOST_FORCE, LEAST_OVER = 2.0, 15.0  # of the desired force; N beyond it
 LEAST_PULL, PULL_TIME = 3.0, 0.05  # N, s: a wall cannot pull
-STUCK_TIME = 0.5  # s
+STUCK_FORCE = 3.0  # N that must show: more than the steps and dead bands of ordinary sensors
 LEAST_JUMP, JUMP_SHARE, JUMP_WAY = 10.0, 0.4, 1.5e-3  # N; of the desired force; m
 OFF, TOUCHING = 0.5, 1.5  # N, below and above which that is sure
 RATES = math.tau * np.array((1.5, 2.4))  # rad/s, above what the prediction leaves of the sway
@@ -41,6 +41,8 @@ class ForceWatch:
         Of the last measurement [s].
     mean, rms : float
         Of the force, and of its error, over the last seconds [N].
+    low : float
+        Force without what is faster than the loop [N].
     share_off : float
         Share of that time off the wall.
 
@@ -55,8 +57,8 @@ class ForceWatch:
     def begin(self) -> None:
         """Forget what was wrong: the head looks for the wall."""
         self._fault = ''
-        self._low = self._fast = 0.0
-        self._same_since = self._sound_at = self.stamp
+        self.low = self._fast = 0.0
+        self._sound_at = self.stamp
         self._chatters, self._chattered_at = 0, -math.inf
         self.begin_contact()
 
@@ -65,7 +67,7 @@ class ForceWatch:
         self._error = 0.0
 
     def add(
-        self, stamp: float, force: float, desired: float, stiffness: float, is_repeated: bool
+        self, stamp: float, force: float, desired: float, stiffness: float, unanswered: float
     ) -> None:
         """
         Note a measurement.
@@ -78,21 +80,21 @@ class ForceWatch:
             On the wall; 0 is desired while there is no contact [N].
         stiffness : float
             Of the contact [N/m].
-        is_repeated : bool
-            Whether the wrench is to the last digit the one before, which none of a sound
-            sensor is for long.
+        unanswered : float
+            By how much the force should have changed since it changed at all [N].
 
         """
         interval = min(max(stamp - self.stamp, 0.0), OLDEST_WRENCH)
         change, self._force, self.stamp = force - self._force, force, stamp
         if force > -LEAST_PULL:
             self._sound_at = stamp
-        if not is_repeated:
-            self._same_since = stamp
+        if unanswered > STUCK_FORCE:
+            self._fault = (f'contact_wrench is stuck at {force:.1f} N: it should have changed by '
+                           f'{unanswered:.1f} N, bound {STUCK_FORCE:g} N')
         if desired > 0.0:
             self._look_for_jump(change, desired, stiffness)
-        self._low += _share(interval, CHATTER_TIME) * (force - self._low)
-        self._fast += _share(interval, CHATTER_MEMORY) * ((force - self._low) ** 2 - self._fast)
+        self.low += _share(interval, CHATTER_TIME) * (force - self.low)
+        self._fast += _share(interval, CHATTER_MEMORY) * ((force - self.low) ** 2 - self._fast)
         error = (force - desired) ** 2
         if force > TOUCHING:  # a wall that is gone is looked for again
             self._error += _share(interval, HOLD_TIME) * (error - self._error)
@@ -112,9 +114,17 @@ class ForceWatch:
         self._chatters, self._chattered_at = self._chatters + 1, self.stamp
         return True
 
-    def fault(self, final: float, desired: float, most_error: float) -> str:
+    @property
+    def fault(self) -> str:
+        """What is wrong with the measurements, empty if nothing is."""
+        if not self._fault and self.stamp - self._sound_at > PULL_TIME:
+            return (f'the wall pulls with {-self._force:.1f} N, which no wall can: is the sign of '
+                    'contact_wrench wrong, or its zero?')
+        return self._fault
+
+    def not_held(self, final: float, desired: float, most_error: float) -> str:
         """
-        Return what is wrong, empty if nothing is.
+        Return why the force cannot be held, empty if it can.
 
         Parameters
         ----------
@@ -124,20 +134,9 @@ class ForceWatch:
             By how much the force may miss it, RMS [N].
 
         """
-        if self._fault:
-            return self._fault
-        force = self._force
         most = max(MOST_FORCE * final, final + LEAST_OVER)
-        if force > most:
-            return f'{force:.1f} N on the wall, bound {most:.1f} N'
-        if self.stamp - self._sound_at > PULL_TIME:
-            return (f'the wall pulls with {-force:.1f} N, which no wall can: is the sign of '
-                    'contact_wrench wrong, or its zero?')
-        if self.stamp - self._same_since > STUCK_TIME:
-            return f'contact_wrench is stuck at {force:.1f} N for {STUCK_TIME:g} s'
-        return self._not_held(desired, most_error)
-
-    def _not_held(self, desired: float, most_error: float) -> str:
+        if self._force > most:
+            return f'{self._force:.1f} N on the wall, bound {most:.1f} N'
         if self._chatters > MOST_CHATTERS:
             return (f'the force chatters by {math.sqrt(self._fast):.1f} N RMS: the contact is too '
                     'stiff for what the prediction leaves over')
@@ -174,6 +173,8 @@ class LatencyCheck:
     ----------
     latency : float
         What it is at least [s], less what the scatter can explain.
+    stiffness : float
+        What that of the contact is at most by the last windows [N/m]; infinity before.
 
     References
     ----------
@@ -191,6 +192,11 @@ class LatencyCheck:
         self.latency, self._amplitudes = 0.0, np.zeros(len(RATES))
         self._samples: list[tuple[float, float, float]] = []
         self._traces.clear()
+        self.forget_stiffness()
+
+    def forget_stiffness(self) -> None:
+        """Believe no window before: the contact has become stiffer."""
+        self.stiffness, self._windows = math.inf, 0
 
     def modulation(self, time: float, desired: float) -> tuple[float, float]:
         """Return what is added to a desired force [N] at a time [s], and its rate [N/s]."""
@@ -204,6 +210,7 @@ class LatencyCheck:
         if self._samples and stamp - self._samples[0][0] >= WINDOW:
             if len(self._samples) >= LEAST_SAMPLES:
                 self._traces.append(_traces(np.array(self._samples)))
+                self._windows += 1
                 self._evaluate(np.array(self._traces))
             self._samples.clear()
         self._samples.append((stamp, force, offset))
@@ -215,6 +222,9 @@ class LatencyCheck:
         self.latency = max(
             _latency(*_mean(traces[-most:])) for most in WINDOWS if most <= count)
         self._amplitudes = AMPLITUDE * math.sqrt(count) * _mean(traces)[2]
+        if self._windows >= min(WINDOWS):
+            force, offset, errors = _mean(traces[-min(WINDOWS):])
+            self.stiffness = float(((abs(force) + CERTAINTY * errors) / abs(offset)).min())
 
 
 def _mean(traces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -149,29 +149,37 @@ class ContactStiffness:
     value : float
         First guess [N/m], which the law works with.
 
+    Attributes
+    ----------
+    learnt : float or None
+        What a ramp and the time after it have shown [N/m], None before.
+
     """
 
     def __init__(self, value: float) -> None:
-        self.value = value
+        self.value = self._guess = value
+        self.learnt: float | None = None
         self._recent: deque[tuple[float, float, float]] = deque()
         self.begin()
 
     def begin(self) -> None:
-        """Begin the slow estimate: the force begins to rise."""
+        """Begin the slow estimate, and forget sudden rises: another touch is to come."""
+        self.value = self.learnt or self._guess
         self._count = 0
         self._means = [0.0, 0.0, 0.0]
         self._with_force = self._with_offset = 0.0
 
-    def add(self, stamp: float, force: float, offset: float) -> None:
-        """Look for a sudden rise of the force [N] at a stamp [s], at an offset [m]."""
+    def add(self, stamp: float, force: float, offset: float) -> bool:
+        """Return whether a sudden rise of the force [N], at an offset [m], shows a stiffer one."""
         recent = self._recent
         recent.append((stamp, force, offset))
         while stamp - recent[0][0] > RISE_TIME:
             recent.popleft()
         _, least, there = min(recent, key=lambda item: item[1])
-        if force - least > LEAST_RISE:
-            self.value = max(
-                self.value, (force - least) / (max(offset - there, 0.0) + UNKNOWN_MOTION))
+        rise, before = force - least, self.value
+        if rise > LEAST_RISE:
+            self.value = max(before, rise / (max(offset - there, 0.0) + UNKNOWN_MOTION))
+        return self.value > before
 
     def add_rising(self, desired: float, force: float, offset: float) -> None:
         """Learn from the desired force, the force and the offset of a moment of the ramp."""
@@ -183,11 +191,19 @@ class ContactStiffness:
         self._with_offset += before * (offset - self._means[2])
 
     def finish(self) -> None:
-        """Take the slow estimate: the ramp is at its end."""
-        if self._with_force > 0.0:
+        """Take the slow estimate, unless there was one before: the ramp is at its end."""
+        if self._with_force > 0.0 and self.learnt is None:
             slope = self._with_offset / self._with_force
-            self.value = min(max(MARGIN / slope if slope > 0.0 else math.inf, LEAST_STIFFNESS),
-                             GREATEST_STIFFNESS)
+            self.value = self.learnt = min(
+                max(MARGIN / slope if slope > 0.0 else math.inf, LEAST_STIFFNESS),
+                GREATEST_STIFFNESS)
+
+    def limit(self, greatest: float) -> None:
+        """Think of the contact as softer where it can only be so stiff [N/m]."""
+        most = max(MARGIN * greatest, LEAST_STIFFNESS)
+        self.value = min(self.value, most)
+        if self.learnt is not None:
+            self.learnt = min(self.learnt, most)
 
     def stiffen(self) -> None:
         """Think of the contact as stiffer: the force chatters."""

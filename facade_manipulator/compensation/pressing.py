@@ -1,19 +1,22 @@
 """
 Press on the wall: look for it slowly, raise the force, hold it; retract with a reason.
 
-The head waits a retreat before the goal, looks for the wall at a speed at which even a stiff one
-is touched gently, then the force rises from a tenth to the desired one while the stiffness of the
-contact is learnt. What makes the head retract for good (a broken sensor, a force that cannot be
-held) stays until pressing is switched off and on; without measurements it waits for them.
+The head waits a retreat before the goal, where the zero of the sensor is taken. Then it looks for
+the wall at a speed at which even a stiff one is touched gently, and comes faster where it has been
+touched before. The force rises from a tenth to the desired one while the stiffness of the contact
+is learnt, and faster once that is known. What is wrong with the sensor or the contact makes the
+head retract until pressing is switched off and on; after what has another cause it begins again.
 """
 
 from __future__ import annotations
 
 import enum
 import math
+from typing import NamedTuple
 
 from facade_manipulator.compensation.force_watch import (
     ForceWatch,
+    HOLD_TIME,
     LatencyCheck,
     MOST_LATENCY,
     OLDEST_WRENCH,
@@ -22,10 +25,12 @@ from facade_manipulator.compensation.impedance import (
     ContactStiffness,
     ForceLaw,
     ImpedanceSettings,
+    LEAST_STIFFNESS,
     YawImpedanceSettings,
 )
+from facade_manipulator.compensation.sensor_zero import CreepWatch, MOST_DRIFT, SensorZero
 from facade_manipulator.compensation.suspension import SwayWatch
-from facade_manipulator.kinematics import MotionState, Pose
+from facade_manipulator.kinematics import MotionState, Pose, ZERO_POSE, ZERO_STATE
 
 FIRST_SHARE = 0.1  # of the desired force, with which the ramp begins
 TOUCH = 1.5  # N, three times a sensor's usual noise
@@ -33,8 +38,12 @@ LOST_AFTER = 1.0  # s without touch, after which the wall is looked for again
 TOUCH_SHARE = 0.25  # of the desired force, by which a touch in search of the wall may miss it
 LEAST_ERROR = 2.0  # N, RMS that counts as not held, and of the desired force:
 RISING_ERROR, HOLDING_ERROR = 0.5, 0.1  # of the force, while it rises and once it holds
+SETTLED = 0.1  # s after which the head is where the offset has been: four lags of the drives
 LATENCY = 0.07  # s, usual from a force to the head's answer
 NEGLIGIBLE = 1e-9  # m or rad
+NEAR = 0.005  # m before where the wall was: beyond what is left of the sway, 1.4 mm at most
+KNOWN_RAMP = 1.2  # s, where the stiffness is known: with approach and touch 4 s in all
+CREEP_PAUSE = 600.0  # s between two retreats for which a creeping offset is the reason
 
 
 class PressMode(enum.Enum):
@@ -50,6 +59,16 @@ class PressMode(enum.Enum):
 IN_CONTACT = (PressMode.RAISING, PressMode.HOLDING)
 
 
+class Surroundings(NamedTuple):
+    """What pressing depends on beside the wrench."""
+
+    place: float = 0.0  #: where the head should be without its offset, y in frame facade [m]
+    saturation_error: Pose = ZERO_POSE  #: by how much each axis is held back at the workspace
+    rail: MotionState = ZERO_STATE  #: disturbance of the gondola
+    silence: str = ''  #: why the disturbance is not corrected though it should be
+    held_back: str = ''  #: what holds the head back in y
+
+
 class Pressing:
     """
     The offsets of y and θ that press on the wall.
@@ -63,6 +82,10 @@ class Pressing:
         Finds what is wrong and keeps the figures.
     latency : LatencyCheck
         Finds a force that is late with fresh stamps.
+    zero : SensorZero
+        What is measured off the wall.
+    wall : float or None
+        Where the wall was touched, y in frame facade [m]; None where that is not known.
     mode : PressMode
     reason, last_reason : str
         Why the head waits off the wall now, and why it was retracted last; empty for nothing.
@@ -80,6 +103,8 @@ class Pressing:
         self.stiffness = ContactStiffness(press.contact_stiffness)
         self.watch = ForceWatch()
         self.latency = LatencyCheck()
+        self.zero = SensorZero()
+        self.wall: float | None = None
         self.mode = PressMode.OFF
         self.reason = self.last_reason = ''
         self.desired = 0.0
@@ -87,6 +112,12 @@ class Pressing:
         self._progress = 0.0
         self._untouched = 0.0
         self._is_blocked = False
+        self._place = 0.0  # of the head
+        self._free_from = -math.inf  # when the head was back off the wall
+        self._same_at = 0.0  # offset at which the wrench last changed
+        self._has_changed = False
+        self._held_back, self._held_back_until = '', -math.inf
+        self._creep, self._crept_at = CreepWatch(), -math.inf
         self.sway = SwayWatch()
         if press.enabled:
             self.mode = PressMode.RETRACTED
@@ -98,72 +129,113 @@ class Pressing:
         return not (self.press.enabled or self.turn.enabled) and (
             self.mode is PressMode.OFF and self.y.offset == 0.0 == self.theta.offset)
 
+    @property
+    def outcome(self) -> str:
+        """What the head does on the wall, and why it does not press."""
+        return f'{self.mode.value}: {self.reason}' if self.reason else self.mode.value
+
+    @property
+    def bound(self) -> float:
+        """By how much the force may miss the desired one while it is held [N]."""
+        return LEAST_ERROR + HOLDING_ERROR * self.press.force
+
+    @property
+    def is_held(self) -> bool:
+        """Whether nothing is to be pressed, or the force is held."""
+        return not self.press.enabled or (
+            self.mode is PressMode.HOLDING and abs(self.watch.low - self.desired) <= self.bound)
+
     def add_measurement(
         self, stamp: float, force: float, moment: float, is_repeated: bool
     ) -> None:
-        """Learn from force [N] and moment [N m] on the wall measured at a stamp [s]."""
-        self.y.add_measurement(stamp, force)
-        self.theta.add_measurement(stamp, moment)
-        if self.press.enabled or self.turn.enabled:
-            self.watch.add(stamp, force, self.desired, self.stiffness.value, is_repeated)
-            self.stiffness.add(stamp, self.y.force, self.y.offset_then)
-        if self.mode is PressMode.HOLDING:
-            self.latency.add(stamp, self.y.force, self.y.offset_then)
-
-    def step(
-        self, now: float, time: float, interval: float, saturation_error: Pose, rail: MotionState
-    ) -> None:
         """
-        Move the offsets on to a time.
+        Learn from a measurement.
 
         Parameters
         ----------
-        now, time, interval : float
-            Present time, the time that the offsets are for, and the time since the last step [s].
-        saturation_error : Pose
-            By how much each axis is held back at the workspace limit: its offset stops there.
-        rail : MotionState
-            Disturbance of the gondola.
+        stamp : float
+            [s].
+        force, moment : float
+            On the wall, as the sensor has them [N, N m].
+        is_repeated : bool
+            Whether the wrench is to the last digit the one before.
 
         """
-        self.sway.note(interval, rail, self.mode in IN_CONTACT)
-        fresh = now - self.watch.stamp <= OLDEST_WRENCH
-        self._change_mode(fresh, interval)
-        self._move_y(time, interval, saturation_error.y, fresh)
-        self._move_theta(time, interval, saturation_error.theta, fresh)
+        self._has_changed |= not is_repeated
+        if self.mode is PressMode.RETRACTED and stamp >= self._free_from:
+            self.zero.add(stamp, force, moment)
+        self.y.add_measurement(stamp, force - self.zero.force)
+        self.theta.add_measurement(stamp, moment - self.zero.moment)
+        if self.press.enabled or self.turn.enabled:
+            self.watch.add(stamp, self.y.measured, self.desired, self.stiffness.value,
+                           self._unanswered(is_repeated))
+        if self.mode is not PressMode.RETRACTED and self.stiffness.add(
+                stamp, self.y.force, self.y.offset_then):
+            self.latency.forget_stiffness()
+        if self.mode is PressMode.HOLDING:
+            self.latency.add(stamp, self.y.force, self.y.offset_then)
+            self.stiffness.limit(self.latency.stiffness)
+            self._creep.add(stamp, self.y.offset_then)
 
-    def _change_mode(self, fresh: bool, interval: float) -> None:
+    def _unanswered(self, is_repeated: bool) -> float:
+        """Return by how much the force should have changed since the wrench last did [N]."""
+        offset, is_beyond = self.y.offset_then, self.wall is not None and self._place > self.wall
+        if not is_repeated or not (self.mode in IN_CONTACT or is_beyond):
+            self._same_at = offset
+        stiffness = LEAST_STIFFNESS
+        if self.mode is PressMode.HOLDING:
+            stiffness = self.stiffness.value
+        return stiffness * abs(offset - self._same_at)
+
+    def step(self, now: float, time: float, interval: float, around: Surroundings) -> None:
+        """Move the offsets on, over an interval [s] to a time at present."""
+        self.sway.note(interval, around.rail, self.mode in IN_CONTACT)
+        if around.held_back:
+            self._held_back, self._held_back_until = around.held_back, now + HOLD_TIME
+        self._place = around.place + self.y.offset
+        fresh = now - self.watch.stamp <= OLDEST_WRENCH
+        self._change_mode(now, fresh, interval, around.silence)
+        self._move_y(time, interval, around.saturation_error.y, fresh)
+        self._move_theta(time, interval, around.saturation_error.theta, fresh)
+
+    def _change_mode(self, now: float, fresh: bool, interval: float, silence: str) -> None:
         if not self.press.enabled:
             self._switch_off()
             return
         if self.mode is PressMode.OFF:
             self._enter(PressMode.RETRACTED)
-        reason = self._why_wait(fresh)
-        fault = self._fault()
-        if fault or reason:
-            self._retract(fault or reason, bool(fault))
-        elif self.mode is PressMode.RETRACTED:
+        retracted = self.mode is PressMode.RETRACTED
+        if fault := '' if retracted else self._fault():
+            self._retract(fault, latched=True)
+        elif reason := self._why_wait(now, fresh, silence):
+            self._retract(reason, latched=False)
+        elif missed := '' if retracted else self._not_held():
+            first = f'{self._held_back}: ' if now < self._held_back_until else ''
+            self._retract(first + missed, latched=not first)
+        elif retracted:
             self._leave_retreat()
         else:
             self._look_for_touch(interval)
 
     def _fault(self) -> str:
-        if self.mode is PressMode.RETRACTED:
-            return ''
-        if self.y.offset <= -self._furthest_back and self.y.force > TOUCH + self.desired:
-            return (f'{self.y.force:.1f} N are measured {1e3 * self._furthest_back:.0f} mm before '
-                    'the goal, where nothing should touch: is the zero of contact_wrench wrong?')
+        """Return what is wrong with the measurements."""
         if self.latency.latency > MOST_LATENCY:
             return (f'contact_wrench answers at least {self.latency.latency:.2f} s late, bound '
                     f'{MOST_LATENCY:g} s, and its stamps do not say so')
-        return self.watch.fault(self.press.force, self.desired, self._most_error)
+        return self.watch.fault
+
+    def _not_held(self) -> str:
+        if self.y.offset <= -self._furthest_back and self.y.force > TOUCH + self.desired:
+            return (f'{self.y.force:.1f} N are measured {1e3 * self._furthest_back:.0f} mm before '
+                    'the goal, where nothing should touch: is the zero of contact_wrench wrong?')
+        return self.watch.not_held(self.press.force, self.desired, self._most_error)
 
     @property
     def _most_error(self) -> float:
         """By how much the force may miss the desired one, RMS [N]; only a rising one by far."""
-        return LEAST_ERROR + {
-            PressMode.RAISING: RISING_ERROR * self.desired,
-            PressMode.HOLDING: HOLDING_ERROR * self.press.force}.get(self.mode, math.inf)
+        if self.mode is PressMode.RAISING:
+            return LEAST_ERROR + RISING_ERROR * self.desired
+        return self.bound if self.mode is PressMode.HOLDING else math.inf
 
     @property
     def _furthest_back(self) -> float:
@@ -172,14 +244,21 @@ class Pressing:
     def _switch_off(self) -> None:
         if self.mode is not PressMode.OFF:
             self._enter(PressMode.OFF)
-            self._latched = False
+            self._latched, self.reason, self.wall = False, '', None
             self.stiffness = ContactStiffness(self.press.contact_stiffness)
 
-    def _why_wait(self, fresh: bool) -> str:
+    def _why_wait(self, now: float, fresh: bool, silence: str) -> str:
         """Return what the head has to wait for off the wall, empty for nothing."""
         if not fresh and self.mode is not PressMode.SEARCHING:  # there it stands still
             return f'no contact_wrench for {OLDEST_WRENCH:g} s'
-        return self.sway.obstacle(self.press, 1.0 if self.mode is PressMode.RETRACTED else 2.0)
+        drift = self._creep.speed * self.stiffness.value
+        if self.mode is PressMode.HOLDING and drift > MOST_DRIFT and (
+                now - self._crept_at > CREEP_PAUSE):
+            self._crept_at = now
+            return (f'the head creeps as if contact_wrench drifted by {drift:.2f} N/s, bound '
+                    f'{MOST_DRIFT:g} N/s: its zero is taken again')
+        return silence or self.sway.obstacle(
+            self.press, 1.0 if self.mode is PressMode.RETRACTED else 2.0)
 
     def _retract(self, reason: str, latched: bool) -> None:
         if not self._latched:
@@ -190,19 +269,24 @@ class Pressing:
 
     def _enter(self, mode: PressMode) -> None:
         self.mode, self._progress, self._untouched, self.desired = mode, 0.0, 0.0, 0.0
+        if mode is PressMode.RETRACTED:
+            self._free_from = math.inf
+            self.zero.begin()
+        elif mode is PressMode.SEARCHING:
+            self.stiffness.begin()
 
     def _leave_retreat(self) -> None:
-        """Look for the wall once the head is back and off it, as if it had never been touched."""
-        is_back = self._is_blocked or self.y.offset <= -self.press.retreat
-        if self._latched or not is_back:
+        """Look for the wall once the head is back and off it, and its zero is known."""
+        if self._latched or self._free_from == math.inf:
             return
-        if self.y.force > TOUCH:  # where the head began on the wall, it is still on its way back
-            self.reason = f'{self.y.force:.1f} N are measured before the wall is looked for'
+        self.reason = self.zero.obstacle
+        if not self._has_changed:
+            self.reason = (f'contact_wrench is {self.y.measured + self.zero.force:.1f} N to the '
+                           'last digit since it came: push the head by hand to show that it lives')
+        if self.reason:
             return
         self.watch.begin()
         self.latency.begin()
-        self.stiffness = ContactStiffness(self.press.contact_stiffness)
-        self.reason = ''
         self._enter(PressMode.SEARCHING)
 
     def _look_for_touch(self, interval: float) -> None:
@@ -210,20 +294,24 @@ class Pressing:
         self._untouched = 0.0 if touching else self._untouched + interval
         if self.mode is PressMode.SEARCHING and touching:
             self._enter(PressMode.RAISING)
-            self.stiffness.begin()
+            self.wall = self._place
             self.watch.begin_contact()
         elif self.mode in IN_CONTACT and self._untouched > LOST_AFTER:
             self._enter(PressMode.SEARCHING)
         elif self.mode is PressMode.RAISING:
             self._raise(interval, touching)
+        elif self.wall is not None and touching:
+            self.wall = min(self.wall, self._place - self.y.force / self.stiffness.value)
 
     def _raise(self, interval: float, touching: bool) -> None:
-        self._progress += interval / self.press.ramp_time
+        quickest = KNOWN_RAMP if self.stiffness.learnt else math.inf
+        self._progress += interval / min(self.press.ramp_time, quickest)
         if touching:
             self.stiffness.add_rising(self.desired, self.y.force, self.y.offset_then)
         if self._progress >= 1.0:
             self.stiffness.finish()
             self.latency.begin()
+            self._creep.begin()
             self.watch.begin_contact()
             self.mode = PressMode.HOLDING
 
@@ -240,9 +328,11 @@ class Pressing:
         if self.mode is PressMode.RETRACTED:
             return -press.speed
         if self.mode is PressMode.SEARCHING:
-            return press.approach_speed if fresh else 0.0
+            is_far = self.wall is not None and self._place < self.wall - NEAR
+            return (press.speed if is_far else press.approach_speed) if fresh else 0.0
         if self.watch.chatters(self.desired):
             self.stiffness.stiffen()
+            self.latency.forget_stiffness()
         self.desired = self._wanted_force()
         wave, rate = 0.0, 0.0
         if self.mode is PressMode.HOLDING:
@@ -267,6 +357,9 @@ class Pressing:
                 moved = min(max(moved, -press.retreat), before)
         self._is_blocked = saturation_error * (moved - before) > 0.0
         self.y.move(time, before if self._is_blocked else moved)
+        if self.mode is PressMode.RETRACTED and self._free_from == math.inf and (
+                self._is_blocked or moved <= -press.retreat):
+            self._free_from = time + SETTLED
 
     def _move_theta(
         self, time: float, interval: float, saturation_error: float, fresh: bool

@@ -40,7 +40,11 @@ from facade_manipulator.messages import (
     require_frame,
     seconds,
 )
-from facade_manipulator.nodes.compensator_report import CompensatorReport, millimetres
+from facade_manipulator.nodes.compensator_report import (
+    CompensatorReport,
+    millimetres,
+    pressing_values,
+)
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.ros import (
     declare,
@@ -134,10 +138,12 @@ class GoalReport:
         """Publish what has changed, and where the head is now and then."""
         if self.stamp is None or self._compensator.goal is None:
             return
-        held_back = self._held_back.message(now)
+        pressing, held_back = self._compensator.contact.pressing, self._held_back.message(now)
         progress = self._watch.update(
             now, self._compensator.goal_error(now), self._compensator.path_time(now),
-            bool(held_back))
+            bool(held_back or pressing.reason), pressing.is_held)
+        if not pressing.is_held:
+            held_back = '; '.join(filter(None, (held_back, pressing.outcome)))
         due = not self._next - GOAL_PERIOD <= now < self._next  # or the clock was set back
         is_still = progress.state is GoalState.REACHED
         if self._published != (progress.state, held_back) or due and not is_still:
@@ -149,8 +155,10 @@ class GoalReport:
         self._say(self.stamp, progress, reason)
 
     def _say(self, stamp: Time, progress: GoalProgress, reason: str) -> None:
+        pressing = self._compensator.contact.pressing
         self._publisher.publish(goal_status(
-            stamp, progress, reason, self._compensator.goal, self._rejected))
+            stamp, progress, reason, self._compensator.goal, self._rejected,
+            pressing_values(pressing) if pressing.press.enabled else {}))
 
 
 class CompensatorNode(Node):

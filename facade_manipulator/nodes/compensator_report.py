@@ -13,7 +13,7 @@ from facade_manipulator.compensation import (
     CorrectedPose,
     CorrectionMode,
     HeldBack,
-    PressMode,
+    Pressing,
 )
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import OutOfPlane
@@ -68,13 +68,11 @@ class CompensatorReport:
 
     def _contact_outcome(self) -> tuple[str, str]:
         pressing = self._compensator.contact.pressing
-        if pressing.mode is PressMode.RETRACTED and pressing.reason:
-            return 'error', f'{pressing.mode.value}: {pressing.reason}'
+        if pressing.reason:
+            return 'error', pressing.outcome
         if self._compensator.obstacle:
-            return 'warn', f'{pressing.mode.value}; {self._compensator.obstacle}'
-        if pressing.mode is PressMode.OFF:
-            return 'ok', 'giving way to the wall'
-        return 'ok', pressing.mode.value
+            return 'warn', f'{pressing.outcome}; {self._compensator.obstacle}'
+        return 'ok', pressing.outcome
 
     def _outcome(self, now: float) -> tuple[str, str]:
         """Return level and message; no number that changes, so that a change means something."""
@@ -116,8 +114,8 @@ class CompensatorReport:
         pressing, watch = contact.pressing, contact.pressing.watch
         sway, energy = pressing.sway, self._compensator.sway_energy
         return {
-            'force on the wall [N]': pressing.y.measured,
-            'desired force [N]': pressing.press.force,
+            **pressing_values(pressing),
+            'zero of the force [N]': pressing.zero.force,
             'force of the moment desired [N]': pressing.desired,
             'force, mean of 10 s [N]': watch.mean,
             'force, RMS error of 10 s [N]': watch.rms,
@@ -130,6 +128,16 @@ class CompensatorReport:
             'retracted last because': pressing.last_reason or 'never',
             'shift of the goal': millimetres(contact.present),
         }
+
+
+def pressing_values(pressing: Pressing) -> dict[str, Any]:
+    """Return what the head does on the wall."""
+    return {
+        'pressing': pressing.outcome,
+        'force on the wall [N]': pressing.y.measured,
+        'desired force [N]': pressing.press.force,
+        'bound of its error [N]': pressing.bound,
+    }
 
 
 def _joules(energy: Sequence[float]) -> str:

@@ -77,7 +77,7 @@ class RejectedGoal(NamedTuple):
 
 def goal_status(
     stamp: Time, progress: Any, reason: str, followed: Pose | None,
-    rejected: RejectedGoal | None = None,
+    rejected: RejectedGoal | None = None, pressing: Mapping[str, Any] | None = None,
 ) -> DiagnosticStatus:
     """
     Return what becomes of a goal.
@@ -94,6 +94,8 @@ def goal_status(
         The goal that is followed meanwhile.
     rejected : RejectedGoal, optional
         The last one: whoever reads the newest message alone learns of it, too.
+    pressing : mapping, optional
+        What the head does on the wall.
 
     """
     state = progress.state.value
@@ -104,6 +106,7 @@ def goal_status(
         'angle [deg]': math.degrees(progress.angle),
         'time to go [s]': progress.time_to_go,
         'reason': reason,
+        **(pressing or {}),
     }
     if followed is not None:
         values.update((key, scale * value) for (key, scale), value in zip(

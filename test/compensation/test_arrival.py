@@ -50,13 +50,14 @@ def test_a_goal_once_reached_stays_so_within_twice_the_tolerance():
 
 
 @given(st.lists(st.tuples(
-    st.floats(0.0, 0.5), st.floats(0.0, 0.02), st.floats(-1.0, 1.0), st.booleans()), max_size=40))
+    st.floats(0.0, 0.5), st.floats(0.0, 0.02), st.floats(-1.0, 1.0), st.booleans(),
+    st.booleans()), max_size=40))
 def test_reached_was_near_for_the_dwell_whatever_happens(steps):
     watch, now, near_since = ArrivalWatch(SETTINGS), 0.0, None
-    for step, distance, path_time, held in steps:
+    for step, distance, path_time, held, pressed in steps:
         now += step
-        progress = watch.update(now, Pose(distance, 0.0, 0.0), path_time, held)
-        near = path_time <= 0.0 and distance <= 2.0 * SETTINGS.distance
+        progress = watch.update(now, Pose(distance, 0.0, 0.0), path_time, held, pressed)
+        near = pressed and path_time <= 0.0 and distance <= 2.0 * SETTINGS.distance
         near_since = (now if near_since is None else near_since) if near else None
         if progress.state is GoalState.REACHED:
             assert near and now - near_since >= SETTINGS.dwell

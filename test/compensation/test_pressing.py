@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
-from facade_manipulator.compensation.pressing import Pressing, PressMode
+from facade_manipulator.compensation.pressing import Pressing, PressMode, Surroundings
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import MotionState, Pose, ZERO_POSE, ZERO_STATE, ZERO_TWIST
+from facade_manipulator.kinematics import MotionState, Pose, ZERO_TWIST
 
 SETTINGS = ImpedanceSettings(enabled=True)
 TURNING = YawImpedanceSettings(enabled=True)
@@ -39,21 +39,22 @@ def sound(_, force):
 
 
 def press(
-    stiffness, duration=30.0, settings=SETTINGS, wall=lambda time: WALL, sensor=sound,
-    saturation_error=ZERO_POSE, rail=ZERO_STATE, pressing=None, seed=1,
+    stiffness, duration=35.0, settings=SETTINGS, wall=lambda time: WALL, sensor=sound,
+    around=lambda time: Surroundings(), pressing=None, seed=1, noise=NOISE,
 ):
     """Press on a wall; `sensor` takes time and force, returns what it tells or None."""
     pressing = pressing or Pressing(settings, STANDING)
-    random, offsets, forces = np.random.default_rng(seed), [], []
+    random, offsets, forces, last = np.random.default_rng(seed), [], [], None
     for k in range(round(duration / PERIOD)):
         now = k * PERIOD
-        pressing.step(now, now + HORIZON * PERIOD, PERIOD, saturation_error, rail)
+        pressing.step(now, now + HORIZON * PERIOD, PERIOD, around(now))
         offsets.append(pressing.y.offset)
         forces.append(max(stiffness * (offsets[max(k - HORIZON, 0)] - wall(now)), 0.0))
         late = k - LATENCY
-        told = sensor(now, forces[max(late, 0)] + NOISE * random.standard_normal())
+        told = sensor(now, forces[max(late, 0)] + noise * random.standard_normal())
         if late >= 0 and told is not None:
-            pressing.add_measurement(late * PERIOD, told, 0.0, is_repeated=sensor is stuck)
+            pressing.add_measurement(late * PERIOD, told, 0.0, is_repeated=last in (None, told))
+            last = told
     return Run(pressing, np.array(offsets), np.array(forces))
 
 
@@ -216,8 +217,8 @@ def test_after_a_late_force_pressing_can_be_switched_off_and_on():
 
 
 def test_in_search_of_the_wall_it_stands_still_without_measurements():
-    run = press(600.0, duration=4.0, sensor=lambda time, force: force if time < 1.0 else None)
-    assert np.ptp(run.offsets[130:]) == 0.0
+    run = press(600.0, duration=6.0, sensor=lambda time, force: force if time < 4.5 else None)
+    assert np.ptp(run.offsets[480:]) == 0.0
     assert -SETTINGS.retreat < run.offsets[-1] < WALL
 
 
@@ -247,15 +248,16 @@ def test_a_fault_lasts_until_pressing_is_switched_off_and_on():
 def test_a_gondola_that_sways_far_is_pressed_less_and_one_that_sways_farther_not_at_all(
         most, reason):
     def swaying(share):
-        return MotionState(Pose(*(share * amount for amount in most)), ZERO_TWIST)
+        rail = MotionState(Pose(*(share * amount for amount in most)), ZERO_TWIST)
+        return lambda _: Surroundings(rail=rail)
 
     calm, restless = (
-        press(600.0, rail=swaying(share)).forces[-100:].mean() for share in (0.0, 0.99))
+        press(600.0, around=swaying(share)).forces[-100:].mean() for share in (0.0, 0.99))
     assert restless == pytest.approx(calm, rel=0.02)
     pressing = press(600.0).pressing
-    less = press(600.0, duration=5.0, pressing=pressing, rail=swaying(1.5))
+    less = press(600.0, duration=5.0, pressing=pressing, around=swaying(1.5))
     assert less.forces[-50:].mean() == pytest.approx(0.5 * SETTINGS.force, rel=0.05)
-    run = press(600.0, duration=5.0, pressing=pressing, rail=swaying(2.5))
+    run = press(600.0, duration=5.0, pressing=pressing, around=swaying(2.5))
     assert run.pressing.mode is PressMode.RETRACTED
     assert reason in run.pressing.reason
 
@@ -268,7 +270,8 @@ def test_with_stiffness_the_goal_pulls_back():
 
 
 def test_at_the_workspace_limit_the_offset_goes_no_further():
-    run = press(600.0, wall=lambda _: 1.0, saturation_error=Pose(0.0, 0.001, 0.0))
+    run = press(600.0, wall=lambda _: 1.0, around=lambda _: Surroundings(
+        saturation_error=Pose(0.0, 0.001, 0.0)))
     assert (run.offsets == run.offsets[0]).all()
 
 
@@ -288,7 +291,7 @@ def test_the_yaw_turns_until_the_wall_makes_no_moment(alone):
     pressing = Pressing(replace(SETTINGS, enabled=not alone), TURNING)
     for k in range(3000):
         now = k * PERIOD
-        pressing.step(now, now + HORIZON * PERIOD, PERIOD, ZERO_POSE, ZERO_STATE)
+        pressing.step(now, now + HORIZON * PERIOD, PERIOD, Surroundings())
         force = 600.0 * max(pressing.y.offset - WALL, 0.0)
         moment = 13.5 * (pressing.theta.offset - 0.05) if force else 0.0
         pressing.add_measurement(now, force + 1e-6 * (k % 7), moment, is_repeated=False)
@@ -303,7 +306,7 @@ def test_settings_that_make_no_sense_are_rejected(values):
 
 
 @pytest.mark.parametrize(
-    ('frequency', 'most'), [(0.1, 0.25), (0.33, 0.6), (0.89, 1.1), (3.0, 1.3)])
+    ('frequency', 'most'), [(0.1, 0.25), (0.33, 0.6), (0.89, 1.1), (3.0, 1.32)])
 def test_the_wall_s_motion_is_suppressed_below_a_third_of_a_hertz_and_hardly_amplified_above(
         frequency, most):
     stiffness, amplitude = 2e3, 1.5e-3
@@ -311,3 +314,102 @@ def test_the_wall_s_motion_is_suppressed_below_a_third_of_a_hertz_and_hardly_amp
         WALL + amplitude * math.sin(math.tau * frequency * max(time - 18.0, 0.0))))
     rigid = stiffness * amplitude / math.sqrt(2.0)
     assert run.forces[2200:].std() < most * rigid
+
+
+def drifting(begin):
+    return lambda time, force: force + 0.5 * max(time - begin, 0.0)
+
+
+ORDINARY = {
+    'a dead band of 1 N': lambda _, force: force if abs(force) > 1.0 else 0.0,
+    'steps of 0.5 N': lambda _, force: 0.5 * round(2.0 * force),
+    'a bias of 8 N': lambda _, force: force + 8.0,
+    'a bias of -8 N': lambda _, force: force - 8.0,
+}
+
+
+@pytest.mark.parametrize('noise', [0.02, NOISE])
+@pytest.mark.parametrize('sensor', ORDINARY.values(), ids=ORDINARY)
+def test_an_ordinary_sensor_presses_as_desired(sensor, noise):
+    def alive(time, force):
+        return 5.0 if time < 0.05 else sensor(time, force)  # pushed by hand
+
+    run = press(2000.0, sensor=alive, noise=noise, duration=22.0)
+    assert run.pressing.mode is PressMode.HOLDING, run.pressing.outcome
+    assert run.forces[-300:].mean() == pytest.approx(SETTINGS.force, abs=0.7)
+    assert run.forces.max() < 1.2 * SETTINGS.force
+
+
+def test_a_sensor_that_drifts_is_found_off_the_wall_and_in_contact():
+    run = press(600.0, sensor=drifting(0.0), duration=8.0)
+    assert 'drifts by +0.' in run.pressing.reason
+    assert not run.forces.any()
+    run = press(2000.0, sensor=drifting(15.0), duration=45.0)
+    assert 'creeps as if contact_wrench drifted by 0.' in run.pressing.last_reason
+    assert 'drifts by +0.' in run.pressing.reason
+    assert run.forces[1500:-1000].max() < 1.3 * SETTINGS.force  # it fell; the head was called back
+    stopped = np.flatnonzero(run.forces[1600:] == 0.0)[0] * PERIOD
+    assert stopped < 22.0
+
+
+def test_a_wall_that_creeps_is_left_once_and_then_believed():
+    run = press(2000.0, wall=lambda time: WALL - 2e-4 * max(time - 15.0, 0.0), duration=75.0)
+    assert 'creeps' in run.pressing.last_reason
+    assert (np.diff((run.forces > 0.0).astype(int)) < 0).sum() < 5
+    assert run.forces[-2500:].min() > 0.8 * SETTINGS.force
+
+
+def test_a_sensor_that_was_never_heard_to_change_does_not_press():
+    run = press(600.0, sensor=lambda *_: 0.0, duration=8.0)
+    assert 'push the head by hand' in run.pressing.reason
+    assert not run.forces.any()
+
+
+def test_a_sensor_that_dies_off_the_wall_is_found_soon_after_where_the_wall_was():
+    run = press(1000.0, duration=30.0, sensor=lambda time, force: None if 17.5 < time < 18.0 else (
+        force if time < 18.0 else 0.0))
+    assert 'stuck' in run.pressing.reason
+    assert run.forces[1900:].max() < 0.7 * SETTINGS.force
+
+
+def test_a_stiffness_learnt_from_a_glitch_is_forgotten_again():
+    def wall(time):
+        return WALL - 0.03 * max(1.0 - abs(time - 20.05) / 0.05, 0.0)
+
+    pressing = press(600.0, wall=wall, duration=20.2).pressing
+    assert pressing.stiffness.value > 4.0 * 600.0
+    assert 600.0 < press(600.0, wall=wall, duration=50.0).pressing.stiffness.value < 2.0 * 600.0
+
+
+def shaken(time):
+    return WALL + (0.01 * math.sin(math.tau * time) if 20.0 < time < 22.0 else 0.0)
+
+
+@pytest.mark.parametrize(('cause', 'wall'), [
+    ({'silence': 'the estimator is silent'}, lambda time: WALL),
+    ({'held_back': 'the head was held back in y'}, shaken)])
+def test_what_is_no_fault_of_the_contact_is_named_first_and_waited_for(cause, wall):
+    run = press(2000.0, wall=wall, duration=40.0, around=lambda time: Surroundings(
+        **cause if 20.0 < time < 21.0 else {}))
+    assert run.pressing.last_reason.startswith(*cause.values())
+    assert run.pressing.mode is PressMode.HOLDING, run.pressing.outcome
+
+
+@pytest.mark.parametrize('stiffness', [600.0, 1200.0, 5e3])
+def test_a_wall_that_was_touched_before_is_pressed_again_within_four_seconds(stiffness):
+    run = press(stiffness, duration=32.0, around=lambda time: Surroundings(
+        silence='the estimator is silent' if 22.0 < time < 25.0 else ''))
+    back = run.forces[2500:]
+    assert run.pressing.mode is PressMode.HOLDING
+    assert np.flatnonzero(back > 0.9 * SETTINGS.force)[0] * PERIOD < 4.0
+    touches = [forces[np.flatnonzero(forces)[0]:][:15].max() for forces in (run.forces, back)]
+    assert touches[1] < touches[0] + 1.0
+
+
+def test_only_a_force_that_is_held_counts_as_pressed():
+    pressing, held = Pressing(SETTINGS, STANDING), []
+    for _ in range(4):
+        press(600.0, duration=5.0, pressing=pressing)
+        held.append((pressing.mode, pressing.is_held))
+    assert Pressing(replace(SETTINGS, enabled=False), STANDING).is_held
+    assert all(is_held == (mode is PressMode.HOLDING) for mode, is_held in held)

@@ -23,7 +23,7 @@ from support import wait_until
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose
-from facade_manipulator.messages import planar_pose, seconds
+from facade_manipulator.messages import planar_pose, seconds, status_values
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.ros.conversions import pose_message, pose_stamped, stamp
 from facade_manipulator.ros.diagnostics import (
@@ -343,7 +343,9 @@ def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros):
             neighbours.now(), force=noise - 600.0 * max(pose.y - 0.24, 0.0)))
 
     neighbours.node.create_timer(0.02, feel)
+    progress = ros.collect(neighbours.node, DiagnosticStatus, GOAL_STATUS, LATCHED)
     neighbours.send_goal()
+    ros.until(lambda: any('zero' in message.message for message in progress), 'why it waits')
     pressed = 0.24 + 10.0 / 600.0
     neighbours.until_corrected(lambda pose: abs(pose.y - pressed) < 1e-3, 'the desired force')
     ros.until(lambda: any(
@@ -351,6 +353,10 @@ def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros):
         for message in neighbours.diagnostics for status in message.status
         if status.name.endswith('compensator: contact') for value in status.values),
         'the energy of the sway in the diagnostics of the contact')
+    ros.until(lambda: status_values(progress[-1])['pressing'] == 'holding the force', 'the state')
+    force, bound = (float(status_values(progress[-1])[key]) for key in (
+        'force on the wall [N]', 'bound of its error [N]'))
+    assert abs(force - 10.0) < bound
 
 
 def test_the_slip_on_the_wall_is_brought_back(ros):
