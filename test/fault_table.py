@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 import math
+from operator import and_
 from pathlib import Path
 import statistics
 import sys
@@ -34,7 +35,7 @@ from support import patiently, wait_until  # noqa: E402
 
 from facade_manipulator.drives.canopen import pdo  # noqa: E402
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES  # noqa: E402
-from facade_manipulator.drives.cia402.states import Controlword, Mode, State  # noqa: E402
+from facade_manipulator.drives.cia402.states import Controlword, Mode, Power, State  # noqa: E402
 from facade_manipulator.drives.controller.snapshot import ControllerState  # noqa: E402
 from facade_manipulator.motion.follower import Activity  # noqa: E402
 
@@ -316,6 +317,7 @@ def prove(rig: StreamRig, name: str, situation: str) -> float | None:
     most = rig.settings.max_missed_cycles if row.cycles is None else row.cycles
     assert _syncs_to_the_last_enabling(rig.received, begin) <= most
     _check_cause(rig, row)
+    _check_power(rig)
     if situation == 'homing':
         assert (row.reply or row.message) in str(rig.homing.exception(PATIENCE))
         assert rig.controller.snapshot().unhomed == AXIS_NAMES
@@ -326,7 +328,16 @@ def prove(rig: StreamRig, name: str, situation: str) -> float | None:
     wait_until(lambda: rig.drive_states == [State.SWITCH_ON_DISABLED] * 3, 'power off')
     assert rig.state is ControllerState.INACTIVE
     assert rig.controller.snapshot().cause == ''
+    wait_until(lambda: rig.controller.snapshot().power == Power.CONFIRMED_OFF.value,
+               'the power to be confirmed off')
     return seconds
+
+
+def _check_power(rig: StreamRig) -> None:
+    """People reach in on this word: it may be late, never early."""
+    confirmed = [axis.power is Power.CONFIRMED_OFF for axis in rig.controller.snapshot().axes]
+    with_power = [state not in POWERLESS for state in rig.drive_states]
+    assert not any(map(and_, confirmed, with_power))
 
 
 def _measured(rig: StreamRig, row: Row, begin: float) -> float | None:

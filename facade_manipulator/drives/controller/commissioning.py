@@ -13,7 +13,7 @@ CiA 301: network management, boot-up protocol, heartbeat protocol.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
@@ -158,9 +158,11 @@ class Commissioning:
         self._start()
         return [note for of_drive in notes for note in of_drive]
 
-    def _of_each(self, look: Callable[[Drive], Result]) -> list[Result]:
+    def _of_each(
+        self, look: Callable[[Drive], Result], drives: Sequence[Drive] | None = None
+    ) -> list[Result]:
         """
-        Return what is found at each drive; they are asked at the same time.
+        Return what is found at each drive, by default of all; they are asked at the same time.
 
         Raises
         ------
@@ -168,10 +170,11 @@ class Commissioning:
             What is wrong with all drives, rather than with the first.
 
         """
-        for drive in self._drives:
+        drives = drives or self._drives
+        for drive in drives:
             _limit_time(drive, TURN_TIMEOUT)
-        with ThreadPoolExecutor(len(self._drives), thread_name_prefix='drive objects') as pool:
-            asked = [pool.submit(look, drive) for drive in self._drives]
+        with ThreadPoolExecutor(len(drives), thread_name_prefix='drive objects') as pool:
+            asked = [pool.submit(look, drive) for drive in drives]
         results, errors = [], []
         for one in asked:
             try:
@@ -193,8 +196,9 @@ class Commissioning:
         """Switch drives off by SDO, as PDOs may not reach them; return those that do not obey."""
         asked = [drive for drive in self._drives if drive.monitor in monitors]
         self._command(NmtCommand.ENTER_PRE_OPERATIONAL, asked)  # stopped ones have no SDO
-        return [drive.monitor for drive in asked
-                if self._switch_off(drive) not in UNPOWERED_STATES]
+        states = self._of_each(self._switch_off, asked)
+        return [drive.monitor for drive, state in zip(asked, states, strict=True)
+                if state not in UNPOWERED_STATES]
 
     def _switch_off(self, drive: Drive) -> State | None:
         _limit_time(drive, ASKING_TIMEOUT)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import time
 
 from drive_rig import at_rest, inactive, SETTINGS
 import pytest
@@ -59,6 +60,21 @@ def test_a_close_without_confirmation_fails_with_the_name_of_the_drive(make_rig,
     with pytest.raises(DriveFaultError, match=r'the power of q2 \(node 2\) is not confirmed off'):
         rig.controller.close()
     assert rig.state is ControllerState.CLOSED
+
+
+def test_drives_that_do_not_answer_are_asked_at_the_same_time(make_rig, simulated_time):
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+    stop_with_power(rig, fall_silent)
+    alone = time.monotonic()
+    rig.rejection('cleanup')
+    alone = time.monotonic() - alone
+    rig = make_rig(settings=replace(SETTINGS, step_timeout=0.3))
+    stop_with_power(rig, fall_silent)
+    with rig.simulator.access() as drives:
+        fall_silent(drives[0]), fall_silent(drives[2])
+    together = time.monotonic()
+    assert 'q1 (node 1) and q2 (node 2) and q3 (node 3)' in rig.rejection('cleanup')
+    assert time.monotonic() - together < 1.2 * alone
 
 
 def test_drives_that_confirm_it_are_said_to_be_off(rig):
