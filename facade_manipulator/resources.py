@@ -9,6 +9,7 @@ of its ament prefix, or, installed by pip alone, the one under ``sys.prefix``.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib.metadata import distributions
 import os
 from pathlib import Path
 import sys
@@ -58,3 +59,8 @@ def installed_shares(package: str) -> Iterator[Path]:
 def or_installed(path: Path) -> Path:
     """Return a parameter file, or that of the package where it has not been written yet."""
     return path if path.exists() else config_path('manipulator.yaml')
+
+
+def installed_versions() -> dict[str, str]:
+    """Return the versions of all Python packages that are installed, by their name."""
+    return {one.name: one.version for one in distributions()}

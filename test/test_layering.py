@@ -31,7 +31,7 @@ MACHINE = {
     'drives.cia402': BASE | {'resources', 'drives.canopen'},
     'drives.controller': BASE | {'files', 'drives.canopen', 'drives.cia402'},
     'loop': BASE | DRIVES | {'kinematics', 'motion'},
-    'blackbox': BASE | {'files', 'resources'},
+    'blackbox': BASE | {'files', 'resources', 'drives.cia402'},
     'maintenance': BASE | {'files', 'resources', 'drives.controller'},
 }
 ALL_OF_IT = set(MACHINE) | {'ros', 'nodes'}

@@ -1,11 +1,12 @@
 """
 The black box: messages of the last minutes in, one MCAP file per stop, fault or request out.
 
-`Stream` keeps them on the disk, `RecordTrigger` says when a file is due, `Shelf` writes it whole
-and bounds what the files take of the disk.
+`BlackBox` is the whole: its `Stream` keeps them on the disk, `RecordTrigger` says when a file is
+due, `Shelf` writes it whole and bounds what the files take of the disk.
 """
 
 from .arrivals import Arrivals as Arrivals
+from .black_box import BlackBox as BlackBox
 from .can_frames import CAN_TOPIC as CAN_TOPIC
 from .can_frames import CanListener as CanListener
 from .can_frames import frame_bytes as frame_bytes

@@ -13,10 +13,11 @@ encoding `cdr`, schema encoding `ros2msg`.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain, islice, takewhile
+from itertools import chain, takewhile
 import json
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -27,13 +28,15 @@ from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
 
 from facade_manipulator.blackbox.can_frames import CAN_TOPIC, messages_of
-from facade_manipulator.blackbox.messages import Kept, RecordedTopic
+from facade_manipulator.blackbox.messages import Kept, RecordedTopic, unpacked
 from facade_manipulator.errors import RecordError
 
 OF_THE_GRAPH = ('/diagnostics', '/parameter_events', '/rosout', '/tf')  # topics of no namespace
 SUMMARY, PARAMETERS = 'black box', 'parameters of '
 _NANOSECONDS = 1e9  # in a second
 CHUNK = 1 << 20  # byte: what a writer holds in memory before it is compressed
+BATCH = 1000  # packed messages, which take about as much
+_BATCHES = RecordedTopic('batches', '', '')
 
 
 def write_recording(path: Path, topics: Iterable[RecordedTopic], segments: Sequence[Path],
@@ -41,18 +44,42 @@ def write_recording(path: Path, topics: Iterable[RecordedTopic], segments: Seque
     """
     Make a file of segments of one stream, in their order; raises an OSError if that fails.
 
-    Metadata are those of the newest, with a further reason; each segment begins with the last
-    messages of topics before it, of which those of the first are kept.
+    Metadata are those of the newest, with a further reason. Topics that are not among these, as
+    those of another version, are left out.
     """
     first, newest = metadata_of(segments[0]), metadata_of(segments[-1])
     epoch, begin = float(newest[SUMMARY]['epoch']), float(first[SUMMARY]['begin'])
     reasons = '\n'.join(filter(None, (newest[SUMMARY]['reasons'], reason)))
     summary = {**newest[SUMMARY], 'reasons': reasons, 'begin': f'{epoch + begin:.6f}'}
+    topics = list(topics)
+    known = {one.topic for one in topics}
     messages = chain.from_iterable(
         messages_of(one) if one.topic == CAN_TOPIC.topic else (one,)
-        for number, segment in enumerate(segments)
-        for one in islice(_messages(segment), _earlier(segment) if number else 0, None))
+        for segment in segments for one in segment_messages(segment, segment is segments[0])
+        if one.topic in known)
     write_mcap(path, topics, messages, epoch, {**newest, SUMMARY: summary}, begin, attachments)
+
+
+def write_segment(path: Path, earlier: Iterable[bytes], records: Sequence[bytes], begin: float,
+                  metadata: Mapping[str, Mapping[str, str]]) -> None:
+    """
+    Write packed messages to a file, many as one; raises an OSError if that fails.
+
+    Before them the newest of each topic from before the segment: a file may begin with it.
+    """
+    batches = [b''.join(earlier), *(b''.join(records[place:place + BATCH])
+                                    for place in range(0, len(records), BATCH))]
+    write_mcap(path, [_BATCHES], (Kept(begin, _BATCHES.topic, one) for one in batches), 0.0,
+               metadata)
+
+
+def segment_messages(segment: Path, is_first: bool) -> list[Kept]:
+    """Return the messages of a segment by their time, with the earlier ones if it is the first."""
+    with segment.open('rb') as file:
+        batches = [record.data for record in StreamReader(file).records
+                   if isinstance(record, Message)]
+    return sorted(chain.from_iterable(map(unpacked, batches[not is_first:])),
+                  key=attrgetter('time'))
 
 
 def run_metadata(
@@ -74,22 +101,6 @@ def metadata_of(path: Path) -> dict[str, dict[str, str]]:
         return {record.name: record.metadata for record in takewhile(
             lambda record: isinstance(record, (Header, Metadata)), StreamReader(file).records)
             if isinstance(record, Metadata)}
-
-
-def _earlier(segment: Path) -> int:
-    """Return how many messages at the begin of a segment the one before has, too."""
-    return int(metadata_of(segment)[SUMMARY]['earlier'])
-
-
-def _messages(segment: Path) -> Iterator[Kept]:
-    topics: dict[int, str] = {}
-    with segment.open('rb') as file:
-        for record in StreamReader(file).records:
-            match record:
-                case Channel(id=number, topic=topic):
-                    topics[number] = topic
-                case Message(channel_id=number, publish_time=came, data=data):
-                    yield Kept(came / _NANOSECONDS, topics[number], data)
 
 
 def write_mcap(

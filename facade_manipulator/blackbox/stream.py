@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 import fcntl
-from itertools import chain
-from operator import itemgetter
 import os
 from pathlib import Path
 import shutil
@@ -19,13 +17,12 @@ from typing import Any, NamedTuple
 from mcap.stream_reader import StreamReader
 
 from facade_manipulator.blackbox.can_frames import CAN_TOPIC
-from facade_manipulator.blackbox.messages import Kept, RecordedTopic
-from facade_manipulator.blackbox.recording import SUMMARY, write_mcap
+from facade_manipulator.blackbox.messages import packed, time_of
+from facade_manipulator.blackbox.recording import SUMMARY, write_segment
 from facade_manipulator.files import atomic_write
 
 Metadata = Mapping[str, Mapping[str, str]]
-# bytes that a message takes beside its own
-OVERHEAD = sys.getsizeof(Kept(0.0, '', b'')) + sys.getsizeof(0.0) + sys.getsizeof(b'') + 8
+OVERHEAD = sys.getsizeof(b'') + 8  # bytes that a packed message takes beside its own
 
 
 class Segment(NamedTuple):
@@ -49,15 +46,13 @@ class Stream:
     """
 
     def __init__(
-        self, folder: Path, name: str, topics: Iterable[RecordedTopic], duration: float,
-        memory: int, disk: float,
+        self, folder: Path, name: str, duration: float, memory: int, disk: float,
     ) -> None:
         self._root, self._name = folder, f'.stream_{name}_'
-        self._topics = [  # definitions are ten times a quiet segment
-            topic._replace(definition='') for topic in topics]
         self._duration, self._memory, self._disk = duration, memory, disk
-        self._waiting: deque[Kept] = deque()
-        self._last: dict[str, Kept] = {}
+        self._waiting: deque[bytes] = deque()
+        self._newest: dict[str, bytes] = {}  # of each topic
+        self._earlier: list[bytes] = []  # those of them before the next segment
         self._lock = threading.Lock()
         self._folder: Path | None = None
         self._lock_file = -1
@@ -76,13 +71,16 @@ class Stream:
         """Space of the segments [byte]."""
         return sum(segment.size for segment in self._segments)
 
-    def add(self, time: float, topic: str, data: bytes) -> None:
-        """Add a message that came at a monotonic time [s]."""
+    def add(self, topic: str, messages: Iterable[tuple[float, bytes]]) -> None:
+        """Add messages of a topic, each with the monotonic time at which it came [s]."""
+        records = packed(topic, messages)
         with self._lock:
-            self._waiting.append(Kept(time, topic, data))
-            self.size += _size(self._waiting[-1])
+            self._waiting.extend(records)
+            self.size += _size(records)
+            if records and topic != CAN_TOPIC.topic:
+                self._newest[topic] = records[-1]
             while self.size > self._memory and self._waiting:
-                self.size -= _size(self._waiting.popleft())
+                self.size -= _size([self._waiting.popleft()])
                 self.dropped += 1
 
     def flush(self, metadata: Metadata) -> None:
@@ -92,28 +90,28 @@ class Stream:
         Metadata are those of the file that would be made of the segments now.
         """
         with self._lock:
-            messages, self._waiting = self._waiting, deque()
+            records, self._waiting = self._waiting, deque()
+            newest = list(self._newest.values())
         try:
-            self._segments.append(self._write(sorted(messages, key=itemgetter(0)), metadata))
+            self._segments.append(self._write(list(records), metadata))
         except OSError:
             with self._lock:
-                messages.extend(self._waiting)
-                self._waiting = messages
+                records.extend(self._waiting)
+                self._waiting = records
             raise
         with self._lock:
-            self.size -= sum(map(_size, messages))
-        self._last.update({one.topic: one for one in messages if one.topic != CAN_TOPIC.topic})
+            self.size -= _size(records)
+        self._earlier = newest
         self._forget(time.monotonic() - self._duration)
 
-    def _write(self, messages: list[Kept], metadata: Metadata) -> Segment:
-        begin, end = ((messages[0].time, messages[-1].time) if messages
-                      else (time.monotonic(),) * 2)
-        summary = {**metadata[SUMMARY], 'begin': repr(begin), 'earlier': str(len(self._last)),
+    def _write(self, records: list[bytes], metadata: Metadata) -> Segment:
+        times = [time_of(one) for one in records] or [time.monotonic()]
+        begin, end = min(times), max(times)
+        summary = {**metadata[SUMMARY], 'begin': repr(begin),
                    'epoch': repr(time.time() - time.monotonic())}
         path = self._open() / f'{self._count:08}.mcap'
         with atomic_write(path) as draft:
-            write_mcap(draft, self._topics, chain(self._last.values(), messages), 0.0,
-                       {**metadata, SUMMARY: summary}, begin)
+            write_segment(draft, self._earlier, records, begin, {**metadata, SUMMARY: summary})
         self._count += 1
         return Segment(path, begin, end, path.stat().st_size)
 
@@ -182,5 +180,5 @@ def _is_whole(path: Path) -> bool:
     return True
 
 
-def _size(message: Kept) -> int:
-    return len(message.data) + OVERHEAD
+def _size(records: Collection[bytes]) -> int:
+    return sum(map(len, records)) + OVERHEAD * len(records)

@@ -8,16 +8,9 @@ and only listens: whatever happens to it, the machine goes on.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from collections.abc import Callable
+from concurrent.futures import Future
 from functools import partial
-from importlib.metadata import distributions
-from itertools import pairwise
-import os
-from pathlib import Path
-import platform
-import sys
 import time
 from typing import Any
 
@@ -30,22 +23,14 @@ import yaml
 from facade_manipulator import interfaces
 from facade_manipulator.blackbox import (
     Arrivals,
+    BlackBox,
     BlackBoxSettings,
     CAN_TOPIC,
     CanListener,
-    DueFile,
     RecordedTopic,
-    RecordTrigger,
-    run_metadata,
-    Shelf,
-    Stream,
-    write_recording,
 )
-from facade_manipulator.drives.cia402 import load_profile
-from facade_manipulator.errors import ManipulatorError, RecordError
 from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.messages import status_values
-from facade_manipulator.resources import config_path
 from facade_manipulator.ros import (
     class_of,
     declare,
@@ -65,19 +50,12 @@ from facade_manipulator.ros import (
     steady_timer,
 )
 
-DEPTH = 200  # messages of a topic that wait until they are taken
+PERIOD = 0.25  # s, in which messages are taken: to be woken for each would cost more
+DEPTH = 500  # messages of a topic that wait until they are taken: 2000 a second
 OPERATION = 'driver: operation'
 STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # states of the driver
 MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
 SILENCE = 3.0  # s without diagnostics of a driver that had power
-WATCH_PERIOD = 0.5  # s
-TAKE_PERIOD = 0.1  # s
-ERROR = DiagnosticStatus.ERROR
-Metadata = Mapping[str, Mapping[str, str]]
-LONGEST_WRITE = 30.0  # s, for a file
-SEGMENT = 3.0  # s, which a loss of power costs; each takes some 20 ms of a processor
-LOW_PRIORITY = 10  # nice value of the thread that writes
-INTERRUPTED = 'recorder: it was killed or lost power'
 
 
 class RecorderNode(Node):
@@ -85,79 +63,80 @@ class RecorderNode(Node):
 
     def __init__(self, **kwargs) -> None:
         super().__init__('recorder', **kwargs)
-        settings = declare(self, BlackBoxSettings)
-        self._duration = settings.duration
-        self._trigger = RecordTrigger(settings.duration, settings.aftermath)
-        self._shelf = Shelf(settings.folder, settings.disk, self.get_namespace())
-        self._topics = [CAN_TOPIC, *(
-            RecordedTopic(
-                self.resolve_topic_name(one.name), *message_type(class_of(one)),
-                playback(recorded_quality(one))) for one in recorded_topics())]
-        self._stream = Stream(  # a file begins before its first reason, and may have later ones
-            self._shelf.folder, self._shelf.name, self._topics,
-            2 * settings.duration + settings.aftermath, round(1e6 * settings.memory),
-            0.5e6 * settings.disk)
-        self._chain: tuple[float, Path | None] = 0.0, None
-        self._installed = {one.name: one.version for one in distributions()}
-        self._flushed = 0.0
-        self._writer = ThreadPoolExecutor(1, 'black box', lambda: os.setpriority(
-            os.PRIO_PROCESS, 0, LOW_PRIORITY))
-        self._outcome, self._error, self._files = 'nothing recorded yet', '', 0
-        self._interrupted = 0
-        self._job: Future | None = None  # the newest, of a segment or of a file
-        self._file: Future | None = None
-        self._job_time = 0.0
         self._driver_state, self._driver_time = '', time.monotonic()
         self._knows_goal = False
         self._listener: CanListener | None = None
+        self._prefix = self.get_namespace().strip('/')
         self._rejections = Rejections(self)
         self._readers = {name: ParameterReader(self, name, self._rejections)
                          for name in interfaces.RECORDED}
-        replies = DeferredReplies(self)
-        replies.attach(service(self, interfaces.SAVE, self._save))
+        topics = recorded_topics()
+        self._black_box = BlackBox(
+            declare(self, BlackBoxSettings), self.get_namespace(), [CAN_TOPIC, *(RecordedTopic(
+                self.resolve_topic_name(one.name), *message_type(class_of(one)),
+                playback(recorded_quality(one))) for one in topics)],
+            self._parameters_known, self.get_logger())
         reads: dict[Topic, Callable[[Any], None]] = {
             interfaces.DIAGNOSTICS: self._read_diagnostics,
             interfaces.PARAMETER_EVENTS: self._read_event,
             interfaces.GOAL_STATUS: self._read_goal_status}
         self._queues = [
-            (MessageQueue(self, one, recorded_quality(one)), reads.get(one))
-            for one in recorded_topics()]
+            (MessageQueue(self, one, recorded_quality(one)), reads.get(one)) for one in topics]
         self._arrivals = Arrivals()
-        self._prefix = self.get_namespace().strip('/')
+        replies = DeferredReplies(self)
+        replies.attach(service(self, interfaces.SAVE, self._save))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
-        steady_timer(self, TAKE_PERIOD, self._take)
-        steady_timer(self, WATCH_PERIOD, self._watch)
+        steady_timer(self, PERIOD, self._watch)
+
+    def _parameters_known(self) -> dict[str, dict[str, Any]]:
+        return {name: reader.values for name, reader in self._readers.items() if reader.values}
+
+    def _watch(self) -> None:
+        for reader in self._readers.values():
+            reader.ask_once()
+        self._listen_to_bus()
+        self._take()
+        silence = time.monotonic() - self._driver_time
+        self._black_box.note('driver', (
+            f'no diagnostics for {silence:.0f} s while it was {self._driver_state}'
+            if self._driver_state in MOVING and silence > SILENCE else ''))
+        self._black_box.watch()
+
+    def _listen_to_bus(self) -> None:
+        """Listen to the bus that the driver uses, once its parameters are known."""
+        driver = self._readers['driver'].values
+        if self._listener is None and driver.get('bus.interface') == 'socketcan':
+            self._listener = CanListener(
+                driver['bus.channel'],
+                lambda time, data: self._black_box.add(CAN_TOPIC.topic, [(time, data)]))
 
     def _take(self) -> None:
         """Keep what has come."""
         self._arrivals.begin()
         for queue, read in self._queues:
-            for received, data in queue.take():
-                self._stream.add(self._arrivals.time(received), queue.topic, data)
-                if read is not None:
-                    with self._rejections:
-                        read(message_from(data, queue.kind, queue.topic))
+            if not (taken := queue.take()):
+                continue
+            self._black_box.add(queue.topic, [
+                (self._arrivals.time(received), data) for received, data in taken])
+            for _, data in taken if read is not None else ():
+                with self._rejections:
+                    read(message_from(data, queue.kind, queue.topic))
 
     def _read_diagnostics(self, message: DiagnosticArray) -> None:
-        now = time.monotonic()
         for status in message.status:
-            name, stops = self._own(status.name), status.level == ERROR
+            name, stops = self._own(status.name), status.level == DiagnosticStatus.ERROR
             if name == OPERATION:
-                self._driver_time = now
+                self._driver_time = time.monotonic()
                 self._driver_state = status_values(status).get('state', '')
                 stops |= self._driver_state in STOPS
             if name.partition(': ')[0] in interfaces.RECORDED:
-                self._note_reason(name, status.message if stops else '')
+                self._black_box.note(name, status.message if stops else '')
 
     def _read_goal_status(self, status: DiagnosticStatus) -> None:
         if self._knows_goal:  # the first one is latched: what it says may be long past
-            self._note_reason('compensator', (
+            self._black_box.note('compensator', (
                 HOLD if status_values(status).get('reason') == HOLD else ''))
         self._knows_goal = True
-
-    def _note_reason(self, source: str, reason: str) -> None:
-        if self._trigger.watch(time.monotonic(), source, reason):
-            self._flushed = 0.0  # people switch the power off when the machine has stopped
 
     def _read_event(self, event: ParameterEvent) -> None:
         if (name := self._own(event.node)) in interfaces.RECORDED:
@@ -168,148 +147,32 @@ class RecorderNode(Node):
         namespace, _, name = name.rpartition('/')
         return name if namespace.strip('/') == self._prefix else ''
 
-    def _watch(self) -> None:
-        now = time.monotonic()
-        for reader in self._readers.values():
-            reader.ask_once()
-        self._listen_to_bus()
-        silence = now - self._driver_time
-        self._note_reason('driver', (
-            f'no diagnostics for {silence:.0f} s while it was {self._driver_state}'
-            if self._driver_state in MOVING and silence > SILENCE else ''))
-        if not self._is_writing and (due := self._trigger.due(now)) is not None:
-            self._record(due)
-        elif not self._is_busy and now - self._flushed >= SEGMENT:
-            self._begin(self._flush, self._metadata(self._trigger.reasons))
-
-    def _listen_to_bus(self) -> None:
-        """Listen to the bus that the driver uses, once its parameters are known."""
-        driver = self._readers['driver'].values
-        if self._listener is None and driver.get('bus.interface') == 'socketcan':
-            self._listener = CanListener(
-                driver['bus.channel'],
-                lambda time, data: self._stream.add(time, CAN_TOPIC.topic, data))
-
     def _save(self, _: Trigger.Request, response: Trigger.Response) -> Deferred | Trigger.Response:
         def answer(job: Future) -> Trigger.Response:
             response.success = job.exception() is None
             response.message = str(job.exception() or f'recorded in {job.result()}')
             return response
 
-        if self._is_writing:  # a copy for each call would fill the memory
+        if self._black_box.is_writing:
             response.message = 'the file before is still being written: ask again'
             return response
-        due = DueFile(('recorder/save was called',), time.monotonic())
-        return Deferred(self._record(due), answer)
-
-    @property
-    def _is_writing(self) -> bool:
-        return self._file is not None and not self._file.done()
-
-    @property
-    def _is_busy(self) -> bool:
-        return self._job is not None and not self._job.done()
-
-    def _record(self, due: DueFile) -> Future:
-        """Write what is kept, in the writer's thread."""
         self._take()
-        self._file = self._begin(
-            self._write, due, self._metadata(due.reasons), self._attachments())
-        return self._file
-
-    def _begin(self, job: Callable[..., Path | None], *arguments: Any) -> Future:
-        self._flushed = self._job_time = time.monotonic()
-        self._job = self._writer.submit(job, *arguments)
-        self._job.add_done_callback(self._note)
-        return self._job
-
-    def _metadata(self, reasons: tuple[str, ...]) -> dict[str, dict[str, str]]:
-        about = {'reasons': '\n'.join(reasons), 'namespace': self.get_namespace(),
-                 'version': self._installed.get('facade_manipulator', ''), **host()}
-        return {**run_metadata(about, {
-            name: reader.values for name, reader in self._readers.items() if reader.values}),
-            'versions': self._installed}
-
-    def _attachments(self) -> list[Path]:
-        """Return the files that this machine was started with."""
-        profiles = {value for name, value in self._readers['driver'].values.items()
-                    if name.endswith('.profile')}
-        return [*(path for name in sorted(profiles) for path in _drive_files(name)),
-                *(path for path in parameter_files() if path.is_file())]
-
-    def _flush(self, metadata: Metadata) -> None:
-        """Write what has come to the disk, and before all else what a lost recorder had there."""
-        try:
-            self._shelf.folder.mkdir(parents=True, exist_ok=True)
-            self._interrupted += self._stream.recover(lambda segments: self._shelf.write(
-                time.time(), lambda path: write_recording(
-                    path, self._topics, segments, (), INTERRUPTED), self._stream.draft()))
-            self._shelf.make_room(self._stream.disk)
-            self._stream.flush(metadata)
-        except OSError as error:
-            raise self._shelf.error(error) from error
-
-    def _write(self, due: DueFile, metadata: Metadata, attachments: list[Path]) -> Path:
-        begin = time.monotonic()
-        try:
-            self._flush(metadata)
-            segments = self._stream.since(due.first - self._duration)
-            first, over = self._chain
-            path = self._shelf.write(
-                time.time(), lambda draft: write_recording(
-                    draft, self._topics, segments, attachments),
-                self._stream.draft(), over if due.first == first else None, self._stream.disk)
-        except RecordError:
-            self._trigger.again(begin, due)
-            raise
-        self._chain = due.first, path
-        self._trigger.rest(time.monotonic(), time.monotonic() - begin)
-        return path
-
-    def _note(self, job: Future) -> None:
-        error = job.exception()
-        message = str(error) if error else ''
-        if message and message != self._error:
-            self.get_logger().error(message)
-        self._error = message
-        if error is None and job.result() is not None:
-            self._files += 1
-            self._outcome = f'recorded in {job.result()}'
-            self.get_logger().info(self._outcome)
+        return Deferred(self._black_box.save('recorder/save was called'), answer)
 
     def _components(self) -> list[DiagnosticStatus]:
-        listener = self._listener
-        trouble = self._slow_writing() or self._error or (listener.error if listener else '')
-        values = {
-            'kept [s]': min(self._stream.span, self._duration),
-            'memory [MB]': 1e-6 * self._stream.size,
-            'stream [MB]': 1e-6 * self._stream.disk,
-            'messages lost': self._stream.dropped,
-            'interrupted recordings': self._interrupted,
-            'CAN': listener.channel if listener else 'no SocketCAN interface',
-            'files written': self._files,
-            'last file': self._outcome,
-            'folder': self._shelf.folder,
-            **self._rejections.values(),
-        }
+        listener, box = self._listener, self._black_box
+        trouble = box.trouble or (listener.error if listener else '')
         return [diagnostic_status(
-            'black box', 'error' if trouble else 'ok', trouble or self._outcome, values)]
-
-    def _slow_writing(self) -> str:
-        took = time.monotonic() - self._job_time
-        if not self._is_busy or took <= LONGEST_WRITE:
-            return ''
-        return f'writing a file takes {took:.0f} s, bound {LONGEST_WRITE:g} s: does the disk hang?'
+            'black box', 'error' if trouble else 'ok', trouble or box.outcome, {
+                **box.values(), **self._rejections.values(),
+                'CAN': listener.channel if listener else 'no SocketCAN interface'})]
 
     def close(self) -> None:
         """End when what is being written is written."""
-        if (due := self._trigger.due(float('inf'))) is not None:
-            self._record(due)
-        self._writer.shutdown()
-        if not self._error:
-            self._stream.close()
-        for queue, _ in self._queues:
-            queue.close()
+        self._take()
+        self._black_box.close()
+        while self._queues:
+            self._queues.pop()[0].close()
         if self._listener is not None:
             self._listener.close()
 
@@ -342,24 +205,6 @@ def playback(quality: Quality) -> str:
         'deadline': forever, 'lifespan': forever,
         'liveliness': 'automatic', 'liveliness_lease_duration': forever,
         'avoid_ros_namespace_conventions': False}], sort_keys=False)
-
-
-def host() -> dict[str, str]:
-    """Return what the computer is, for the engineer who does not stand before it."""
-    return {'host': platform.node(), 'platform': platform.platform(),
-            'python': platform.python_version(),
-            'middleware': os.environ.get('RMW_IMPLEMENTATION', '')}
-
-
-def parameter_files() -> list[Path]:
-    """Return the parameter files that this process was started with."""
-    return [Path(path) for option, path in pairwise(sys.argv) if option == '--params-file']
-
-
-def _drive_files(profile: str) -> list[Path]:
-    with suppress(ManipulatorError, OSError):
-        return [config_path(f'drives/{profile}.yaml'), load_profile(profile).eds]
-    return []
 
 
 main = partial(run, lambda: [RecorderNode()])

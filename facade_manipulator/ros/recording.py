@@ -53,12 +53,14 @@ class MessageQueue:
                 node.handle, self.kind, topic.name, profile(quality).get_c_qos_profile())
         require_of_rclpy(self._subscription, 'take_message')
 
-    def take(self) -> Iterator[tuple[float, bytes]]:
-        """Yield what has come since: when it was received [s, system's clock] and its bytes."""
+    def take(self) -> list[tuple[float, bytes]]:
+        """Return what has come since: when it was received [s, system's clock] and its bytes."""
+        taken = []
         with self._subscription:
-            while (taken := self._subscription.take_message(self.kind, True)) is not None:
-                data, info = taken
-                yield 1e-9 * info['received_timestamp'], data
+            while (message := self._subscription.take_message(self.kind, True)) is not None:
+                data, info = message
+                taken.append((1e-9 * info['received_timestamp'], data))
+        return taken
 
     def close(self) -> None:
         """Subscribe no longer."""

@@ -11,7 +11,7 @@ import argparse
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 import ctypes
-from importlib.metadata import distributions, requires
+from importlib.metadata import requires
 import os
 from pathlib import Path
 import shutil
@@ -33,7 +33,7 @@ from facade_manipulator.drives.controller import (
 from facade_manipulator.errors import exit_status
 from facade_manipulator.maintenance import ServiceSettings
 from facade_manipulator.parameter_file import read_settings
-from facade_manipulator.resources import config_path, PACKAGE
+from facade_manipulator.resources import config_path, installed_versions, PACKAGE
 from facade_manipulator.ros import ManipulatorClient, ros_errors, USAGE_ERROR
 
 LISTENING = 4.0  # s: nodes are found within some 1 s, and publish /diagnostics once a second
@@ -99,7 +99,7 @@ def versions() -> str:
     """Return what of the packages is not there, or not in the range that this one wants."""
     wanted = [one for one in map(Requirement, requires(PACKAGE.name) or ())
               if one.marker is None or one.marker.evaluate({'extra': ''})]
-    there = {canonicalize_name(one.metadata['Name']): one.version for one in distributions()}
+    there = {canonicalize_name(name): version for name, version in installed_versions().items()}
     wrong = [f'{one.name} is {found or "missing"}, not {one.specifier}' for one in wanted
              if not (found := there.get(canonicalize_name(one.name), ''))
              or not one.specifier.contains(found, prereleases=True)]

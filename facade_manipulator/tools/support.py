@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from importlib.metadata import distributions
 import io
 import os
 from pathlib import Path
@@ -17,7 +16,7 @@ import time
 
 from facade_manipulator.errors import exit_status
 from facade_manipulator.files import atomic_write
-from facade_manipulator.resources import STATE_FOLDER
+from facade_manipulator.resources import installed_versions, STATE_FOLDER
 
 DAY = 86_400.0  # s
 TIMEOUT = 60.0  # s, of a command
@@ -65,7 +64,7 @@ def _logs() -> Path:
 
 def _versions() -> str:
     return '\n'.join([platform.platform(), f'Python {platform.python_version()}', *sorted(
-        f'{one.name} {one.version}' for one in distributions())])
+        f'{name} {version}' for name, version in installed_versions().items())])
 
 
 def _journal(oldest: float) -> str:

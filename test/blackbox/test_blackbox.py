@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import errno
 from io import BytesIO
 import math
+from multiprocessing import Process
 import os
 from pathlib import Path
 import shutil
@@ -34,6 +35,7 @@ from facade_manipulator.blackbox import (
     write_mcap,
     write_recording,
 )
+from facade_manipulator.blackbox.recording import metadata_of
 from facade_manipulator.blackbox.shelf import RESERVE
 from facade_manipulator.blackbox.stream import OVERHEAD
 from facade_manipulator.errors import RecordError
@@ -46,7 +48,7 @@ ABOUT = {'black box': {'reasons': 'a test', 'namespace': '/'}}
 
 
 def stream(folder, memory=10**6, duration=1e9, disk=10**9):
-    return Stream(folder, 'g', TOPICS, duration, memory, disk)
+    return Stream(folder, 'g', duration, memory, disk)
 
 
 def read(path):
@@ -64,7 +66,7 @@ def test_a_file_of_segments_has_each_message_once_even_after_a_kill(batches, is_
             for step, topic, data in batch:
                 now += step
                 added.append((topic, data))
-                written.add(now, topic, data)
+                written.add(topic, [(now, data)])
             written.flush(ABOUT)
         path = Path(folder) / 'file.mcap'
         if is_killed:
@@ -81,7 +83,7 @@ def test_a_file_of_segments_has_each_message_once_even_after_a_kill(batches, is_
 def test_what_came_before_a_file_is_logged_at_its_begin_and_keeps_its_time(tmp_path):
     written, now = stream(tmp_path, duration=0.0), time.monotonic() + 8 * 3600.0
     for topic, age in (('a', 8 * 3600.0), ('b', 1.0)):
-        written.add(now - age, topic, b'\0')
+        written.add(topic, [(now - age, b'\0')])
         written.flush(ABOUT)
     path = tmp_path / 'file.mcap'
     write_recording(path, TOPICS, written.since(now - 60.0))
@@ -91,25 +93,36 @@ def test_what_came_before_a_file_is_logged_at_its_begin_and_keeps_its_time(tmp_p
     assert len(list(tmp_path.glob('.stream*/*.mcap'))) == 1
 
 
-def test_while_a_disk_takes_nothing_the_newest_stay_in_memory(tmp_path, monkeypatch):
-    written, folder = stream(tmp_path / 'file' / 'folder', 10 * OVERHEAD), tmp_path / 'file'
+def test_while_a_disk_takes_nothing_the_newest_stay_in_memory(tmp_path):
+    room = 9 * (OVERHEAD + 16)  # of which 14 say when and how much, and one is the topic's name
+    written, folder = stream(tmp_path / 'file' / 'folder', room), tmp_path / 'file'
     folder.write_text('')
     for number in range(30):
-        written.add(float(number), 'a', bytes([number]))
+        written.add('a', [(float(number), bytes([number]))])
         if number == 20:
             with pytest.raises(OSError):
                 written.flush(ABOUT)
-        assert written.size <= 10 * OVERHEAD
+        assert written.size <= room
     folder.unlink()
     written.flush(ABOUT)
-    assert [data[0] for *_, data in read(*written.since(0.0))] == list(range(21, 30))
+    write_recording(tmp_path / 'file.mcap', TOPICS, written.since(0.0))
+    assert [data[0] for *_, data in read(tmp_path / 'file.mcap')] == list(range(21, 30))
     assert (written.dropped, written.size) == (21, 0)
+
+
+def test_a_stream_of_another_version_becomes_a_file_without_the_topics_unknown_here(tmp_path):
+    written = stream(tmp_path)
+    for topic in ('a', 'renamed'):
+        written.add(topic, [(1.0, b'1')])
+    written.flush(ABOUT)
+    write_recording(tmp_path / 'file.mcap', TOPICS, written.since(0.0))
+    assert [topic for topic, *_ in read(tmp_path / 'file.mcap')] == ['a']
 
 
 def test_segments_take_no_more_of_the_disk_than_their_share(tmp_path):
     written = stream(tmp_path, disk=20_000)
     for number in range(30):
-        written.add(float(number), 'a', os.urandom(2000))
+        written.add('a', [(float(number), os.urandom(2000))])
         written.flush(ABOUT)
     assert 10_000 < sum(one.stat().st_size for one in written.since(0.0)) <= 20_000
 
@@ -220,20 +233,22 @@ def test_the_first_file_of_each_cause_outlasts_a_cause_that_repeats(tmp_path):
     assert len(list(tmp_path.iterdir())) == 9
 
 
-def test_gondolas_on_one_computer_and_two_of_one_name_keep_their_own_files(tmp_path):
-    pairs = [shelf(tmp_path, name) for name in ('gondola_1', 'gondola_2')]
-    paths = {write(0.0, fill(400_000)) for _ in range(2) for _, write in pairs}
-    assert all(path.exists() for path in paths) and len(paths) == 4
-    first, second = (Shelf(str(tmp_path), 10.0, 'a') for _ in range(2))
-    with monkeypatched(second, '_files', list):
-        assert first._reserve(0.0) != second._reserve(0.0)
+def test_gondolas_and_two_of_one_name_that_write_forty_times_at_once_keep_each_file(tmp_path):
+    names = ['gondola_1', 'gondola_2', 'gondola_2']
 
+    def race(number: int) -> None:
+        made = Shelf(str(tmp_path), 100.0, names[number])
+        for _ in range(40):
+            made.write(0.0, fill(10, names[number]), tmp_path / f'{number}.part')
 
-@contextmanager
-def monkeypatched(owner, name, value):
-    setattr(owner, name, value)
-    yield
-    delattr(owner, name)
+    racers = [Process(target=race, args=(number,)) for number in range(len(names))]
+    for one in racers:
+        one.start()
+    for one in racers:
+        one.join()
+    files = [(path, metadata_of(path)['black box']['reasons']) for path in tmp_path.iterdir()]
+    assert sorted(name for _, name in files) == sorted(names * 40)
+    assert all(name in path.name for path, name in files)
 
 
 def test_a_file_larger_than_the_bound_stays_until_the_next_one(tmp_path):
@@ -320,7 +335,7 @@ def test_segments_and_counters_outlast_it_and_what_is_not_synced_does_not(cut):
         counting.counters.hours = 108.0
         counting.close()
         streamed = stream(folder)
-        streamed.add(1.0, 'a', bytes(100))
+        streamed.add('a', [(1.0, bytes(100))])
         streamed.flush(ABOUT)
         (folder / 'not_synced').write_text('a')
         os.close(streamed._lock_file)  # as a process that ends

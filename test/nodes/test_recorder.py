@@ -20,7 +20,7 @@ from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from facade_manipulator.blackbox import DueFile
+from facade_manipulator.blackbox.recording import segment_messages
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.conversions import pose_stamped
@@ -144,7 +144,7 @@ def test_a_hold_is_a_reason_unless_it_was_before_the_recorder(machine):
     hold = DiagnosticStatus(values=[KeyValue(key='reason', value=HOLD)])
     goal_status.publish(hold)
     machine.ros.until(lambda: machine.recorder._knows_goal, 'the goal status')
-    assert not machine.recorder._trigger.due(math.inf)
+    assert not machine.recorder._black_box._trigger.due(math.inf)
     for status in (DiagnosticStatus(), hold):
         goal_status.publish(status)
     metadata, _ = read(machine.first_file())
@@ -179,18 +179,18 @@ def test_a_call_writes_a_file_and_says_where(machine):
 
 
 def test_while_a_disk_hangs_one_file_waits_and_no_more(machine, monkeypatch):
-    hangs, write = Event(), machine.recorder._shelf.write
-    monkeypatch.setattr('facade_manipulator.nodes.recorder.LONGEST_WRITE', 0.0)
-    monkeypatch.setattr(machine.recorder._shelf, 'write', lambda *arguments: (
+    hangs, write = Event(), machine.recorder._black_box._shelf.write
+    monkeypatch.setattr('facade_manipulator.blackbox.black_box.LONGEST_WRITE', 0.0)
+    monkeypatch.setattr(machine.recorder._black_box._shelf, 'write', lambda *arguments: (
         hangs.wait(20.0), write(*arguments))[1])
-    first = machine.recorder._record(DueFile(('the first',), 0.0))
+    first = machine.recorder._black_box.save('the first')
     reply = machine.ros.call(machine.node, Trigger, 'recorder/save')
     assert not reply.success and 'is still being written' in reply.message
     (status,) = machine.recorder._components()
     assert status.level == DiagnosticStatus.ERROR and 'does the disk hang?' in status.message
     machine.say('active')
     machine.say('stopped', DiagnosticStatus.ERROR, 'a fault')
-    machine.ros.until(lambda: machine.recorder._trigger.reasons, 'the stop')
+    machine.ros.until(lambda: machine.recorder._black_box._trigger.reasons, 'the stop')
     hangs.set()
     machine.ros.until(lambda: len(machine.files()) == 2, 'the file of the stop')
     assert first.done()
@@ -222,10 +222,8 @@ def test_what_a_recorder_that_was_killed_had_is_the_file_of_the_next(
     goals = node.create_publisher(PoseStamped, 'goal_pose', RELIABLE)
     ros.until(goals.get_subscription_count, 'the recorder')
     goals.publish(pose_stamped('facade', 14.0, GOAL))
-    ros.until(lambda: any(channel.topic == '/goal_pose'
-                          for path in tmp_path.glob('.stream*/*.mcap')
-                          for _, channel, _ in make_reader(path.open('rb')).iter_messages()),
-              'a segment', 60.0)
+    ros.until(lambda: any(one.topic == '/goal_pose' for path in tmp_path.glob('.stream*/*.mcap')
+                          for one in segment_messages(path, False)), 'a segment', 60.0)
     killed.kill()
     start_process(*arguments)
     path, = ros.until(lambda: [one for one in tmp_path.glob('*.mcap') if one.stat().st_size],

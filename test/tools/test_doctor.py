@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
@@ -60,8 +59,8 @@ def test_a_part_of_a_key_that_is_missing_is_named(tmp_path, monkeypatch):
     ('', 'thing is missing, not <2,>=1; next')])
 def test_a_package_of_another_version_is_named(monkeypatch, found, wrong):
     monkeypatch.setattr(doctor, 'requires', lambda _: ['thing>=1,<2', 'other; extra == "test"'])
-    thing = SimpleNamespace(metadata={'Name': 'Thing'}, version=found)
-    monkeypatch.setattr(doctor, 'distributions', lambda: [thing] if found else [])
+    monkeypatch.setattr(
+        doctor, 'installed_versions', lambda: {'Thing': found} if found else {})
     assert doctor.versions().partition(': install')[0] == wrong
 
 

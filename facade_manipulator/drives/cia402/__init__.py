@@ -27,6 +27,7 @@ from .plans import STOPPED_PHASES as STOPPED_PHASES
 from .profile import DriveProfile as DriveProfile
 from .profile import fitting_profile as fitting_profile
 from .profile import load_profile as load_profile
+from .profile import profile_path as profile_path
 from .profile import ProfileObject as ProfileObject
 from .profile import Quirks as Quirks
 from .settings import axis_defaults as axis_defaults

@@ -138,7 +138,7 @@ def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile
         There is no such file, or it is not a profile; the message names the file and the entry.
 
     """
-    path = _profile_path(name, directory)
+    path = profile_path(name, directory)
     try:
         return _parse(name, path, path.read_text(encoding='utf-8'))
     except FileNotFoundError:
@@ -150,7 +150,8 @@ def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile
         raise ParameterError(f'the drive profile {path} is not valid: {reason}') from None
 
 
-def _profile_path(name: str, directory: str | Path | None) -> Path:
+def profile_path(name: str, directory: str | Path | None = None) -> Path:
+    """Return where `load_profile` reads a profile."""
     if name.endswith('.yaml'):
         return Path(name)
     try:
