@@ -11,15 +11,15 @@ import time
 
 import can
 from commission_rig import SERIALS
-from drive_rig import SETTINGS, Source
+from drive_rig import SETTINGS
 import pytest
 from support import wait_until
 
 import facade_manipulator
 from facade_manipulator.drives.cia402.states import State
-from facade_manipulator.drives.controller.controller import DriveController
-from facade_manipulator.drives.controller.session import BusAccess, Session
-from facade_manipulator.drives.controller.targets import MechanismChecks
+from facade_manipulator.drives.controller import BusAccess
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.loop import assemble, LoopSetup
 from facade_manipulator.tools.commissioning import Machine
 from facade_manipulator.tools.commissioning.__main__ import main
 from facade_manipulator.tools.commissioning.operator import Operator
@@ -138,9 +138,8 @@ def test_the_document_makes_a_machine_that_homes_and_holds(rig, monkeypatch, cap
 
 
 def homes_and_holds(rig, axes) -> None:
-    controller = DriveController(Session(
-        SETTINGS, axes, BusAccess(lambda: can.Bus(interface='virtual', channel=rig.channel)),
-        MechanismChecks(Source())))
+    _, controller = assemble(LoopSetup(Geometry(), SETTINGS, axes), BusAccess(
+        lambda: can.Bus(interface='virtual', channel=rig.channel)))
     try:
         for name in ('configure', 'home', 'activate'):
             controller.request(name).result(60.0)
