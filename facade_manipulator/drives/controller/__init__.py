@@ -7,11 +7,12 @@ requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for
 
 from .commissioning import Finding as Finding
 from .configuration import check_identity as check_identity
+from .configuration import compare_objects as compare_objects
 from .configuration import drive_writes as drive_writes
 from .configuration import object_writes as object_writes
 from .configuration import read_identity as read_identity
 from .configuration import unit_conflicts as unit_conflicts
-from .configuration import write_objects as write_objects
+from .configuration import write_drive as write_drive
 from .controller import DriveController as DriveController
 from .cycle import CycleClock as CycleClock
 from .cycle import CycleStatistics as CycleStatistics
@@ -19,6 +20,7 @@ from .cycle import LATE_WINDOW as LATE_WINDOW
 from .cycle import LATENESS_BOUNDS as LATENESS_BOUNDS
 from .exchange import CyclicExchange as CyclicExchange
 from .monitor import AxisMonitor as AxisMonitor
+from .monitor import require_dead_master_stop as require_dead_master_stop
 from .realtime import describe_scheduling as describe_scheduling
 from .realtime import request_realtime as request_realtime
 from .session import BusAccess as BusAccess

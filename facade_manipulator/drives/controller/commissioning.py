@@ -42,10 +42,9 @@ from facade_manipulator.drives.controller.configuration import (
     drive_writes,
     Identity,
     read_identity,
-    stops_without_master,
     verify_objects,
     verify_units,
-    write_objects,
+    write_drive,
 )
 from facade_manipulator.drives.controller.monitor import (
     AxisMonitor,
@@ -354,9 +353,8 @@ class Commissioning:
         return found
 
     def _write(self, drive: Drive) -> list[str]:
-        notes = write_objects(drive.objects, self._writes(drive))
-        verify_units(drive.objects, drive.monitor.axis)
-        drive.monitor.stops_without_master = stops_without_master(drive.objects, drive.profile)
+        notes, drive.monitor.stops_without_master = write_drive(
+            drive.objects, drive.profile, drive.monitor.axis, self._settings)
         if drive.monitor.serial_number and not drive.monitor.axis.serial_number:
             notes.append(
                 f'{drive.monitor.title} accepts any drive: set its serial_number, now '

@@ -232,6 +232,20 @@ def write_objects(drive: SdoChannel, writes: list[Write]) -> list[str]:
     return [f'{drive.name} has no object {write}, which is optional' for write in skipped]
 
 
+def write_drive(
+    drive: SdoChannel, profile: DriveProfile, axis: AxisSettings, settings: ControllerSettings
+) -> tuple[list[str], bool]:
+    """
+    Write all objects of a drive, and verify its units.
+
+    Returns what was skipped, and whether the drive stops when this computer falls silent; raises
+    what `write_objects` and `verify_units` do.
+    """
+    notes = write_objects(drive, drive_writes(profile, axis, settings))
+    verify_units(drive, axis)
+    return notes, stops_without_master(drive, profile)
+
+
 def verify_objects(
     drive: SdoChannel, writes: list[Write],
     rejections: Mapping[tuple[int, int], str] = MappingProxyType({}),
@@ -283,6 +297,13 @@ def verify_units(drive: SdoChannel, axis: AxisSettings) -> None:
 
 def unit_conflicts(drive: SdoChannel, axis: AxisSettings) -> Iterator[str]:
     """Yield what `verify_units` rejects: object, value, what is expected, and what to do."""
+    velocity, acceleration = (_read_optional(drive, index, 0) for index in (0x60A9, 0x60AA))
+    for name, one in VELOCITY_UNITS.items():
+        if acceleration == one.acceleration and velocity not in (None, 0, one.velocity):
+            yield (f'it states velocities (60A9h:00 = {velocity:08X}h) in another unit than '
+                   f'accelerations (60AAh:00 = {acceleration:08X}h, {name} per second): set 60A9h '
+                   f'to {one.velocity:08X}h in the drive')
+            return
     unit = VELOCITY_UNITS[axis.velocity_unit]
     for index, expected, name in (
             (0x60A8, COUNTS, 'counts'), (0x60A9, unit.velocity, axis.velocity_unit),

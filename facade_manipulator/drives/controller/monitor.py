@@ -9,6 +9,8 @@ Times are on the monotonic clock [s]. What was never received is None.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 from facade_manipulator.drives.canopen import (
     decode_emergency,
     describe,
@@ -294,3 +296,15 @@ class AxisMonitor:
         if self._supervised_since is None:
             return None
         return Cause(message, axis=self.name, **details)
+
+
+def require_dead_master_stop(
+    request: str, monitors: Iterable[AxisMonitor], settings: ControllerSettings
+) -> None:
+    """Raise a DriveStateError if a drive that is to have power would outlive its master."""
+    unstopped = [one.title for one in monitors if not one.stops_without_master]
+    if unstopped and not settings.give_up_dead_master_stop:
+        raise DriveStateError(
+            f'{request} is not possible: {" and ".join(unstopped)} would move on if this '
+            'computer fell silent (no 1016h, or no reaction such as 6007h): correct the '
+            'profile, or set give_up_dead_master_stop and stop them by other means')

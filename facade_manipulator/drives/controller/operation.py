@@ -9,6 +9,7 @@ from typing import Any, ClassVar, TypeVar
 from facade_manipulator.drives.cia402 import Group, Phase
 from facade_manipulator.drives.controller.commissioning import Commissioning
 from facade_manipulator.drives.controller.exchange import CyclicExchange
+from facade_manipulator.drives.controller.monitor import require_dead_master_stop
 from facade_manipulator.drives.controller.session import Session
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
@@ -120,12 +121,7 @@ class Operation:
             Power is forbidden, or would stay on without this computer.
 
         """
-        unstopped = [one.title for one in self.session.monitors if not one.stops_without_master]
-        if unstopped and not self.session.settings.give_up_dead_master_stop:
-            raise DriveStateError(
-                f'{self.name} is not possible: {" and ".join(unstopped)} would move on if this '
-                'computer fell silent (no 1016h, or no reaction such as 6007h): correct the '
-                'profile, or set give_up_dead_master_stop and stop them by other means')
+        require_dead_master_stop(self.name, self.session.monitors, self.session.settings)
         if self.session.forbidden:
             raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}; '
                                   'wait until whoever set it takes it back')

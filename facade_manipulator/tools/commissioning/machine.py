@@ -68,9 +68,9 @@ class Machine:
         return replace(self._read('bus', BusSettings), **given)
 
     @property
-    def drive_lag(self) -> float:
-        """Lag of the drives [s] by the file; raises a ParameterError."""
-        return self._read('controller', ControllerSettings).drive_lag
+    def controller(self) -> ControllerSettings:
+        """How the driver is to control the drives; raises a ParameterError."""
+        return self._read('controller', ControllerSettings)
 
     @property
     def service(self) -> ServiceSettings:

@@ -38,8 +38,8 @@ from facade_manipulator.drives.controller import (
     ControllerState,
     CycleClock,
     CyclicExchange,
-    drive_writes,
-    write_objects,
+    require_dead_master_stop,
+    write_drive,
 )
 from facade_manipulator.errors import BusError, CommissioningError
 from facade_manipulator.tools.commissioning.bus import ToolBus
@@ -167,15 +167,18 @@ class Motion:
         How far a carriage may go from its start [m].
     speed : float
         The fastest of what is to come [m/s].
+    settings : ControllerSettings
+        Of this machine: whether the dead-master stop is given up.
 
     """
 
     def __init__(
         self, bus: ToolBus, axes: dict[str, AxisSettings], name: str, window: float,
-        speed: float = MAX_SPEED,
+        speed: float = MAX_SPEED, settings: ControllerSettings = SETTINGS,
     ) -> None:
         self._bus = bus
         self._speed = speed
+        self._settings = settings
         self.window = min(window, MAX_WINDOW)
         self._carriages = tuple(_Carriage(*item) for item in axes.items())
         self._watched = self._carriages[list(axes).index(name)]
@@ -189,6 +192,7 @@ class Motion:
         try:
             for carriage in self._carriages:
                 self._configure(carriage)
+            require_dead_master_stop('moving', self._carriages, self._settings)
             self._exchange = CyclicExchange(
                 self._bus.hand_over(), self._carriages, SETTINGS, self._targets)
             self._exchange.transmits = True
@@ -216,7 +220,7 @@ class Motion:
         self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, node_id)
         here = carriage.axis.to_metres(drive.read_number(POSITION, signed=True))
         limited = carriage.limited(here, self.window, self._speed)
-        write_objects(drive, drive_writes(profile, limited, _OF_DRIVES))
+        _, carriage.stops_without_master = write_drive(drive, profile, limited, _OF_DRIVES)
         self._bus.start(node_id)
 
     def _run_until(self, phase: Phase) -> None:

@@ -76,8 +76,9 @@ def powered(context: Context, name: str, action: str) -> Iterator[Motion]:
         f'{" and ".join(moved)} are reset, powered and moved: {action}, at most '
         f'{_MM * speed:g} mm/s and {_MM * window:g} mm from where they stand. Keep clear, and '
         'keep the emergency stop in your hand.')
+    controller = context.machine.controller
     with context.bus() as bus, ended_by_signals(), Motion(
-            bus, moved, name, window, max(speed, MAX_SPEED)) as motion:
+            bus, moved, name, window, max(speed, MAX_SPEED), controller) as motion:
         yield motion
 
 

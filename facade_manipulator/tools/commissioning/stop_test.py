@@ -76,7 +76,7 @@ def run_stop_test(context: Context) -> int:
         raise CommissioningError(
             f'--window {_MM * window:.0f} mm is less than the {_MM * needed:.0f} mm that '
             f'{_MM * speed:g} mm/s need: move slower, or more room')
-    lag = machine.drive_lag
+    lag = machine.controller.drive_lag
     decelerations = [machine.axis(name).stop_deceleration for name in AXIS_NAMES]
     found: dict[StopWay, tuple[Way, ...]] = {}
     for number, way in enumerate(StopWay):

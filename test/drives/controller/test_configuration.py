@@ -263,6 +263,8 @@ def test_the_pdo_map_is_written_to_a_drive_and_read_back(drive):
     ({(0x60A8, 0): 0x00B50000, (0x60A9, 0): 0x00B44700, (0x60AA, 0): 0x00C00300}, None),
     ({(0x60A8, 0): 0xFA010000}, 'unit 60A8h:00 = FA010000h, expected 00B50000h'),
     ({(0x60A9, 0): 0xFDB44700}, r'60A9h:00 = FDB44700h, expected 00B44700h \(rpm\)'),
+    ({(0x60A9, 0): 0xFDB44700, (0x60AA, 0): 0x00C00300},
+     r'60AAh:00 = 00C00300h, rpm per second\): set 60A9h to 00B44700h in the drive'),
     ({(0x60AA, 0): 0xFDC00300}, '60AAh:00 = FDC00300h, expected 00C00300h'),
     ({(0x607E, 0): 0x80}, 'polarity 607Eh:00 = 80h, expected 00h'),
     ({(0x607E, 0): 0x3F}, None),

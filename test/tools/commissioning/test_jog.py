@@ -11,11 +11,14 @@ import can
 from commission_rig import CommissionRig
 import pytest
 from support import wait_until
+import yaml
 
 from facade_manipulator.drives.canopen import NMT_TRANSITIONS, NmtCommand, NmtState
 from facade_manipulator.drives.cia402 import AxisSettings
 from facade_manipulator.drives.cia402.states import POWERED_STATES
 from facade_manipulator.errors import CommissioningError
+from facade_manipulator.resources import config_path
+from facade_manipulator.tools.commissioning import Machine
 from facade_manipulator.tools.commissioning.motion import MAX_SPEED, Motion, Ramp
 
 STOP_TIME = 0.16
@@ -226,6 +229,22 @@ def test_a_drive_that_does_not_become_operational_is_not_powered(rig, hand, caps
     monkeypatch.setitem(NMT_TRANSITIONS, NmtCommand.START, NmtState.PRE_OPERATIONAL)
     assert rig.run('jog', 'q1', '--links', 'uncoupled') == 1
     assert 'node 1 did not confirm by its heartbeat' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('given_up', [False, True])
+def test_a_drive_that_would_outlive_this_computer_moves_only_where_that_is_given_up(
+        rig, hand, capsys, given_up):
+    data = yaml.safe_load(config_path('drives/simulated.yaml').read_text())
+    data['objects'] = [one for one in data['objects'] if one['index'] != 0x1016]
+    profile = rig.folder / 'no_stop.yaml'
+    profile.write_text(yaml.safe_dump(data | {'eds': str(config_path('drives/cia402.eds'))}))
+    rig.configured(profile=str(profile))
+    Machine(rig.parameters).write({'controller': {'give_up_dead_master_stop': given_up}})
+    os.write(hand.write, b'q')
+    assert rig.run('jog', 'q1', '--links', 'uncoupled') == (0 if given_up else 1)
+    said = capsys.readouterr().err
+    assert given_up or 'moving is not possible: q1 would move on' in said
+    assert rig.drives[0].state not in POWERED_STATES
 
 
 @pytest.mark.parametrize(('displacement', 'message'), [

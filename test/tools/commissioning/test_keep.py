@@ -215,7 +215,7 @@ SINGLE = 'DataType=0x0005\nAccessType=rw\nDefaultValue=0\n'
        f'[60C2sub1]\nParameterName=x\nObjectType=0x7\nLowLimit=1\nHighLimit=1\n{SINGLE}')],
      '60C2h:01 takes 1 to 1, not 10 (interpolation_period)'),
     ([('[6085]', '[6085]\nHighLimit=1000')], '6085h:00 takes 0 to 1000, not 2580000'),
-    ([('[6041]', '[2041]')], 'no TPDO carries object 6041'),
+    ([('[6041]', '[2041]')], 'TPDO1 cannot carry object 6041h'),
 ])
 def test_a_drive_that_cannot_be_used_is_said_to_be_so_and_nothing_is_written(
         rig, tmp_path, capsys, changes, reason):
@@ -233,6 +233,34 @@ def test_what_a_drive_lacks_is_a_doubt_or_optional(tmp_path):
     assert found.reservations == ['object 6065h:00 for following_error_window is missing',
                             'TPDO2 cannot carry object 60F4h']
     assert found.without == ['object 60C5h:00 for max_acceleration is missing']
+
+
+def test_a_file_of_one_drive_says_what_it_homes_by(tmp_path):
+    path = spoiled(tmp_path, ('[6098]', """[60E3]
+ParameterName=Homing methods
+ObjectType=0x8
+SubNumber=3
+[60E3sub0]
+ParameterName=n
+ObjectType=0x7
+DataType=0x0005
+AccessType=ro
+DefaultValue=2
+[60E3sub1]
+ParameterName=first
+ObjectType=0x7
+DataType=0x0002
+AccessType=ro
+DefaultValue=0
+ParameterValue=-3
+[60E3sub2]
+ParameterName=second
+ObjectType=0x7
+DataType=0x0002
+AccessType=ro
+ParameterValue=37
+[6098]"""))
+    assert 'homing_methods: [-3, 37]\n' in draft(path, DEFAULT_AXES).text
 
 
 def test_a_careless_file_is_read(tmp_path):
@@ -268,5 +296,5 @@ def test_a_drive_is_held_against_its_profile_and_every_difference_listed(make_ri
     rig = make_rig('--missing-objects', '0x6085', '0x1A01').configured()
     assert rig.run('profile', '--check', 'q2') == 1
     said = capsys.readouterr().out
-    assert '6085h:00 cannot be read' in said and '1A01h:00 cannot be read' in said
-    assert said.count('!') == 2
+    for label in ('6085h:00', '1A01h:00'):
+        assert said.count(f'! q2: q2 (node 2) rejects object {label}: object does not exist') == 1
