@@ -22,6 +22,7 @@ from facade_manipulator.tools.commissioning.bus import (
     BOOT_TIMEOUT,
     NODE_IDS,
     number_or_none,
+    stating,
     ToolBus,
 )
 from facade_manipulator.tools.commissioning.context import Context
@@ -255,7 +256,7 @@ def assign_all(
     """
     given: dict[str, Found] = {}
     spare = (number for number in reversed(NODE_IDS) if number not in node_ids.values())
-    try:
+    with stating(lambda: _state(given, node_ids)):
         for found in assignment.find(spare):
             axis = axis_of(found)
             if axis in given:
@@ -263,9 +264,6 @@ def assign_all(
             if axis:
                 assignment.give(node_ids[axis], found)
                 given[axis] = found
-    except (CommissioningError, KeyboardInterrupt) as error:
-        cause = str(error) or 'stopped by Ctrl-C'
-        raise CommissioningError(f'{cause}. {_state(given, node_ids)}') from error
     missing = node_ids.keys() - given.keys()
     if missing:
         raise CommissioningError(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 import threading
 import time
@@ -23,7 +23,14 @@ from facade_manipulator.drives.canopen import (
     PumpedNetwork,
     SdoChannel,
 )
-from facade_manipulator.errors import BusError, DriveError, DriveStateError, DriveTimeoutError
+from facade_manipulator.errors import (
+    BusError,
+    CommissioningError,
+    DriveError,
+    DriveStateError,
+    DriveTimeoutError,
+    ManipulatorError,
+)
 
 LISTENING_TIME = 0.6  # s: the longest period of a driver's heartbeat, and something
 BOOT_TIMEOUT = 5.0  # s
@@ -149,6 +156,16 @@ class ToolBus:
                 raise DriveStateError(
                     f'a driver runs on this bus, {self.frames}, or another tool: {what} was '
                     'received, and two masters must not command one drive; end it, then try again')
+
+
+@contextmanager
+def stating(state: Callable[[], str]) -> Iterator[None]:
+    """Add in which state the drives are to what ends something, Ctrl-C too."""
+    try:
+        yield
+    except (ManipulatorError, KeyboardInterrupt) as error:
+        raise CommissioningError(
+            f'{str(error) or "stopped by Ctrl-C"}. {state()}') from error
 
 
 def number_or_none(drive: SdoChannel, index: int, subindex: int = 0) -> int | None:

@@ -26,9 +26,9 @@ from facade_manipulator.drives.canopen import (
     SdoChannel,
     variables,
 )
-from facade_manipulator.errors import CommissioningError, DriveError, file_errors, ParameterError
+from facade_manipulator.errors import CommissioningError, file_errors, ParameterError
 from facade_manipulator.files import atomic_write
-from facade_manipulator.tools.commissioning.bus import STORING, ToolBus
+from facade_manipulator.tools.commissioning.bus import stating, STORING, ToolBus
 
 Key = tuple[int, int]
 IDENTITY = tuple((0x1018, subindex) for subindex in (1, 2, 3, 4))
@@ -178,21 +178,18 @@ def restore(
         difference.key: wanted.value(difference.key, drive.node_id)
         for difference in compare(wanted, present, of_place)
         if difference.here is not None and difference.there is not None}
-    done = 0
-    try:
+    done: dict[str, None] = {}  # labels, in order
+    with stating(lambda: (
+            f'Written to {drive.name}: {", ".join(done) or "nothing"}. Nothing is stored: it has '
+            'its old values again after its power was off and on')):
         for key, value in _in_order(changes, wanted, drive.node_id):
+            done[label(key)] = None
             drive.write(*key, encoded(wanted.variable(key), value, present.sizes.get(key)))
-            done += 1
         for key, value in changes.items():
             found = decoded(wanted.variable(key), drive.read(*key))
             if found != value:
                 raise CommissioningError(
                     f'{drive.name}: {label(key)} reads back as {found} instead of {value}')
-    except (DriveError, CommissioningError, KeyboardInterrupt) as error:
-        raise CommissioningError(
-            f'{str(error) or "stopped by Ctrl-C"}. {done} objects of {drive.name} were written '
-            'and nothing is stored: it has its old values again after its power was off and on'
-        ) from error
     return len(changes)
 
 
@@ -227,19 +224,15 @@ def store(bus: ToolBus, node_id: int, name: str) -> None:
 
     Raises a CommissioningError that says what may be in it now, if it does not.
     """
-    drive = bus.objects(node_id, name, patience=STORING)
-    try:
-        drive.write(0x1010, 1, _SAVE.to_bytes(4, 'little'))
-    except SdoAbortError as error:
-        raise CommissioningError(
-            f'{error}: {name} has stored nothing, the new values last until its power is off'
-        ) from error
-    except (DriveError, KeyboardInterrupt) as error:
-        raise CommissioningError(
-            f'{name} stopped answering while it stored: what it holds now is not known. Switch '
-            f'its power off and on, then commission compare {name} with its backup and restore '
-            'it') from error
-    bus.reset(node_id)
+    with stating(lambda: (
+            f'What {name} holds now is not known: switch its power off and on, then commission '
+            f'compare {name} with its backup, and restore it')):
+        try:
+            bus.objects(node_id, name, patience=STORING).write(
+                0x1010, 1, _SAVE.to_bytes(4, 'little'))
+        except SdoAbortError as error:
+            raise CommissioningError(f'{error}: {name} has stored nothing') from error
+        bus.reset(node_id)
 
 
 def label(key: Key) -> str:

@@ -10,7 +10,7 @@ from facade_manipulator.drives.canopen import SdoChannel, variables
 from facade_manipulator.drives.cia402 import AXIS_NAMES, decode_state, load_profile, POWERED_STATES
 from facade_manipulator.errors import CommissioningError, file_errors
 from facade_manipulator.resources import config_path
-from facade_manipulator.tools.commissioning.bus import number_or_none, ToolBus
+from facade_manipulator.tools.commissioning.bus import number_or_none, stating, ToolBus
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.drive_objects import (
     compare,
@@ -195,7 +195,9 @@ def run_restore(context: Context) -> None:
                        'reset. It must have no power on its motor. Nothing moves.')
         count = restore(bus.objects(node_id, name), wanted, present, of_place)
         store(bus, node_id, name)
-        remaining = compare(wanted, _of_drive(context, bus, name), of_place)
+        with stating(lambda: f'{name} has stored what was written: commission compare {name} '
+                     f'{context.options.file} says whether all of it'):
+            remaining = compare(wanted, _of_drive(context, bus, name), of_place)
     lost = [label(one.key) for one in remaining if None not in (one.here, one.there)]
     if lost:
         raise CommissioningError(

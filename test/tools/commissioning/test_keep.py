@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import _thread
 import re
+import time
 
+from canopen import SdoAbortedError
 import pytest
 import yaml
 
 from facade_manipulator import config_path
 from facade_manipulator.drives.cia402 import DEFAULT_AXES
 from facade_manipulator.drives.cia402.profile import load_profile
+from facade_manipulator.tools.commissioning import keep
 from facade_manipulator.tools.commissioning.drive_profile import draft
 
 EDS = config_path('drives/cia402.eds')
@@ -112,26 +116,44 @@ def test_a_powered_drive_is_left_alone(rig, capsys, command):
     assert rig.is_enabled()
 
 
-def test_power_lost_while_storing_says_what_is_known(rig, capsys):
+def aborted(*_):
+    raise SdoAbortedError(0x06090030)
+
+
+def ctrl_c(*_):
+    raise KeyboardInterrupt
+
+
+def interrupted(*_):
+    _thread.interrupt_main()
+    time.sleep(0.2)
+
+
+@pytest.mark.parametrize(('key', 'act', 'reason'), [
+    (RAMP, aborted, 'Written to q1: 6083h:00, 6084h:00. Nothing is stored: it has its old'),
+    (RAMP, interrupted, 'Ctrl-C. Written to q1: 6083h:00, 6084h:00. Nothing is stored'),
+    ((0x1010, 1), aborted, 'q1 has stored nothing'),
+    ((0x1010, 1), interrupted, 'Ctrl-C. What q1 holds now is not known: switch its power off'),
+    ((0x1010, 1), None, 'bit rate. What q1 holds now is not known'),
+])
+def test_what_ends_a_restore_says_what_is_written_and_what_to_do(rig, capsys, key, act, reason):
+    change(rig, 0, (0x6083, 0), 5)
     rig.run('backup', 'q1')
     change(rig, 0, RAMP, 77)
-    rig.drives[0].objects.writers[0x1010, 1] = lambda _: rig.drives[0].reboot()
+    change(rig, 0, (0x6083, 0), 77)
+    rig.drives[0].objects.writers[key] = act or (lambda _: rig.drives[0].reboot())
     assert rig.run('restore', 'q1', str(rig.folder / 'machine.q1.dcf')) == 1
-    assert 'stopped answering while it stored' in capsys.readouterr().err
+    assert reason in capsys.readouterr().err
 
 
-def test_a_rejected_write_says_that_nothing_is_stored(rig, capsys, monkeypatch):
+def test_ctrl_c_after_the_store_says_that_it_is_stored(rig, capsys, monkeypatch):
     rig.run('backup', 'q1')
     change(rig, 0, RAMP, 77)
-
-    def reject(value):
-        from canopen import SdoAbortedError
-        raise SdoAbortedError(0x06090030)
-
-    rig.drives[0].objects.writers[RAMP] = reject
-    assert rig.run('restore', 'q1', str(rig.folder / 'machine.q1.dcf')) == 1
-    said = capsys.readouterr().err
-    assert '6084h:00' in said and 'nothing is stored' in said
+    monkeypatch.setattr(keep, 'store', lambda *_: monkeypatch.setattr(keep, '_of_drive', ctrl_c))
+    dcf = str(rig.folder / 'machine.q1.dcf')
+    assert rig.run('restore', 'q1', dcf) == 1
+    assert f'Ctrl-C. q1 has stored what was written: commission compare q1 {dcf}' in (
+        capsys.readouterr().err)
 
 
 def test_a_drive_that_stops_answering_says_so(rig, capsys):
