@@ -12,7 +12,7 @@ from functools import partial
 import math
 from typing import Any, NamedTuple
 
-from facade_manipulator.compensation.contact import Contact, LateralSettings, StampDelay
+from facade_manipulator.compensation.contact import Contact, LateralSettings
 from facade_manipulator.compensation.correction import (
     Blend,
     Correction,
@@ -49,7 +49,7 @@ from facade_manipulator.kinematics import (
     ZERO_POSE,
     ZERO_TWIST,
 )
-from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings, Triple
+from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction import EstimateGate, EstimateSettings, PredictionSettings
 
@@ -136,7 +136,6 @@ class Compensator:
         self.initialisations = 0
         self._suspension = settings.suspension
         self._strokes = StrokeWatch()
-        self._stamp_delay = StampDelay()
         self.gate = EstimateGate(settings.estimate)
         self._reference = ReferencePath(settings.reference)
         self._workspace_limit = WorkspaceLimit(geometry, settings.workspace_limit)
@@ -187,7 +186,6 @@ class Compensator:
     def _change_estimate(self, settings: EstimateSettings) -> None:
         if self.gate.change_settings(settings):
             self.correction.learn_again()
-            self._stamp_delay.begin()
 
     def _change_workspace_limit(self, settings: WorkspaceLimitSettings) -> None:
         limit, last = WorkspaceLimit(self.geometry, settings), self._last
@@ -271,37 +269,6 @@ class Compensator:
         """
         self.correction.add_estimate(self.gate.check(now, stamp, pose, variances, tilt))
 
-    def add_lateral_offset(self, now: float, stamp: float, offset: float) -> None:
-        """
-        Learn from where the head should be, from it along the wall [m], at a stamp [s].
-
-        Raises
-        ------
-        InputError
-            As `Contact.add_lateral_offset`.
-
-        """
-        self.contact.add_lateral_offset(now, stamp, offset)
-        if self._last is None or not self.correction.is_complete or any(
-                map(any, (self._last.saturation_error, self._last.tracking_error))):
-            return  # the head is off for another reason
-        (_, y, _), (vx, _, rate) = self.correction.motion(stamp)
-        self._stamp_delay.add(stamp, -(offset + self.contact.present.x),
-                              vx - rate * (self._last.reference.y - y))
-
-    @property
-    def stamp_delay(self) -> tuple[float, float] | None:
-        """Return which `estimate.delay` the slip shows, and its standard deviation [s]."""
-        found = self._stamp_delay.found
-        return found and (self.gate.settings.delay + found[0], found[1])
-
-    @property
-    def sway_energy(self) -> Triple | None:
-        """Energy of the gondola's swing in x, y and yaw [J], None if its mass is not known."""
-        if self._suspension.mass == 0.0:
-            return None
-        return self._suspension.energy(self.contact.pressing.sway.swing)
-
     @property
     def obstacle(self) -> str:
         """Why goal or strokes are too much for the gondola to press at; empty if they are not."""
@@ -351,7 +318,7 @@ class Compensator:
             shifted, self.contact.yaw = reference, reference.theta
         else:
             shifted = self.contact.shift(
-                now, time, interval, reference, self._surroundings(reference, rail))
+                now, time, interval, reference, self._surroundings(reference, rail.position))
         disturbance = rail.position
         wanted = relative(disturbance, shifted)
         tracked = self._tracker.step(time, wanted)
@@ -364,7 +331,7 @@ class Compensator:
             time, pose, reference, shifted, disturbance, inside.saturation_error,
             subtract(wanted, tracked))
 
-    def _surroundings(self, reference: Pose, rail: MotionState) -> Surroundings:
+    def _surroundings(self, reference: Pose, rail: Pose) -> Surroundings:
         """Return what pressing depends on; a wall is forgotten whose frame is another one."""
         correction, last = self.correction, self._last
         if (correction.nominal, correction.is_blind) != self._frame:

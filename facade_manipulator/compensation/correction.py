@@ -31,7 +31,6 @@ from facade_manipulator.prediction import (
 
 QUICKEST = 1e-3  # s, least time constant: no division by 0 where nothing remains
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
-FADED = 1e-4  # m or rad, of a remainder that counts no more
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
 EVALUATION_HORIZON = 0.12  # s ahead, for which the prediction's standard deviation is published
@@ -271,12 +270,6 @@ class Correction:
     def is_blind(self) -> bool:
         """Whether nobody knows where on the wall the head is."""
         return self.mode in (CorrectionMode.DISABLED, CorrectionMode.NO_ESTIMATE)
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether the whole prediction is corrected: nothing fades in any more."""
-        return self.mode is CorrectionMode.ACTIVE and self._time is not None and max(
-            map(abs, self._fade.at(self._time).position)) < FADED
 
     def motion(self, time: float) -> MotionState:
         """Return the rail's motion at a time [s] by the estimates, of which there must be some."""

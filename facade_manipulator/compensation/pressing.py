@@ -30,7 +30,7 @@ from facade_manipulator.compensation.impedance import (
 )
 from facade_manipulator.compensation.sensor_zero import CreepWatch, MOST_DRIFT, SensorZero
 from facade_manipulator.compensation.suspension import SwayWatch
-from facade_manipulator.kinematics import MotionState, Pose, ZERO_POSE, ZERO_STATE
+from facade_manipulator.kinematics import Pose, ZERO_POSE
 
 FIRST_SHARE = 0.1  # of the desired force, with which the ramp begins
 TOUCH = 1.5  # N, three times a sensor's usual noise
@@ -64,7 +64,7 @@ class Surroundings(NamedTuple):
 
     place: float = 0.0  #: where the head should be without its offset, y in frame facade [m]
     saturation_error: Pose = ZERO_POSE  #: by how much each axis is held back at the workspace
-    rail: MotionState = ZERO_STATE  #: disturbance of the gondola
+    rail: Pose = ZERO_POSE  #: disturbance of the gondola
     silence: str = ''  #: why the disturbance is not corrected though it should be
     held_back: str = ''  #: what holds the head back in y
 

@@ -7,7 +7,7 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.compensation.impedance import ImpedanceSettings
-from facade_manipulator.kinematics import Geometry, MotionState, Pose, ZERO_STATE
+from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.motion import Triple
 from facade_manipulator.parameters import parameter, settings
 
@@ -94,13 +94,6 @@ class SuspensionSettings:
     def yaw(self, force: float, x: float) -> float:
         """Return how far a force [N] at a place x [m] along the rail turns the gondola [rad]."""
         return force * abs(x) / self.stiffness[2]
-
-    def energy(self, swing: MotionState) -> Triple:
-        """Return the energy of a swing about the rest in x, y and yaw [J]."""
-        x, y, yaw = (
-            0.5 * (k * position ** 2 + m * velocity ** 2) for k, m, position, velocity in zip(
-                self.stiffness, self.inertia, *swing, strict=True))
-        return x, y, yaw
 
 
 def _harmonics(ratio: float) -> float:
@@ -202,26 +195,22 @@ class SwayWatch:
         How far it has swayed lately along the wall [m], towards it [m] and in yaw [rad].
     push_back : float
         By how much it is further off the wall than before the touch [m].
-    swing : MotionState
-        Its motion about its mean distance of the wall.
 
     """
 
     def __init__(self) -> None:
         self.envelope = Pose(0.0, 0.0, 0.0)
         self.push_back = 0.0
-        self.swing = ZERO_STATE
         self._distance = self._distance_before = 0.0
 
-    def note(self, interval: float, rail: MotionState, in_contact: bool) -> None:
+    def note(self, interval: float, rail: Pose, in_contact: bool) -> None:
         """Note the disturbance an interval [s] after the one before."""
         decay = math.exp(-interval / ENVELOPE_TIME)
-        place = rail.position
-        self._distance += (1.0 - decay) * (place.y - self._distance)
-        self.swing = MotionState(place._replace(y=place.y - self._distance), rail.velocity)
+        self._distance += (1.0 - decay) * (rail.y - self._distance)
+        swing = rail._replace(y=rail.y - self._distance)
         self.envelope = Pose(*(
             max(abs(now), decay * before)
-            for now, before in zip(self.swing.position, self.envelope, strict=True)))
+            for now, before in zip(swing, self.envelope, strict=True)))
         if not in_contact:
             self._distance_before = self._distance
         self.push_back = self._distance_before - self._distance

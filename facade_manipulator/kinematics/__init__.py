@@ -23,13 +23,11 @@ from .inverse import inverse_kinematics as inverse_kinematics
 from .inverse import links as links
 from .inverse import MIN_CONDITIONING as MIN_CONDITIONING
 from .inverse import squared_index as squared_index
-from .inverse import WorkingMode as WorkingMode
 from .jacobian import check_characteristic_length as check_characteristic_length
 from .jacobian import end_effector_force as end_effector_force
 from .jacobian import jacobian as jacobian
 from .jacobian import local_conditioning_index as local_conditioning_index
 from .jacobian import parallel_singularity as parallel_singularity
-from .jacobian import platform_velocity as platform_velocity
 from .linkage import JointPoints as JointPoints
 from .linkage import joints as joints
 from .linkage import Point as Point

@@ -35,7 +35,6 @@ from facade_manipulator.kinematics.inverse import (
     MIN_CONDITIONING,
     squared_index,
     take_up,
-    WorkingMode,
 )
 from facade_manipulator.kinematics.planar import compose, invert, relative
 
@@ -68,21 +67,14 @@ class CalibratedMechanism:
         return Carriages(*(
             screw.actual(q) for screw, q in zip(self._screws, carriages, strict=True)))
 
-    def inverse_kinematics(
-        self, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
-    ) -> Carriages:
+    def inverse_kinematics(self, pose: Pose) -> Carriages:
         """Carriage positions of a pose, as the drives count them [m]."""
         platform = self._platform_of(pose)
-        return self._driven(platform.x, self._links(platform, working_mode))
+        return self._driven(platform.x, self._links(platform))
 
     def forward_kinematics(self, carriages: Carriages) -> Pose:
         """Pose of the head."""
         return self.head(self._assembled(self._checked_on_rail(carriages)))
-
-    def assembly_modes(self, carriages: Carriages) -> list[Pose]:
-        """All real poses of the head, the platform's y descending."""
-        q1, q2, q3 = self._checked_on_rail(carriages)
-        return [self.head(Pose(q3, *mode)) for mode in modes(self._lengths, q1 - q3, q2 - q3)]
 
     def jacobian(self, pose: Pose) -> np.ndarray:
         """Jacobian from rates of the head to carriage rates, shape (3, 3)."""
@@ -91,7 +83,7 @@ class CalibratedMechanism:
     def carriage_velocity(self, pose: Pose, velocity: Twist) -> Carriages:
         """Carriage velocities of a velocity of the head [m/s]."""
         platform = self._platform_of(pose)
-        at = self._links(platform, WorkingMode.PLUS_MINUS)
+        at = self._links(platform)
         y1, t1, y2, t2 = jacobian_entries(at, self._half1, self._half2)
         cosine, sine = cos(self._rail.theta), sin(self._rail.theta)
         arm = compose(Pose(0.0, 0.0, platform.theta), self._tool)  # from P to the head
@@ -113,7 +105,7 @@ class CalibratedMechanism:
     ) -> Carriages:
         """Check a pose of the head; the gap is that on the rail, the stroke the drives'."""
         platform = self._platform_of(pose)
-        at = self._links(platform, WorkingMode.PLUS_MINUS)
+        at = self._links(platform)
         if platform.y <= 0.0:
             raise behind_rail(platform.y)
         driven = self._driven(platform.x, at)
@@ -149,7 +141,7 @@ class CalibratedMechanism:
         check_rail(self.geometry, q3 - q1, q2 - q3,
                    driven[0] - 0.5 * play1, driven[1] + 0.5 * play2)
 
-    def _links(self, platform: Pose, working_mode: WorkingMode) -> Links:
+    def _links(self, platform: Pose) -> Links:
         """Return the links of a pose of the platform, as `links` does."""
         _, y, theta = platform
         sine = sin(theta)
@@ -160,8 +152,7 @@ class CalibratedMechanism:
                 ('|y + b2 sin theta|', u2, root2, self._length2)):
             if root <= 0.0:
                 raise UnreachableError(name, abs(u), length, 'm', 'not below')
-        return (sine, cos(theta), u1, u2,
-                working_mode.sign1 * sqrt(root1), -working_mode.sign2 * sqrt(root2))
+        return sine, cos(theta), u1, u2, sqrt(root1), sqrt(root2)
 
     def _actual(self, x: float, at: Links) -> Carriages:
         """Return where on the rail the carriages of links stand."""

@@ -34,7 +34,7 @@ _new_tuple = tuple.__new__  # a named tuple in half the time of its constructor
 
 def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     """
-    Pose of the carriages on the machine's branch: y > 0, N > 0, working mode PLUS_MINUS.
+    Pose of the carriages on the machine's branch: y > 0, N > 0, outer carriages inside.
 
     Parameters
     ----------

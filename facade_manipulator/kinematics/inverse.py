@@ -10,7 +10,6 @@ Cleaning", eqs 7-19; conditioning eqs 24-25.
 
 from __future__ import annotations
 
-from enum import Enum
 from math import cos, isfinite, sin, sqrt
 from typing import TypeVar
 
@@ -47,39 +46,17 @@ _new_tuple = tuple.__new__
 NO_BACKLASH = (0.0, 0.0, 0.0)  # m
 
 
-class WorkingMode(Enum):
+def inverse_kinematics(geometry: Geometry, pose: Pose) -> Carriages:
     """
-    On which side of the platform joints B1 and B2 the carriages A1 and A2 stand.
+    Carriage positions of a pose, both outer carriages inside the platform's span.
 
-    The signs are those of the roots in eqs 7-8 of the paper: plus is towards greater x. The
-    machine is built for PLUS_MINUS, both carriages inside the platform's span.
-    """
-
-    PLUS_PLUS = (1.0, 1.0)
-    PLUS_MINUS = (1.0, -1.0)
-    MINUS_PLUS = (-1.0, 1.0)
-    MINUS_MINUS = (-1.0, -1.0)
-
-    def __init__(self, sign1: float, sign2: float) -> None:
-        # Plain attributes: Enum.value is a descriptor and costs more than the arithmetic.
-        self.sign1 = sign1
-        self.sign2 = sign2
-
-
-def inverse_kinematics(
-    geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
-) -> Carriages:
-    """
-    Carriage positions of a pose.
-
-    Answers for reach and the working mode alone; `certify` answers for the machine.
+    Answers for reach alone; `certify` answers for the machine.
 
     Parameters
     ----------
     geometry : Geometry
     pose : Pose
         [m, m, rad].
-    working_mode : WorkingMode
 
     Returns
     -------
@@ -95,21 +72,19 @@ def inverse_kinematics(
 
     """
     x = pose[0]
-    _, cosine, _, _, projection1, projection2 = links(geometry, pose, working_mode)
+    _, cosine, _, _, projection1, projection2 = links(geometry, pose)
     span = geometry.platform_half_length * cosine
     # Carriages(...) in half the time: the machine asks for this at every setpoint.
     return _new_tuple(Carriages, (x - span + projection1, x + span - projection2, x))
 
 
-def links(
-    geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
-) -> Links:
+def links(geometry: Geometry, pose: Pose) -> Links:
     """
     Return the two links of a pose, as every formula of the velocities needs them.
 
     With s = sin θ and c = cos θ: heights u1 = y − b s and u2 = y + b s of B1 and B2 above the
-    rail, and the links' signed projections on it, s1 = q1 − x + b c and s2 = x + b c − q2 [m].
-    In the mode PLUS_MINUS both projections are positive.
+    rail, and the links' projections on it, s1 = q1 − x + b c and s2 = x + b c − q2 [m]: of the
+    paper's four working modes the machine is built for the one in which both are positive.
 
     Returns
     -------
@@ -135,16 +110,10 @@ def links(
     if root1 <= 0.0 or root2 <= 0.0:
         raise UnreachableError(
             '|y| + b |sin theta|', abs(y) + abs(rise), length, 'm', 'not below')
-    return (
-        sine, cos(theta), height1, height2,
-        working_mode.sign1 * sqrt(root1), -working_mode.sign2 * sqrt(root2),
-    )
+    return sine, cos(theta), height1, height2, sqrt(root1), sqrt(root2)
 
 
-def carriage_velocity(
-    geometry: Geometry, pose: Pose, velocity: Twist,
-    working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
-) -> Carriages:
+def carriage_velocity(geometry: Geometry, pose: Pose, velocity: Twist) -> Carriages:
     """
     Carriage velocities J·velocity of a platform velocity (x', y', θ') [m/s, rad/s].
 
@@ -155,7 +124,7 @@ def carriage_velocity(
 
     """
     half = geometry.platform_half_length
-    y1, t1, y2, t2 = jacobian_entries(links(geometry, pose, working_mode), half, half)
+    y1, t1, y2, t2 = jacobian_entries(links(geometry, pose), half, half)
     vx, vy, omega = velocity
     return Carriages(vx + y1 * vy + t1 * omega, vx + y2 * vy + t2 * omega, vx)
 
@@ -220,7 +189,7 @@ def certify(
     characteristic_length: float | None = None,
 ) -> Carriages:
     """
-    Check a pose against all limits of the machine at once, in the working mode PLUS_MINUS.
+    Check a pose against all limits of the machine at once.
 
     Parameters
     ----------

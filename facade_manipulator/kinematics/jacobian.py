@@ -23,23 +23,20 @@ import struct
 
 import numpy as np
 
-from facade_manipulator.errors import ParameterError, SingularityError
-from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Twist, Wrench
+from facade_manipulator.errors import ParameterError
+from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose, Wrench
 from facade_manipulator.kinematics.inverse import (
     branch_number,
     jacobian_entries,
     links,
     squared_index,
-    WorkingMode,
 )
 
 _empty = np.empty
 _pack_matrix: Callable[..., None] = struct.Struct('9d').pack_into  # any buffer, arrays too
 
 
-def jacobian(
-    geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
-) -> np.ndarray:
+def jacobian(geometry: Geometry, pose: Pose) -> np.ndarray:
     """
     Jacobian J from platform rates to carriage rates, (q1', q2', q3') = J (x', y', θ').
 
@@ -48,7 +45,6 @@ def jacobian(
     geometry : Geometry
     pose : Pose
         [m, m, rad].
-    working_mode : WorkingMode
 
     Returns
     -------
@@ -65,44 +61,15 @@ def jacobian(
     Eqs 10-17 of the paper.
 
     """
-    y1, t1, y2, t2 = _entries(geometry, pose, working_mode)
+    y1, t1, y2, t2 = _entries(geometry, pose)
     matrix = _empty((3, 3))
     # A third of the time of np.array() on nested tuples.
     _pack_matrix(matrix, 0, 1.0, y1, t1, 1.0, y2, t2, 1.0, 0.0, 0.0)
     return matrix
 
 
-def platform_velocity(
-    geometry: Geometry, pose: Pose, velocity: Carriages,
-    working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
-) -> Twist:
-    """
-    Platform velocity J⁻¹·velocity (x', y', θ') of carriage velocities [m/s, rad/s].
-
-    Raises
-    ------
-    ParameterError, UnreachableError
-        As `inverse_kinematics`.
-    SingularityError
-        If the pose is exactly singular, N = 0.
-
-    """
-    y1, t1, y2, t2 = _entries(geometry, pose, working_mode)
-    v1, v2, v3 = velocity
-    determinant = y1 * t2 - y2 * t1
-    if determinant == 0.0:
-        raise SingularityError('|N|', 0.0, 0.0, 'm2', 'not above')
-    side1, side2 = v1 - v3, v2 - v3
-    return Twist(
-        v3,
-        (t2 * side1 - t1 * side2) / determinant,
-        (y1 * side2 - y2 * side1) / determinant,
-    )
-
-
 def end_effector_force(
-    geometry: Geometry, pose: Pose, carriage_forces: Carriages,
-    working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
+    geometry: Geometry, pose: Pose, carriage_forces: Carriages
 ) -> Wrench:
     """
     Force Jᵀτ that carriage forces τ along the rail [N] exert through the end effector.
@@ -115,14 +82,12 @@ def end_effector_force(
         As `inverse_kinematics`.
 
     """
-    y1, t1, y2, t2 = _entries(geometry, pose, working_mode)
+    y1, t1, y2, t2 = _entries(geometry, pose)
     f1, f2, f3 = carriage_forces
     return Wrench(f1 + f2 + f3, y1 * f1 + y2 * f2, t1 * f1 + t2 * f2)
 
 
-def parallel_singularity(
-    geometry: Geometry, pose: Pose, working_mode: WorkingMode = WorkingMode.PLUS_MINUS
-) -> float:
+def parallel_singularity(geometry: Geometry, pose: Pose) -> float:
     """
     N = b s²(q1 − q2) + (q1 + q2 − 2 q3) y s + 2 y² c [m²]: det B = −4 b N, det J = −b N/(s1 s2).
 
@@ -135,12 +100,11 @@ def parallel_singularity(
         As `inverse_kinematics`.
 
     """
-    return branch_number(links(geometry, pose, working_mode))
+    return branch_number(links(geometry, pose))
 
 
 def local_conditioning_index(
-    geometry: Geometry, pose: Pose, characteristic_length: float = 1.0,
-    working_mode: WorkingMode = WorkingMode.PLUS_MINUS,
+    geometry: Geometry, pose: Pose, characteristic_length: float = 1.0
 ) -> float:
     """
     Local conditioning index 1/(‖J‖ ‖J⁻¹‖), with ‖J‖² = tr(JᵀJ)/3.
@@ -154,7 +118,6 @@ def local_conditioning_index(
         [m, m, rad].
     characteristic_length : float
         Unit of length of J [m]; 0.001 gives the paper's index in mm.
-    working_mode : WorkingMode
 
     Raises
     ------
@@ -169,7 +132,7 @@ def local_conditioning_index(
 
     """
     check_characteristic_length(characteristic_length)
-    at = links(geometry, pose, working_mode)
+    at = links(geometry, pose)
     ratio = geometry.platform_half_length / characteristic_length
     return math.sqrt(squared_index(at, ratio, ratio))
 
@@ -188,8 +151,6 @@ def check_characteristic_length(length: float) -> None:
         raise ParameterError(f'characteristic_length = {length} m is not a positive length')
 
 
-def _entries(
-    geometry: Geometry, pose: Pose, working_mode: WorkingMode
-) -> tuple[float, float, float, float]:
+def _entries(geometry: Geometry, pose: Pose) -> tuple[float, float, float, float]:
     half = geometry.platform_half_length
-    return jacobian_entries(links(geometry, pose, working_mode), half, half)
+    return jacobian_entries(links(geometry, pose), half, half)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from functools import partial
 
-from facade_manipulator.kinematics.assembly import assembly_modes
 from facade_manipulator.kinematics.calibrated import CalibratedMechanism
 from facade_manipulator.kinematics.forward import (
     certify_carriages,
@@ -43,7 +42,6 @@ class NominalMechanism:
         self.geometry = geometry
         self.inverse_kinematics = partial(inverse_kinematics, geometry)
         self.forward_kinematics = partial(forward_kinematics, geometry)
-        self.assembly_modes = partial(assembly_modes, geometry)
         self.jacobian = partial(jacobian, geometry)
         self.carriage_velocity = partial(carriage_velocity, geometry)
         self.end_effector_force = partial(end_effector_force, geometry)

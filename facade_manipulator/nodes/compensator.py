@@ -304,7 +304,7 @@ class CompensatorNode(Node):
     def _receive_lateral_offset(self, message: PointStamped) -> None:
         with self._rejections:
             require_frame(message.header.frame_id, self._frames.end_effector, 'lateral_offset')
-            self._compensator.add_lateral_offset(
+            self._compensator.contact.add_lateral_offset(
                 node_time(self), seconds(message.header.stamp), message.point.x)
 
     def _update(self) -> None:

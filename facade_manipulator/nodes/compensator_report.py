@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 import math
 from typing import Any
 
@@ -95,9 +95,6 @@ class CompensatorReport:
             values['left out of the estimate'] = (
                 f'z {1e3 * self.out_of_plane.height:+.1f} mm, '
                 f'tilt {math.degrees(self.out_of_plane.tilt):.2f} deg')
-        if self._compensator.stamp_delay is not None:
-            values['estimate.delay by the slip [ms]'] = '{:.1f} +- {:.1f}'.format(
-                *(1e3 * time for time in self._compensator.stamp_delay))
         if self.newest is not None:
             values['corrected disturbance'] = millimetres(self.newest.disturbance)
             values['saturation error'] = millimetres(self.newest.saturation_error)
@@ -112,7 +109,7 @@ class CompensatorReport:
     def _contact_values(self) -> dict[str, Any]:
         contact = self._compensator.contact
         pressing, watch = contact.pressing, contact.pressing.watch
-        sway, energy = pressing.sway, self._compensator.sway_energy
+        sway = pressing.sway
         return {
             **pressing_values(pressing),
             'zero of the force [N]': pressing.zero.force,
@@ -124,7 +121,6 @@ class CompensatorReport:
             'moment on the wall [N m]': pressing.theta.measured,
             'push-back of the gondola [mm]': 1e3 * sway.push_back,
             'sway of the gondola, envelope': millimetres(sway.envelope),
-            'energy of the sway': _joules(energy) if energy else 'suspension.mass is not known',
             'retracted last because': pressing.last_reason or 'never',
             'shift of the goal': millimetres(contact.present),
         }
@@ -138,11 +134,6 @@ def pressing_values(pressing: Pressing) -> dict[str, Any]:
         'desired force [N]': pressing.press.force,
         'bound of its error [N]': pressing.bound,
     }
-
-
-def _joules(energy: Sequence[float]) -> str:
-    return ', '.join(
-        f'{axis} {value:.2f} J' for axis, value in zip(Pose._fields, energy, strict=True))
 
 
 def millimetres(pose: Pose) -> str:

@@ -14,7 +14,7 @@ import pytest
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.pressing import Pressing, PressMode, Surroundings
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import MotionState, Pose, ZERO_TWIST
+from facade_manipulator.kinematics import Pose
 
 SETTINGS = ImpedanceSettings(enabled=True)
 TURNING = YawImpedanceSettings(enabled=True)
@@ -248,8 +248,7 @@ def test_a_fault_lasts_until_pressing_is_switched_off_and_on():
 def test_a_gondola_that_sways_far_is_pressed_less_and_one_that_sways_farther_not_at_all(
         most, reason):
     def swaying(share):
-        rail = MotionState(Pose(*(share * amount for amount in most)), ZERO_TWIST)
-        return lambda _: Surroundings(rail=rail)
+        return lambda _: Surroundings(rail=Pose(*(share * amount for amount in most)))
 
     calm, restless = (
         press(600.0, around=swaying(share)).forces[-100:].mean() for share in (0.0, 0.99))

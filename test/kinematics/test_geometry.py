@@ -1,22 +1,10 @@
 import dataclasses
 import math
 
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import Geometry, Pose
-from facade_manipulator.kinematics.planar import compose, invert, wrap_angle
-
-coordinates = st.floats(-10.0, 10.0)
-planar_poses = st.builds(Pose, coordinates, coordinates, st.floats(-math.pi, math.pi))
-IDENTITY = Pose(0.0, 0.0, 0.0)
-
-
-def close(a, b):
-    turn = wrap_angle(a.theta - b.theta)
-    return math.hypot(a.x - b.x, a.y - b.y) < 1e-12 and abs(turn) < 1e-12
+from facade_manipulator.kinematics import Geometry
 
 
 def test_the_default_geometry_is_the_design():
@@ -58,29 +46,3 @@ def test_a_geometry_that_makes_no_sense_is_a_value_error_naming_the_value(fields
     with pytest.raises(ValueError, match=words) as error:
         Geometry(**fields)
     assert isinstance(error.value, ParameterError)
-
-
-@given(planar_poses)
-def test_a_pose_and_its_inverse_compose_to_the_identity(a):
-    assert close(compose(a, invert(a)), IDENTITY)
-    assert close(compose(invert(a), a), IDENTITY)
-    assert close(invert(invert(a)), a)
-
-
-@given(planar_poses, planar_poses, planar_poses)
-def test_composition_is_associative(a, b, c):
-    left, right = compose(compose(a, b), c), compose(a, compose(b, c))
-    assert math.hypot(left.x - right.x, left.y - right.y) < 1e-11
-    assert close(compose(a, IDENTITY), a) and close(compose(IDENTITY, a), a)
-
-
-def test_composition_turns_the_second_pose_into_the_first_frame():
-    assert close(compose(Pose(1.0, 2.0, math.pi / 2), Pose(3.0, 0.0, 0.1)),
-                 Pose(1.0, 5.0, math.pi / 2 + 0.1))
-
-
-@given(st.floats(-100.0, 100.0))
-def test_a_wrapped_angle_is_the_same_direction_within_half_a_turn(theta):
-    wrapped = wrap_angle(theta)
-    assert -math.pi <= wrapped <= math.pi
-    assert math.cos(wrapped - theta) == pytest.approx(1.0)

@@ -6,7 +6,7 @@ from mechanism import DESIGN, reachable_poses, regular_poses, workspace_poses
 import numpy as np
 import pytest
 
-from facade_manipulator.errors import SingularityError, UnreachableError
+from facade_manipulator.errors import UnreachableError
 from facade_manipulator.kinematics import (
     carriage_velocity,
     Carriages,
@@ -16,23 +16,21 @@ from facade_manipulator.kinematics import (
     jacobian,
     local_conditioning_index,
     parallel_singularity,
-    platform_velocity,
     Pose,
-    WorkingMode,
 )
 
 rates = st.floats(-1.0, 1.0)
 
 
-def differences(geometry, pose, mode, step=1e-6):
+def differences(geometry, pose, step=1e-6):
     """Central differences of the inverse kinematics."""
     columns = []
     for place in range(3):
         ahead, behind = list(pose), list(pose)
         ahead[place] += step
         behind[place] -= step
-        columns.append((np.array(inverse_kinematics(geometry, Pose(*ahead), mode))
-                        - inverse_kinematics(geometry, Pose(*behind), mode)) / (2.0 * step))
+        columns.append((np.array(inverse_kinematics(geometry, Pose(*ahead)))
+                        - inverse_kinematics(geometry, Pose(*behind))) / (2.0 * step))
     return np.stack(columns, axis=1)
 
 
@@ -58,11 +56,11 @@ def paper_matrices(geometry, pose):
                         [1.0, 0.0, 0.0]])
 
 
-@given(workspace_poses(), st.sampled_from(WorkingMode))
-def test_the_jacobian_is_the_derivative_of_every_working_mode(pose, mode):
+@given(workspace_poses())
+def test_the_jacobian_is_the_derivative_of_the_inverse_kinematics(pose):
     assume(min(roots(DESIGN, pose)) > 0.03)
     assert np.allclose(
-        jacobian(DESIGN, pose, mode), differences(DESIGN, pose, mode), rtol=1e-5, atol=1e-6)
+        jacobian(DESIGN, pose), differences(DESIGN, pose), rtol=1e-5, atol=1e-6)
 
 
 @given(regular_poses())
@@ -100,12 +98,11 @@ def test_links_shorter_than_the_platform_meet_the_parallel_singularity():
 
 
 @given(regular_poses(), rates, rates, rates)
-def test_velocities_are_the_jacobian_both_ways(drawn, vx, vy, omega):
+def test_velocities_are_those_of_the_jacobian(drawn, vx, vy, omega):
     geometry, pose = drawn
     velocity = Pose(vx, vy, omega)
     carriages = carriage_velocity(geometry, pose, velocity)
     assert np.allclose(carriages, jacobian(geometry, pose) @ velocity, atol=1e-12)
-    assert np.allclose(platform_velocity(geometry, pose, carriages), velocity, atol=1e-8)
 
 
 @given(regular_poses(), st.tuples(*[st.floats(-100.0, 100.0)] * 3), rates, rates, rates)
@@ -121,11 +118,6 @@ def test_forces_do_the_work_of_the_carriages(drawn, forces, vx, vy, omega):
 def test_at_the_parallel_platform_equal_outer_forces_push_straight_out():
     force = end_effector_force(DESIGN, Pose(0.0, 0.25, 0.0), Carriages(-10.0, 10.0, 0.0))
     assert force.fx == 0.0 and force.fy > 0.0 and abs(force.mz) < 1e-12
-
-
-def test_a_singular_pose_has_no_platform_velocity():
-    with pytest.raises(SingularityError, match='N'):
-        platform_velocity(DESIGN, Pose(0.0, 0.0, 0.0), Carriages(0.1, 0.0, 0.0))
 
 
 def test_beyond_reach_there_is_no_jacobian_and_nan_is_a_value_error():

@@ -21,7 +21,6 @@ from facade_manipulator.kinematics import (
     Geometry,
     inverse_kinematics,
     Pose,
-    WorkingMode,
 )
 
 NANOMETRE_OF_A_MILLIMETRE = 1e-12  # 1e-9 mm in m
@@ -80,28 +79,15 @@ def test_the_home_position_of_table_4_is_where_the_design_says():
     assert (pose.x, pose.theta) == (0.0, 0.0)
 
 
-@given(reachable_poses(), st.sampled_from(WorkingMode))
-def test_every_working_mode_keeps_both_link_lengths(pose, mode):
-    assert link_errors(DESIGN, pose, inverse_kinematics(DESIGN, pose, mode)) < 1e-12
+@given(reachable_poses())
+def test_inverse_kinematics_keeps_both_link_lengths(pose):
+    assert link_errors(DESIGN, pose, inverse_kinematics(DESIGN, pose)) < 1e-12
 
 
-def test_the_four_working_modes_are_the_four_sides_of_the_platform_joints():
-    pose = Pose(0.05, 0.25, 0.1)
-    span = DESIGN.platform_half_length * math.cos(pose.theta)
-    sides = {
-        mode: (q.q1 > pose.x - span, q.q2 > pose.x + span)
-        for mode in WorkingMode for q in [inverse_kinematics(DESIGN, pose, mode)]
-    }
-    assert sides == {
-        WorkingMode.PLUS_PLUS: (True, True), WorkingMode.PLUS_MINUS: (True, False),
-        WorkingMode.MINUS_PLUS: (False, True), WorkingMode.MINUS_MINUS: (False, False),
-    }
-
-
-@given(reachable_poses(), st.sampled_from(WorkingMode))
-def test_every_assembly_mode_closes_and_the_pose_is_among_them(pose, mode):
+@given(reachable_poses())
+def test_every_assembly_mode_closes_and_the_pose_is_among_them(pose):
     assume(abs(pose.y) > 1e-3 and abs(pose.theta) > 1e-3)
-    carriages = inverse_kinematics(DESIGN, pose, mode)
+    carriages = inverse_kinematics(DESIGN, pose)
     modes = assembly_modes(DESIGN, carriages)
     assert 1 <= len(modes) <= 4
     assert max(link_errors(DESIGN, found, carriages) for found in modes) < 1e-9
@@ -139,7 +125,8 @@ def test_a_head_that_would_stand_on_the_rail_is_rejected_by_its_distance():
 
 
 def test_carriages_of_another_working_mode_are_rejected_with_the_reason():
-    outside = inverse_kinematics(DESIGN, Pose(0.0, 0.3, 0.0), WorkingMode.MINUS_PLUS)
+    inside = inverse_kinematics(DESIGN, Pose(0.0, 0.3, 0.0))
+    outside = Carriages(-0.696 - inside.q1, 0.696 - inside.q2, 0.0)  # mirrored in the joints
     with pytest.raises(UnreachableError, match='another working mode'):
         forward_kinematics(DESIGN, outside)
 

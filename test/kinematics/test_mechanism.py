@@ -25,7 +25,6 @@ from facade_manipulator.kinematics import (
     mechanism_of,
     Pose,
     Twist,
-    WorkingMode,
 )
 from facade_manipulator.kinematics.calibrated import CalibratedMechanism, Screw
 
@@ -80,22 +79,10 @@ def test_the_jacobian_is_the_derivative_of_the_inverse_kinematics(placed):
 
 
 @given(placed_machines())
-def test_of_the_assembly_modes_one_is_the_machine_s(placed):
-    machine, pose = placed
-    modes = machine.assembly_modes(machine.inverse_kinematics(pose))
-    assert 2 <= len(modes) <= 4
-    assert min(math.dist(pose, mode) for mode in modes) < 1e-9
-    platforms = [machine.platform(mode) for mode in modes]
-    for platform in platforms:
-        assert min(math.dist((platform.y, platform.theta), (-other.y, -other.theta))
-                   for other in platforms) < 1e-6
-
-
-@given(placed_machines(), st.sampled_from(WorkingMode))
-def test_every_working_mode_keeps_the_lengths_that_were_measured(placed, mode):
+def test_inverse_kinematics_keeps_the_lengths_that_were_measured(placed):
     machine, pose = placed
     geometry, platform = machine.geometry, machine.platform(pose)
-    q1, q2, q3 = machine.on_rail(machine.inverse_kinematics(pose, mode))
+    q1, q2, q3 = machine.on_rail(machine.inverse_kinematics(pose))
     (l1, l2), (b1, b2) = (
         [nominal + error for error in given] for nominal, given in (
             (geometry.link_length, geometry.link_errors),

@@ -119,7 +119,7 @@ class ClosedLoop:
             self._attempt(self.compensator.following.add_head, sample.time,
                           self._mechanism.forward_kinematics(step.actual))
             if self.scenario.wall.slip_sensor and sample.settled:
-                self._attempt(self.compensator.add_lateral_offset, self.now, sample.time,
+                self._attempt(contact.add_lateral_offset, self.now, sample.time,
                               sample.lateral_offset)
 
     def _add(self, now: float, corrected: CorrectedPose) -> None:

@@ -152,7 +152,7 @@ INPUTS: dict[str, Callable[[Compensator, float, Any], None]] = {
         seconds(message.header.stamp), planar_pose(message.pose, 'end_effector_pose')),
     'contact_wrench': lambda compensator, now, message: compensator.contact.add_wrench(
         now, seconds(message.header.stamp), planar_wrench(message)),
-    'lateral_offset': lambda compensator, now, message: compensator.add_lateral_offset(
+    'lateral_offset': lambda compensator, now, message: compensator.contact.add_lateral_offset(
         now, seconds(message.header.stamp), message.point.x),
 }
 
