@@ -122,7 +122,10 @@ GET_STATE = Service('driver/get_state', 'lifecycle_msgs/GetState', DRIVER)
 HOME = Service('driver/home', 'std_srvs/Trigger', DRIVER)
 HALT = Service('driver/halt', 'std_srvs/Trigger', DRIVER)
 CLEAR_FAULTS = Service('driver/clear_faults', 'std_srvs/Trigger', DRIVER)
-SERVICE_DONE = Service('driver/service_done', 'std_srvs/Trigger', DRIVER)
+SERVICE_DONE = Service('driver/service_done', 'std_srvs/Trigger', DRIVER)  # of everything
+SERVICES_DONE = {  # of a part
+    part: Service(f'driver/service_done/{part}', 'std_srvs/Trigger', DRIVER)
+    for part in ('q1_screw', 'q1_drive', 'q2_screw', 'q2_drive', 'q3_screw', 'q3_drive')}
 SELF_TEST = Service('driver/self_test', 'diagnostic_msgs/SelfTest', DRIVER)
 SAVE = Service('recorder/save', 'std_srvs/Trigger', RECORDER)
 REPORT = Service('gondola_simulator/report', 'std_srvs/Trigger', SIMULATOR)
@@ -144,5 +147,5 @@ OF_EVERY_NODE = tuple(
 
 TOPICS = tuple(one for one in globals().values() if isinstance(one, Topic))
 SERVICES = (*(one for one in globals().values() if isinstance(one, Service)), *LIFECYCLE,
-            *OF_EVERY_NODE)
+            *SERVICES_DONE.values(), *OF_EVERY_NODE)
 SERVICES_BY_NAME = {one.name: one for one in SERVICES}

@@ -13,10 +13,10 @@ import re
 from typing import Any
 
 from facade_manipulator.files import atomic_write
-from facade_manipulator.maintenance.counters import MachineCounters
+from facade_manipulator.maintenance.counters import lacking, MachineCounters
 
 PERIOD = 1.0  # s, so that no kill loses more
-GREATEST = ('greatest_following_error', 'service_hours', 'service_travel')  # no sums
+GREATEST = ('greatest_following_error', 'serviced')  # no sums
 DAMAGES = (OSError, ValueError, TypeError, AttributeError, KeyError)
 
 
@@ -43,13 +43,20 @@ def merged(kept: Mapping[str, Any], before: Mapping[str, Any], now: Mapping[str,
         was = before.get(name, {} if isinstance(value, dict) else 0)
         if isinstance(value, dict):
             result[name] = merged(kept.get(name, {}), was, value)
-        elif isinstance(value, str) or name == 'drive':
-            result[name] = value
+        elif isinstance(value, str):  # what was not changed here may have been elsewhere
+            result[name] = value if value != was else kept.get(name, value)
         elif name in GREATEST:
             result[name] = max(kept.get(name, 0), value)
         else:
             result[name] = kept.get(name, 0) + max(value - was, 0)
     return result
+
+
+def completed(values: Mapping[str, Any], backup: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values of a file, and of its backup what the file lacks."""
+    return {**backup, **{
+        name: completed(value, backup.get(name, {})) if isinstance(value, dict) else value
+        for name, value in values.items()}}
 
 
 def kept_counters(folder: str) -> dict[str, MachineCounters]:
@@ -76,8 +83,9 @@ class CounterFile:
     def __init__(self, folder: str, machine: str) -> None:
         name = re.sub(r'\W', '_', machine.strip('/')) or 'manipulator'
         self._path = Path(folder).expanduser() / f'counters_{name}.json' if folder else None
-        self.error = ''
+        self._begun = ''  # what was wrong then
         self._first = self._read()
+        self.error = self._begun
         self.counters = MachineCounters.of(self._first)
         self._saved = self.counters.values()
         self._events = self.counters.events
@@ -114,16 +122,16 @@ class CounterFile:
                     draft.write_text(
                         json.dumps(merged(kept, self._saved, values), indent=1), encoding='utf-8')
             self._saved = values
-            self.error = ''
+            self.error = self._begun
         except OSError as error:
             self.error = f'the counters are not kept: {path}: {error.strerror or error}'
 
     def _kept(self, path: Path) -> dict[str, Any]:
         """Return what the file has now, all that was counted here if it cannot be read."""
         try:
-            return {**self._first, **_read(path)}
+            return completed(_read(path), self._first)
         except DAMAGES:
-            return {**self._first, **self._saved}
+            return completed(self._saved, self._first)
 
     def _read(self) -> dict[str, Any]:
         """Return the values of the file, completed from its backup, and make the next backup."""
@@ -142,9 +150,12 @@ class CounterFile:
                 self._path.replace(aside)
             begin = f'go on from a backup, {before.get("hours", 0.0):.1f} h' if before else (
                 'begin again at 0')
-            self.error = f'the counters {begin}, {aside} could not be read: {error}'
+            self._begun = f'the counters {begin}, {aside} could not be read: {error}'
             return before
-        values = {**before, **kept}
+        values = completed(kept, before)
+        if missing := ', '.join(lacking(values)):
+            self._begun = (f'{self._path} lacks {missing}, counted from 0 on; '
+                           'next: correct the file, or bring back a backup of it')
         with suppress(OSError), atomic_write(_backup(self._path)) as draft:
             draft.write_text(json.dumps(values), encoding='utf-8')
         return values

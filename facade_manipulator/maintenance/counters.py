@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from facade_manipulator.drives.controller import (
     AxisSnapshot,
@@ -20,7 +20,7 @@ from facade_manipulator.drives.controller import (
     ControllerState,
     POWERED_STATES,
 )
-from facade_manipulator.errors import without_numbers
+from facade_manipulator.errors import InputError, without_numbers
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.resources import STATE_FOLDER
 
@@ -38,10 +38,10 @@ class ServiceSettings:
         'Folder of the counters; empty: none are kept', default=STATE_FOLDER,
         read_only=True)
     hours: float = parameter(
-        'Time under power after which service is due, 0 for never', default=0.0, unit='h',
-        minimum=0.0, maximum=1e6)
+        'Time under power after which service of a drive is due, 0 for never', default=0.0,
+        unit='h', minimum=0.0, maximum=1e6)
     travel: float = parameter(
-        'Travel of a carriage after which service is due, 0 for never', default=0.0, unit='km',
+        'Travel after which service of a screw is due, 0 for never', default=0.0, unit='km',
         minimum=0.0, maximum=1e6)
 
 
@@ -53,12 +53,45 @@ class AxisCounters:
     cubed_load: float = 0.0  #: integral of the cube of the force over the travel [N³ m]
     reversals: int = 0
     greatest_following_error: float = 0.0  #: [m]
-    drive: int = 0  #: its serial number; 0 before one was read
+    drive: str = ''  #: its serial number; empty before one was read
+    serviced: float = 0.0  #: `worked` at the last service of the screw
+    unit: ClassVar[str] = 'km'
+
+    @property
+    def worked(self) -> float:
+        """Travel [km]."""
+        return 1e-3 * self.travel
 
     @property
     def mean_load(self) -> float:
         """Cubic mean of the force over the travel [N]."""
         return (self.cubed_load / self.travel) ** (1.0 / 3.0) if self.travel else 0.0
+
+
+@dataclass
+class DriveCounters:
+    """Counters of one drive, which go with it to another axis."""
+
+    hours: float = 0.0  #: under power [h]
+    serviced: float = 0.0  #: `worked` at its last service
+    unit: ClassVar[str] = 'h'
+
+    @property
+    def worked(self) -> float:
+        """Time under power [h]."""
+        return self.hours
+
+
+class Part(NamedTuple):
+    """A part with a service interval of its own."""
+
+    name: str  #: as q1_screw, q1_drive
+    counters: AxisCounters | DriveCounters
+
+    @property
+    def since_service(self) -> float:
+        """What it has done since its last service, in its unit."""
+        return self.counters.worked - self.counters.serviced
 
 
 @dataclass
@@ -69,13 +102,10 @@ class MachineCounters:
     starts: int = 0  #: activations
     #: how often the drives were stopped, by cause without its numbers
     stops: dict[str, int] = field(default_factory=dict)
-    #: under power, by the drive's serial number [h]: it goes with the drive to another axis
-    drives: dict[str, float] = field(default_factory=dict)
+    drives: dict[str, DriveCounters] = field(default_factory=dict)  #: by serial number
     #: services and exchanged drives, by when [h]
     history: dict[str, str] = field(default_factory=dict)
     axes: dict[str, AxisCounters] = field(default_factory=dict)
-    service_hours: float = 0.0  #: `hours` at the last service [h]
-    service_travel: float = 0.0  #: greatest travel at the last service [m]
 
     def __post_init__(self) -> None:
         self._time: float | None = None
@@ -91,9 +121,10 @@ class MachineCounters:
         """
         made = _known(MachineCounters, values)
         made.stops = {cause: int(count) for cause, count in made.stops.items()}
-        made.drives = {number: float(hours) for number, hours in made.drives.items()}
-        made.axes = {
-            name: _known(AxisCounters, axis) for name, axis in values.get('axes', {}).items()}
+        made.axes = {name: _known(AxisCounters, one)
+                     for name, one in values.get('axes', {}).items()}
+        made.drives = {number: _known(DriveCounters, one)
+                       for number, one in values.get('drives', {}).items()}
         return made
 
     def values(self) -> dict[str, Any]:
@@ -109,11 +140,6 @@ class MachineCounters:
     def is_counting(self) -> bool:
         """Return whether the drives had power when last seen."""
         return self._state in POWERED_STATES
-
-    @property
-    def travel(self) -> float:
-        """Travel of the axis that has travelled most [m]."""
-        return max((axis.travel for axis in self.axes.values()), default=0.0)
 
     def note(self, now: float, snapshot: ControllerSnapshot) -> None:
         """Count what happened between the snapshot before and this one at a time [s]."""
@@ -138,13 +164,13 @@ class MachineCounters:
         self.stops[name] = self.stops.get(name, 0) + 1
 
     def _note_drive(self, axis: AxisSnapshot, worked: float) -> None:
-        if not axis.serial_number:
-            return
-        number, counters = str(axis.serial_number), self.axes.setdefault(axis.name, AxisCounters())
-        if counters.drive not in (0, axis.serial_number):
+        number = str(axis.serial_number or '')
+        counters = self.axes.setdefault(axis.name, AxisCounters())
+        if number and counters.drive not in ('', number):
             self._record(f'{axis.name}: drive {counters.drive} replaced by {number}')
-        counters.drive = axis.serial_number
-        self.drives[number] = self.drives.get(number, 0.0) + worked
+        counters.drive = number or counters.drive
+        if worked:  # a drive without a number counts for its axis
+            self.drives.setdefault(number or axis.name, DriveCounters()).hours += worked
 
     def _record(self, event: str) -> None:
         at = f'{self.hours:.3f} h'
@@ -168,20 +194,38 @@ class MachineCounters:
             counters.reversals += step * direction < 0.0
             self._last[axis.name] = axis.position, step
 
-    def record_service(self) -> None:
-        """Begin the intervals again."""
-        self._record(f'service, {1e-3 * self.travel:.3f} km')
-        self.service_hours, self.service_travel = self.hours, self.travel
+    def parts(self) -> Iterator[Part]:
+        """Yield screws and drives of the axes."""
+        for name, axis in self.axes.items():
+            yield Part(f'{name}_screw', axis)
+            if drive := self.drives.get(axis.drive or name):
+                yield Part(f'{name}_drive', drive)
+
+    def record_service(self, name: str = '') -> str:
+        """
+        Begin the interval of a part, or of all, again; return what was done.
+
+        Raises an InputError for a part that has not worked yet.
+        """
+        done = [part for part in self.parts() if name in ('', part.name)]
+        if not done:
+            raise InputError('names', f'no work of {name or "this machine"} is counted yet: '
+                             'its interval has not begun')
+        text = ', '.join(f'{part.name} after {part.since_service:.3f} {part.counters.unit}'
+                         for part in done)
+        for part in done:
+            part.counters.serviced = part.counters.worked
+        self._record(f'service of {text}')
+        return f'the service interval begins again: {text}'
 
     def due(self, settings: ServiceSettings) -> str:
-        """Return why service is due; empty if it is not."""
-        hours = self.hours - self.service_hours
-        travel = 1e-3 * (self.travel - self.service_travel)
+        """Return which service is due; empty if none is."""
+        bounds = {'h': settings.hours, 'km': settings.travel}
         return '; '.join(
-            f'service is due: {done:.1f} {unit} since the last, bound {bound:g} {unit}'
-            for done, bound, unit in (
-                (hours, settings.hours, 'h'), (travel, settings.travel, 'km'))
-            if 0.0 < bound <= done)
+            f'service of {part.name} is due: {part.since_service:.1f} {unit} since the last, '
+            f'bound {bounds[unit]:g} {unit}'
+            for part in self.parts()
+            if 0.0 < bounds[unit := part.counters.unit] <= part.since_service)
 
     def lines(self) -> Iterator[tuple[str, str]]:
         """Yield names and values for people."""
@@ -193,14 +237,28 @@ class MachineCounters:
             yield f'{name} mean load over travel [N]', f'{axis.mean_load:.1f}'
             yield (f'{name} greatest following error [mm]',
                    f'{1e3 * axis.greatest_following_error:.3f}')
-        for number, hours in self.drives.items():
-            yield f'drive {number} under power [h]', f'{hours:.2f}'
+        for number, drive in self.drives.items():
+            yield f'drive {number} under power [h]', f'{drive.hours:.2f}'
+        for part in self.parts():
+            yield (f'{part.name} since its service [{part.counters.unit}]',
+                   f'{part.since_service:.3f}')
         yield from ((f'at {at}', event) for at, event in self.history.items())
         for cause, count in sorted(self.stops.items(), key=lambda stop: -stop[1]):
             yield f'stops: {cause}', str(count)
 
 
-Counters = TypeVar('Counters', AxisCounters, MachineCounters)
+Counters = TypeVar('Counters', AxisCounters, DriveCounters, MachineCounters)
+# fields that came after 0.2.0, whose files may lack them
+LATER = ('drive', 'drives', 'history', 'serviced')
+
+
+def lacking(values: Mapping[str, Any]) -> Iterator[str]:
+    """Yield which counters a file should have and has not."""
+    kinds: list[tuple[type, str, Mapping[str, Any]]] = [(MachineCounters, '', values), *(
+        (AxisCounters, f' of {name}', axis) for name, axis in values.get('axes', {}).items())]
+    for kind, where, found in kinds:
+        yield from (item.name + where for item in fields(kind)
+                    if item.name not in (*found, *LATER))
 
 
 def _known(kind: type[Counters], values: Mapping[str, Any]) -> Counters:

@@ -204,7 +204,8 @@ class DriverNode(ManagedNode):
         for name, request in (('home', interfaces.HOME), ('halt', interfaces.HALT),
                               ('clear_faults', interfaces.CLEAR_FAULTS)):
             self._offer_request(name, request)
-        offer_trigger(self, interfaces.SERVICE_DONE, self._record_service)
+        for part, done in (('', interfaces.SERVICE_DONE), *interfaces.SERVICES_DONE.items()):
+            offer_trigger(self, done, partial(self._record_service, part))
         self.replies.attach(service(self, interfaces.SELF_TEST, lambda *_: Deferred(
             self._loop.request('self_test'), self._self_test_response)))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
@@ -239,12 +240,10 @@ class DriverNode(ManagedNode):
             self._loop.load(
                 carriages_from(message.name, message.effort, 'carriage_forces effort'))
 
-    def _record_service(self) -> str:
-        counters = self._counting.counters
-        counters.record_service()
+    def _record_service(self, part: str) -> str:
+        done = self._counting.counters.record_service(part)
         self._counting.write()
-        return (f'the service intervals begin at {counters.hours:.1f} h and '
-                f'{1e-3 * counters.travel:.2f} km')
+        return done
 
     def _change_limits(self, limits: MotionLimits) -> None:
         before, self._limits = self._limits, limits

@@ -118,9 +118,10 @@ class RecorderNode(Node):
                 continue
             self._black_box.add(queue.topic, [
                 (self._arrivals.time(received), data) for received, data in taken])
-            for _, data in taken if read is not None else ():
-                with self._rejections:
-                    read(message_from(data, queue.kind, queue.topic))
+            if read is not None:
+                for _, data in taken:
+                    with self._rejections:
+                        read(message_from(data, queue.kind, queue.topic))
 
     def _read_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -17,8 +17,15 @@ from facade_manipulator.drives.controller import (
     ControllerSnapshot,
     ControllerState,
 )
+from facade_manipulator.errors import InputError
 from facade_manipulator.maintenance import CounterFile, MachineCounters, ServiceSettings
-from facade_manipulator.maintenance.counters import DEAD_BAND, MOST_CAUSES, OTHER
+from facade_manipulator.maintenance.counters import (
+    AxisCounters,
+    DEAD_BAND,
+    DriveCounters,
+    MOST_CAUSES,
+    OTHER,
+)
 
 ACTIVE, ACTIVATING = ControllerState.ACTIVE, ControllerState.ACTIVATING
 STOPPED, INACTIVE = ControllerState.STOPPED, ControllerState.INACTIVE
@@ -74,7 +81,7 @@ def test_hours_count_under_power_alone_and_a_gap_is_not_known():
     assert counted(*[snapshot()] * 361, period=0.5).hours == pytest.approx(180.0 / 3600.0)
     assert counted(*[snapshot(INACTIVE)] * 100).hours == 0.0
     assert counted(snapshot(), snapshot(position=0.4), period=50.0).hours == 0.0
-    assert counted(snapshot(), snapshot(position=0.4), period=50.0).travel == 0.0
+    assert counted(snapshot(), snapshot(position=0.4), period=50.0).axes['q1'].travel == 0.0
 
 
 def test_starts_and_stops_are_counted_once_each_by_cause_without_numbers():
@@ -96,14 +103,36 @@ def test_causes_without_end_do_not_grow_without_end():
     assert counters.stops[OTHER] == 2 * MOST_CAUSES
 
 
-def test_service_is_due_by_hours_or_travel_and_begins_again():
-    counters, settings = MachineCounters(hours=99.0), ServiceSettings(hours=100.0, travel=1.0)
-    assert counters.due(settings) == ''
-    counters.hours = 100.5
-    assert counters.due(settings) == 'service is due: 100.5 h since the last, bound 100 h'
+def worked(**serials):
+    """Return counters of axes that have worked for an hour and a kilometre with these drives."""
+    counters = MachineCounters()
+    for name, number in serials.items():
+        counters.axes[name] = AxisCounters(travel=1000.0, drive=number)
+        counters.drives[number or name] = DriveCounters(hours=1.0)
+    return counters
+
+
+@pytest.mark.parametrize('part', ['q1_screw', 'q1_drive', 'q2_screw', 'q2_drive'])
+def test_each_screw_and_each_drive_has_an_interval_of_its_own(part):
+    counters, settings = worked(q1='11', q2=''), ServiceSettings(hours=1.0, travel=1.0)
+    assert counters.due(settings).count('is due') == 4
+    assert counters.record_service(part) == (
+        f'the service interval begins again: {part} after 1.000 '
+        f'{"h" if "drive" in part else "km"}')
+    assert part not in counters.due(settings) and counters.due(settings).count('is due') == 3
+    assert part in str(counters.history)
     counters.record_service()
-    assert counters.due(settings) == ''
-    assert counters.due(ServiceSettings()) == ''
+    assert counters.due(settings) == worked(q1='11').due(ServiceSettings()) == ''
+    with pytest.raises(InputError, match='no work of q3_screw'):
+        counters.record_service('q3_screw')
+
+
+def test_the_interval_of_a_drive_goes_with_it_and_that_of_the_screw_stays():
+    counters, settings = worked(q1='11', q2='12'), ServiceSettings(hours=1.0, travel=1.0)
+    counters.record_service('q1_drive')
+    counters.axes['q1'].drive, counters.axes['q2'].drive = '12', '11'
+    assert [words.split()[2] for words in counters.due(settings).split('; ')] == [
+        'q1_screw', 'q1_drive', 'q2_screw']
 
 
 # --- on the disk
@@ -120,7 +149,7 @@ def test_what_was_counted_is_there_after_a_kill(tmp_path):
     first._job.result(5.0)
     again = book(tmp_path)  # nobody closed the first
     assert again.counters.values() == first.counters.values()
-    assert again.counters.travel == 0.25
+    assert again.counters.axes['q1'].travel == 0.25
     assert not math.isnan(again.counters.axes['q1'].mean_load)
     first.close()
 
@@ -155,19 +184,46 @@ def test_a_damaged_file_is_put_aside_and_the_backup_goes_on(tmp_path, content):
     assert book(tmp_path).counters.hours == 108.0
 
 
-def test_what_a_file_lacks_comes_from_the_backup_and_what_is_unknown_stays(tmp_path):
-    path = tmp_path / 'counters_gondola_1.json'
-    path.write_text(json.dumps({'hours': 90.0, 'starts': 7, 'axes': {'q1': {'travel': 5.0}}}))
+def test_what_a_file_lacks_comes_from_the_backup_or_is_named_and_what_is_unknown_stays(tmp_path):
+    path, whole = tmp_path / 'counters_gondola_1.json', worked(q1='11').values() | {'starts': 7}
+    path.write_text(json.dumps(whole))
     book(tmp_path).close()
-    path.write_text(json.dumps({'hours': 100.0, 'wings': 3, 'axes': {
-        'q1': {'travel': 5.0, 'feathers': 2}}}))
+    less = {'hours': 100.0, 'wings': 3, 'axes': {'q1': {'travel': 5.0, 'feathers': 2}}}
+    path.write_text(json.dumps(less))
     counting = book(tmp_path)
-    assert (counting.counters.starts, counting.error) == (7, '')
+    assert (counting.counters.starts, counting.counters.drives['11'].hours) == (7, 1.0)
+    assert (counting.counters.axes['q1'].drive, counting.error) == ('11', '')
     counting.counters.hours += 1.0
     counting.close()
     kept = json.loads(path.read_text())
     assert (kept['hours'], kept['starts'], kept['wings']) == (101.0, 7, 3)
     assert (kept['axes']['q1']['feathers'], kept['axes']['q1']['travel']) == (2, 5.0)
+    (tmp_path / '.counters_gondola_1.backup').unlink()
+    path.write_text(json.dumps(less))
+    counting = book(tmp_path)
+    counting.close()
+    assert 'lacks starts, stops, cubed_load of q1' in counting.error  # also once it is written
+
+
+def test_a_file_of_the_version_before_lacks_nothing(tmp_path):
+    (tmp_path / 'counters_gondola_1.json').write_text(json.dumps({
+        'hours': 100.0, 'starts': 3, 'stops': {}, 'service_hours': 90.0, 'service_travel': 1.0,
+        'axes': {'q1': {'travel': 5.0, 'cubed_load': 1.0, 'reversals': 3,
+                        'greatest_following_error': 0.001}}}))
+    assert book(tmp_path).error == ''
+
+
+def test_a_driver_of_before_the_exchange_writes_its_drive_no_more(tmp_path):
+    first = book(tmp_path)
+    first.counters.axes['q1'] = AxisCounters(drive='11')
+    first.write()
+    first._job.result(5.0)
+    second = book(tmp_path)
+    second.counters.axes['q1'].drive = '12'
+    second.close()
+    first.counters.hours += 1.0
+    first.close()
+    assert book(tmp_path).counters.axes['q1'].drive == '12'
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 5)), max_size=8))
@@ -204,7 +260,7 @@ def test_a_drive_keeps_its_hours_on_another_axis_and_the_exchange_is_recorded():
 
     counters = counted(with_drive(11), *[with_drive(11)] * 360, *[with_drive(12)] * 180,
                        with_drive(11), period=1.0)
-    assert {number: round(3600 * hours) for number, hours in counters.drives.items()} == {
+    assert {number: round(3600 * one.hours) for number, one in counters.drives.items()} == {
         '11': 361, '12': 180}
     assert list(counters.history.values()) == [
         'q1: drive 11 replaced by 12', 'q1: drive 12 replaced by 11']

@@ -8,6 +8,7 @@ import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.maintenance import MachineCounters
+from facade_manipulator.maintenance.counters import AxisCounters, DriveCounters
 from facade_manipulator.tools.commissioning import Machine
 
 
@@ -50,13 +51,14 @@ def test_the_counters_of_the_machine_are_shown_with_what_is_due(make_rig):
     rig = make_rig().configured()
     Machine(rig.parameters).write({'service': {'folder': str(rig.folder), 'hours': 100.0}})
     (rig.folder / 'counters_gondola_1.json').write_text(json.dumps(MachineCounters(
-        hours=123.4, stops={'q1: following error': 2}).values()))
+        hours=123.4, stops={'q1: following error': 2}, axes={'q1': AxisCounters()},
+        drives={'q1': DriveCounters(123.4)}).values()))
     (rig.folder / 'counters_gondola_2.json').write_text('damaged')
     rig.run('report')
     page = (rig.folder / 'machine.report.md').read_text()
     assert '| counters_gondola_1 |' in page and 'gondola_2' not in page
     for row in ('| under power [h] | 123.40 |', '| stops: q1: following error | 2 |',
-                '| service | service is due: 123.4 h since the last, bound 100 h |',
+                '| service | service of q1_drive is due: 123.4 h since the last, bound 100 h |',
                 '| intervals | 100 h, 0 km; 0: never |'):
         assert row in page
 
