@@ -5,7 +5,6 @@ SI units and radians. Frame `rail`: x along the rail, y out towards the façade,
 carriages A1, A3, A2 stand on y = 0 in that order; q3 = x.
 """
 
-from .assembly import assembly_modes as assembly_modes
 from .description import positions as positions
 from .description import tree as tree
 from .description import urdf as urdf

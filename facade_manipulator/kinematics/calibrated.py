@@ -1,9 +1,8 @@
 """
 Kinematics of the mechanism as it was made: unlike links and halves, rail, tool and screws.
 
-Inverse kinematics is closed. Forward kinematics begins at the nominal pose and takes Newton steps
-on the links until they vanish. Where these lead to no pose of the machine's branch, every assembly
-mode is tried.
+Inverse kinematics is closed. Forward kinematics begins at the pose of a mechanism whose links and
+halves are alike, of the mean lengths, and takes Newton steps on the links until they vanish.
 """
 
 from __future__ import annotations
@@ -14,8 +13,8 @@ from math import cos, isfinite, sin, sqrt
 
 import numpy as np
 
-from facade_manipulator.errors import LimitError, UnreachableError
-from facade_manipulator.kinematics.assembly import closing, Lengths, Mode, modes, newton
+from facade_manipulator.errors import UnreachableError
+from facade_manipulator.kinematics.closure import closing, Lengths, Mode, newton
 from facade_manipulator.kinematics.forward import forward_kinematics
 from facade_manipulator.kinematics.geometry import (
     Carriages,
@@ -46,6 +45,9 @@ class CalibratedMechanism:
         self.geometry = geometry
         self._lengths = Lengths(*geometry.link_lengths, *geometry.half_lengths)
         self._length1, self._length2, self._half1, self._half2 = self._lengths
+        self._alike = Geometry(  # both links and both halves as long as their mean
+            0.5 * (self._length1 + self._length2), 0.5 * (self._half1 + self._half2),
+            carriage_gap=0.0)
         self.take_up = partial(take_up, geometry)
         self._rail = Pose(0.0, 0.0, geometry.rail_angle)
         self._tool = Pose(*geometry.tool)
@@ -174,18 +176,11 @@ class CalibratedMechanism:
         """Return the platform's pose on the machine's branch for carriages on the rail."""
         q1, q2, q3 = actual
         between = q1 - q3, q2 - q3
-        try:
-            _, y, theta = forward_kinematics(self.geometry, actual)
-            found = newton(self._lengths, *between, y, theta)
-        except LimitError:
-            found = None
-        if found is not None and self._on_branch(between, found):
-            return Pose(q3, *found)
-        for mode in modes(self._lengths, *between):
-            if self._on_branch(between, mode):
-                return Pose(q3, *mode)
-        forward_kinematics(self.geometry, actual)  # it has the plainer words, if it rejects too
-        raise UnreachableError('assembly modes on the branch', 0, 1, '', 'below')
+        _, y, theta = forward_kinematics(self._alike, actual)
+        found = newton(self._lengths, *between, y, theta)
+        if found is None or not self._on_branch(between, found):
+            raise UnreachableError('assembly modes on the branch', 0, 1, '', 'below')
+        return Pose(q3, *found)
 
     def _on_branch(self, between: tuple[float, float], mode: Mode) -> bool:
         at = closing(self._lengths, *between, *mode)

@@ -1,8 +1,8 @@
 """
 Forward kinematics of three carriage positions, on `math`.
 
-For equal links and halves the cubic of `assembly` becomes, with D = q2 − q1, S = q1 + q2 − 2 q3,
-e = S²/4 and K0 = l² − b² − D²/4::
+The closure of both links leaves a cubic in c = cos θ that is not in the paper. With D = q2 − q1,
+S = q1 + q2 − 2 q3, e = S²/4 and K0 = l² − b² − D²/4::
 
     y²  = K0 − e + b D c,      y s = S (2 b c − D)/(4 b),      f(c) = 0,
     f(c) = b D c³ + K0 c² − D (b + e/b) c + e (1 + D²/(4b²)) − K0.
@@ -19,12 +19,11 @@ from __future__ import annotations
 
 from math import atan2, cos, isfinite, sin, sqrt
 
-from facade_manipulator.errors import SingularityError, UnreachableError
-from facade_manipulator.kinematics.assembly import assembly_modes, FARTHEST
+from facade_manipulator.errors import ManipulatorError, SingularityError, UnreachableError
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, not_finite, Pose
 from facade_manipulator.kinematics.inverse import branch_number, check_branch, check_rail
-from facade_manipulator.kinematics.jacobian import parallel_singularity
 
+FARTHEST = 200.0  # m, l + b of the largest geometry: what the links reach; no power overflows
 STEP_TOLERANCE = 1e-5  # such a step leaves its square, and the polish the square of that
 POLISHED = 1e-8  # a Newton step on the links from which nothing is left
 ITERATIONS = 100
@@ -34,7 +33,7 @@ _new_tuple = tuple.__new__  # a named tuple in half the time of its constructor
 
 def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     """
-    Pose of the carriages on the machine's branch: y > 0, N > 0, outer carriages inside.
+    Pose of the carriages on the machine's branch: A1 before A2, y > 0, N > 0.
 
     Parameters
     ----------
@@ -62,7 +61,7 @@ def forward_kinematics(geometry: Geometry, carriages: Carriages) -> Pose:
     if -FARTHEST < left < right < FARTHEST:
         y, theta = _solve(geometry, left, right)
     else:  # NaN among them
-        y, theta = _crossed(geometry, Carriages(q1, q2, q3))
+        raise _not_in_order(Carriages(q1, q2, q3))
     return _new_tuple(Pose, (q3, y, theta))
 
 
@@ -215,15 +214,12 @@ def _other_working_mode(projection1: float, projection2: float) -> UnreachableEr
         'of another working mode, not above')
 
 
-def _crossed(geometry: Geometry, carriages: Carriages) -> tuple[float, float]:
-    """Return (y, θ) of carriages that passed each other: there the cubic's roots change places."""
+def _not_in_order(carriages: Carriages) -> ManipulatorError:
+    """Say what is wrong with carriages that passed each other or are out of all reach."""
     q1, q2, q3 = carriages
-    half = geometry.platform_half_length
-    for _, y, theta in assembly_modes(geometry, carriages):
-        inside = min(q1 - q3 + half * cos(theta), q3 - q2 + half * cos(theta)) > 0.0
-        if y > 0.0 and inside and parallel_singularity(geometry, Pose(q3, y, theta)) > 0.0:
-            return y, theta
+    if not all(map(isfinite, carriages)):
+        return not_finite(carriages)
     apart = max(abs(q1 - q3), abs(q2 - q3))
     if apart > FARTHEST:
-        raise UnreachableError('distance of a carriage from q3', apart, FARTHEST, 'm', 'above')
-    raise UnreachableError('q2 - q1', q2 - q1, 0.0, 'm', 'not above')
+        return UnreachableError('distance of a carriage from q3', apart, FARTHEST, 'm', 'above')
+    return UnreachableError('q2 - q1', q2 - q1, 0.0, 'm', 'not above')

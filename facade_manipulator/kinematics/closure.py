@@ -1,0 +1,56 @@
+"""
+The closure of links that may be unlike: residuals, and Newton's method on them.
+
+The platform's middle joint P slides above A3. With p = q1 − q3 and r = q2 − q3, the heights
+u1 = y − b1 s and u2 = y + b2 s and the projections s1 = p + b1 c and s2 = b2 c − r, the links
+close where s1² + u1² = l1² and s2² + u2² = l2².
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+from typing import NamedTuple
+
+from facade_manipulator.kinematics.inverse import Links
+
+CONVERGED = 1e-8  # m or rad: such a Newton step leaves its square
+STEPS = 20
+
+Mode = tuple[float, float]  # y and θ of the platform
+
+
+class Lengths(NamedTuple):
+    """Lengths of the links and of the platform's halves, on the sides of A1 and of A2 [m]."""
+
+    link1: float
+    link2: float
+    half1: float
+    half2: float
+
+
+def closing(lengths: Lengths, left: float, right: float, y: float, theta: float) -> Links:
+    """Return the links of carriages and a pose, whether they have their lengths or not."""
+    _, _, half1, half2 = lengths
+    sine, cosine = sin(theta), cos(theta)
+    return (sine, cosine, y - half1 * sine, y + half2 * sine,
+            left + half1 * cosine, half2 * cosine - right)
+
+
+def newton(
+    lengths: Lengths, left: float, right: float, y: float, theta: float
+) -> Mode | None:
+    """Return where Newton's method on the closure converges; None if it does not."""
+    link1, link2, half1, half2 = lengths
+    for _ in range(STEPS):
+        sine, cosine, u1, u2, s1, s2 = closing(lengths, left, right, y, theta)
+        turn1, turn2 = half1 * (u1 * cosine + s1 * sine), half2 * (u2 * cosine - s2 * sine)
+        number = 2.0 * (u1 * turn2 + u2 * turn1)
+        if number == 0.0:
+            return None
+        miss1, miss2 = s1 * s1 + u1 * u1 - link1 * link1, s2 * s2 + u2 * u2 - link2 * link2
+        dy = -(miss1 * turn2 + miss2 * turn1) / number
+        dtheta = (miss1 * u2 - miss2 * u1) / number
+        y, theta = y + dy, theta + dtheta
+        if abs(dy) + abs(dtheta) <= CONVERGED:
+            return y, theta
+    return None
