@@ -9,10 +9,10 @@ from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpe
 from facade_manipulator.compensation.pressing import Pressing, Surroundings
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import add, Pose, Wrench
+from facade_manipulator.motion.timed_buffer import KEPT_TIME
 from facade_manipulator.parameters import parameter, settings
 
 FUTURE_TOLERANCE = 0.02  # s
-CLOCK_STEP = 2.0  # s, a measurement older than that means that the clock was set back
 PROPORTIONAL = 0.3  # gain: low, because the measurement is late
 FILTER_TIME = 0.1  # s, time constant of the filter on the measurement, for the proportional part
 SHIFT_SPEED = 0.05  # m/s, highest of the shift
@@ -195,6 +195,6 @@ class Contact:
                 raise InputError.not_finite(f'{what} {name}', value)
         require_recent(what, now - stamp, longest_age, FUTURE_TOLERANCE)
         lateness = self._stamps.get(what, -math.inf) - stamp
-        if 0.0 <= lateness <= CLOCK_STEP:
+        if 0.0 <= lateness <= KEPT_TIME:
             raise InputError.out_of_order(what, lateness)
         self._stamps[what] = stamp

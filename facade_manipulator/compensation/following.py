@@ -9,9 +9,9 @@ from typing import NamedTuple
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import difference, MotionState, Pose, Twist
 from facade_manipulator.motion import TimedBuffer
+from facade_manipulator.motion.timed_buffer import KEPT_TIME
 from facade_manipulator.parameters import parameter, settings
 
-CLOCK_STEP = 2.0  # s, a pose older than that means that the clock was set back
 LARGEST_ERROR, LARGEST_YAW_ERROR = 0.02, 0.035  # m, rad: beyond, the head is not following
 PATIENCE = 0.5  # s of not following, after which the path begins again at the head
 ARM = 0.35  # m, weighs yaw against displacement
@@ -60,7 +60,7 @@ class Following:
             If it is older than the one before; much older, the clock was set back.
 
         """
-        if self._head is not None and 0.0 <= self._head[0] - stamp <= CLOCK_STEP:
+        if self._head is not None and 0.0 <= self._head[0] - stamp <= KEPT_TIME:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
         interval = 0.0 if self._head is None else max(stamp - self._head[0], 0.0)
         self._head = stamp, head

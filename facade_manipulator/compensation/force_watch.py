@@ -7,17 +7,18 @@ import math
 
 import numpy as np
 
+NOISE = 0.5  # N, usual of a force sensor; below it the head is off the wall
+TOUCH = 3.0 * NOISE  # N, above which it surely touches
+ODD = 6.0 * NOISE  # N, that steps, dead band and noise of a sound sensor do not come to
 OLDEST_WRENCH = 0.2  # s, from which a measurement is not used
 MEMORY = 10.0  # s, over which the figures are means
 HOLD_TIME = 4.0  # s, over which a force that is not held shows
 CHATTER_TIME, CHATTER_MEMORY = 0.1, 0.4  # s: what is faster than the loop, and for how long
-LEAST_CHATTER, CHATTER_SHARE = 3.0, 0.2  # N; of the desired force
+CHATTER_SHARE = 0.2  # of the desired force
 CHATTER_PAUSE, CHATTER_FORGOTTEN, MOST_CHATTERS = 0.4, 10.0, 6  # s, s, and how often
 MOST_FORCE, LEAST_OVER = 2.0, 15.0  # of the desired force; N beyond it
-LEAST_PULL, PULL_TIME = 3.0, 0.05  # N, s: a wall cannot pull
-STUCK_FORCE = 3.0  # N that must show: more than the steps and dead bands of ordinary sensors
+PULL_TIME = 0.05  # s: a wall cannot pull
 LEAST_JUMP, JUMP_SHARE, JUMP_WAY = 10.0, 0.4, 1.5e-3  # N; of the desired force; m
-OFF, TOUCHING = 0.5, 1.5  # N, below and above which that is sure
 RATES = math.tau * np.array((1.5, 2.4))  # rad/s, above what the prediction leaves of the sway
 LEAST_AMPLITUDE = 0.2  # N, of each sine
 AMPLITUDE, MOST_AMPLITUDE = 1.5, 0.04  # of the scatter of the force's trace; of the desired force
@@ -25,6 +26,7 @@ WINDOW = 1.7  # s, in which the sines differ by more than a period
 SLOW = 7  # polynomials, that take what is slower than the sines
 WINDOWS = (5, 10, 20, 40, 80)  # that means are of: the sooner, the clearer the traces
 LEAST_SAMPLES = 25  # in a window
+CREEPING = 9  # windows with offsets in order, 1 of 180,000 if they are in none
 TRIED = np.array(sorted(np.arange(-20, 601) * 5e-3, key=abs))  # s; a damped brush leads
 MOST_LATENCY = 0.11  # s
 CERTAINTY = 3.0  # standard deviations
@@ -86,26 +88,26 @@ class ForceWatch:
         """
         interval = min(max(stamp - self.stamp, 0.0), OLDEST_WRENCH)
         change, self._force, self.stamp = force - self._force, force, stamp
-        if force > -LEAST_PULL:
+        if force > -ODD:
             self._sound_at = stamp
-        if unanswered > STUCK_FORCE:
+        if unanswered > ODD:
             self._fault = (f'contact_wrench is stuck at {force:.1f} N: it should have changed by '
-                           f'{unanswered:.1f} N, bound {STUCK_FORCE:g} N')
+                           f'{unanswered:.1f} N, bound {ODD:g} N')
         if desired > 0.0:
             self._look_for_jump(change, desired, stiffness)
         self.low += _share(interval, CHATTER_TIME) * (force - self.low)
         self._fast += _share(interval, CHATTER_MEMORY) * ((force - self.low) ** 2 - self._fast)
         error = (force - desired) ** 2
-        if force > TOUCHING:  # a wall that is gone is looked for again
+        if force > TOUCH:  # a wall that is gone is looked for again
             self._error += _share(interval, HOLD_TIME) * (error - self._error)
         share = _share(interval, MEMORY)
         self.mean += share * (force - self.mean)
         self.rms = math.sqrt(self.rms ** 2 + share * (error - self.rms ** 2))
-        self.share_off += share * (float(force < OFF) - self.share_off)
+        self.share_off += share * (float(force < NOISE) - self.share_off)
 
     def chatters(self, desired: float) -> bool:
         """Return whether the force changes faster than the loop can; once for each pause."""
-        bound = max(LEAST_CHATTER, CHATTER_SHARE * desired)
+        bound = max(ODD, CHATTER_SHARE * desired)
         since = self.stamp - self._chattered_at
         if since > CHATTER_FORGOTTEN:
             self._chatters = 0
@@ -185,6 +187,7 @@ class LatencyCheck:
 
     def __init__(self) -> None:
         self._traces: deque[np.ndarray] = deque(maxlen=max(WINDOWS))
+        self._places: deque[float] = deque(maxlen=CREEPING)
         self.begin()
 
     def begin(self) -> None:
@@ -192,6 +195,7 @@ class LatencyCheck:
         self.latency, self._amplitudes = 0.0, np.zeros(len(RATES))
         self._samples: list[tuple[float, float, float]] = []
         self._traces.clear()
+        self._places.clear()
         self.forget_stiffness()
 
     def forget_stiffness(self) -> None:
@@ -209,11 +213,25 @@ class LatencyCheck:
         """Note a force [N] measured at a stamp [s] with an offset [m]."""
         if self._samples and stamp - self._samples[0][0] >= WINDOW:
             if len(self._samples) >= LEAST_SAMPLES:
-                self._traces.append(_traces(np.array(self._samples)))
+                samples = np.array(self._samples)
+                self._traces.append(_traces(samples))
+                self._places.append(samples[:, 2].mean())
                 self._windows += 1
                 self._evaluate(np.array(self._traces))
             self._samples.clear()
         self._samples.append((stamp, force, offset))
+
+    @property
+    def creep(self) -> float:
+        """
+        How fast the offset has crept in one direction, window by window [m/s]; 0 if it has not.
+
+        A zero that drifts moves it so. A frame moves it for a moment, sway and strokes to and fro.
+        """
+        steps = np.diff(self._places)
+        if len(self._places) < CREEPING or abs(np.sign(steps).sum()) < len(steps):
+            return 0.0
+        return float(abs(steps).min()) / WINDOW
 
     def _evaluate(self, traces: np.ndarray) -> None:
         count = len(traces)

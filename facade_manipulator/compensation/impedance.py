@@ -27,7 +27,7 @@ TIME_CONSTANT = 1.7  # τ in delays
 SHORTEST_DELAY, LONGEST_DELAY = 0.02, 0.5  # s
 LEAST_STIFFNESS, GREATEST_STIFFNESS = 400.0, 20000.0  # N/m, that the slow estimate may give
 MARGIN = 1.3  # of the slow estimate: rather too stiff than too soft
-RISE_TIME = 0.07  # s, about the loop's delay: what a rise in it shows was no answer to it
+LATENCY = 0.07  # s, usual from a force to the head's answer: a rise within it was none
 LEAST_RISE = 6.0  # N
 UNKNOWN_MOTION = 5e-4  # m, that the wall may have moved meanwhile
 STIFFER = 1.5  # each time the force chatters
@@ -173,7 +173,7 @@ class ContactStiffness:
         """Return whether a sudden rise of the force [N], at an offset [m], shows a stiffer one."""
         recent = self._recent
         recent.append((stamp, force, offset))
-        while stamp - recent[0][0] > RISE_TIME:
+        while stamp - recent[0][0] > LATENCY:
             recent.popleft()
         _, least, there = min(recent, key=lambda item: item[1])
         rise, before = force - least, self.value

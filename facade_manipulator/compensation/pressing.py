@@ -20,26 +20,25 @@ from facade_manipulator.compensation.force_watch import (
     LatencyCheck,
     MOST_LATENCY,
     OLDEST_WRENCH,
+    TOUCH,
 )
 from facade_manipulator.compensation.impedance import (
     ContactStiffness,
     ForceLaw,
     ImpedanceSettings,
+    LATENCY,
     LEAST_STIFFNESS,
     YawImpedanceSettings,
 )
-from facade_manipulator.compensation.sensor_zero import CreepWatch, MOST_DRIFT, SensorZero
+from facade_manipulator.compensation.sensor_zero import MOST_DRIFT, SensorZero
 from facade_manipulator.compensation.suspension import SwayWatch
 from facade_manipulator.kinematics import Pose, ZERO_POSE
 
 FIRST_SHARE = 0.1  # of the desired force, with which the ramp begins
-TOUCH = 1.5  # N, three times a sensor's usual noise
 LOST_AFTER = 1.0  # s without touch, after which the wall is looked for again
 TOUCH_SHARE = 0.25  # of the desired force, by which a touch in search of the wall may miss it
 LEAST_ERROR = 2.0  # N, RMS that counts as not held, and of the desired force:
 RISING_ERROR, HOLDING_ERROR = 0.5, 0.1  # of the force, while it rises and once it holds
-SETTLED = 0.1  # s after which the head is where the offset has been: four lags of the drives
-LATENCY = 0.07  # s, usual from a force to the head's answer
 NEGLIGIBLE = 1e-9  # m or rad
 NEAR = 0.005  # m before where the wall was: beyond what is left of the sway, 1.4 mm at most
 KNOWN_RAMP = 1.2  # s, where the stiffness is known: with approach and touch 4 s in all
@@ -81,7 +80,7 @@ class Pressing:
     watch : ForceWatch
         Finds what is wrong and keeps the figures.
     latency : LatencyCheck
-        Finds a force that is late with fresh stamps.
+        Finds a force that is late with fresh stamps, or whose zero drifts.
     zero : SensorZero
         What is measured off the wall.
     wall : float or None
@@ -117,7 +116,7 @@ class Pressing:
         self._same_at = 0.0  # offset at which the wrench last changed
         self._has_changed = False
         self._held_back, self._held_back_until = '', -math.inf
-        self._creep, self._crept_at = CreepWatch(), -math.inf
+        self._crept_at = -math.inf
         self.sway = SwayWatch()
         if press.enabled:
             self.mode = PressMode.RETRACTED
@@ -175,7 +174,6 @@ class Pressing:
         if self.mode is PressMode.HOLDING:
             self.latency.add(stamp, self.y.force, self.y.offset_then)
             self.stiffness.limit(self.latency.stiffness)
-            self._creep.add(stamp, self.y.offset_then)
 
     def _unanswered(self, is_repeated: bool) -> float:
         """Return by how much the force should have changed since the wrench last did [N]."""
@@ -251,7 +249,7 @@ class Pressing:
         """Return what the head has to wait for off the wall, empty for nothing."""
         if not fresh and self.mode is not PressMode.SEARCHING:  # there it stands still
             return f'no contact_wrench for {OLDEST_WRENCH:g} s'
-        drift = self._creep.speed * self.stiffness.value
+        drift = self.latency.creep * self.stiffness.value
         if self.mode is PressMode.HOLDING and drift > MOST_DRIFT and (
                 now - self._crept_at > CREEP_PAUSE):
             self._crept_at = now
@@ -311,7 +309,6 @@ class Pressing:
         if self._progress >= 1.0:
             self.stiffness.finish()
             self.latency.begin()
-            self._creep.begin()
             self.watch.begin_contact()
             self.mode = PressMode.HOLDING
 
@@ -359,7 +356,7 @@ class Pressing:
         self.y.move(time, before if self._is_blocked else moved)
         if self.mode is PressMode.RETRACTED and self._free_from == math.inf and (
                 self._is_blocked or moved <= -press.retreat):
-            self._free_from = time + SETTLED
+            self._free_from = time
 
     def _move_theta(
         self, time: float, interval: float, saturation_error: float, fresh: bool

@@ -1,9 +1,8 @@
-"""The zero of a force sensor: taken while the head is off the wall, checked, missed in contact."""
+"""The zero of a force sensor, which is taken and checked while the head is off the wall."""
 
 from __future__ import annotations
 
 from collections import deque
-import math
 
 import numpy as np
 
@@ -11,8 +10,6 @@ BLOCK = 0.5  # s, whose mean is a zero: to 0.07 N with 0.5 N of noise at 100 Hz
 BLOCKS = 4  # from the first to the last 1.5 s: a drift shows to 0.07 N/s
 MOST_ZERO = 10.0  # N: a sensor of 100 N may be off by as much; more is a wall that is touched
 MOST_DRIFT = 0.2  # N/s: within 15 s of contact 3 N, a tenth of the usual force
-CREEP_BLOCK = 2.0  # s, of which the mean offset is taken
-CREEP_BLOCKS = 8  # that move the same way, 1 in 40,000 if they move at random
 
 
 class SensorZero:
@@ -61,37 +58,3 @@ class SensorZero:
             return (f'{self.force:.1f} N are measured before the wall is looked for, bound '
                     f'{MOST_ZERO:g} N')
         return '' if is_known else 'the zero of contact_wrench is being taken off the wall'
-
-
-class CreepWatch:
-    """
-    Find an offset that only creeps on: a zero that drifts moves the head so, and few walls do.
-
-    Whether it is the zero shows off the wall alone. A frame moves the offset for a moment, sway
-    and strokes to and fro.
-    """
-
-    def __init__(self) -> None:
-        self.begin()
-
-    def begin(self) -> None:
-        """Forget everything: the force is another one."""
-        self._offsets: list[float] = []
-        self._since = -math.inf
-        self._means: deque[float] = deque(maxlen=CREEP_BLOCKS)
-
-    def add(self, stamp: float, offset: float) -> None:
-        """Note the offset [m] that was there at a stamp [s]."""
-        if not 0.0 <= stamp - self._since < CREEP_BLOCK:
-            if self._offsets:
-                self._means.append(math.fsum(self._offsets) / len(self._offsets))
-            self._offsets, self._since = [], stamp
-        self._offsets.append(offset)
-
-    @property
-    def speed(self) -> float:
-        """How fast it has crept all the time [m/s], 0 if it has not."""
-        steps = np.diff(self._means)
-        if len(self._means) < CREEP_BLOCKS or abs(np.sign(steps).sum()) < len(steps):
-            return 0.0
-        return float(abs(steps).min()) / CREEP_BLOCK

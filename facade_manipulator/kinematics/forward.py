@@ -88,13 +88,6 @@ def certify_carriages(geometry: Geometry, *path: Carriages) -> None:
         check_branch(branch_number((sine, cosine, y - rise, y + rise, left + span, span - right)))
 
 
-def on_rail(
-    _: Geometry, carriages: tuple[float, float, float]
-) -> tuple[float, float, float]:
-    """Return the carriages as the drives count them [m]: on the drawing the drives are right."""
-    return carriages
-
-
 def _solve(geometry: Geometry, left: float, right: float) -> tuple[float, float]:
     """Return (y, θ) for left = q1 − q3 below right = q2 − q3."""
     y, sine, cosine = _close(geometry, left, right)

@@ -12,11 +12,7 @@ from __future__ import annotations
 from functools import partial
 
 from facade_manipulator.kinematics.calibrated import CalibratedMechanism
-from facade_manipulator.kinematics.forward import (
-    certify_carriages,
-    forward_kinematics,
-    on_rail,
-)
+from facade_manipulator.kinematics.forward import certify_carriages, forward_kinematics
 from facade_manipulator.kinematics.geometry import Geometry, Pose
 from facade_manipulator.kinematics.inverse import (
     carriage_velocity,
@@ -47,7 +43,6 @@ class NominalMechanism:
         self.end_effector_force = partial(end_effector_force, geometry)
         self.certify = partial(certify, geometry)
         self.check = partial(certify_carriages, geometry)
-        self.on_rail = partial(on_rail, geometry)
         self.take_up = partial(take_up, geometry)
 
     def platform(self, head: Pose) -> Pose:
@@ -55,6 +50,10 @@ class NominalMechanism:
         return head
 
     head = platform
+
+    def on_rail(self, carriages: tuple[float, float, float]) -> tuple[float, float, float]:
+        """Return the carriages as the drives count them [m], which are right on the drawing."""
+        return carriages
 
 
 Mechanism = NominalMechanism | CalibratedMechanism
