@@ -1,15 +1,22 @@
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import pytest
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter
 
+from facade_manipulator.compensation import ArrivalSettings, DEFAULTS, FrictionSettings
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.motion import GoalSettings, MotionLimits, StreamSettings
 from facade_manipulator.nodes.compensator import CompensatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import (
+    check_parameters,
+    METADATA_KEY,
+    parameter,
+    parameter_fields,
+)
 from facade_manipulator.ros.known_parameters import name_unknown_parameters
 from facade_manipulator.ros.parameters import declare
 
@@ -45,6 +52,22 @@ class Sample:
 def test_a_value_out_of_its_range_is_rejected_with_bound_and_unit(values, message):
     with pytest.raises(ParameterError, match=message):
         Sample(**values)
+
+
+SETTINGS = (*DEFAULTS, ArrivalSettings(), FrictionSettings(), GoalSettings(), MotionLimits(),
+            StreamSettings())
+
+
+@pytest.mark.parametrize(('made', 'name', 'info'), [
+    pytest.param(made, name, item.metadata[METADATA_KEY], id=f'{type(made).__name__}.{name}')
+    for made in SETTINGS for name, item in parameter_fields(type(made)).items()
+    if not isinstance(getattr(made, name), bool)])
+def test_no_settings_take_what_is_no_number_or_out_of_their_range(made, name, info):
+    value = getattr(made, name)
+    for bad in (math.nan, info.minimum - 1.0, info.maximum + 1.0):
+        spoilt = (bad, *value[1:]) if isinstance(value, tuple) else bad
+        with pytest.raises(ParameterError, match=name):
+            replace(made, **{name: spoilt})
 
 
 def test_parameters_are_declared_with_description_unit_and_range(ros):

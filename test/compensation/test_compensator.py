@@ -13,7 +13,7 @@ from facade_manipulator.compensation.compensator import (
     CompensatorSettings,
 )
 from facade_manipulator.compensation.correction import CorrectionSettings
-from facade_manipulator.errors import InputError, LimitError, ParameterError
+from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import (
     add,
     certify,
@@ -185,28 +185,8 @@ def test_a_head_that_follows_is_left_alone():
     assert run.last.pose == pytest.approx((0.1, 0.25, 0.0), abs=1e-9)
 
 
-def test_a_head_out_of_order_is_rejected():
-    compensator = Compensator(GEOMETRY)
-    compensator.following.add_head(1000.0, GOAL)
-    with pytest.raises(InputError, match='older'):
-        compensator.following.add_head(999.9, GOAL)
-
-
-def test_an_estimate_that_cannot_be_believed_is_rejected():
-    with pytest.raises(InputError, match='old'):
-        Compensator(GEOMETRY).add_estimate(1000.0, 990.0, GOAL, NO_VARIANCES)
-
-
 def test_disabled_the_rail_is_taken_for_the_wall():
     run = Run(lambda _: Pose(0.1, 0.0, 0.0), correction=CorrectionSettings(enabled=False))
     run.compensator.set_goal(GOAL)
     run.go(2.0)
     assert run.last.pose == pytest.approx(tuple(GOAL), abs=1e-9)
-
-
-@pytest.mark.parametrize('values', [
-    {'speed': (1.0,)}, {'acceleration': (1.0, 1.0)}, {'horizon': 0.0},
-    {'min_conditioning': math.nan}])
-def test_settings_that_make_no_sense_are_rejected(values):
-    with pytest.raises(ParameterError, match=next(iter(values))):
-        CompensationSettings(**values)

@@ -10,7 +10,7 @@ from facade_manipulator.compensation.correction import (
     CorrectionMode,
     CorrectionSettings,
 )
-from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
 from facade_manipulator.prediction import PredictionSettings
@@ -124,15 +124,3 @@ def test_a_tare_without_a_fresh_estimate_is_rejected(heard, message):
     run.go(2.0, heard=False)
     with pytest.raises(ManipulatorError, match=message):
         run.correction.tare(run.now)
-
-
-def test_a_lasting_offset_and_a_tare_leave_nothing_to_correct():
-    run = Run(motion=lambda _: Pose(0.05, 0.01, 0.02)).go(6.0)
-    run.correction.tare(run.now)
-    run.go(8.0)
-    assert run.courses[-1].position == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
-
-
-def test_a_blend_needs_three_accelerations():
-    with pytest.raises(ParameterError, match='fade_time'):
-        CorrectionSettings(fade_time=0.0)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from facade_manipulator.compensation.contact import LateralRegulator, LateralSettings, SHIFT_SPEED
-from facade_manipulator.errors import ParameterError
 
 SETTINGS = LateralSettings(enabled=True)
 PERIOD = 0.01
@@ -57,8 +56,3 @@ def test_at_the_workspace_limit_the_shift_goes_no_further():
 def test_disabled_nothing_is_shifted():
     shifts, _ = regulate(lambda _: 0.01, 1.0, replace(SETTINGS, enabled=False))
     assert not shifts.any()
-
-
-def test_settings_out_of_range_are_rejected():
-    with pytest.raises(ParameterError, match='integral'):
-        LateralSettings(integral=-1.0)

@@ -50,14 +50,6 @@ def test_after_a_step_the_target_is_reached_without_overshoot():
     assert min(pose.y for pose in poses) > -0.1 - 1e-3
 
 
-def test_it_stays_behind_a_step():
-    step = Pose(0.2, 0.0, 0.0)
-    _, poses = follow([Pose(0.0, 0.0, 0.0), step])
-    behind = subtract(step, poses[-1])
-    assert behind.x == pytest.approx(0.2, abs=1e-3)
-    assert behind.y == 0.0
-
-
 def test_after_a_reset_it_begins_at_the_target():
     tracker, _ = follow([Pose(0.0, 0.0, 0.0)] * 3)
     tracker.reset()

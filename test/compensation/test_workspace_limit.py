@@ -10,7 +10,6 @@ from facade_manipulator.compensation.limits import (
     WorkspaceLimit,
     WorkspaceLimitSettings,
 )
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import certify, Geometry, mechanism_of, Pose
 
 GEOMETRY = Geometry()
@@ -49,13 +48,6 @@ def test_a_pose_well_inside_is_left_alone(pose):
     assert saturated.saturation_error == (0.0, 0.0, 0.0)
 
 
-def test_only_the_axis_beyond_the_workspace_limit_is_held_back():
-    limit = WorkspaceLimit(GEOMETRY, SETTINGS)
-    saturation_error = limit.saturate(Pose(0.6, 0.25, 0.02)).saturation_error
-    assert saturation_error.x > 0.1
-    assert saturation_error.y == saturation_error.theta == 0.0
-
-
 @given(anywhere, st.floats(-0.3, 0.3))
 def test_at_the_end_of_x_the_distance_from_an_oblique_wall_is_kept(pose, slope):
     limit = WorkspaceLimit(GEOMETRY, SETTINGS)
@@ -91,14 +83,3 @@ def test_a_soft_clamp_stays_in_its_interval(value, low, width, knee):
 
 def test_a_soft_clamp_of_an_empty_interval_gives_its_middle():
     assert soft_clamp(5.0, 1.0, 0.0, 0.1) == 0.5
-
-
-def test_a_margin_that_leaves_no_workspace_is_rejected():
-    with pytest.raises(ParameterError, match='margin'):
-        WorkspaceLimit(Geometry(link_length=0.1, platform_half_length=0.3, carriage_gap=0.0),
-               WorkspaceLimitSettings(margin=0.06))
-
-
-def test_a_margin_of_nothing_is_rejected():
-    with pytest.raises(ParameterError, match='margin'):
-        WorkspaceLimitSettings(margin=0.0)

@@ -2,7 +2,7 @@ import math
 
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from mechanism import DESIGN, reachable_poses, regular_poses, workspace_poses
+from mechanism import DESIGN, regular_poses, workspace_poses
 import numpy as np
 import pytest
 
@@ -77,15 +77,6 @@ def test_the_jacobian_is_a_inverse_b_of_the_paper_with_the_determinants_of_the_d
     assert np.linalg.det(matrix) == pytest.approx(-half * number / (s1 * s2), rel=1e-7)
 
 
-@given(reachable_poses())
-def test_n_is_the_expression_of_the_design_page(pose):
-    q1, q2, q3 = inverse_kinematics(DESIGN, pose)
-    s, c = math.sin(pose.theta), math.cos(pose.theta)
-    expected = (DESIGN.platform_half_length * s * s * (q1 - q2)
-                + (q1 + q2 - 2.0 * q3) * pose.y * s + 2.0 * pose.y ** 2 * c)
-    assert parallel_singularity(DESIGN, pose) == pytest.approx(expected, abs=1e-14)
-
-
 @given(workspace_poses(Geometry(carriage_gap=0.0)))
 def test_n_stays_above_5600_square_millimetres_in_the_design_s_workspace(pose):
     assert parallel_singularity(DESIGN, pose) > 5600e-6 - 1e-9
@@ -113,11 +104,6 @@ def test_forces_do_the_work_of_the_carriages(drawn, forces, vx, vy, omega):
     work = np.dot(forces, carriage_velocity(geometry, pose, velocity))
     scale = 1.0 + np.abs(jacobian(geometry, pose)).max() * 100.0
     assert np.dot(force, velocity) == pytest.approx(work, abs=1e-11 * scale)
-
-
-def test_at_the_parallel_platform_equal_outer_forces_push_straight_out():
-    force = end_effector_force(DESIGN, Pose(0.0, 0.25, 0.0), Carriages(-10.0, 10.0, 0.0))
-    assert force.fx == 0.0 and force.fy > 0.0 and abs(force.mz) < 1e-12
 
 
 def test_beyond_reach_there_is_no_jacobian_and_nan_is_a_value_error():

@@ -11,7 +11,6 @@ from facade_manipulator.errors import LimitError, ParameterError
 from facade_manipulator.kinematics import (
     certify,
     compose,
-    Geometry,
     lci_grid,
     local_conditioning_index,
     mechanism_of,
@@ -121,8 +120,3 @@ def test_the_nodes_map_needs_no_plotting_library():
     shown = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                            check=True, timeout=60)
     assert shown.stdout.strip() == '[]'
-
-
-def test_a_single_cell_is_a_grid_too():
-    cells, _ = lci_grid(Geometry(stroke=(-1.0, 1.0)), 0.0, 5.0)
-    assert cells.shape == (1, 1)

@@ -26,10 +26,6 @@ def test_every_certified_pose_passes_the_guard(x, y, theta):
     guard(tuple(carriages))
 
 
-def test_the_home_position_passes():
-    guard((-0.1, 0.1, 0.0))
-
-
 @pytest.mark.parametrize('positions, error, quantity', [
     ((-0.51, -0.1, -0.3), StrokeLimitError, 'q1'),
     ((0.31, 0.51, 0.4), StrokeLimitError, 'q2'),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from ruckig import Ruckig, RuckigError, Synchronization
 
-from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.motion.reference import HeadMotion, ReferencePath, ReferenceSettings
 
@@ -72,18 +72,6 @@ def test_a_new_goal_on_the_way_changes_nothing_at_once(start, goal, other, share
 def test_the_shorter_way_round_is_taken():
     reference = planned(Pose(0.0, 0.25, math.radians(175)), Pose(0.0, 0.25, math.radians(-175)))
     assert reference.at(reference.arrival()).position.theta == pytest.approx(math.radians(185))
-
-
-def test_a_stroke_of_a_quarter_metre_arrives_before_its_error_counts():
-    reference = planned(Pose(-0.12, 0.25, 0.0), Pose(0.12, 0.25, 0.0))
-    assert reference.arrival() - 100.0 < 2.3
-
-
-@pytest.mark.parametrize('values', [
-    {'speed': (0.1, 0.1)}, {'jerk': (0.0, 1.0, 1.0)}, {'acceleration': (1.0, math.nan, 1.0)}])
-def test_settings_that_make_no_sense_are_rejected(values):
-    with pytest.raises(ParameterError, match=next(iter(values))):
-        ReferenceSettings(**values)
 
 
 class Reluctant:
