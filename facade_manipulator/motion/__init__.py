@@ -32,4 +32,5 @@ from .setpoints import GoalSettings as GoalSettings
 from .setpoints import Setpoint as Setpoint
 from .setpoints import SetpointStream as SetpointStream
 from .setpoints import STREAM_GAP as STREAM_GAP
+from .timed_buffer import KEPT_TIME as KEPT_TIME
 from .timed_buffer import TimedBuffer as TimedBuffer
