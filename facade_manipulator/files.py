@@ -9,6 +9,7 @@ import errno
 import os
 from pathlib import Path
 import shutil
+from typing import Any
 
 
 @contextmanager
@@ -45,7 +46,7 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-def write_table(path: Path, header: Iterable[str], rows: Iterable[Iterable]) -> None:
+def write_table(path: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     """Write a CSV file; as `atomic_write`."""
     with atomic_write(path) as draft, draft.open('w', newline='', encoding='utf-8') as file:
         csv.writer(file).writerows([header, *rows])

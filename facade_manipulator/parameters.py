@@ -93,7 +93,7 @@ def as_fields(values: Mapping[str, Any]) -> dict[str, Any]:
             for name, value in values.items()}
 
 
-def parameter_fields(cls: type) -> dict[str, Field]:
+def parameter_fields(cls: type) -> dict[str, Field[Any]]:
     """Return the fields of settings that are parameters by name; what else there is, is fixed."""
     return {item.name: item for item in fields(cls) if METADATA_KEY in item.metadata}
 

@@ -52,8 +52,8 @@ class BlackBox:
         self._versions = installed_versions()
         self._writer = ThreadPoolExecutor(1, 'black box', lambda: os.setpriority(
             os.PRIO_PROCESS, 0, LOW_PRIORITY))
-        self._job: Future | None = None  # the newest, of a segment or of a file
-        self._file: Future | None = None
+        self._job: Future[Any] | None = None  # the newest, of a segment or of a file
+        self._file: Future[Any] | None = None
         self._flushed = self._job_time = 0.0
         self._chain: tuple[float, Path | None] = 0.0, None
         self._has_recovered = False
@@ -73,7 +73,7 @@ class BlackBox:
         elif not self._is_busy and now - self._flushed >= SEGMENT:
             self._begin(self._flush, self._metadata(self._trigger.reasons))
 
-    def save(self, reason: str) -> Future:
+    def save(self, reason: str) -> Future[Any]:
         """Write a file for a reason, unless another one `is_writing`; the future has its path."""
         return self._record(DueFile((reason,), time.monotonic()))
 
@@ -121,12 +121,12 @@ class BlackBox:
         if not self._error:
             self._stream.close()
 
-    def _record(self, due: DueFile) -> Future:
+    def _record(self, due: DueFile) -> Future[Any]:
         self._file = self._begin(self._write, due, self._metadata(due.reasons),
                                  carried_files(self._parameters().get('driver', {})))
         return self._file
 
-    def _begin(self, job: Callable[..., Path | None], *arguments: Any) -> Future:
+    def _begin(self, job: Callable[..., Path | None], *arguments: Any) -> Future[Any]:
         self._flushed = self._job_time = time.monotonic()
         self._job = self._writer.submit(job, *arguments)
         self._job.add_done_callback(self._report)
@@ -170,7 +170,7 @@ class BlackBox:
         self._trigger.rest(time.monotonic(), time.monotonic() - begin)
         return path
 
-    def _report(self, job: Future) -> None:
+    def _report(self, job: Future[Any]) -> None:
         error = job.exception()
         message = str(error) if error else ''
         if message and message != self._error:

@@ -179,7 +179,7 @@ class Geometry:
             self.tool, *self.screw_errors))))
 
 
-def _numbers(item: Field, value: object) -> float | tuple[float, ...]:
+def _numbers(item: Field[Any], value: object) -> float | tuple[float, ...]:
     """Return what a field holds as a float, or as a tuple of them."""
     if not isinstance(item.default, tuple):
         return _number(item.name, value)

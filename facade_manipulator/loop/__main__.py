@@ -9,6 +9,7 @@ from queue import SimpleQueue
 import signal
 import socket
 import sys
+from typing import Any
 
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.loop.channel import Channel, ChannelClosedError
@@ -35,7 +36,7 @@ def _start_logging() -> QueueListener:
     """Let a thread of its own write the log: a terminal may take no output for any time."""
     output = logging.StreamHandler()
     output.setFormatter(logging.Formatter('[%(levelname)s] [control loop]: %(message)s'))
-    records: SimpleQueue = SimpleQueue()
+    records: SimpleQueue[Any] = SimpleQueue()
     logging.getLogger().addHandler(QueueHandler(records))
     logging.getLogger('facade_manipulator').setLevel(logging.INFO)
     logging.getLogger('canopen').setLevel(logging.CRITICAL)  # its errors are messages of ours

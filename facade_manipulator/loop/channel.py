@@ -41,7 +41,7 @@ class Message(NamedTuple):
     packed: bytes  #: of many states only some are looked at, and unpacked for it
 
     @property
-    def content(self) -> tuple:
+    def content(self) -> tuple[Any, ...]:
         """
         The values that were sent.
 

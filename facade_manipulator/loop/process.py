@@ -53,7 +53,7 @@ LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 LoopState = tuple[ControllerSnapshot, StreamStatus]
 
 
-def start_process(end: socket.socket) -> subprocess.Popen:
+def start_process(end: socket.socket) -> subprocess.Popen[bytes]:
     """
     Start the loop in a process of its own that inherits one end of a channel.
 
@@ -90,7 +90,7 @@ class LoopProcess:
 
     def __init__(
         self, setup: LoopSetup, on_rejection: Callable[[str, str], None],
-        launch: Callable[[socket.socket], subprocess.Popen] = start_process,
+        launch: Callable[[socket.socket], subprocess.Popen[bytes]] = start_process,
     ) -> None:
         self._setup = setup
         self._on_rejection = on_rejection
@@ -114,10 +114,10 @@ class LoopProcess:
             channel.close()
             raise
         # only now does anybody else send: the setup has to be first
-        self._jobs: dict[int, Future] = {}
+        self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
         self._closing = False
-        self._farewell: Future | None = None
+        self._farewell: Future[Any] | None = None
         self._latest: Message | None = None
         self._decoded: tuple[Message | None, LoopState] = None, first
         self._states: deque[Message] = deque(maxlen=MAX_STATES)
@@ -132,9 +132,9 @@ class LoopProcess:
 
     # --- what the node asks for
 
-    def request(self, name: str) -> Future:
+    def request(self, name: str) -> Future[Any]:
         """Ask for a transition or a test; the future ends with the reply or with its error."""
-        job: Future = Future()
+        job: Future[Any] = Future()
         job.set_running_or_notify_cancel()  # from here on nobody can cancel it
         number = next(self._numbers)
         self._jobs[number] = job
@@ -293,7 +293,7 @@ class LoopProcess:
             self._farewell = self._end()
         return self._farewell.result()
 
-    def _end(self) -> Future:
+    def _end(self) -> Future[Any]:
         self._closing = True
         job, end = self.request('close'), time.monotonic() + (
             CLOSE_TIMEOUT + self._setup.extra_time)
@@ -324,13 +324,13 @@ def _receive_ready(channel: Channel) -> tuple[ControllerSnapshot, StreamStatus]:
     return unpack_state(*content[1:])
 
 
-def _kill(process: subprocess.Popen) -> None:
+def _kill(process: subprocess.Popen[bytes]) -> None:
     """End a process and collect its exit status, so that no zombie stays."""
     process.kill()
     _exit_status(process)
 
 
-def _exit_status(process: subprocess.Popen) -> int | str:
+def _exit_status(process: subprocess.Popen[bytes]) -> int | str:
     try:
         return process.wait(1.0)
     except subprocess.TimeoutExpired:

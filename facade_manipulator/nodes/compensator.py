@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from action_msgs.msg import GoalInfo
 from action_msgs.srv import CancelGoal
@@ -172,7 +172,7 @@ class CompensatorNode(Node):
 
     """
 
-    def __init__(self, heads: PoseStream | None = None, **kwargs) -> None:
+    def __init__(self, heads: PoseStream | None = None, **kwargs: Any) -> None:
         super().__init__('compensator', **kwargs)
         name_unknown_parameters(self)
         geometry = declare(self, Geometry, 'geometry')
@@ -203,7 +203,7 @@ class CompensatorNode(Node):
         steady_timer(self, 1.0 / rate, self._update)
         steady_timer(self, REPORT_PERIOD, self._say)
 
-    def _declare(self, geometry: Geometry, part: str, settings_class: type):
+    def _declare(self, geometry: Geometry, part: str, settings_class: type) -> Any:
         """Declare the settings of a part of the compensator, which may change while it runs."""
         return declare(
             self, settings_class, '' if part == 'compensation' else part,
@@ -329,7 +329,9 @@ class CompensatorNode(Node):
         if self._report.changed(now):
             self._diagnostics.publish()
 
-    def _enable(self, request: SetBool.Request, response: SetBool.Response):
+    def _enable(
+        self, request: SetBool.Request, response: SetBool.Response
+    ) -> SetBool.Response:
         correction = self._compensator.correction
         correction.enabled = request.data
         response.success, direction = True, 'in' if request.data else 'out'

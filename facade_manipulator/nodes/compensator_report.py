@@ -53,7 +53,7 @@ class CompensatorReport:
         """Return whether level or message are others than last published."""
         return self._outcome(now) != self._published_outcome
 
-    def components(self, now: float, rejections: Mapping) -> list[DiagnosticStatus]:
+    def components(self, now: float, rejections: Mapping[str, Any]) -> list[DiagnosticStatus]:
         """Return the diagnostics of this moment."""
         self._published_outcome = self._outcome(now)
         components = [diagnostic_status(

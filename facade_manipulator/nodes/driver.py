@@ -17,6 +17,7 @@ from functools import partial
 from importlib import import_module
 import math
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
@@ -110,7 +111,7 @@ class DriverNode(ManagedNode):
 
     """
 
-    def __init__(self, launch=start_process, **kwargs) -> None:
+    def __init__(self, launch: Callable[..., Any] = start_process, **kwargs: Any) -> None:
         super().__init__('driver', **kwargs)
         name_unknown_parameters(self)
         self._rejections = Rejections(self)
@@ -129,7 +130,7 @@ class DriverNode(ManagedNode):
         self._drive_faults = 0
         self._was_stopped = False
         self._last_failure = ''
-        self._published_outcome: tuple = ()
+        self._published_outcome: tuple[Any, ...] = ()
         self._status = StatusPublisher(self)
         self._setpoint_codec, self._states_codec = setpoint_codec(), states_codec()
         self._offer()
@@ -137,7 +138,7 @@ class DriverNode(ManagedNode):
         if self._settings.configure_at_start:
             self.configure_soon()
 
-    def transition_jobs(self):
+    def transition_jobs(self) -> Any:
         """Return what starts each lifecycle transition."""
         return {
             State.TRANSITION_STATE_CONFIGURING: lambda: self._start_alone(
@@ -215,7 +216,7 @@ class DriverNode(ManagedNode):
         steady_timer(self, SUPERVISION_PERIOD, self._supervise)
 
     def _offer_request(self, name: str, request: interfaces.Service) -> None:
-        def answer(job: Future) -> Trigger.Response:
+        def answer(job: Future[Any]) -> Trigger.Response:
             error = job.exception()
             message = str(error or job.result())
             self.report(error is None, message)
@@ -224,7 +225,7 @@ class DriverNode(ManagedNode):
         self.replies.attach(service(
             self, request, lambda *_: Deferred(self._loop.request(name), answer)))
 
-    def _self_test_response(self, job: Future) -> SelfTest.Response:
+    def _self_test_response(self, job: Future[Any]) -> SelfTest.Response:
         error = job.exception()
         findings = [Finding('self_test', False, str(error))] if error else job.result()
         passed = all(finding.passed for finding in findings)
@@ -253,12 +254,12 @@ class DriverNode(ManagedNode):
             f'from {_in_words(before)} to {_in_words(limits)}')
         self.get_logger().info(f'limits of motion changed, {self._limits_changed}')
 
-    def _start_alone(self, name: str, start: Callable[[], Future]) -> Future:
+    def _start_alone(self, name: str, start: Callable[[], Future[Any]]) -> Future[Any]:
         """Start a request unless another driver would follow the setpoints as well."""
         rival = self._rival()
         if not rival:
             return start()
-        job: Future = Future()
+        job: Future[Any] = Future()
         job.set_exception(DriveStateError(f'{name} is not possible, {rival}, then {name}'))
         return job
 
@@ -269,7 +270,7 @@ class DriverNode(ManagedNode):
         return (f'another driver runs in namespace {self.get_namespace()}, and both would follow '
                 'the setpoints; next: end one of the two')
 
-    def _configure(self) -> Future:
+    def _configure(self) -> Future[Any]:
         """Configure; if the loop's process has ended, start another one before."""
         if not self._loop.is_lost:
             return self._loop.request('configure')
@@ -280,7 +281,7 @@ class DriverNode(ManagedNode):
 
         return self._worker.submit(begin_again)
 
-    def _shut_down(self) -> Future:
+    def _shut_down(self) -> Future[Any]:
         return self._worker.submit(self._loop.close)
 
     def _receive_setpoint(self, data: bytes) -> None:

@@ -50,7 +50,7 @@ class StatusPublisher:
         self._node = node
         self._publisher = publisher(node, interfaces.DRIVER_STATUS)
         self._active_since = math.inf
-        self._published: tuple = ()
+        self._published: tuple[Any, ...] = ()
         self._published_at = -math.inf
 
     def publish(self, snapshot: ControllerSnapshot, activity: str, last_failure: str) -> None:

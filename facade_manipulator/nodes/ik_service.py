@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from functools import partial
 import math
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.srv import GetPlan
 from rclpy.node import Node
+from std_msgs.msg import Header
 
 from facade_manipulator import interfaces
 from facade_manipulator.errors import ManipulatorError
@@ -63,7 +65,7 @@ SAME_TIME = 1e-5  # s: stamps are cut to nanoseconds, floats hold a quarter of a
 class IkServiceNode(Node):
     """Inverse kinematics for the supervisor (service) and for the stream of corrected poses."""
 
-    def __init__(self, **kwargs) -> None:
+    def __init__(self, **kwargs: Any) -> None:
         super().__init__('ik_service', **kwargs)
         name_unknown_parameters(self)
         self.geometry = declare(self, Geometry, 'geometry')
@@ -230,7 +232,7 @@ class IkServiceNode(Node):
         return diagnostic_status('goal', *self._outcome(), values)
 
 
-def _actuator_pose(header, point: Carriages) -> PoseStamped:
+def _actuator_pose(header: Header, point: Carriages) -> PoseStamped:
     pose = PoseStamped(header=header)
     position = pose.pose.position
     position.x, position.y, position.z = point

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from rclpy.node import Node
 
@@ -11,7 +12,7 @@ from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.ros import run
 
 
-def make_nodes(**kwargs) -> list[Node]:
+def make_nodes(**kwargs: Any) -> list[Node]:
     """Make both nodes, their poses going straight from one to the other."""
     ik_service = IkServiceNode(**kwargs)
     compensator = CompensatorNode(ik_service.heads, **kwargs)

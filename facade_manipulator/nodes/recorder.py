@@ -61,7 +61,7 @@ SILENCE = 3.0  # s without diagnostics of a driver that had power
 class RecorderNode(Node):
     """Keep what is said and write it down when the machine stops."""
 
-    def __init__(self, **kwargs) -> None:
+    def __init__(self, **kwargs: Any) -> None:
         super().__init__('recorder', **kwargs)
         self._driver_state, self._driver_time = '', time.monotonic()
         self._knows_goal = False
@@ -149,7 +149,7 @@ class RecorderNode(Node):
         return name if namespace.strip('/') == self._prefix else ''
 
     def _save(self, _: Trigger.Request, response: Trigger.Response) -> Deferred | Trigger.Response:
-        def answer(job: Future) -> Trigger.Response:
+        def answer(job: Future[Any]) -> Trigger.Response:
             response.success = job.exception() is None
             response.message = str(job.exception() or f'recorded in {job.result()}')
             return response

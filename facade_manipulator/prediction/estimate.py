@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from facade_manipulator.errors import InputError, require_recent
 from facade_manipulator.kinematics import Pose
@@ -134,7 +134,7 @@ class EstimateGate:
             along + mixed + y * y * yaw, across - mixed + x * x * yaw, yaw))
 
 
-def _meaning(settings: EstimateSettings) -> tuple:
+def _meaning(settings: EstimateSettings) -> tuple[Any, ...]:
     """Return mounting, axes and delay: other ones make it an estimate of another motion."""
     return settings.mounting, settings.axes, settings.delay
 

@@ -40,7 +40,7 @@ def reject_simulated_time(node: Node) -> None:
     if node.get_parameter(SIMULATED_TIME).value:
         raise ParameterError(_REASON)
 
-    def check(parameters: list) -> SetParametersResult:
+    def check(parameters: list[Any]) -> SetParametersResult:
         simulates = any(one.name == SIMULATED_TIME and one.value for one in parameters)
         return SetParametersResult(successful=not simulates, reason=_REASON if simulates else '')
 

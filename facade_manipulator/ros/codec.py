@@ -53,7 +53,7 @@ class Field(NamedTuple):
     """Values of a message."""
 
     format: str  #: as of `struct`
-    values: tuple  #: what they are in every message of the topic; `NUMBER` where that changes
+    values: tuple[Any, ...]  #: in every message of the topic; `NUMBER` where it changes
 
 
 STAMP = Field('iI', (NUMBER, NUMBER))

@@ -39,9 +39,9 @@ def offer_trigger(node: Node, offered: Service, act: Callable[[], str]) -> None:
 class Deferred(NamedTuple):
     """An answer that follows when a job is done."""
 
-    job: Future  #: completed in any thread
+    job: Future[Any]  #: completed in any thread
     #: takes the completed job, returns the service's response; runs in the executor
-    respond: Callable[[Future], Any]
+    respond: Callable[[Future[Any]], Any]
 
 
 class DeferredReplies:
@@ -62,7 +62,7 @@ class DeferredReplies:
         require_of_rclpy(service, 'send_response')
         send_response = service.send_response
 
-        def send(response, header):
+        def send(response: Any, header: Any) -> None:
             if isinstance(response, Deferred):
                 self.when_done(response.job, lambda job: send_response(
                     response.respond(job), header))
@@ -71,9 +71,9 @@ class DeferredReplies:
 
         service.send_response = send  # type: ignore[method-assign]  # that is the wrapping
 
-    def when_done(self, job: Future, action: Callable[[Future], Any]) -> None:
+    def when_done(self, job: Future[Any], action: Callable[[Future[Any]], Any]) -> None:
         """Do something with a job that any thread completes, in the node's executor."""
-        def in_executor(job: Future) -> None:
+        def in_executor(job: Future[Any]) -> None:
             executor = self._node.executor
             if executor is not None:  # else the node has ended, and its clients know
                 executor.create_task(action, job)  # a task wakes any kind of executor
@@ -92,7 +92,7 @@ class ManagedNode(LifecycleNode):
     and the private `_state_machine` stepped.
     """
 
-    def __init__(self, name: str, **kwargs) -> None:
+    def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
         require_of_rclpy(self, '_service_change_state', '_state_machine')
         self.replies = DeferredReplies(self)
@@ -100,7 +100,7 @@ class ManagedNode(LifecycleNode):
         self.replies.attach(self._service_change_state)
         self._service_change_state.callback = self._on_change_state
 
-    def transition_jobs(self) -> dict[int, Callable[[], Future]]:
+    def transition_jobs(self) -> dict[int, Callable[[], Future[Any]]]:
         """
         Return what starts each transition, by ``State.TRANSITION_STATE_…`` id.
 
@@ -138,7 +138,9 @@ class ManagedNode(LifecycleNode):
             self._state_machine.trigger_transition_by_id(transition, True)
             self._finish(SUCCESS)
 
-    def _on_change_state(self, request: ChangeState.Request, response: ChangeState.Response):
+    def _on_change_state(
+        self, request: ChangeState.Request, response: ChangeState.Response
+    ) -> Any:
         transition = self._requested(request)
         if transition is None:
             number = request.transition.id
@@ -161,7 +163,7 @@ class ManagedNode(LifecycleNode):
 
         timer = steady_timer(self, 0.0, configure)
 
-    def _begin(self, transition: int) -> Future:
+    def _begin(self, transition: int) -> Future[Any]:
         self._state_machine.trigger_transition_by_id(transition, True)
         return self.transition_jobs()[self._state_machine.current_state[0]]()
 
@@ -173,7 +175,7 @@ class ManagedNode(LifecycleNode):
                 return number
         return None
 
-    def _complete(self, job: Future) -> ChangeState.Response:
+    def _complete(self, job: Future[Any]) -> ChangeState.Response:
         error = job.exception()
         what = self.state_label
         self._finish(SUCCESS if error is None else FAILURE)

@@ -186,24 +186,25 @@ def _constraints(info: ParameterInfo) -> str:
 
 
 def _accept_live_changes(
-    node: Node, names: dict[str, str], current: Any, on_change: Callable, checked: Callable
+    node: Node, names: dict[str, str], current: Any, on_change: Callable[[Any], None],
+    checked: Callable[..., Any],
 ) -> None:
     """Check a change by constructing the dataclass, then hand the new settings to the node."""
-    def candidate(parameters):
+    def candidate(parameters: list[Parameter]) -> Any:
         changed = {
             names[item.name]: _to_field(item.value)
             for item in parameters if item.name in names
         }
         return checked(partial(replace, current), changed) if changed else current
 
-    def validate(parameters):
+    def validate(parameters: list[Parameter]) -> SetParametersResult:
         try:
             candidate(parameters)
         except (ParameterError, TypeError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def apply(parameters):
+    def apply(parameters: list[Parameter]) -> None:
         nonlocal current
         settings = candidate(parameters)
         if settings != current:

@@ -15,6 +15,7 @@ include/uapi/linux/can/error.h: classes and data bytes of error frames.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import IntEnum
 import errno
 from select import select
@@ -313,7 +314,7 @@ def _reason(error: Exception) -> str:
     return _DOWN.get(_code(error) or 0, str(error))
 
 
-def _quietly(release) -> None:
+def _quietly(release: Callable[[], object]) -> None:
     """Release what may be gone already: an interface that vanished takes its sockets along."""
     try:
         release()

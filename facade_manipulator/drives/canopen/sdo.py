@@ -7,10 +7,11 @@ feeds in. An SDO call in the control thread itself would wait for an answer that
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from pathlib import Path
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import canopen
 
@@ -138,7 +139,7 @@ class SdoChannel(canopen.sdo.SdoClient):
         variable = self.od.get_variable(index, subindex)
         return len(variable) // 8 if variable is not None and variable.fixed_size else None
 
-    def _repeat(self, index: int, subindex: int, transfer):
+    def _repeat(self, index: int, subindex: int, transfer: Callable[[], Any]) -> Any:
         """Try again after a lost or foreign answer; an abort is an answer."""
         for _ in range(self._patience.attempts):
             try:

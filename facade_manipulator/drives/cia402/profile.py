@@ -219,14 +219,14 @@ def _eds(path: Path) -> Path:
     return path
 
 
-def _velocity_unit(data: dict, name: str, default: Any) -> str:
+def _velocity_unit(data: dict[str, Any], name: str, default: Any) -> str:
     unit = data.get(name, default)
     if unit not in VELOCITY_UNITS:
         raise ValueError(f'{name} = {unit} is not one of {", ".join(VELOCITY_UNITS)}')
     return unit
 
 
-def _optional(data: dict, name: str, default: Any) -> Any:
+def _optional(data: dict[str, Any], name: str, default: Any) -> Any:
     return _integer(name, data[name], 0, 2**32 - 1) if name in data else default
 
 

@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 import threading
 import time
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from facade_manipulator.drives.canopen import (
     CanBus,
@@ -361,7 +361,7 @@ class Commissioning:
                 f'{drive.monitor.serial_number}, so that swapped axes are found')
         return notes
 
-    def _writes(self, drive: Drive) -> list:
+    def _writes(self, drive: Drive) -> list[Any]:
         return drive_writes(drive.profile, drive.monitor.axis, self._settings)
 
     def _start(self) -> None:

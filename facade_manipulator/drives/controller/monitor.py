@@ -10,6 +10,7 @@ Times are on the monotonic clock [s]. What was never received is None.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from facade_manipulator.drives.canopen import (
     decode_emergency,
@@ -292,7 +293,7 @@ class AxisMonitor:
             f'{self.title} has restarted by itself and has lost its position',
             remedy=CONFIGURE_REMEDY, configure_again=True, is_restart=True)
 
-    def _supervised(self, message: str, **details) -> Cause | None:
+    def _supervised(self, message: str, **details: Any) -> Cause | None:
         if self._supervised_since is None:
             return None
         return Cause(message, axis=self.name, **details)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from facade_manipulator.drives.canopen import BusStatistics, describe
 from facade_manipulator.drives.cia402 import (
@@ -149,7 +149,7 @@ class ControllerSnapshot(NamedTuple):
             (a.velocity or 0.0, b.velocity or 0.0, c.velocity or 0.0),
             (a.force or 0.0, b.force or 0.0, c.force or 0.0))
 
-    def outcome(self) -> tuple:
+    def outcome(self) -> tuple[Any, ...]:
         """Return what the levels and messages in /diagnostics depend on."""
         return (self.state, self.causes[:1], self.next_step, self.bus_error, tuple([
             (axis.state, axis.homed, axis.error_code, axis.is_silent) for axis in self.axes]))

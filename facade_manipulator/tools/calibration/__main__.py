@@ -192,7 +192,7 @@ def _estimator_recording(options: argparse.Namespace) -> EstimatorRecording:
         read_table(options.wall, ('time',), AXES))
 
 
-def _check_outliers(outliers: Sequence, options: argparse.Namespace) -> None:
+def _check_outliers(outliers: Sequence[Any], options: argparse.Namespace) -> None:
     if outliers and not options.drop_outliers:
         raise CalibrationError(
             'some measurements contradict the rest: measure them again, or leave them out with '

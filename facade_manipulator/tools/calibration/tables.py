@@ -7,6 +7,7 @@ import csv
 import math
 from pathlib import Path
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -72,7 +73,7 @@ def _column(name: str, header: list[str], column: str, required: bool) -> tuple[
 
 
 def _cell(
-    name: str, line: int, row: dict, column: tuple[str, float] | None, required: bool
+    name: str, line: int, row: dict[str, Any], column: tuple[str, float] | None, required: bool
 ) -> float:
     if column is None:
         return math.nan

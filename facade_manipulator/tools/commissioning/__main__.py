@@ -8,6 +8,7 @@ from functools import partial
 import logging
 from pathlib import Path
 import sys
+from typing import Any
 
 from facade_manipulator.drives.cia402 import AXIS_NAMES
 from facade_manipulator.errors import exit_status
@@ -72,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _command(
-    commands: argparse._SubParsersAction, name: str, run: Callable, text: str,
+    commands: argparse._SubParsersAction[Any], name: str, run: Callable[..., Any], text: str,
     has_axis: bool = False,
 ) -> argparse.ArgumentParser:
     """Add a command with the options that all have; return its parser for more of them."""

@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 import time
+from typing import Any
 
 from canopen.lss import LssError, LssMaster
 
@@ -42,7 +43,7 @@ _NO_LSS = (
     'the drive), one drive at a time, store it there, switch the power off and on, and scan')
 
 
-def add_commands(add: Callable) -> None:
+def add_commands(add: Callable[..., Any]) -> None:
     """Add the command to the tool."""
     command = add('assign', run_assign, 'Give each drive the node id of its carriage, by LSS.')
     command.add_argument(

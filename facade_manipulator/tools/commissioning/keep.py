@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 import shutil
+from typing import Any
 
 from facade_manipulator.drives.canopen import SdoChannel, variables
 from facade_manipulator.drives.cia402 import AXIS_NAMES, decode_state, load_profile, POWERED_STATES
@@ -30,7 +31,7 @@ from facade_manipulator.tools.commissioning.scan import only_drive
 STATUSWORD = 0x6041
 
 
-def add_commands(add: Callable) -> None:
+def add_commands(add: Callable[..., Any]) -> None:
     """Add the commands to the tool."""
     command = add('profile', run_profile, 'Draft a drive profile from an EDS, or check drives.')
     command.add_argument('eds', type=Path, nargs='?', help="the maker's EDS or DCF")

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import math
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -122,7 +122,7 @@ def find_backlash(positions: np.ndarray, forces: np.ndarray) -> float:
     return float(np.median(gaps)) if gaps else 0.0
 
 
-def add_commands(add: Callable) -> None:
+def add_commands(add: Callable[..., Any]) -> None:
     """Add the command to the tool."""
     command = add('lag', run_lag, 'Lag, bandwidth, friction and backlash, by small sines.')
     command.add_argument('axes', nargs='*', metavar='AXIS',

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 import math
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ _MM = 1e3
 _METHODS = {1: (23, 24, 7, 8), -1: (27, 28, 11, 12)}
 
 
-def add_commands(add: Callable) -> None:
+def add_commands(add: Callable[..., Any]) -> None:
     """Add the commands to the tool."""
     add('direction', run_direction,
         'Whether a drive counts along the rail: push the carriage, without power.', has_axis=True)

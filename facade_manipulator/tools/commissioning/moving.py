@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
@@ -20,7 +21,7 @@ LINKS = ('coupled', 'uncoupled')
 _MM = 1e3
 
 
-def add_commands(add: Callable) -> None:
+def add_commands(add: Callable[..., Any]) -> None:
     """Add the commands to the tool."""
     add_motion_options(
         add('jog', run_jog, 'Move a carriage slowly while a key is held.', has_axis=True))

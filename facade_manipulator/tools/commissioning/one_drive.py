@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import re
+from typing import Any
 
 from canopen.objectdictionary import ODVariable
 
@@ -30,7 +31,7 @@ from facade_manipulator.tools.commissioning.scan import only_drive
 _INDEX = re.compile('(0x)?([0-9a-f]{4})h?(:([0-9a-f]{1,2}))?', re.IGNORECASE)
 
 
-def add_commands(add: Callable) -> None:
+def add_commands(add: Callable[..., Any]) -> None:
     """Add the commands to the tool."""
     command = add('object', run_object, 'Read or write one object of a drive.', has_axis=True)
     command.add_argument('object', help='such as 6065h, 607D:01, or its name in the EDS')

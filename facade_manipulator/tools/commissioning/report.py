@@ -24,7 +24,7 @@ _HERE = (35, 37)  # homing methods that look for nothing
 _FROM_PAPER = {'gear_ratio', 'home_position', 'rated_torque'}
 
 
-def add_commands(add: Callable) -> None:
+def add_commands(add: Callable[..., Any]) -> None:
     """Add the command to the tool."""
     add('report', run_report, 'One page of the machine, beside its parameter file.')
 
@@ -98,7 +98,7 @@ def _counters(service: ServiceSettings) -> Iterator[str]:
                 'intervals', f'{service.hours:g} h, {service.travel:g} km; 0: never')])
 
 
-def _table(head: tuple, rows: list[tuple]) -> Iterator[str]:
+def _table(head: tuple[Any, ...], rows: list[tuple[Any, ...]]) -> Iterator[str]:
     yield '| ' + ' | '.join(head) + ' |'
     yield '|' + '---|' * len(head)
     for row in rows:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 import struct
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from canopen import lss
 
@@ -28,7 +28,7 @@ _ALL = 0x80  # asks every node without a node id for an answer to fastscan
 _COLUMNS = ('node', 'serial', 'name', 'firmware', 'vendor', 'product', 'state', 'profile')
 
 
-def add_commands(add: Callable) -> None:
+def add_commands(add: Callable[..., Any]) -> None:
     """Add the command to the tool."""
     command = add('scan', run_scan, 'Who is on the bus.')
     command.add_argument('--guess-bitrate', action='store_true',
@@ -57,7 +57,7 @@ def run_scan(context: Context) -> int:
     return 1 if problems else 0
 
 
-def _row(node: Node) -> tuple:
+def _row(node: Node) -> tuple[Any, ...]:
     serials = ', '.join(str(serial) for serial in node.serials) or 'no answer'
     return (node.node_id, serials, node.name, node.firmware, _hex(node.vendor_id),
             _hex(node.product_code), node.state, node.profile)

@@ -9,7 +9,7 @@ analysis counts with is held beside.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class Way(NamedTuple):
         return f'{_MM * self.distance:.1f} mm of {_MM * self.allowed:.1f}'
 
 
-def add_commands(add: Callable) -> None:
+def add_commands(add: Callable[..., Any]) -> None:
     """Add the command to the tool."""
     command = add('stop-test', run_stop_test, 'Stop moving carriages by a quick stop, by silence '
                   'and without power, and measure how far each goes on.')

@@ -43,7 +43,7 @@ class Comparison(NamedTuple):
 
     @classmethod
     def of(
-        cls, pairs: list[tuple], settled_at: float, rejections: list[str]
+        cls, pairs: list[tuple[Any, ...]], settled_at: float, rejections: list[str]
     ) -> Comparison:
         """Compare time, recorded and replayed value of each, from a time on [s]."""
         times = np.array([pair[0] for pair in pairs])
