@@ -8,18 +8,12 @@ from importlib.util import find_spec
 from pathlib import Path
 import re
 
-from loop_bench import LoopThread
 import pytest
-from rclpy.parameter import Parameter
 
 import facade_manipulator
-from facade_manipulator.nodes.compensator import CompensatorNode
-from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.nodes.ik_service import IkServiceNode
-from facade_manipulator.nodes.recorder import RecorderNode
+from facade_manipulator.interfaces import SERVICES, TOPICS
 
 ROOT = Path(facade_manipulator.__file__).parents[1]
-INNER = ('parameter', '/rosout', 'get_type_description')
 LONGEST_README = 150  # lines
 
 if not (ROOT / 'docs').is_dir():
@@ -56,46 +50,12 @@ def named(pattern: str) -> set[str]:
     return {name for line in COMMANDS for name in re.findall(pattern, line)}
 
 
-@pytest.fixture
-def graph(ros):
-    """Return names and types of all topics and services of the nodes in the gondola."""
-    virtual = [Parameter('bus.interface', value='virtual')]
-    nodes = [ros.add(DriverNode(LoopThread, parameter_overrides=virtual)),
-             ros.add(CompensatorNode()), ros.add(RecorderNode()), ros.add(IkServiceNode())]
-    nodes[-1]._linkage._open()
-
-    def seen(kind):
-        return {name: types[0].replace('/msg/', '/').replace('/srv/', '/')
-                for node in nodes for name, types in getattr(
-                    node, f'get_{kind}_names_and_types_by_node')(node.get_name(), '/')}
-
-    ros.until(lambda: '/ik_service/linkage' in seen('publisher'), 'the graph')
-    return {**seen('publisher'), **seen('subscriber')}, seen('service')
-
-
 def test_the_readme_is_an_introduction():
     assert len(TEXTS['README.md'].splitlines()) <= LONGEST_README
 
 
-def test_every_topic_of_the_nodes_is_documented_with_its_type(graph):
-    topics, _ = graph
-    documented = {f'/{names(row[0])[0].lstrip("/")}': row[1] for row in rows('topic')}
-    own = {name: kind for name, kind in topics.items()
-           if not any(word in name for word in (*INNER, 'transition_event'))}
-    assert documented == own
-
-
-def test_every_service_of_the_nodes_is_documented_with_its_type(graph):
-    _, services = graph
-    own = {name: kind for name, kind in services.items()
-           if not any(word in name for word in INNER) and 'lifecycle' not in kind}
-    documented = {f'/{name}': row[1] for row in rows('service') for name in names(row[0])}
-    assert documented.pop('/driver/change_state') == 'lifecycle_msgs'
-    assert documented == own
-
-
-def test_commands_name_topics_and_services_with_their_types(graph):
-    known = graph[0] | graph[1]
+def test_commands_name_topics_and_services_with_their_types():
+    known = {f"/{one.name.lstrip('/')}": one.type for one in (*TOPICS, *SERVICES)}
     told = named(r'ros2 (?:topic pub|service call) (?:--\w+ \d+ )*(/\S+ +[\w/]+)')
     assert told
     for command in told:
