@@ -22,6 +22,7 @@ MACHINE = {
     'files': set(),
     'parameter_file': BASE | {'files'},
     'interfaces': set(),
+    'diagnostics': {'interfaces'},
     'kinematics': BASE,
     'messages': BASE | {'kinematics'},
     'prediction': BASE | {'kinematics'},
@@ -57,8 +58,8 @@ LAB = {
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms
 ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor'}
-PURE_ROOMS = {'errors', 'parameters', 'interfaces', 'kinematics', 'messages', 'prediction',
-              'motion', 'compensation', 'lab.gondola'}
+PURE_ROOMS = {'errors', 'parameters', 'interfaces', 'diagnostics', 'kinematics', 'messages',
+              'prediction', 'motion', 'compensation', 'lab.gondola'}
 DRAWING = {('lab', 'gondola', 'pictures')}
 CLOCKS_AND_IO = {'datetime', 'os', 'random', 'select', 'signal', 'socket', 'subprocess', 'time'}
 ROS_PREFIXES, ROS_SUFFIXES = ('rcl', 'ros', 'launch', 'tf2', 'ament'), ('_msgs', '_srvs')

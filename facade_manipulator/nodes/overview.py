@@ -12,14 +12,15 @@ from dataclasses import dataclass, field
 import math
 from typing import Any, Protocol
 
-from facade_manipulator import interfaces
+from facade_manipulator import diagnostics, interfaces
+from facade_manipulator.diagnostics import REJECTED
 from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, status_level, status_values
 
 SILENT_AFTER = 2.5  # s without diagnostics of a component, which come once a second
 OLD_AFTER = 1.0  # s after which a pose is no longer shown
-OPERATION, RECORDER = 'driver: operation', 'recorder: black box'
+OPERATION, RECORDER = str(diagnostics.OPERATION), str(diagnostics.BLACK_BOX)
 LEVEL_WORDS = {'ok': '', 'warn': 'warning: ', 'error': 'ERROR: ', 'stale': 'stale: '}
 POSES = {
     interfaces.GOAL_STATUS: 'goal on the wall',
@@ -29,17 +30,21 @@ POSES = {
     interfaces.WALL_ERROR: 'from the goal',
 }
 # what is shown of a component beside its message: diagnostic key, and how it is written
-DETAILS = {
-    OPERATION: (('drive faults', 'faults: {}'), ('rejected', '{} setpoints rejected')),
-    'driver: bus': (
-        ('cycles', '{} cycles'), ('missed cycles', '{} missed'),
-        ('worst lateness [ms]', '≤ {} ms late'), ('worst-case load [%]', '{} % load')),
-    'compensator: correction': (
-        ('rejected', '{} rejected'), ('age of the estimate [ms]', 'estimate {} ms old')),
-    'ik_service: goal': (('setpoints', '{} setpoints'), ('rejected', '{} goals rejected')),
-    RECORDER: (('kept [s]', '{} s kept'), ('files written', '{} files written')),
-}
-OTHER_DETAILS = (('rejected', '{} rejected'),)
+DETAILS = {str(component): {component.key(key): text for key, text in shown.items()}
+           for component, shown in (
+    (diagnostics.OPERATION, {'drive faults': 'faults: {}', REJECTED: '{} setpoints rejected'}),
+    (diagnostics.BUS, {
+        'cycles': '{} cycles', 'missed cycles': '{} missed',
+        'worst lateness [ms]': '≤ {} ms late', 'worst-case load [%]': '{} % load'}),
+    (diagnostics.CORRECTION, {
+        REJECTED: '{} rejected', 'age of the estimate [ms]': 'estimate {} ms old'}),
+    (diagnostics.GOAL, {'setpoints': '{} setpoints', REJECTED: '{} goals rejected'}),
+    (diagnostics.BLACK_BOX, {'kept [s]': '{} s kept', 'files written': '{} files written'}))}
+OTHER_DETAILS = {REJECTED: '{} rejected'}
+TROUBLES = {diagnostics.OPERATION.key(key): before for key, before in (
+    ('cause', 'cause: '), ('further causes', 'further causes: '), ('next step', 'next: '))}
+STATE = diagnostics.OPERATION.key('state')
+LAG = diagnostics.AXIS.key('following error [m]')
 MISSING = {
     OPERATION: 'no diagnostics; next: start driver, or give its --namespace',
     RECORDER: 'no diagnostics: no stop is recorded; next: start recorder',
@@ -110,7 +115,7 @@ def overview(seen: Seen, now: float) -> Overview:
     if not seen.namespace and fleet.keys() - {''}:
         return _fleet(fleet, now)
     components = seen.components
-    state = _said(components, OPERATION, now, 'state')
+    state = _said(components, OPERATION, now, STATE)
     return Overview(
         Words(f'{seen.namespace or "/"}: {state.text}', state.level),
         tuple(_troubles(components, now)),
@@ -119,7 +124,7 @@ def overview(seen: Seen, now: float) -> Overview:
 
 def _fleet(gondolas: Mapping[str, Components], now: float) -> Overview:
     rows = tuple(
-        (Words(name or '/'), _said(components, OPERATION, now, 'state'),
+        (Words(name or '/'), _said(components, OPERATION, now, STATE),
          Words('; '.join(words.text for words in _troubles(components, now))))
         for name, components in gondolas.items())
     return Overview(
@@ -135,8 +140,7 @@ def _troubles(components: Components, now: float) -> Iterator[Words]:
         yield _said(components, OPERATION, now)
     else:
         values, level = status_values(operation.status), status_level(operation.status)
-        for key, before in (('cause', 'cause: '), ('further causes', 'further causes: '),
-                            ('next step', 'next: ')):
+        for key, before in TROUBLES.items():
             if values.get(key):
                 yield Words(before + values[key], level)
         if level != 'ok' and not values.get('cause'):
@@ -183,7 +187,7 @@ def _carriage_table(seen: Seen, now: float) -> Table:
 
 
 def _lag(report: Report | None) -> str:
-    lag = _number(status_values(report.status).get('following error [m]')) if report else None
+    lag = _number(status_values(report.status).get(LAG)) if report else None
     return '-' if lag is None else f'{1e3 * lag:+.2f}'
 
 
@@ -207,7 +211,7 @@ def _component_table(components: Components, now: float) -> Table:
 def _details(name: str, components: Components) -> str:
     values = status_values(components[name].status) if name in components else {}
     return ', '.join(text.format(_short(values[key]))
-                     for key, text in DETAILS.get(name, OTHER_DETAILS)
+                     for key, text in DETAILS.get(name, OTHER_DETAILS).items()
                      if values.get(key, 'inf') != 'inf')
 
 

@@ -20,7 +20,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 import yaml
 
-from facade_manipulator import interfaces
+from facade_manipulator import diagnostics, interfaces
 from facade_manipulator.blackbox import (
     Arrivals,
     BlackBox,
@@ -52,7 +52,7 @@ from facade_manipulator.ros import (
 
 PERIOD = 0.25  # s, in which messages are taken: to be woken for each would cost more
 DEPTH = 500  # messages of a topic that wait until they are taken: 2000 a second
-OPERATION = 'driver: operation'
+OPERATION, STATE = str(diagnostics.OPERATION), diagnostics.OPERATION.key('state')
 STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # states of the driver
 MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
 SILENCE = 3.0  # s without diagnostics of a driver that had power
@@ -128,7 +128,7 @@ class RecorderNode(Node):
             name, stops = self._own(status.name), status.level == DiagnosticStatus.ERROR
             if name == OPERATION:
                 self._driver_time = time.monotonic()
-                self._driver_state = status_values(status).get('state', '')
+                self._driver_state = status_values(status).get(STATE, '')
                 stops |= self._driver_state in STOPS
             if name.partition(': ')[0] in interfaces.RECORDED:
                 self._black_box.note(name, status.message if stops else '')

@@ -33,6 +33,7 @@ from rclpy.publisher import Publisher
 from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import interfaces
+from facade_manipulator.diagnostics import DiagnosticComponent, OPERATION
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.interfaces import Service, Topic
 from facade_manipulator.kinematics import Carriages, difference, Pose
@@ -133,10 +134,10 @@ class ManipulatorClient:
         """Return what /diagnostics last said of a component of this manipulator."""
         return self.gondolas[self.namespace].get(name)
 
-    def value(self, component: str, key: str) -> str | None:
+    def value(self, component: DiagnosticComponent, key: str) -> str | None:
         """Return one value of a component's diagnostics, None before one came."""
-        known = self.component(component)
-        return status_values(known.status).get(key) if known else None
+        known = self.component(str(component))
+        return status_values(known.status).get(component.key(key)) if known else None
 
     def age(self, component: Component) -> float:
         """Return how long ago a component's status was received [s], whatever its stamp."""
@@ -396,7 +397,7 @@ class ManipulatorClient:
     def _driver_reason(self, since: float) -> str:
         """Return the driver's message; a transition's reply itself has no room for one."""
         def reason() -> str | None:
-            component = self.component('driver: operation')
+            component = self.component(str(OPERATION))
             return component.status.message if component and component.received >= since else None
 
         try:

@@ -8,12 +8,14 @@ import math
 import platform
 import time
 from typing import Any, NamedTuple
+import warnings
 
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from facade_manipulator import interfaces
+from facade_manipulator.diagnostics import LAST_REJECTION, REJECTED, unknown_keys
 from facade_manipulator.errors import (
     InputError,
     LimitError,
@@ -151,10 +153,17 @@ class DiagnosticsPublisher:
         """Publish the present status."""
         message = DiagnosticArray(status=self._components())
         for item in message.status:
+            _look_at(item)
             item.name = f'{self._name}: {item.name}'
             item.hardware_id = item.hardware_id or HOST
         message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
+
+
+def _look_at(status: DiagnosticStatus) -> None:
+    """Warn of keys that are in no document; the tests make an error of that."""
+    if unknown := unknown_keys(status.name, status_values(status)):
+        warnings.warn(f'not in the table of diagnostics: {status.name}: {unknown}', stacklevel=2)
 
 
 class RepeatedLog:
@@ -219,8 +228,8 @@ class Rejections:
 
     def values(self) -> dict[str, int | str]:
         """Return the counters as key-value pairs of a diagnostic status."""
-        counts = {f'rejected: {reason}': n for reason, n in sorted(self._counts.items())}
-        return {'rejected': self.total, **counts, 'last rejection': self.last_message}
+        counts = {f'{REJECTED}: {reason}': n for reason, n in sorted(self._counts.items())}
+        return {REJECTED: self.total, **counts, LAST_REJECTION: self.last_message}
 
 
 class DriverStatus(NamedTuple):

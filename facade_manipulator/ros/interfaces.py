@@ -19,11 +19,14 @@ from facade_manipulator.interfaces import Quality, Service, Topic
 
 def profile(quality: Quality) -> QoSProfile:
     """Return a quality of service for rclpy."""
-    reliability, durability = ReliabilityPolicy, DurabilityPolicy
-    return QoSProfile(
-        depth=quality.depth,
-        reliability=reliability.RELIABLE if quality.reliable else reliability.BEST_EFFORT,
-        durability=durability.TRANSIENT_LOCAL if quality.latched else durability.VOLATILE)
+    # a reliable topic is as volatile as the middleware makes it: with VOLATILE by name Fast DDS
+    # 2.14 lost a setpoint in every other run of a test of the driver on a busy computer
+    durability = (DurabilityPolicy.TRANSIENT_LOCAL if quality.latched else
+                  DurabilityPolicy.SYSTEM_DEFAULT if quality.reliable else
+                  DurabilityPolicy.VOLATILE)
+    reliability = (ReliabilityPolicy.RELIABLE if quality.reliable else
+                   ReliabilityPolicy.BEST_EFFORT)
+    return QoSProfile(depth=quality.depth, reliability=reliability, durability=durability)
 
 
 def class_of(interface: Topic | Service) -> Any:

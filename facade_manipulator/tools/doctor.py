@@ -25,6 +25,7 @@ from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from facade_manipulator.blackbox import BlackBoxSettings, RESERVE
+from facade_manipulator.diagnostics import BUS
 from facade_manipulator.drives.controller import (
     ControllerSettings,
     describe_scheduling,
@@ -75,7 +76,7 @@ def _findings(files: Sequence[Path], arguments: Sequence[str] | None) -> Finding
     for folder in {read_settings(files, 'driver', 'service', ServiceSettings).folder,
                    read_settings(files, 'recorder', '', BlackBoxSettings).folder} - {''}:
         yield folder, unwritable(Path(folder).expanduser())
-    if not any(name.endswith('driver: bus') for name in received):  # which knows the driver's own
+    if not any(name.endswith(str(BUS)) for name in received):  # which knows the driver's own
         yield 'real-time rights', realtime(
             read_settings(files, 'driver', 'controller', ControllerSettings))
 

@@ -28,6 +28,7 @@ import yaml
 
 from facade_manipulator import config_path, interfaces
 from facade_manipulator.blackbox import read_recording
+from facade_manipulator.diagnostics import OPERATION
 from facade_manipulator.errors import INTERRUPTED, ManipulatorError, missing_package
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
@@ -139,7 +140,7 @@ class Demo:
 
     def _require_moving_drives(self) -> None:
         """End the demo with the driver's own reason once the drives have stopped."""
-        operation = self.client.component('driver: operation')
+        operation = self.client.component(str(OPERATION))
         if operation is not None and operation.status.level == DiagnosticStatus.ERROR:
             raise ManipulatorError(f'driver: {operation.status.message}')
 

@@ -10,6 +10,14 @@ from typing import Any
 import numpy as np
 
 from facade_manipulator.blackbox import RecordedRun
+from facade_manipulator.diagnostics import (
+    BUS,
+    CORRECTION,
+    DiagnosticComponent,
+    GOAL,
+    OPERATION,
+    REJECTED,
+)
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.demo.course import Course, forces_of
@@ -23,16 +31,16 @@ TIME_COURSES, SPECTRUM, PATH, FORCE, LINKAGE = PICTURES = (
 
 def counters(client: ManipulatorClient, duration: float) -> dict[str, Any]:
     """Return what the nodes counted during strokes of a duration [s]."""
-    def count(component: str, key: str) -> int:
+    def count(component: DiagnosticComponent, key: str) -> int:
         return int(client.value(component, key) or 0)
 
     return {
         'duration_s': round(duration, 3),
         'pipeline_latency_ms': _latency(client),
-        'bus_cycles': count('driver: bus', 'cycles'),
-        'missed_cycles': count('driver: bus', 'missed cycles'),
-        'rejected_goals': count('ik_service: goal', 'rejected'),
-        'drive_faults': count('driver: operation', 'drive faults'),
+        'bus_cycles': count(BUS, 'cycles'),
+        'missed_cycles': count(BUS, 'missed cycles'),
+        'rejected_goals': count(GOAL, REJECTED),
+        'drive_faults': count(OPERATION, 'drive faults'),
     }
 
 
@@ -53,12 +61,11 @@ def _latency(client: ManipulatorClient) -> dict[str, float | None]:
     The compensator stamps its poses a horizon ahead of the decision, and the driver publishes how
     much of it was left (margin) when it chose the target of a cycle.
     """
-    operation = 'driver: operation'
-    horizon = client.value('compensator: correction', 'horizon [ms]')
-    ahead = client.value(operation, 'targets ahead of their SYNC [ms]')
+    horizon = client.value(CORRECTION, 'horizon [ms]')
+    ahead = client.value(OPERATION, 'targets ahead of their SYNC [ms]')
     margins = {
-        'p50': client.value(operation, 'setpoint margin p50 [ms]'),
-        'p99': client.value(operation, 'setpoint margin p1 [ms]'),
+        'p50': client.value(OPERATION, 'setpoint margin p50 [ms]'),
+        'p99': client.value(OPERATION, 'setpoint margin p1 [ms]'),
     }
     return {
         name: round(float(horizon) - float(ahead) - float(margin), 3)

@@ -12,6 +12,8 @@ import time
 from typing import Any, NamedTuple
 
 from facade_manipulator.blackbox import RecordedRun
+from facade_manipulator.diagnostics import AXIS
+from facade_manipulator.diagnostics import OPERATION as OPERATION_TABLE
 from facade_manipulator.drives.canopen import BusSettings, Condition, condition_of, ERROR_FRAME
 from facade_manipulator.drives.cia402 import (
     axis_defaults,
@@ -31,13 +33,15 @@ from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
 from facade_manipulator.parameters import settings_from
 from facade_manipulator.tools.replay.parameters import geometry_of
 from facade_manipulator.tools.replay.poses import recorded_setpoints
-from facade_manipulator.tools.replay.timeline import OPERATION, statuses
+from facade_manipulator.tools.replay.timeline import OPERATION, STATE, statuses
 
 PERIOD = 0.01  # s
 LEAD = 0.06  # s until the replay begins
 HOME_HERE = 37, 35  # homing methods: the present position is home, 35 as older drives have it
 REQUEST_TIMEOUT = 30.0  # s
 AFTERMATH = 2.0  # s: how long after the recording a stop may still come
+CAUSE = OPERATION_TABLE.key('cause')
+ERROR_CODE, HEARTBEAT_AGE = map(AXIS.key, ('error code', 'heartbeat age [s]'))
 SILENCE = 0.3  # s without a word of a drive while the others go on
 HEARTBEAT_TIMEOUT = 0.5  # s: no carriage depends on it here, and no computer is in time for sure
 STOPPED = frozenset({ControllerState.STOPPED.value, ControllerState.BUS_LOST.value,
@@ -91,9 +95,9 @@ def recorded_stop(run: RecordedRun) -> Stop | None:
     moved = False
     for stamp, status, values in statuses(run):
         if status.name.endswith(OPERATION):
-            if moved and values.get('state') in STOPPED:
-                return Stop(stamp, values.get('cause', status.message))
-            moved |= values.get('state') not in STOPPED
+            if moved and values.get(STATE) in STOPPED:
+                return Stop(stamp, values.get(CAUSE, status.message))
+            moved |= values.get(STATE) not in STOPPED
     return None
 
 
@@ -166,9 +170,9 @@ def _faults_in_diagnostics(run: RecordedRun) -> Iterator[DriveFault]:
         if name not in AXIS_NAMES:
             continue
         axis = AXIS_NAMES.index(name)
-        if code := re.fullmatch(r'([0-9A-F]+)h', values.get('error code', '')):
+        if code := re.fullmatch(r'([0-9A-F]+)h', values.get(ERROR_CODE, '')):
             yield from _errors(stamp, axis, int(code[1], 16))
-        age = re.fullmatch(r'[\d.]+', values.get('heartbeat age [s]', ''))
+        age = re.fullmatch(r'[\d.]+', values.get(HEARTBEAT_AGE, ''))
         if age and float(age[0]) > SILENCE:
             yield _silence(stamp - float(age[0]), axis)
 

@@ -6,12 +6,14 @@ from collections.abc import Iterator
 import re
 from typing import Any, NamedTuple
 
+from facade_manipulator import diagnostics
 from facade_manipulator.blackbox import RecordedRun
+from facade_manipulator.diagnostics import LAST_REJECTION, REJECTED
 from facade_manipulator.messages import status_level, status_values
 
-OPERATION = 'driver: operation'
-COUNTED = {'rejected', 'drive faults', 'missed cycles', 'late commands', 'skipped SYNCs',
-           'error frames', 'worst lateness [ms]'}
+OPERATION, STATE = str(diagnostics.OPERATION), diagnostics.OPERATION.key('state')
+COUNTED = {REJECTED, diagnostics.OPERATION.key('drive faults'), *map(diagnostics.BUS.key, (
+    'missed cycles', 'late commands', 'skipped SYNCs', 'error frames', 'worst lateness [ms]'))}
 LONGEST = 40  # events on a page
 
 
@@ -36,7 +38,7 @@ def events(run: RecordedRun) -> Iterator[Event]:
     counts: dict[tuple[str, str], float] = {}
     for time, status, values in statuses(run):
         name, level = status.name.rpartition('/')[2], status_level(status)
-        text = values.get('state', status.message) if level == 'ok' else status.message
+        text = values.get(STATE, status.message) if level == 'ok' else status.message
         present = level, re.sub(r'[\d.]+', '#', text)
         if said.get(name, present if level == 'ok' and name != OPERATION else None) != present:
             yield Event(time, f'{name}: {"" if level == "ok" else level + ": "}{text}')
@@ -54,7 +56,7 @@ def _grown(
         before = counts.setdefault((name, key), count)
         counts[name, key] = count
         if count > before:
-            last = values.get('last rejection') if key == 'rejected' else ''
+            last = values.get(LAST_REJECTION) if key == REJECTED else ''
             yield f'{key} {before:g} → {count:g}' + (f' ({last})' if last else '')
 
 

@@ -1,0 +1,106 @@
+"""
+One table of the keys of /diagnostics: nodes publish no other, and the document is made from it.
+
+``python test/test_diagnostics.py`` prints that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+import re
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+import pytest
+
+import facade_manipulator
+from facade_manipulator.compensation import Compensator, CorrectedPose, DEFAULTS, HeldBack
+from facade_manipulator.compensation.correction import Correction
+from facade_manipulator.diagnostics import COMPONENTS, OPERATION, unknown_keys
+from facade_manipulator.drives.cia402 import AxisSettings
+from facade_manipulator.drives.controller import (
+    ControllerSettings,
+    ControllerSnapshot,
+    ControllerState,
+)
+from facade_manipulator.drives.controller.monitor import AxisMonitor
+from facade_manipulator.kinematics import Geometry, ZERO_POSE
+from facade_manipulator.loop import StreamStatus
+from facade_manipulator.maintenance import CounterFile, ServiceSettings
+from facade_manipulator.maintenance.counters import AxisCounters
+from facade_manipulator.messages import OutOfPlane, status_values
+from facade_manipulator.nodes import driver_diagnostics
+from facade_manipulator.nodes.compensator_report import CompensatorReport
+from facade_manipulator.ros import diagnostics
+
+ROOT = Path(facade_manipulator.__file__).parents[1]
+DOCUMENT = ROOT / 'docs/diagnostics.md'
+
+
+def document() -> str:
+    """Return the document of the table."""
+    parts = ['# /diagnostics\n\nMade of `facade_manipulator/diagnostics.py` by `python '
+             'test/test_diagnostics.py`. In a namespace that stands\nbefore the names: '
+             '`gondola_1/driver: bus`. What stands for `*` is filled in; units are in the keys.\n']
+    for one in COMPONENTS:
+        rows = (f'| `{key}` | {meaning} |\n' for key, meaning in one.keys.items())
+        parts.append(f'\n## {one}\n\n{one.levels[0].upper()}{one.levels[1:]}.\n\n'
+                     f'| key | what |\n|---|---|\n{"".join(rows)}')
+    return ''.join(parts)
+
+
+@pytest.mark.skipif(not DOCUMENT.parent.is_dir(), reason='the documents are in the source alone')
+def test_the_document_is_made_of_the_table():
+    assert DOCUMENT.read_text(encoding='utf-8') == document()
+
+
+def test_every_key_has_a_meaning_and_every_measure_a_unit():
+    for one in COMPONENTS:
+        assert one.levels and all(one.keys.values())
+        units = {unit for key in one.keys for unit in re.findall(r'\[(.+)\]', key)}
+        assert units <= {'s', 'ms', 'h', 'm', 'mm', 'km', 'm/s', 'N', 'N m', 'N/mm', '%', 'MB'}
+
+
+def reports(monkeypatch) -> list[DiagnosticStatus]:
+    """Return what driver and compensator say, with all that is not said every day."""
+    axis = AxisMonitor('q1', AxisSettings(), ControllerSettings()).snapshot(None, 0.0)
+    snapshot = ControllerSnapshot(ControllerState.UNCONFIGURED, 0.0, (axis,))
+    counting = CounterFile('', '/')
+    counting.counters.__dict__.update(
+        history={'1.0 h': 'a service'}, stops={'a cause': 1}, drives={'7': 1.0},
+        axes={'q1': AxisCounters()})
+    lateral = replace(DEFAULTS.lateral, enabled=True)
+    compensator = Compensator(Geometry(), DEFAULTS._replace(lateral=lateral))
+    monkeypatch.setattr(Compensator, 'stamp_delay', (0.0, 0.0))
+    monkeypatch.setattr(Correction, 'deviations', lambda _: (0.0, 0.0, 0.0))
+    of_the_compensator = CompensatorReport(compensator, HeldBack())
+    of_the_compensator.out_of_plane = OutOfPlane(0.1, 0.1)
+    of_the_compensator.newest = CorrectedPose(0.0, *[ZERO_POSE] * 6)
+    return [
+        driver_diagnostics.operation_status(snapshot, StreamStatus(margins=(0.0, 0.0)), '', {}),
+        driver_diagnostics.bus_status(snapshot), driver_diagnostics.axis_status(axis),
+        driver_diagnostics.counters_status(counting, ServiceSettings()),
+        *of_the_compensator.components(0.0, {}),
+    ]
+
+
+def test_driver_and_compensator_say_nothing_that_is_not_in_the_table(monkeypatch):
+    statuses = reports(monkeypatch)
+    assert {status.name for status in statuses} == {
+        'operation', 'bus', 'q1', 'counters', 'correction', 'contact'}
+    for status in statuses:
+        assert not unknown_keys(status.name, status_values(status)), status.name
+
+
+def test_a_key_that_is_not_in_the_table_is_an_error_here_and_a_warning_in_the_field():
+    status = DiagnosticStatus(name='bus', values=[KeyValue(key='cycles', value='1')])
+    diagnostics._look_at(status)
+    status.values.append(KeyValue(key='circles', value='1'))
+    with pytest.raises(UserWarning, match=r"not in the table of diagnostics: bus: \['circles'\]"):
+        diagnostics._look_at(status)
+    with pytest.raises(KeyError, match='driver: operation has no'):
+        OPERATION.key('cycles')
+
+
+if __name__ == '__main__':
+    print(document(), end='')
