@@ -48,8 +48,7 @@ class DiagnosticComponent:
 
     @cached_property
     def _patterns(self) -> tuple[re.Pattern[str], ...]:
-        return tuple(re.compile(re.escape(key).replace(r'\*', '.+'))
-                     for key in self.keys if '*' in key)
+        return tuple(re.compile(pattern(key)) for key in self.keys if '*' in key)
 
 
 OPERATION = DiagnosticComponent(
@@ -118,6 +117,7 @@ COUNTERS = DiagnosticComponent(
         '* mean load over travel [N]': 'of an axis',
         '* greatest following error [mm]': 'of an axis',
         'drive * under power [h]': 'of a drive, by its serial number',
+        '* since its service [*]': 'how long a screw or a drive has worked',
         'at *': 'a service or an exchanged drive, then',
         'stops: *': 'by cause',
     })
@@ -133,7 +133,6 @@ CORRECTION = DiagnosticComponent(
         'lag of the head [ms]': 'as measured, behind the corrected poses',
         'initialisations': 'times that the path to the goal began at the head',
         'left out of the estimate': 'height and tilt of the newest one, out of the plane',
-        'estimate.delay by the slip [ms]': 'how old stamps seem to be, by the slip sensor',
         'corrected disturbance': 'as predicted',
         'saturation error': 'what the limits of the workspace leave uncorrected',
         'tracking error': 'what the limits of motion leave uncorrected',
@@ -142,8 +141,11 @@ CORRECTION = DiagnosticComponent(
     })
 CONTACT = DiagnosticComponent(
     COMPENSATOR, 'contact', 'while in use; warn: an obstacle; error: the head was retracted', {
+        'pressing': 'what becomes of it',
         'force on the wall [N]': 'as measured',
         'desired force [N]': 'press.force',
+        'bound of its error [N]': 'within which it counts as reached',
+        'zero of the force [N]': 'what the sensor shows off the wall',
         'force of the moment desired [N]': 'on the way to it',
         'force, mean of 10 s [N]': 'as measured',
         'force, RMS error of 10 s [N]': 'from the desired one',
@@ -152,7 +154,6 @@ CONTACT = DiagnosticComponent(
         'moment on the wall [N m]': 'as measured',
         'push-back of the gondola [mm]': 'by the force',
         'sway of the gondola, envelope': 'how far it goes at most, as estimated',
-        'energy of the sway': 'of each axis',
         'retracted last because': 'or never',
         'shift of the goal': 'by force and slip',
     })
@@ -179,3 +180,8 @@ def unknown_keys(component: str, keys: Iterable[str]) -> list[str]:
     """Return the keys that the table does not have for a component of a node, without its name."""
     known = BY_NAME.get(component, AXIS)
     return [key for key in keys if not known.has(key)]
+
+
+def pattern(key: str) -> str:
+    """Return the regular expression of a key."""
+    return re.escape(key).replace(r'\*', '.+')
