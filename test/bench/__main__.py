@@ -19,10 +19,8 @@ import table
 ROUNDS = {'quick': 3, 'full': 7}
 SECTIONS = {
     'kinematics': sections.kinematics, 'maps': sections.maps, 'bus': sections.bus,
-    'ros': ros.nodes, 'pipeline': ros.pipeline, 'growth': ros.growth,
-    'footprint': ros.footprint,
+    'ros': ros.nodes, 'footprint': ros.footprint,
 }
-LONG = ('growth',)  # left out by --quick
 
 
 def main() -> int:
@@ -37,25 +35,22 @@ def main() -> int:
     options = parser.parse_args()
     os.environ |= {'BENCH_CAN': options.can, 'BENCH_CAN_RATE': options.can_rate}
     rounds = options.rounds or ROUNDS['quick' if options.quick else 'full']
-    rows, growth, failed = [], {}, []
+    options.output.mkdir(parents=True, exist_ok=True)
+    rows, failed = [], []
     for name in options.sections:
-        if options.quick and name in LONG:
-            continue
         begin = time.monotonic()
         try:
-            found, grown = SECTIONS[name](rounds, options.quick)
+            found = SECTIONS[name](rounds, options.quick)
         except Exception as error:  # the other sections take minutes each
             print(f'{name} failed: {type(error).__name__}: {error}', file=sys.stderr)
             failed.append(name)
             continue
         print(f'{name}: {time.monotonic() - begin:.0f} s', flush=True)
         rows += found
-        growth |= grown
         table.write(rows, options.output)
     table.show(rows)
     path = table.write(rows, options.output)
-    table.draw(rows, growth, path.with_suffix('.png'))
-    table.write_whole(growth, options.output / 'growth.json')
+    table.draw(rows, path.with_suffix('.png'))
     print(f'\n{path} and {path.with_suffix(".png")} written')
     return 1 if failed else 0
 

@@ -20,38 +20,52 @@ import sys
 from threading import Event, Thread
 import time
 
-from cycle_makers import cpu_of
-from pipeline_role import PATIENCE, RelayDriver
+import can
+from cycle_makers import cpu_of, keep_pace
 import rclpy
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from ros_roles import HORIZON, JOINT_STATES_PERIOD
 from sensor_msgs.msg import JointState
 
 from facade_manipulator import interfaces
-from facade_manipulator.messages import CARRIAGES
+from facade_manipulator.drives.canopen import pdo
+from facade_manipulator.messages import CARRIAGES, seconds
 from facade_manipulator.nodes.driver import DriverNode
-from facade_manipulator.ros import publisher
+from facade_manipulator.ros import publisher, subscription
 from facade_manipulator.ros.runtime import choose_executor
 
 CYCLE_RATE = 500.0
+PATIENCE = 60.0
 
 
-class DriverRelay(RelayDriver):
+class DriverRelay(Node):
     """Hears setpoints, publishes joint states, sends targets on a bus, and does nothing else."""
 
     def __init__(self) -> None:
-        self._taken: list[tuple[float, float]] = []
-        super().__init__(CYCLE_RATE, self._taken)
+        super().__init__('driver')
+        self._taken: list[float] = []
+        self._bus = can.Bus(interface='virtual', channel='driver_bench')
+        subscription(self, interfaces.JOINT_SETPOINTS, self._hear)
         self._states = publisher(self, interfaces.JOINT_STATES)
         self._message = JointState(
             name=CARRIAGES, position=(0.0,) * 3, velocity=(0.0,) * 3, effort=(0.0,) * 3)
         self.create_timer(JOINT_STATES_PERIOD, lambda: self._states.publish(self._message))
+        self._cycle = keep_pace(self._command, 1.0 / CYCLE_RATE)
+
+    def _hear(self, message: JointState) -> None:
+        self._taken.append(time.time() - (seconds(message.header.stamp) - HORIZON))
+
+    def _command(self) -> None:
+        for node in (1, 2, 3):
+            self._bus.send(can.Message(
+                arbitration_id=pdo.RPDO1.cob_id(node), is_extended_id=False,
+                data=pdo.RPDO1.codec.pack(0x0F, 8, 0)))
 
     def take(self) -> tuple[list[float], float]:
         """Return the latencies [s] since last asked, and the CPU outside this process's [s]."""
-        latencies = [end - sent for sent, end in self._taken]
-        self._taken.clear()
-        return latencies, -cpu_of(self.cycle)
+        latencies, self._taken = self._taken, []
+        return latencies, -cpu_of(self._cycle)
 
     def close(self) -> None:
         """Do nothing."""

@@ -19,7 +19,7 @@ SETTLED = 0.5  # s
 QUICK_ROUNDS = 2
 
 
-def footprint(rounds: int, quick: bool) -> tuple[list[Row], dict]:
+def footprint(rounds: int, quick: bool) -> list[Row]:
     """Start each node alone, then the stack for a while."""
     rows = []
     for name in NODES[2:4] if quick else NODES:
@@ -27,7 +27,7 @@ def footprint(rounds: int, quick: bool) -> tuple[list[Row], dict]:
         ready, memory = (median(values) for values in zip(*turns, strict=True))
         rows.append(alone(f'{name} ready after', ready, 's', 'start', READY_GOAL))
         rows.append(alone(f'{name} memory at start', memory, 'MiB'))
-    return rows if quick else rows + _soak(), {}
+    return rows if quick else rows + _soak()
 
 
 def _start(name: str) -> tuple[float, float]:

@@ -22,6 +22,7 @@ END_WITHIN = 5.0
 READY_WITHIN = 20.0
 POLL_PERIOD = 0.005
 MOST_OF_A_LOG = 1 << 16  # bytes
+NAMESPACE = '__ns:=/bench'
 _libc = ctypes.CDLL(None)
 
 
@@ -36,11 +37,10 @@ class Load(NamedTuple):
 class Processes:
     """Context of processes in a ROS domain of their own."""
 
-    def __init__(self, domain: int, namespace: str = '/bench') -> None:
+    def __init__(self, domain: int) -> None:
         self._environment = {
             **os.environ, 'ROS_DOMAIN_ID': str(domain),
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONPATH': str(SOURCE)}
-        self._namespace = namespace
         self.running: dict[str, subprocess.Popen] = {}
         self._logs: dict[str, IO[str]] = {}
 
@@ -85,18 +85,18 @@ class Processes:
                 raise ChildProcessError(f'{key} did not say {word!r}: {self.last_line(key)}')
             time.sleep(POLL_PERIOD)
 
-    def node(self, name: str, *parameters: str, namespace: str = '') -> subprocess.Popen:
+    def node(self, name: str, *parameters: str) -> subprocess.Popen:
         """Start a node of the package."""
         ros = [word for one in parameters for word in ('-p', one)]
-        return self._start(name + namespace, [
+        return self._start(name, [
             '-m', f'facade_manipulator.nodes.{name}', '--ros-args',
-            '-r', f'__ns:={namespace or self._namespace}', *ros])
+            '-r', NAMESPACE, *ros])
 
-    def role(self, name: str, kind: str, rate: float, namespace: str = '') -> subprocess.Popen:
+    def role(self, name: str, kind: str, rate: float) -> subprocess.Popen:
         """Start a role of ros_roles."""
-        return self._start(name + namespace, [
+        return self._start(name, [
             str(HERE / 'ros_roles.py'), name, kind, str(rate), '--ros-args',
-            '-r', f'__ns:={namespace or self._namespace}'])
+            '-r', NAMESPACE])
 
     def script(self, name: str, *arguments: str) -> subprocess.Popen:
         """Start another script of the bench."""

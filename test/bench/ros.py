@@ -1,24 +1,21 @@
-"""R1, R2, the latency of the pipeline, its growth, memory and start-up; on real processes."""
+"""R1, R2, memory and start-up; on real processes."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from statistics import median, quantiles
+from statistics import median
 import time
 from typing import NamedTuple, TypeVar
 
 from footprint import footprint
 from processes import listen, Load, load, Processes, until
-from table import alone, compare, Row
+from table import compare, Row
 
 T = TypeVar('T')
 DOMAIN = 94
 DEFAULT_RATE, FAST_RATE = 100.0, 500.0
-RATES = (100.0, 200.0, 500.0)
-MANIPULATORS = (1, 2, 4, 8)
-QUANTILES = {'p50': median, 'p99': lambda values: quantiles(values, n=100)[98]}
 
-__all__ = ['footprint', 'growth', 'nodes', 'pipeline']
+__all__ = ['footprint', 'nodes']
 
 
 class Layout(NamedTuple):
@@ -112,7 +109,7 @@ def run_driver(is_ours: bool, rate: float, quick: bool) -> Load:
         return load(taken, cpu)
 
 
-def nodes(rounds: int, quick: bool) -> tuple[list[Row], dict]:
+def nodes(rounds: int, quick: bool) -> list[Row]:
     """R1 and R2."""
     rows = []
     rates = (FAST_RATE,) if quick else (DEFAULT_RATE, FAST_RATE)
@@ -135,90 +132,10 @@ def nodes(rounds: int, quick: bool) -> tuple[list[Row], dict]:
                       relay, '', ('', ''))
     for goal_id in sorted({row.goal_id for row in rows if row.met is False}):
         print(f'  missed {goal_id}: {WHY[goal_id]}')
-    return rows, {}
+    return rows
 
 
 def _both(name: str, ours: Load, relay: Load, goal_id: str, goals: tuple[str, str]) -> list[Row]:
     return [
         compare(f'{name}: p50', ours.p50, relay.p50, 'us', goal_id, goals[0], faster=False),
         compare(f'{name}: CPU', ours.cpu, relay.cpu, '%', goal_id, goals[1], faster=False)]
-
-
-def growth(rounds: int, quick: bool) -> tuple[list[Row], dict]:
-    """How the deployment's cost grows with the rate and with the number of manipulators."""
-    by_rate = [again(run, DEPLOYMENT, True, rate, quick) for rate in (50.0, *RATES, 1000.0)]
-    by_count = [again(manipulators, count, quick) for count in MANIPULATORS]
-    rows = [alone(f'{count} manipulators at 100 Hz: {what}', value, unit)
-            for count, load in zip(MANIPULATORS, by_count, strict=True)
-            for what, value, unit in (('p50', load.p50, 'us'), ('p99', load.p99, 'us'),
-                                      ('CPU of their processes', load.cpu, '%'))]
-    return rows, {
-        'Deployment by rate': _lines([50.0, *RATES, 1000.0], 'rate [Hz]', by_rate),
-        'Manipulators at 100 Hz': _lines(list(MANIPULATORS), 'namespaces', by_count),
-    }
-
-
-def _lines(at: list, x: str, loads: list[Load]) -> dict:
-    return {'at': at, 'x': x, 'y': 'µs, CPU %', 'lines': {
-        'p50 [µs]': [1e6 * load.p50 for load in loads],
-        'p99 [µs]': [1e6 * load.p99 for load in loads],
-        'CPU [%]': [100.0 * load.cpu for load in loads]}}
-
-
-def manipulators(count: int, quick: bool) -> Load:
-    """Run several deployments side by side on this machine; listen to the first."""
-    with Processes(DOMAIN) as processes:
-        counted = []
-        for number in range(count):
-            namespace = f'/gondola_{number}'
-            processes.node('manipulator', namespace=namespace)
-            processes.role('inputs', 'events', DEFAULT_RATE, namespace)
-            counted.append('manipulator' + namespace)
-        processes.role('hear_setpoints', 'events', DEFAULT_RATE, '/gondola_0')
-        warm_up, duration = TIMES[quick]
-        return processes.measure(
-            counted, 'hear_setpoints/gondola_0', warm_up + 0.5 * count, duration)
-
-
-def pipeline(rounds: int, quick: bool) -> tuple[list[Row], dict]:
-    """
-    From the disturbance to the targets on the bus, beside three empty relays.
-
-    That is the way of a tick. What an estimate says is on it at once up to 66 Hz; faster ones are
-    learnt as means, which takes 15 ms more at most and is not in these figures.
-    """
-    rows = []
-    for rate in (DEFAULT_RATE,) if quick else RATES:
-        ours, relay = {}, {}
-        for _ in range(1 if quick else rounds):  # each starts with phases of its own
-            for ways, is_ours in ((ours, True), (relay, False)):
-                for part, values in again(way_to_the_bus, is_ours, rate, quick).items():
-                    ways.setdefault(part, []).extend(values)
-        for part, values in ours.items():
-            rows += [
-                compare(f'disturbance to bus at {rate:g} Hz, {part}: {at}', cut(values),
-                        cut(relay[part]), 'us') for at, cut in QUANTILES.items()
-                if part == 'total' or at == 'p50']
-    return rows, {}
-
-
-def way_to_the_bus(is_ours: bool, rate: float, quick: bool) -> dict[str, list[float]]:
-    """Return the latencies [s] of each part of the way, by name."""
-    with Processes(DOMAIN) as processes:
-        if is_ours:
-            processes.node('manipulator', f'rate:={rate}')
-            seat = ('driver', str(rate), '--ros-args', '-p', 'simulate_drives:=true',
-                    '-p', f'controller.rate:={rate:.0f}', '-p', 'bus.channel:=driver_bench',
-                    *PATIENT)
-        else:
-            processes.role('compensator_relay', 'single', rate)
-            processes.role('ik_relay', 'single', rate)
-            seat = ('relay', str(rate), '--ros-args')
-        process = processes.script('pipeline_role', *seat, '-r', '__ns:=/bench')
-        until(lambda: listen(process, 0.2)['total'])
-        warm_up, duration = TIMES[quick]
-        time.sleep(warm_up)
-        way = listen(process, duration)
-        if not way['total']:
-            raise RuntimeError(f'nothing came to the bus: {processes.last_line("pipeline_role")}')
-        return way

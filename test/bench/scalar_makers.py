@@ -42,13 +42,6 @@ def ours_inverse():
     return over(partial(inverse_kinematics, geometry), [Pose(*p) for p in POSES])
 
 
-def ours_certify():
-    from facade_manipulator.kinematics import certify, Geometry, Pose
-
-    geometry = Geometry()
-    return over(partial(certify, geometry), [Pose(*p) for p in POSES])
-
-
 def ours_forward():
     from facade_manipulator.kinematics import Carriages, forward_kinematics, Geometry
 
@@ -66,23 +59,6 @@ def ours_jacobian():
 
 def math_inverse():
     return over(inline, POSES)
-
-
-def numpy_inverse():
-    """Solve by a function for many poses, asked for one."""
-    import numpy as np
-
-    def solve(poses):
-        x, y, theta = poses.T
-        rise, span = HALF * np.sin(theta), HALF * np.cos(theta)
-        root1, root2 = LENGTH ** 2 - (y - rise) ** 2, LENGTH ** 2 - (y + rise) ** 2
-        if (root1 <= 0.0).any() or (root2 <= 0.0).any():
-            raise ValueError('out of reach')
-        return np.stack([x - span + np.sqrt(root1), x + span - np.sqrt(root2), x], axis=-1)
-
-    poses = [np.array([pose]) for pose in POSES]
-    run, items, _ = over(solve, poses)
-    return run, items, solve(poses[3])[0]
 
 
 def numpy_jacobian():
@@ -152,8 +128,7 @@ def scipy_forward():
 
 
 MAKERS = {
-    'inverse: ours': ours_inverse, 'inverse: ours, all limits': ours_certify,
-    'inverse: math': math_inverse, 'inverse: numpy': numpy_inverse,
+    'inverse: ours': ours_inverse, 'inverse: math': math_inverse,
     'inverse: scipy root': scipy_inverse,
     'forward: ours': ours_forward, 'forward: scipy root': scipy_forward,
     'jacobian: ours': ours_jacobian, 'jacobian: numpy': numpy_jacobian,

@@ -1,4 +1,4 @@
-"""What the bench measures, section by section: each returns rows and the growth it found."""
+"""What the bench measures, section by section."""
 
 from __future__ import annotations
 
@@ -6,14 +6,11 @@ from dataclasses import replace
 import os
 
 from rounds import Contender, time_in_turns, time_one_by_one
-from table import alone, compare, Row
+from table import compare, Row
 
 FAST_ROUNDS = 9
 QUICK_ROUNDS = 2  # of what takes seconds
 WIRE_LIMIT = 1340.0  # Hz: SYNC, three RPDO and three TPDO at 1 Mbit/s
-
-Growth = dict[str, dict]
-Found = tuple[list[Row], Growth]
 
 # name, contender, competitor, unit, goal id, goal
 SCALAR = (
@@ -25,19 +22,8 @@ SCALAR = (
      'K1', '>= 15'),
     ('Jacobian of one pose, beside numpy', 'jacobian: ours', 'jacobian: numpy', 'us',
      'K1', '>= 12'),
-    ('inverse with all limits, beside inline math', 'inverse: ours, all limits',
-     'inverse: math', 'us', '', ''),
-    ('inverse of one pose, beside numpy', 'inverse: ours', 'inverse: numpy', 'us', '', ''),
 )
-MAPS = (
-    ('full map, beside numpy meshgrid', 'map: ours', 'map: numpy meshgrid', 'ms',
-     'M1', '>= 5000'),
-    ('full map, beside numpy angle by angle', 'map: ours', 'map: numpy blocks', 'ms', '', ''),
-)
-PART = {'map: numpy meshgrid': 'map: numpy meshgrid, part'}
 SWEEPS = (
-    ('design sweep, numeric y, beside x-y grids', 'sweep: numeric y', 'sweep: x-y grids', 'us',
-     'M2', '>= 2000'),
     ('design sweep, closed form, beside x-y grids', 'sweep: closed form', 'sweep: x-y grids',
      'us', 'M2', '>= 50000'),
 )
@@ -46,7 +32,6 @@ CYCLES = (
      'cycle: canopen', 'us', 'C1', '<= 0.8'),
     ('whole cycle, beside the bare exchange on canopen', 'cycle: driver', 'cycle: canopen', 'us',
      'C1', '<= 1.0'),
-    ('processor time of a whole cycle, beside the wire', 'cycle: driver', 'wire', 'us', '', ''),
     ('cycles one after the other, beside the wire', 'cycle: driver, fastest', 'wire', 'us',
      'C1', '>= 3'),
 )
@@ -61,31 +46,17 @@ CYCLE_NAMES = (
     'cycle: driver', 'cycle: bus and codecs', 'cycle: canopen', 'cycle: driver, fastest')
 
 
-def kinematics(rounds: int, quick: bool) -> Found:
+def kinematics(rounds: int, quick: bool) -> list[Row]:
     """K1."""
-    return _compared('scalar_makers', SCALAR, max(rounds, FAST_ROUNDS), quick), {}
+    return _compared('scalar_makers', SCALAR, max(rounds, FAST_ROUNDS), quick)
 
 
-def maps(rounds: int, quick: bool) -> Found:
-    """M1 and M2."""
-    wanted = MAPS
-    if quick:  # an eighth of the grid stands for it, counted as that share
-        wanted = [tuple(PART.get(word, word) for word in row) for row in MAPS]
-    rows = _compared('map_makers', wanted, rounds, quick)
-    peak = map_memory()
-    rows.append(alone('full map, memory on top', peak, 'MiB', 'M1', '<= 20'))
-    rows += _compared('map_makers', SWEEPS, QUICK_ROUNDS if quick else rounds, quick)
-    return rows, {}
+def maps(rounds: int, quick: bool) -> list[Row]:
+    """M2."""
+    return _compared('map_makers', SWEEPS, QUICK_ROUNDS if quick else rounds, quick)
 
 
-def map_memory() -> float:
-    """Return the memory that a map takes on top [MiB]."""
-    from map_makers import MAKERS
-
-    return MAKERS['map: ours, memory']()[2][0]
-
-
-def bus(rounds: int, quick: bool) -> Found:
+def bus(rounds: int, quick: bool) -> list[Row]:
     """C1."""
     times = time_one_by_one(
         [Contender(name, 'cycle_makers') for name in CYCLE_NAMES],
@@ -95,7 +66,7 @@ def bus(rounds: int, quick: bool) -> Found:
     if any(row.met is False for row in rows):
         print(f'  missed C1: {WHY[interface]}')
     place = f'{interface}, {os.environ["BENCH_CAN_RATE"]} Hz'
-    return [replace(row, name=f'{row.name} ({place})') for row in rows], {}
+    return [replace(row, name=f'{row.name} ({place})') for row in rows]
 
 
 def _compared(module: str, wanted, rounds: int, quick: bool) -> list[Row]:

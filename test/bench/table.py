@@ -7,7 +7,8 @@ from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+
+from facade_manipulator.files import atomic_write
 
 GOAL_HEADS = ('name', 'ours', 'competitor', 'ratio', 'goal', 'met')
 FACTORS = {'us': 1e6, 'ns': 1e9, 'ms': 1e3, 's': 1.0, '%': 100.0, 'MiB': 1.0, 'mm': 1.0,
@@ -91,42 +92,20 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def write(rows: list[Row], folder: Path) -> Path:
-    """Write bench.json; return its path."""
+    """Write bench.json whole or not at all; return its path."""
     path = folder / 'bench.json'
-    write_whole([asdict(row) for row in rows], path)
+    with atomic_write(path) as draft:
+        draft.write_text(json.dumps([asdict(row) for row in rows], indent=2) + '\n')
     return path
 
 
-def write_whole(content: Any, path: Path) -> None:
-    """Write JSON whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    draft = path.with_suffix('.part')
-    draft.write_text(json.dumps(content, indent=2) + '\n')
-    draft.replace(path)
+def draw(rows: list[Row], path: Path) -> None:
+    """Draw how far each goal is met."""
+    from matplotlib.figure import Figure
 
-
-def draw(rows: list[Row], growth: dict[str, dict[str, list]], path: Path) -> None:
-    """Draw how far each goal is met, and how costs grow."""
-    import matplotlib
-
-    matplotlib.use('Agg')
-    import matplotlib.pyplot as plt
-
-    judged = [row for row in rows if row.met is not None]
-    figure = plt.figure(figsize=(14, 10), layout='constrained')
-    left, right = figure.subfigures(1, 2, width_ratios=(1.4, 1.0)) if growth else (figure, None)
-    _draw_goals(left.subplots(), judged)
-    panels = right.subplots(len(growth), 1, squeeze=False).ravel() if growth else ()
-    for panel, (title, one) in zip(panels, growth.items(), strict=True):
-        for label, values in one['lines'].items():
-            panel.plot(one['at'], values, 'o-', label=label)
-        panel.set(title=title, xlabel=one['x'], ylabel=one['y'], xscale='log', yscale='log')
-        panel.set_xticks(one['at'], [f'{at:g}' for at in one['at']], minor=False)
-        panel.tick_params(axis='x', which='minor', labelbottom=False)
-        panel.grid(alpha=0.3)
-        panel.legend(frameon=False, fontsize=8)
+    figure = Figure(figsize=(9, 10), layout='constrained')
+    _draw_goals(figure.subplots(), [row for row in rows if row.met is not None])
     figure.savefig(path, dpi=110)
-    plt.close(figure)
 
 
 def _draw_goals(panel, judged: list[Row]) -> None:

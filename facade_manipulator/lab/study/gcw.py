@@ -2,8 +2,7 @@
 Good-condition workspace (section IV of the paper): counts over a grid of poses, and shares.
 
 The paper counts grid points (x, y, θ). At fixed (y, θ) those within the x-interval are counted
-in closed form, so no grid of x exists; the counts are those of brute force to the last pose,
-because the two ends are checked by the very comparison that brute force makes.
+in closed form, so no grid of x exists; the counts are those of brute force to the last pose.
 
 The ratios of Table 2 come out to their three digits: lengths in mm, an index of 0.001 or more is
 good, every grid pose counts that reach and the carriages' order allow. The paper states neither
@@ -18,17 +17,11 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.kinematics import (
-    branch_number,
-    check_characteristic_length,
-    Geometry,
-    index_of,
-    link_arrays,
-)
+from facade_manipulator.kinematics import Geometry, pose_map
 from facade_manipulator.lab.study.section import section_area
-from facade_manipulator.lab.study.volume import union_area
+from facade_manipulator.lab.study.volume import theta_end, union_area
 
-BLOCK = 1 << 14  # (y, θ) cells worked at once: a dozen arrays of 128 KiB
+ON_GRID = 1e-9  # of a spacing: an end of the interval that is a grid point but for rounding
 
 
 class Grid(NamedTuple):
@@ -87,14 +80,13 @@ def count_poses(
 
     """
     _check(grid, threshold)
-    check_characteristic_length(characteristic_length)
-    y = grid_y(geometry, grid)
-    counts = np.zeros(3)  # exact for whole numbers of this size
-    angles, columns = grid_theta(geometry, grid), max(1, BLOCK // max(1, len(y)))
-    for start in range(0, len(angles), columns):
-        at = closed_links(geometry, y, angles[start:start + columns])
-        counts += _count_block(geometry, grid.x, at, threshold, characteristic_length)
-    return PoseCount(*map(int, counts))
+    turns = int(theta_end(geometry) / grid.theta)
+    of = pose_map(geometry, grid_y(geometry, grid)[:, None],
+                  grid.theta * np.arange(-turns, turns + 1), characteristic_length)
+    first, last = np.ceil(of.lower / grid.x - ON_GRID), np.floor(of.upper / grid.x + ON_GRID)
+    count = np.nan_to_num(np.maximum(0.0, last - first + 1.0))
+    good, beyond = of.conditioning >= threshold, of.number <= 0.0
+    return PoseCount(*(int(count[of_them].sum()) for of_them in (..., good, beyond)))
 
 
 def grid_y(geometry: Geometry, grid: Grid) -> np.ndarray:
@@ -102,66 +94,6 @@ def grid_y(geometry: Geometry, grid: Grid) -> np.ndarray:
     count = int(geometry.link_length / grid.y + 1e-9)
     # Rounded, so that 352 times 0.001 is the link's 0.352 and not a bit beside it.
     return np.round(np.arange(1, count + 1) * grid.y, 12)
-
-
-def grid_theta(geometry: Geometry, grid: Grid) -> np.ndarray:
-    """Angles θ ≥ 0 of the grid at which any y is reachable in the carriages' order [rad]."""
-    theta = np.arange(int(0.5 * np.pi / grid.theta) + 1) * grid.theta
-    length, half = geometry.link_length, geometry.platform_half_length
-    rise = half * np.sin(theta)
-    room = half * np.cos(theta) - geometry.carriage_gap
-    lower = rise + np.sqrt(np.maximum(0.0, length ** 2 - room ** 2))
-    # Links shorter than b have a second, lower piece of y at some angles.
-    reachable = (rise < length) & ((lower < length - rise) | (length < half))
-    return theta[reachable & (room >= 0.0)]
-
-
-def closed_links(
-    geometry: Geometry, y: np.ndarray, theta: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """
-    Links of the poses (y, θ) that reach, order and gap allow, in one dimension.
-
-    A third of the paper's grid is left, and the rest need not be worked at.
-    """
-    sine, cosine, *arrays = link_arrays(geometry, y[:, None], theta)
-    room = geometry.platform_half_length * cosine - np.maximum(*arrays[2:])
-    with np.errstate(invalid='ignore'):  # NaN is out of reach
-        cells = np.flatnonzero((room >= geometry.carriage_gap) & (room > 0.0))
-    columns = cells % len(theta)
-    return sine[columns], cosine[columns], *(array.ravel()[cells] for array in arrays)
-
-
-def _count_block(
-    geometry: Geometry, step: float, at: tuple[np.ndarray, ...], threshold: float,
-    characteristic_length: float,
-) -> tuple[float, float, float]:
-    """Count poses at θ and −θ: all, the good ones, those beyond N = 0."""
-    sine, cosine, _, _, projection1, projection2 = at
-    span = geometry.platform_half_length * cosine
-    count = mirrored = _count_x(geometry, step, span, projection1, projection2)
-    # A negative angle exchanges the links; on a symmetric stroke it mirrors x, no more.
-    if geometry.stroke[0] != -geometry.stroke[1]:
-        mirrored = _count_x(geometry, step, span, projection2, projection1)
-    count = count + (sine > 0.0) * mirrored
-    good = index_of(geometry, at, characteristic_length) >= threshold
-    return count.sum(), count @ good, count @ (branch_number(at) <= 0.0)
-
-
-def _count_x(
-    geometry: Geometry, step: float, span: np.ndarray, projection1: np.ndarray,
-    projection2: np.ndarray,
-) -> np.ndarray:
-    """Count the multiples of `step` in the x-interval of every pose."""
-    least, greatest = geometry.stroke
-    first = np.ceil((least + span - projection1) / step)
-    last = np.floor((greatest - span + projection2) / step)
-    # Rounding may put an end one point off: eqs 7-8 against the stroke decide.
-    first -= (first - 1.0) * step - span + projection1 >= least
-    first += first * step - span + projection1 < least
-    last += (last + 1.0) * step + span - projection2 <= greatest
-    last -= last * step + span - projection2 > greatest
-    return np.maximum(0.0, last - first + 1.0)
 
 
 def _check(grid: Grid, threshold: float) -> None:

@@ -147,7 +147,7 @@ def y_pieces(
 
 def theta_quadrature(geometry: Geometry, nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Return angles θ > 0 and weights [rad] for integrals over all θ with reachable y."""
-    end = _theta_end(geometry)
+    end = theta_end(geometry)
     ratio = (geometry.link_length + geometry.carriage_gap) / geometry.platform_half_length
     breaks = [0.0, end]
     if ratio < 1.0 and np.arccos(ratio) < end:
@@ -157,7 +157,7 @@ def theta_quadrature(geometry: Geometry, nodes: int) -> tuple[np.ndarray, np.nda
     return tuple(np.concatenate(parts, axis=1))
 
 
-def _theta_end(geometry: Geometry) -> float:
+def theta_end(geometry: Geometry) -> float:
     """Return the least angle beyond which no y is reachable; for l < b one not below it."""
     length, half = geometry.link_length, geometry.platform_half_length
     upper = min(np.arcsin(min(1.0, length / half)), np.arccos(geometry.carriage_gap / half))

@@ -13,7 +13,6 @@ import can
 import pytest
 from support import wait_until
 
-from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.errors import BusError
@@ -73,30 +72,6 @@ def listener(channel):
 def simulator(channel, listener):
     with DriveSimulator(lambda: can.Bus(interface='virtual', channel=channel), drives()) as made:
         yield made
-
-
-def test_three_drives_boot_and_answer_on_one_bus(simulator, listener):
-    listener.wait_for(*((0x700 + node, b'\x00') for node in (1, 2, 3)))
-    for node in (1, 2, 3):
-        listener.bus.send(message(0x600 + node, bytes.fromhex('4000100000000000')))
-    listener.wait_for(*((0x580 + node, bytes.fromhex('4300100092010200'))
-                        for node in (1, 2, 3)))
-
-
-def test_heartbeats_come_without_any_frame_on_the_bus(simulator, listener):
-    listener.wait_for((0x702, b'\x00'))
-    listener.bus.send(message(0x602, bytes.fromhex('2b17100014000000')))
-    listener.frames.clear()
-    wait_until(lambda: listener.drain() or listener.frames.count((0x702, b'\x7f')) > 5,
-               'six heartbeats')
-
-
-def test_a_fault_injected_from_another_thread_is_told_at_once(simulator, listener):
-    listener.wait_for((0x701, b'\x00'), (0x703, b'\x00'))
-    with simulator.access() as (first, _, third):
-        first.inject_fault(0x2310)
-        assert third.state is State.SWITCH_ON_DISABLED
-    listener.wait_for((0x81, bytes.fromhex('1023030000000000')))
 
 
 def test_frames_that_are_none_of_canopens_are_ignored(simulator, listener):
@@ -216,22 +191,6 @@ def test_time_passes_for_the_drives_while_the_bus_is_away(channel, listener):
         listener.bus.send(message(0x77F, b'\x05'))
         interface.is_cut = True
         wait_until(lambda: state() is State.QUICK_STOP_ACTIVE, 'a quick stop')
-
-
-def test_syncs_are_answered_by_all_three(simulator, listener):
-    listener.wait_for((0x703, b'\x00'))
-    for item in pdo.PDO_MAP:
-        for node in (1, 2, 3):
-            for write in item.configure_writes(node):
-                command = {1: 0x2F, 2: 0x2B, 4: 0x23}[write.size]
-                listener.bus.send(message(0x600 + node, bytes(
-                    [command, write.index & 0xFF, write.index >> 8, write.subindex])
-                    + write.value.to_bytes(4, 'little')))
-    listener.bus.send(message(0x000, b'\x01\x00'))
-    listener.bus.send(message(0x080))
-    for base in (0x180, 0x280):
-        for node in (1, 2, 3):
-            listener.wait_for_id(base + node)
 
 
 # --- the executable

@@ -1,12 +1,7 @@
 """Fault injection at the simulated drive: each hook, what it does and how it ends."""
 
-from collections import Counter
-import math
 
-from bad_bus import FrameFilter, put_on_bad_bus
 from drive_bench import Bench, CPM, NMT_RESET
-from hypothesis import given
-from hypothesis import strategies as st
 import pytest
 
 from facade_manipulator.drives.canopen import NmtState
@@ -163,59 +158,3 @@ def test_a_swapped_drive_boots_with_its_own_identity():
     assert (0x702, b'\x00') in bench.wait(0.2)
     assert [bench.read(0x1018, n) for n in range(1, 5)] == [5, 6, 7, 8]
 
-
-def test_two_drives_on_one_node_id_answer_both():
-    first, second = (
-        Bench(identity=SimulatedIdentity(1, 2, 3, number)) for number in (4, 5))
-    request = bytes([0x40, 0x18, 0x10, 4, 0, 0, 0, 0])
-    answers = {first.boot().sdo(request), second.boot().sdo(request)}
-    assert len(answers) == 2
-
-
-# --- frames
-
-FRAMES = [(0x100 + k, bytes([k])) for k in range(200)]
-
-
-def carry(**loss):
-    wire = FrameFilter(**loss)
-    arrived = [item for k, frame in enumerate(FRAMES)
-               for item in wire.carry([frame], 0.001 * k)]
-    return arrived + wire.carry([], math.inf)
-
-
-def test_a_perfect_wire_changes_nothing():
-    assert carry() == FRAMES
-
-
-@given(st.integers(0, 1000))
-def test_a_wire_that_doubles_and_delays_loses_nothing(seed):
-    arrived = Counter(carry(doubled=0.2, delayed=0.2, seed=seed))
-    assert set(arrived) == set(FRAMES) and set(arrived.values()) == {1, 2}
-
-
-@given(st.integers(0, 1000))
-def test_a_wire_that_drops_keeps_the_order_of_the_rest(seed):
-    arrived = carry(dropped=0.3, seed=seed)
-    assert arrived == sorted(arrived) and 100 < len(arrived) < 180
-
-
-def test_late_frames_are_overtaken():
-    arrived = carry(delayed=0.2, delay=0.02)
-    assert sorted(arrived) == FRAMES and arrived != FRAMES
-
-
-@pytest.mark.parametrize('direction', ['sending', 'receiving'])
-def test_a_drive_on_a_bad_wire_misses_cycles_and_recovers(direction):
-    bench = Bench().configure().enable()
-    put_on_bad_bus(bench.drive, **{direction: {'dropped': 0.3, 'delayed': 0.2}})
-    bench.sent.clear()
-    for _ in range(100):
-        bench.cycle()
-    answers = sum(cob_id == 0x182 for cob_id, _ in bench.sent)
-    assert 40 < answers < 95
-    put_on_bad_bus(bench.drive)
-    bench.cycle(3)
-    bench.sent.clear()
-    bench.cycle(100)
-    assert sum(cob_id == 0x182 for cob_id, _ in bench.sent) == 100

@@ -7,7 +7,6 @@ import pytest
 
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status
 from facade_manipulator.drives.cia402.units import AxisScale
-from facade_manipulator.lab.drives.homing import METHODS
 
 DONE = Status.HOMING_ATTAINED | Status.TARGET_REACHED
 BITS = DONE | Status.HOMING_ERROR
@@ -89,10 +88,6 @@ def test_the_index_pulse_next_to_the_carriage_is_found(method, direction):
     bench = run(homing(method, 0.1234))
     found = bench.drive.motor.carriage_position * CPM - (bench.status.position_counts - 12345)
     assert found == pytest.approx(index_beyond(0.1234, direction), abs=1.0)
-
-
-def test_every_method_of_every_drive_type_but_exotic_ones_is_simulated():
-    assert {37, 35, 17, 18, 1, 2, 7, 11, -1, -2, -3, -4} <= set(METHODS)
 
 
 def test_the_bits_go_from_none_to_both():

@@ -10,7 +10,6 @@ import pytest
 from facade_manipulator.drives.cia402.states import Controlword, State, Status
 from facade_manipulator.drives.cia402.units import AxisScale
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.lab.drives.demand import Interpolator, SpeedRamp
 from facade_manipulator.lab.drives.motor import SimulatedMotor, SimulationSettings
 
 LAG = 0.005
@@ -38,13 +37,6 @@ def test_on_a_ramp_the_carriage_lags_speed_times_the_time_constant():
     # at the SYNC the demand is the target of the SYNC before last
     expected = bench.target - 0.2 * CPM * (PERIOD + LAG)
     assert bench.status.position_counts == pytest.approx(expected, abs=2)
-
-
-def test_the_lag_can_be_changed_while_running():
-    bench = enabled().move_at(0.1)
-    bench.drive.motor.lag = 0.02
-    bench.move_at(0.1, 80)
-    assert bench.motion.following_error_counts == pytest.approx(0.1 * 0.02 * CPM, abs=20)
 
 
 def speeds_over_a_cycle(bench):
@@ -280,32 +272,6 @@ def test_a_drive_that_speaks_rpm_moves_alike():
     bench.configure(_6085=5 * rpm, _607F=rpm, _6080=rpm, _60C5=6 * rpm)
     bench.enable().move_at(0.2)
     assert bench.motion.velocity == pytest.approx(0.2 * rpm, rel=1e-3)
-
-
-# --- the pieces
-
-@settings(max_examples=50)
-@given(st.lists(st.tuples(st.integers(-10**6, 10**6), st.floats(0.001, 0.02)), min_size=1),
-       st.floats(0.0001, 0.003))
-def test_an_interpolator_meets_each_target_at_the_end_of_its_period(targets, step):
-    demand = Interpolator(0.0)
-    for target, period in targets:
-        demand.latch(target, period)
-        position = 0.0
-        for _ in range(math.ceil(period / step) + 1):
-            position, _ = demand.step(step)
-        assert position == target
-
-
-@settings(max_examples=50)
-@given(st.floats(-1e5, 1e5), st.floats(1e3, 1e6))
-def test_a_speed_ramp_comes_to_rest_after_the_stopping_distance(speed, acceleration):
-    ramp = SpeedRamp(0.0, speed, acceleration)
-    for _ in range(10_000):
-        if ramp.step(0.01)[1] == 0.0:
-            break
-    distance = speed * abs(speed) / (2 * acceleration)
-    assert ramp.position == pytest.approx(distance, abs=abs(speed) * 0.01 + 1e-6)
 
 
 @pytest.mark.parametrize('change, words', [

@@ -10,6 +10,7 @@ from facade_manipulator.lab.study import count_poses, Grid, measure
 from facade_manipulator.lab.study.gcw import case_geometry, grid_y, PAPER, PoseCount, table2
 
 COARSE = Grid(0.01, 0.004, 0.03)
+ROUNDING = 1e-12  # m
 
 
 def brute_force(geometry, grid, threshold, characteristic_length):
@@ -24,7 +25,8 @@ def brute_force(geometry, grid, threshold, characteristic_length):
     with np.errstate(all='ignore'):
         s1, s2 = np.sqrt(length ** 2 - u1 * u1), np.sqrt(length ** 2 - u2 * u2)
         q1, q2 = x - span + s1, x + span - s2
-        reachable = (s1 > 0) & (s2 > 0) & (q1 >= geometry.stroke[0]) & (q2 <= geometry.stroke[1])
+        least, greatest = geometry.stroke[0] - ROUNDING, geometry.stroke[1] + ROUNDING
+        reachable = (s1 > 0) & (s2 > 0) & (q1 >= least) & (q2 <= greatest)
         for distance in (span - s1, span - s2):
             reachable &= (distance > 0) & (distance >= geometry.carriage_gap)
         y1, t1 = -u1 / s1, (u1 * span + s1 * rise) / s1 / characteristic_length
