@@ -26,10 +26,10 @@ from std_msgs.msg import Header
 
 from facade_manipulator import interfaces
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
-from facade_manipulator.messages import CARRIAGES, RAIL, seconds
+from facade_manipulator.messages import CARRIAGES, seconds
 from facade_manipulator.ros import publisher, subscription
 from facade_manipulator.ros.codec import setpoint_codec
-from facade_manipulator.ros.conversions import pose_stamped, stamp
+from facade_manipulator.ros.conversions import frames, pose_stamped, stamp
 from facade_manipulator.ros.runtime import choose_executor
 
 HORIZON = 0.06
@@ -49,7 +49,7 @@ class CompensatorRelay(Node):
         subscription(self, interfaces.DISTURBANCE, self.take)
         self._corrected = publisher(self, interfaces.CORRECTED_POSE)
         self._reference = publisher(self, interfaces.REFERENCE)
-        self._message = pose_stamped('rail', 0.0, PLACE)
+        self._message = pose_stamped(frames(self).rail, 0.0, PLACE)
         self.create_timer(1.0 / rate, self._relay)
 
     def take(self, message) -> None:
@@ -72,9 +72,9 @@ class IkRelay(Node):
         subscription(self, interfaces.CORRECTED_POSE, self._relay)
         subscription(self, interfaces.JOINT_STATES, self._relay_back)
         self._message = JointState(
-            header=Header(frame_id=RAIL), name=CARRIAGES, position=(0.0,) * 3,
+            header=Header(frame_id=frames(self).rail), name=CARRIAGES, position=(0.0,) * 3,
             velocity=(0.0,) * 3)
-        self._head = pose_stamped('rail', 0.0, PLACE)
+        self._head = pose_stamped(frames(self).rail, 0.0, PLACE)
 
     def _relay(self, message: PoseStamped) -> None:
         self._message.header.stamp = message.header.stamp
@@ -92,7 +92,7 @@ class DeploymentRelay(IkRelay):
         super().__init__(rate)
         for topic in (interfaces.GOAL_POSE, interfaces.END_EFFECTOR_POSE, interfaces.DISTURBANCE):
             subscription(self, topic, self._hear)
-        self._pose = pose_stamped('rail', 0.0, PLACE)
+        self._pose = pose_stamped(frames(self).rail, 0.0, PLACE)
         self.create_timer(1.0 / rate, self._tick)
 
     def _hear(self, message) -> None:
@@ -112,7 +112,7 @@ class Inputs(Node):
         self._states = publisher(self, interfaces.JOINT_STATES)
         self._disturbances = publisher(self, interfaces.DISTURBANCE)
         self._disturbance = PoseWithCovarianceStamped()
-        self._disturbance.header.frame_id = 'facade'
+        self._disturbance.header.frame_id = frames(self).facade
         for index in VARIANCES:
             self._disturbance.pose.covariance[index] = 1e-6
         self._carriages = inverse_kinematics(Geometry(), PLACE)
@@ -137,7 +137,7 @@ class Inputs(Node):
             position=self._carriages, velocity=(0.0,) * 3, effort=(0.0,) * 3))
 
     def _tell_goal(self) -> None:
-        self._goals.publish(pose_stamped('facade', time.time(), PLACE))
+        self._goals.publish(pose_stamped(frames(self).facade, time.time(), PLACE))
 
 
 class Poses(Inputs):
@@ -151,7 +151,7 @@ class Poses(Inputs):
     def _tell_pose(self) -> None:
         now = time.time()
         self._corrected.publish(pose_stamped(
-            'rail', now + HORIZON, Pose(0.02 * math.sin(now), PLACE.y, 0.0)))
+            frames(self).rail, now + HORIZON, Pose(0.02 * math.sin(now), PLACE.y, 0.0)))
 
 
 class Setpoints(Node):
@@ -161,7 +161,7 @@ class Setpoints(Node):
         super().__init__('setpoints')
         self._begin = time.time()
         self._home: tuple[float, ...] = ()
-        self._message = JointState(header=Header(frame_id=RAIL), name=CARRIAGES)
+        self._message = JointState(header=Header(frame_id=frames(self).rail), name=CARRIAGES)
         self._setpoints = publisher(self, interfaces.JOINT_SETPOINTS)
         subscription(self, interfaces.JOINT_STATES, self._stand)
         self.create_timer(1.0 / rate, self._tell)

@@ -34,15 +34,13 @@ from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.demo.course import course_of, HEAD, TOPICS
 from facade_manipulator.lab.demo.processes import NodeProcesses
-from facade_manipulator.lab.demo.report import (
-    counters,
-    draw,
+from facade_manipulator.lab.demo.report import counters, draw, PICTURES, SUMMARY, summary_lines
+from facade_manipulator.lab.gondola import (
+    compensator_parameters,
     figures,
-    PICTURES,
-    SUMMARY,
-    summary_lines,
+    load_scenario,
+    Scenario,
 )
-from facade_manipulator.lab.gondola import compensator_parameters, load_scenario, Scenario
 from facade_manipulator.nodes.monitor import Observer, REFRESH_PERIOD, screen
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR

@@ -12,8 +12,7 @@ import numpy as np
 from PIL import Image  # matplotlib needs it too
 
 from facade_manipulator.kinematics import compose, Geometry, joints, mechanism_of, Pose, relative
-from facade_manipulator.lab.demo.course import Course
-from facade_manipulator.lab.gondola import Facade, FacadeSettings, SCALES
+from facade_manipulator.lab.gondola import Course, Facade, FacadeSettings, SCALES
 from facade_manipulator.lab.gondola.pictures import GOAL, WITH, WITHOUT
 
 FRAMES, FRAME_PERIOD = 120, 0.1  # 12 s as fast as they went

@@ -2,51 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.errors import RecordError
 from facade_manipulator.kinematics import compose, invert, Pose, Wrench
-from facade_manipulator.lab.gondola import Facade
+from facade_manipulator.lab.gondola import Course, Facade
 from facade_manipulator.messages import by_stamp, planar_pose, planar_wrench
 
 HEAD = 'gondola_simulator/head_pose'
 TOPICS = (HEAD, 'goal_pose', 'compensator/reference', 'end_effector_pose', 'contact_wrench')
 LEAST_SAMPLES = 10
-
-
-class Course(NamedTuple):
-    """Samples as arrays; poses on the wall have the shape (n, 3)."""
-
-    times: np.ndarray  #: since the first of them [s]
-    heads: np.ndarray
-    rails: list[Pose]
-    goals: np.ndarray
-    references: np.ndarray  #: where on its path to the goal the head should be
-    settled: np.ndarray  #: whether the goal had stood for long enough to count
-
-    @property
-    def errors(self) -> np.ndarray:
-        """How far the head is from where it should be, shape (n, 3)."""
-        return self.heads - self.references
-
-    @property
-    def uncompensated(self) -> np.ndarray:
-        """How far a mechanism that stands still would be, shape (n, 3)."""
-        return self.carried(self.references)
-
-    @property
-    def counts(self) -> np.ndarray:
-        """Which samples figures are made of: all where no goal stood for long, shape (n,)."""
-        return self.settled if self.settled.any() else np.ones_like(self.settled)
-
-    def carried(self, points: np.ndarray) -> np.ndarray:
-        """Return how far the gondola carries points on the wall, of shape (n, 3) or (3,)."""
-        points = np.broadcast_to(points, self.heads.shape)
-        return np.array([compose(rail, Pose(*point)) for rail, point in zip(
-            self.rails, points, strict=True)]) - points
 
 
 def course_of(run: RecordedRun, settling_time: float) -> Course:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-import math
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.diagnostics import (
@@ -20,8 +17,8 @@ from facade_manipulator.diagnostics import (
 )
 from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.lab.demo.course import Course, forces_of
-from facade_manipulator.lab.gondola import AXES, SCALES, Scenario, UNITS
+from facade_manipulator.lab.demo.course import forces_of
+from facade_manipulator.lab.gondola import Course, decibels, giving_way, SCALES, Scenario, UNITS
 from facade_manipulator.ros import ManipulatorClient
 
 SUMMARY = 'summary.json'
@@ -42,16 +39,6 @@ def counters(client: ManipulatorClient, duration: float) -> dict[str, Any]:
         'rejected_goals': count(GOAL, REJECTED),
         'drive_faults': count(OPERATION, 'drive faults'),
     }
-
-
-def figures(course: Course) -> dict[str, dict[str, float | None]]:
-    """Return RMS of disturbance and error and the attenuation of each axis."""
-    without, errors = (np.sqrt(np.mean(values[course.counts] ** 2, axis=0)).tolist()
-                       for values in (course.uncompensated, course.errors))
-    return {axis: {
-        'disturbance_rms': before, 'residual_rms': after,
-        'attenuation_db': 20.0 * math.log10(before / after) if before and after else None}
-        for axis, before, after in zip(AXES, without, errors, strict=True)}
 
 
 def _latency(client: ManipulatorClient) -> dict[str, float | None]:
@@ -88,18 +75,6 @@ def summary_lines(summary: dict, scenario: Scenario) -> list[str]:
         *(f'{axis} gives way to the wall: its shift is meant' for axis in giving_way(scenario))]
 
 
-def decibels(attenuation: float | None) -> str:
-    """Return an attenuation for people; there is not one of nothing."""
-    return '-' if attenuation is None else f'{attenuation:.3g} dB'
-
-
-def giving_way(scenario: Scenario) -> list[str]:
-    """Return the axes that give way to the wall: there the head leaves the goal on purpose."""
-    compensator = scenario.compensator
-    return [axis for axis, impedance in (
-        ('y', compensator.impedance), ('theta', compensator.yaw_impedance)) if impedance.enabled]
-
-
 def _cell(value: float, unit: str) -> str:
     return f'{f"{value:.3g} {unit}":>16}'
 
@@ -110,8 +85,8 @@ def draw(
 ) -> None:
     """Draw everything; what `check` raises ends it, with complete files alone."""
     # matplotlib comes in here, so that the nodes' start does not wait for it
-    from facade_manipulator.lab.demo import animation, pictures
-    from facade_manipulator.lab.gondola.pictures import save
+    from facade_manipulator.lab.demo import animation
+    from facade_manipulator.lab.gondola import pictures
 
     shifted = giving_way(scenario)
     drawn = {
@@ -125,7 +100,7 @@ def draw(
     for name, figure in drawn.items():
         check()
         with atomic_write(folder / name) as draft:
-            save(figure, draft)
+            pictures.save(figure, draft)
     images = []
     for image in animation.frames(course, geometry, scenario.facade):
         check()

@@ -6,6 +6,10 @@ the head and its error on the wall. `simulation.bench` measures the compensation
 draws (`simulation.pictures`) is imported by those alone who draw.
 """
 
+from .course import Course as Course
+from .course import decibels as decibels
+from .course import figures as figures
+from .course import giving_way as giving_way
 from .facade import Facade as Facade
 from .facade import FacadeSettings as FacadeSettings
 from .reaction import carriage_loads as carriage_loads

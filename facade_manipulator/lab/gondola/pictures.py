@@ -1,11 +1,12 @@
 """
-What the pictures of the bench and of the demo share: the head on the wall, with and without.
+Pictures of a run: time courses, spectra, the path on the wall and the pressing force.
 
 Whoever imports this module imports matplotlib with it. Poses are rows of x, y, θ [m, m, rad].
 """
 
 from __future__ import annotations
 
+from collections.abc import Collection
 import math
 from pathlib import Path
 
@@ -15,11 +16,16 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 import numpy as np
 
+from facade_manipulator.lab.gondola.course import Course, decibels
+from facade_manipulator.lab.gondola.wall import AXES, SCALES, UNITS
+
 TITLES = ('x, along the wall [mm]', 'y, to the wall [mm]', 'θ, yaw [°]')
 WITHOUT, WITH, GOAL = '#999999', '#0072b2', '#d55e00'
 DOTS_PER_INCH = 110
 LOWEST, HIGHEST = 0.02, 10.0  # Hz, between which spectra are drawn
 BANDS_PER_DECADE = 12
+HOW_FAR = 'How far the head is from where it should be on the wall'
+GIVES_WAY = 'gives way to the wall: its shift from the goal is meant'
 LEAST_SHARE = 0.01  # of the largest amplitude: where there is no disturbance there is no ratio
 
 
@@ -30,26 +36,129 @@ def new_figure(width: float, height: float, title: str, size: float = 12.0) -> F
     return figure
 
 
-def draw_course(panel: Axes, times: np.ndarray, without: np.ndarray, error: np.ndarray) -> None:
-    """Draw one axis of the disturbance and of the error against the time [s]."""
-    panel.plot(times, without, color=WITHOUT, lw=1.0, label='without compensation')
-    panel.plot(times, error, color=WITH, lw=1.0, label='error on the wall')
+def time_courses(
+    course: Course, axes: dict[str, dict], giving_way: Collection[str], title: str = HOW_FAR
+) -> Figure:
+    """
+    Draw the error on the wall over the run, with and without, and alone on a scale of its own.
+
+    It is that from the head's path to the goal; with the summary's figures, but for axes that give
+    way to the wall.
+    """
+    figure = new_figure(13, 9, title, 13.0)
+    panels = figure.subplots(3, 2, sharex=True, width_ratios=(1.2, 1.0))
+    without, errors = SCALES * course.uncompensated, SCALES * course.errors
+    for i, (pair, (axis, result)) in enumerate(zip(panels, axes.items(), strict=True)):
+        pair[0].plot(course.times, without[:, i], color=WITHOUT, lw=1.0,
+                     label='without compensation')
+        pair[0].plot(course.times, errors[:, i], color=WITH, lw=1.0, label='error on the wall')
+        pair[1].plot(course.times, errors[:, i], color=WITH, lw=0.8)
+        for panel in pair:
+            panel.fill_between(
+                course.times, 0.0, 1.0, ~course.settled, transform=panel.get_xaxis_transform(),
+                color=GOAL, alpha=0.12, lw=0.0, label='on the way to the next goal')
+            label(panel, '', TITLES[i])
+        most = 1.5 * np.abs(errors[course.counts, i]).max()
+        pair[1].set_ylim(-most, most)
+        pair[0].set_title(GIVES_WAY if axis in giving_way else _figures(result, i), loc='left',
+                          fontsize=10)
+    panels[0, 0].set_title(panels[0, 0].get_title('left') + (
+        ', while the goal stands' if course.settled.any() else ', on the way'), loc='left',
+        fontsize=10)
+    panels[0, 1].set_title('the error alone, magnified', loc='left', fontsize=10)
+    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
+                  frameon=False)
+    for panel in panels[-1]:
+        panel.set_xlabel('time [s]')
+    return figure
 
 
-def draw_path(
-    panel: Axes, heads: np.ndarray, errors: np.ndarray, uncompensated: np.ndarray
-) -> None:
-    """Draw the path of the head on the wall, as in Park et al., Figure 12."""
-    goals = heads - errors
-    for places, colour, size, label_text in (
-            (goals + uncompensated, WITHOUT, 1, 'without compensation'),
-            (heads, WITH, 1, 'head'),
-            (np.unique(goals.round(6), axis=0), GOAL, 20, 'goals')):
-        panel.scatter(1e3 * places[:, 0], 1e3 * places[:, 1], s=size, color=colour,
-                      label=label_text)
-    panel.set_aspect('equal', adjustable='datalim')
-    panel.legend(fontsize=8)
-    label(panel, 'x on the wall [mm]', 'y [mm]')
+def spectrum(course: Course, giving_way: Collection[str]) -> Figure:
+    """Draw amplitudes and attenuation against the frequency, of each axis."""
+    times = np.linspace(course.times[0], course.times[-1], len(course.times))
+    used = np.interp(times, course.times, course.counts) >= 1.0  # no sample across an end of them
+    figure = new_figure(13, 7, 'The disturbance, and what remains of it')
+    panels = figure.subplots(2, 3, sharex=True, sharey='row')
+    without, errors = SCALES * course.uncompensated, SCALES * course.errors
+    for i, (axis, title) in enumerate(zip(AXES, TITLES, strict=True)):
+        (frequencies, present), (_, before), (_, after) = (
+            amplitudes(np.interp(times, course.times, values[:, i]), times[1] - times[0], counts)
+            for values, counts in (
+                (without, np.ones_like(used)), (without, used), (errors, used)))
+        panels[0, i].loglog(frequencies, present, color=WITHOUT, lw=1.0,
+                            label='without compensation')
+        panels[0, i].loglog(frequencies, after, color=WITH, lw=1.0, label='error on the wall')
+        panels[0, i].set(xlim=(LOWEST, HIGHEST), ylim=(1e-4, 1e3))
+        panels[0, i].legend(fontsize=8)
+        label(panels[0, i], '', f'amplitude [{UNITS[i]}]')
+        panels[1, i].semilogx(*attenuation(frequencies, before, after, present),
+                              color=WITH, marker='o', ms=4, lw=1.0)
+        panels[1, i].axhline(0.0, color=WITHOUT, ls='--', lw=1.0)
+        panels[1, i].set_xlim(LOWEST, HIGHEST)
+        panels[0, i].set_title(title.split(' [')[0] + (
+            ': gives way, its shift is meant' if axis in giving_way else ''), fontsize=10)
+        label(panels[1, i], 'frequency [Hz]', 'attenuation [dB]')
+    for panel in panels.flat:
+        panel.label_outer()
+    return figure
+
+
+def paths(course: Course) -> Figure:
+    """Draw the path on the wall, and the errors alone, which are too small to see on it."""
+    figure = new_figure(13, 7, 'The path of the head on the wall')
+    wide, *close = figure.subplot_mosaic(
+        [['wide', 'wide'], ['without', 'with']], height_ratios=(1.0, 1.1)).values()
+    for places, colour, size, text in (  # as in Park et al., Figure 12
+            (course.goals + course.carried(course.goals), WITHOUT, 1, 'without compensation'),
+            (course.heads, WITH, 1, 'head'),
+            (np.unique(course.goals.round(6), axis=0), GOAL, 20, 'goals')):
+        wide.scatter(*(1e3 * places[:, :2].T), s=size, color=colour, label=text)
+    wide.set_aspect('equal', adjustable='datalim')
+    wide.legend(fontsize=8)
+    label(wide, 'x on the wall [mm]', 'y [mm]')
+    for panel, errors, colour, title in (
+            (close[0], course.uncompensated, WITHOUT, 'without compensation'),
+            (close[1], course.errors, WITH, 'compensated (another scale)')):
+        panel.plot(*(1e3 * np.where(course.counts[:, None], errors, np.nan)[:, :2].T),
+                   color=colour, lw=0.8)
+        panel.plot(0.0, 0.0, '+', color=GOAL, ms=12)
+        panel.set_aspect('equal', adjustable='datalim')
+        panel.set_title(f'around where it should be, {title}', fontsize=10)
+        label(panel, 'error in x [mm]', 'error in y [mm]')
+    return figure
+
+
+def pressing(
+    course: Course, times: np.ndarray, forces: np.ndarray, desired: float | None
+) -> Figure:
+    """Draw force on the wall, gondola and its yaw together over the run."""
+    figure = new_figure(10, 7, 'The head presses on the wall')
+    panel, gondola = figure.subplots(2, 1, sharex=True)
+    panel.plot(times, forces, color=WITH, lw=1.0, label='force on the wall')
+    if desired is not None:
+        panel.axhline(desired, color=GOAL, ls='--', lw=1.0, label='desired')
+    panel.set_ylim(bottom=0.0)
+    label(panel, '', 'force [N]')
+    rails, yaw = SCALES * np.array(course.rails), gondola.twinx()
+    for i, colour in enumerate((WITHOUT, WITH)):
+        gondola.plot(course.times, rails[:, i], color=colour, lw=1.0, label='gondola ' + 'xy'[i])
+    yaw.plot(course.times, rails[:, 2], color=GOAL, lw=1.0)
+    gondola.plot([], [], color=GOAL, lw=1.0, label='its yaw (right)')
+    yaw.set_ylabel('yaw [°]')
+    gondola.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8,
+                   frameon=False)
+    label(gondola, 'time [s]', 'gondola [mm]')
+    panel.legend(loc='upper right', ncols=2, frameon=False, bbox_to_anchor=(1.0, 1.12))
+    panel.set_title(f'mean {forces.mean():.3g} N, greatest {forces.max():.3g} N, without contact '
+                    f'for {100.0 * np.mean(forces <= 0.0):.2g} % of the time',
+                    loc='left', fontsize=10)
+    return figure
+
+
+def _figures(result: dict[str, float], i: int) -> str:
+    without, error = (SCALES[i] * result[name] for name in ('disturbance_rms', 'residual_rms'))
+    return (f'RMS {without:.3g} {UNITS[i]} → {error:.3g} {UNITS[i]} '
+            f'({decibels(result["attenuation_db"])})')
 
 
 def amplitudes(
@@ -111,42 +220,6 @@ def attenuation(
             ratio = np.sum(without[inside] ** 2) / np.sum(error[inside] ** 2)
             rows.append((frequencies[inside].mean(), 10.0 * math.log10(ratio)))
     return tuple(np.array(rows).reshape(-1, 2).T)
-
-
-def draw_spectra(
-    panel: Axes, frequencies: np.ndarray, without: np.ndarray, error: np.ndarray, what: str
-) -> None:
-    """Draw the amplitude spectra of one axis: the disturbance, and what remains of it."""
-    for spectrum, colour, text in (
-            (without, WITHOUT, 'without compensation'), (error, WITH, 'error on the wall')):
-        panel.loglog(frequencies, spectrum, color=colour, lw=1.0, label=text)
-    panel.set(xlim=(LOWEST, HIGHEST), ylim=(1e-4, 1e3))
-    panel.legend(fontsize=8)
-    label(panel, 'frequency [Hz]', what)
-
-
-def draw_force(
-    panel: Axes, times: np.ndarray, forces: np.ndarray, desired: float | None
-) -> None:
-    """Draw the force on the wall [N] and, if there is one, the desired."""
-    panel.plot(times, forces, color=WITH, lw=1.0, label='force on the wall')
-    if desired is not None:
-        panel.axhline(desired, color=GOAL, ls='--', lw=1.0, label='desired')
-    panel.set_ylim(bottom=0.0)
-    label(panel, 'time [s]', 'force [N]')
-
-
-def draw_gondola(panel: Axes, times: np.ndarray, rails: np.ndarray) -> None:
-    """Draw the rail's x and y [mm] and, on an axis of its own, its yaw [°], from rows of poses."""
-    for i, colour in enumerate((WITHOUT, WITH)):
-        panel.plot(times, 1e3 * rails[:, i], color=colour, lw=1.0, label='gondola ' + 'xy'[i])
-    yaw = panel.twinx()
-    yaw.plot(times, np.degrees(rails[:, 2]), color=GOAL, lw=1.0)
-    panel.plot([], [], color=GOAL, lw=1.0, label='its yaw (right)')
-    yaw.set_ylabel('yaw [°]')
-    panel.legend(loc='lower right', bbox_to_anchor=(1.0, 1.0), ncols=3, fontsize=8,
-                 frameon=False)
-    label(panel, 'time [s]', 'gondola [mm]')
 
 
 def label(panel: Axes, x: str, y: str) -> None:

@@ -18,10 +18,13 @@ from facade_manipulator.errors import RecordError
 from facade_manipulator.kinematics import add, compose, invert, Pose
 from facade_manipulator.lab.demo.__main__ import Demo
 from facade_manipulator.lab.demo.course import course_of, HEAD
-from facade_manipulator.lab.demo.pictures import spectrum, time_courses
-from facade_manipulator.lab.demo.report import figures
-from facade_manipulator.lab.gondola import load_scenario
-from facade_manipulator.lab.gondola.pictures import amplitudes, attenuation
+from facade_manipulator.lab.gondola import figures, load_scenario
+from facade_manipulator.lab.gondola.pictures import (
+    amplitudes,
+    attenuation,
+    spectrum,
+    time_courses,
+)
 from facade_manipulator.messages import planar_numbers, stamp_numbers
 
 DEMO = 'facade_manipulator.lab.demo'

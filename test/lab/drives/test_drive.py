@@ -78,7 +78,7 @@ def test_heartbeats_keep_their_rate():
     assert sum(cob_id == 0x702 for cob_id, _ in bench.wait(10.001)) == 200
 
 
-@pytest.mark.parametrize('command, reaction', [(NMT_RESET, 0), (NMT_RESET_COMMUNICATION, 3)])
+@pytest.mark.parametrize('command, reaction', [(NMT_RESET, 1), (NMT_RESET_COMMUNICATION, 3)])
 def test_a_reset_boots_again_and_a_communication_reset_keeps_the_application(command, reaction):
     bench = Bench().configure()
     assert bench.nmt(command) == []

@@ -2,7 +2,7 @@
 Bench of the compensation: every scenario in a closed loop, beside plain and ideal predictions.
 
 Run it by ``python -m facade_manipulator.lab.gondola.bench``. It prints tables and writes
-compensation.json, a picture of each scenario, one of what each prediction leaves, one of the sweep
+compensation.json, pictures of each scenario, one of what each prediction leaves, one of the sweep
 and one of the force that a gondola can press with.
 """
 
@@ -35,6 +35,7 @@ from facade_manipulator.lab.gondola.bench.plain import (
     HORIZON,
 )
 from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, LoopStep, PERIOD
+from facade_manipulator.lab.gondola.course import giving_way
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Motion, Sway, SwaySettings
 from facade_manipulator.lab.gondola.oracle import KnownDisturbance, limits
@@ -135,8 +136,8 @@ def evaluate(scenario: Scenario, seeds: int = 1) -> tuple[dict, Run]:
     """
     first = scenario.wind.seed
     trials = [run_predictions(with_seed(scenario, first + number)) for number in range(seeds)]
-    compensator, run = scenario.compensator, trials[0][LEARNT]
-    free = (True, not compensator.impedance.enabled, not compensator.yaw_impedance.enabled)
+    run, pressed = trials[0][LEARNT], giving_way(scenario)
+    free = [axis not in pressed for axis in AXES]
     reports = {name: [runs[name].loop.wall.report()['axes'] for runs in trials]
                for name in trials[0]}
     rms = {WITHOUT_ANY: _together(reports[LEARNT], 'disturbance_rms', free)}
@@ -221,9 +222,8 @@ def table(results: dict) -> Iterator[str]:
 def _report(output: Path, name: str, scenario: Scenario, seeds: int) -> dict:
     """Evaluate a scenario and draw it."""
     result, run = evaluate(scenario, seeds)
-    force = result['contact_force']
     title = f'{name}: {scenario.mission.description}'
-    draw_scenario(output / f'{name}.png', title, run.steps, force and force['desired'])
+    draw_scenario(output / f'{name}.png', title, run.steps, scenario)
     return result
 
 
