@@ -60,75 +60,68 @@ class Service(NamedTuple):
     clients: tuple[str, ...] = (SUPERVISOR,)
 
 
-GOAL_POSE = Topic('goal_pose', 'geometry_msgs/PoseStamped', LATEST, (SUPERVISOR,),
-                  (COMPENSATOR, IK, SIMULATOR), EVERY)
+POSE, STATUS = 'geometry_msgs/PoseStamped', 'diagnostic_msgs/DiagnosticStatus'
+JOINTS, TRIGGER = 'sensor_msgs/JointState', 'std_srvs/Trigger'
+GOAL_POSE = Topic('goal_pose', POSE, LATEST, (SUPERVISOR,), (COMPENSATOR, IK, SIMULATOR), EVERY)
 DISTURBANCE = Topic('disturbance', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR,
                     ('estimator', SIMULATOR), (COMPENSATOR,))
 DISTURBANCE_ODOMETRY = Topic('disturbance_odometry', 'nav_msgs/Odometry', SENSOR, ('estimator',),
                              (COMPENSATOR,))
-CORRECTED_POSE = Topic('corrected_pose', 'geometry_msgs/PoseStamped', LATEST, (COMPENSATOR,),
-                       (IK,))
-GOAL_STATUS = Topic('compensator/goal_status', 'diagnostic_msgs/DiagnosticStatus', LATCHED,
-                    (COMPENSATOR,), (SUPERVISOR,))
-REFERENCE = Topic('compensator/reference', 'geometry_msgs/PoseStamped', RELIABLE, (COMPENSATOR,))
-JOINT_SETPOINTS = Topic('joint_setpoints', 'sensor_msgs/JointState', LATEST, (IK,), (DRIVER,))
-JOINT_STATES = Topic('joint_states', 'sensor_msgs/JointState', RELIABLE, (DRIVER,),
-                     (IK, SIMULATOR))
-END_EFFECTOR_POSE = Topic('end_effector_pose', 'geometry_msgs/PoseStamped', RELIABLE, (IK,),
-                          (COMPENSATOR, SUPERVISOR))
+CORRECTED_POSE = Topic('corrected_pose', POSE, LATEST, (COMPENSATOR,), (IK,))
+GOAL_STATUS = Topic('compensator/goal_status', STATUS, LATCHED, (COMPENSATOR,), (SUPERVISOR,))
+REFERENCE = Topic('compensator/reference', POSE, RELIABLE, (COMPENSATOR,))
+JOINT_SETPOINTS = Topic('joint_setpoints', JOINTS, LATEST, (IK,), (DRIVER,))
+JOINT_STATES = Topic('joint_states', JOINTS, RELIABLE, (DRIVER,), (IK, SIMULATOR))
+END_EFFECTOR_POSE = Topic('end_effector_pose', POSE, RELIABLE, (IK,), (COMPENSATOR, SUPERVISOR))
 SOFTWARE_STOP = Topic('software_stop', 'std_msgs/Bool', LATEST, (SUPERVISOR,), (DRIVER,),
                       parameter='software_stop_topics')
 CONTACT_WRENCH = Topic('contact_wrench', 'geometry_msgs/WrenchStamped', SENSOR,
                        ('force_sensor', IK, SIMULATOR), (COMPENSATOR,))
 LATERAL_OFFSET = Topic('lateral_offset', 'geometry_msgs/PointStamped', SENSOR,
                        ('camera', SIMULATOR), (COMPENSATOR,))
-HEAD_ON_WALL = Topic('head_on_wall', 'geometry_msgs/PoseStamped', SENSOR, ('instrument',))
-DRIVER_STATUS = Topic('driver/status', 'diagnostic_msgs/DiagnosticStatus', LATCHED, (DRIVER,),
-                      (COMPENSATOR, IK, SUPERVISOR))
-IK_STATUS = Topic('ik_service/status', 'diagnostic_msgs/DiagnosticStatus', LATCHED, (IK,),
-                  (SUPERVISOR,))
-REJECTIONS = Topic('ik_service/rejections', 'diagnostic_msgs/DiagnosticStatus', RECENT, (IK,),
-                   (SUPERVISOR,))
+HEAD_ON_WALL = Topic('head_on_wall', POSE, SENSOR, ('instrument',))
+DRIVER_STATUS = Topic('driver/status', STATUS, LATCHED, (DRIVER,), (COMPENSATOR, IK, SUPERVISOR))
+IK_STATUS = Topic('ik_service/status', STATUS, LATCHED, (IK,), (SUPERVISOR,))
+REJECTIONS = Topic('ik_service/rejections', STATUS, RECENT, (IK,), (SUPERVISOR,))
 WORKSPACE = Topic('ik_service/workspace', 'nav_msgs/OccupancyGrid', LATCHED, (IK,))
 ROBOT_DESCRIPTION = Topic('robot_description', 'std_msgs/String', LATCHED, (IK,))
-MECHANISM_STATES = Topic('ik_service/joint_states', 'sensor_msgs/JointState', RELIABLE, (IK,),
-                         recorded='')
+MECHANISM_STATES = Topic('ik_service/joint_states', JOINTS, RELIABLE, (IK,), recorded='')
 LINKAGE = Topic('ik_service/linkage', 'visualization_msgs/MarkerArray', LATEST, (IK,), recorded='')
 DIAGNOSTICS = Topic('/diagnostics', 'diagnostic_msgs/DiagnosticArray', RELIABLE, NODES,
                     (SUPERVISOR,), EVERY)
 TF = Topic('/tf', 'tf2_msgs/TFMessage', TRANSFORMS, (COMPENSATOR, IK), optional=True)
-CARRIAGE_FORCES = Topic('gondola_simulator/carriage_forces', 'sensor_msgs/JointState', LATEST,
-                        (SIMULATOR,), (DRIVER,), recorded='')
+CARRIAGE_FORCES = Topic('gondola_simulator/carriage_forces', JOINTS, LATEST, (SIMULATOR,),
+                        (DRIVER,), recorded='')
 HEAD_POSE, WALL_ERROR, UNCOMPENSATED_ERROR = (
-    Topic(f'gondola_simulator/{name}', 'geometry_msgs/PoseStamped', RELIABLE, (SIMULATOR,),
-          recorded='')
+    Topic(f'gondola_simulator/{name}', POSE, RELIABLE, (SIMULATOR,), recorded='')
     for name in ('head_pose', 'wall_error', 'uncompensated_error'))
 # of ROS itself
 ROSOUT = Topic('/rosout', 'rcl_interfaces/Log', RELIABLE, ROLES, recorded=EVERY)
-PARAMETER_EVENTS = Topic(
-    '/parameter_events', 'rcl_interfaces/ParameterEvent', RELIABLE, ROLES, recorded=EVERY)
+PARAMETER_EVENTS = Topic('/parameter_events', 'rcl_interfaces/ParameterEvent', RELIABLE, ROLES,
+                         recorded=EVERY)
 TRANSITION_EVENT = Topic('driver/transition_event', 'lifecycle_msgs/TransitionEvent', RELIABLE,
                          (DRIVER,), recorded='')
-EXECUTOR_CHECK = Topic('executor_check/message', 'std_msgs/Empty', LATEST,
-                       (COMPENSATOR, RECORDER, SIMULATOR), (COMPENSATOR, RECORDER, SIMULATOR), '')
+EXPERIMENTAL = (COMPENSATOR, RECORDER, SIMULATOR)  # whose process has the faster executor
+EXECUTOR_CHECK = Topic(
+    'executor_check/message', 'std_msgs/Empty', LATEST, EXPERIMENTAL, EXPERIMENTAL, recorded='')
 
 SOLVE = Service('ik_service/solve', 'nav_msgs/GetPlan', IK)
 ENABLE = Service('compensator/enable', 'std_srvs/SetBool', COMPENSATOR)
-HOLD = Service('compensator/hold', 'std_srvs/Trigger', COMPENSATOR)
+HOLD = Service('compensator/hold', TRIGGER, COMPENSATOR)
 CANCEL = Service('compensator/cancel', 'action_msgs/CancelGoal', COMPENSATOR)
-TARE = Service('compensator/tare', 'std_srvs/Trigger', COMPENSATOR)
+TARE = Service('compensator/tare', TRIGGER, COMPENSATOR)
 CHANGE_STATE = Service('driver/change_state', 'lifecycle_msgs/ChangeState', DRIVER)
 GET_STATE = Service('driver/get_state', 'lifecycle_msgs/GetState', DRIVER)
-HOME = Service('driver/home', 'std_srvs/Trigger', DRIVER)
-HALT = Service('driver/halt', 'std_srvs/Trigger', DRIVER)
-CLEAR_FAULTS = Service('driver/clear_faults', 'std_srvs/Trigger', DRIVER)
-SERVICE_DONE = Service('driver/service_done', 'std_srvs/Trigger', DRIVER)  # of everything
+HOME = Service('driver/home', TRIGGER, DRIVER)
+HALT = Service('driver/halt', TRIGGER, DRIVER)
+CLEAR_FAULTS = Service('driver/clear_faults', TRIGGER, DRIVER)
+SERVICE_DONE = Service('driver/service_done', TRIGGER, DRIVER)  # of everything
 SERVICES_DONE = {  # of a part
-    part: Service(f'driver/service_done/{part}', 'std_srvs/Trigger', DRIVER)
+    part: Service(f'driver/service_done/{part}', TRIGGER, DRIVER)
     for part in ('q1_screw', 'q1_drive', 'q2_screw', 'q2_drive', 'q3_screw', 'q3_drive')}
 SELF_TEST = Service('driver/self_test', 'diagnostic_msgs/SelfTest', DRIVER)
-SAVE = Service('recorder/save', 'std_srvs/Trigger', RECORDER)
-REPORT = Service('gondola_simulator/report', 'std_srvs/Trigger', SIMULATOR)
+SAVE = Service('recorder/save', TRIGGER, RECORDER)
+REPORT = Service('gondola_simulator/report', TRIGGER, SIMULATOR)
 LIFECYCLE = tuple(
     Service(f'driver/{name}', f'lifecycle_msgs/{kind}', DRIVER, ()) for name, kind in (
         ('get_available_states', 'GetAvailableStates'),
