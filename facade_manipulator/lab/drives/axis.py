@@ -32,7 +32,7 @@ from facade_manipulator.drives.cia402 import (
     TRANSITIONS,
 )
 from facade_manipulator.lab.drives.demand import SpeedRamp
-from facade_manipulator.lab.drives.modes import MODES
+from facade_manipulator.lab.drives.modes import CyclicPosition, Homing, SimulatedMode
 from facade_manipulator.lab.drives.motor import SimulatedMotor, STANDSTILL
 from facade_manipulator.lab.drives.objects import INVALID_VALUE, ObjectStore
 from facade_manipulator.lab.drives.supervision import SimulatedSupervision
@@ -88,8 +88,13 @@ class SimulatedAxis:
             scale, velocity_unit=profile.motor_speed_unit).velocity_units_per_count
         self._report = report
         self._supervision = SimulatedSupervision(store, motor, report)
+        parts = store, motor, profile, self._units
+        self.homing = Homing(*parts)
         self.modes = {
-            mode: make(store, motor, profile, self._units) for mode, make in MODES.items()}
+            Mode.NONE: SimulatedMode(*parts),
+            Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition(*parts),
+            Mode.HOMING: self.homing,
+        }
         self.torque_off = False
         self._time = -math.inf
         self._attach(store)
@@ -112,7 +117,7 @@ class SimulatedAxis:
         self.state = State.NOT_READY_TO_SWITCH_ON
         self._controlword: int | None = None
         self._command: DeviceCommand | None = None
-        self._mode = int(Mode.NONE)
+        self._mode = Mode.NONE
         self._stop: SpeedRamp | None = None
         self._supervision.reset()
         self._motor.count_from_here()
@@ -121,7 +126,7 @@ class SimulatedAxis:
 
     def forget_home(self) -> None:
         """Take back that homing was attained."""
-        self.modes[Mode.HOMING].attained = False
+        self.homing.attained = False
 
     def boot(self) -> None:
         """End the initialisation."""
@@ -194,11 +199,11 @@ class SimulatedAxis:
         if mode not in self.modes:
             raise SdoAbortedError(INVALID_VALUE)
         if mode != self._mode:
-            self._mode = mode
+            self._mode = Mode(mode)
             self._enter_mode()
 
     def _check_homing_method(self, method: int) -> None:
-        if method and not self.modes[Mode.HOMING].supports(method):
+        if method and not self.homing.supports(method):
             raise SdoAbortedError(INVALID_VALUE)
 
     def latch(self) -> None:

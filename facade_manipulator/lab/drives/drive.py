@@ -152,7 +152,7 @@ class SimulatedDrive(SimulatedNode):
             self.axis.fail(keeps_power=_is_among(code, _RAMP_ERRORS))
         self._announce()
         if is_connection and self.nmt_state is NmtState.OPERATIONAL:
-            behaviour = self.objects.values.get((0x1029, 1))
+            behaviour = self.objects.values.get((0x1029, 1), -1)
             self._enter_nmt(_ERROR_BEHAVIOUR.get(behaviour, self.nmt_state))
 
     def remove_cause(self) -> None:

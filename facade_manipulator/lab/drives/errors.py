@@ -10,6 +10,7 @@ CiA 301, emergency object, objects 1001h and 1003h.
 from __future__ import annotations
 
 from collections import deque
+from functools import partial
 
 from canopen import SdoAbortedError
 
@@ -48,7 +49,7 @@ class ErrorHistory:
         store.readers[0x1003, 0] = lambda: len(self._past)
         store.writers[0x1003, 0] = self._clear_past
         for subindex in range(1, 9):
-            store.readers[0x1003, subindex] = lambda n=subindex: self._entry(n)
+            store.readers[0x1003, subindex] = partial(self._entry, subindex)
 
     def _entry(self, subindex: int) -> int:
         return self._past[subindex - 1] if subindex <= len(self._past) else 0

@@ -11,7 +11,7 @@ IEC 61800-7-201 (CiA 402-2): homing and cyclic synchronous position mode.
 
 from __future__ import annotations
 
-from facade_manipulator.drives.cia402 import Controlword, DriveProfile, Mode, Status
+from facade_manipulator.drives.cia402 import Controlword, DriveProfile, Status
 from facade_manipulator.lab.drives.demand import Interpolator, SpeedRamp
 from facade_manipulator.lab.drives.homing import (
     HomingFailed,
@@ -29,6 +29,8 @@ _RATED_CURRENT = 2000  # mA, of a drive without 6075h
 class SimulatedMode:
     """No mode: a demand that rests. The others move it as their objects say."""
 
+    _demand: Interpolator | SpeedRamp
+
     def __init__(
         self, store: ObjectStore, motor: SimulatedMotor, profile: DriveProfile,
         units_per_count: float,
@@ -41,7 +43,7 @@ class SimulatedMode:
 
     def enter(self) -> None:
         """Begin where the carriage is, at rest and with no target."""
-        self._demand: Interpolator | SpeedRamp = Interpolator(self._motor.position)
+        self._demand = Interpolator(self._motor.position)
 
     def control(self, before: int, controlword: int) -> None:
         """Take the mode's own bits of the controlword."""
@@ -60,6 +62,8 @@ class SimulatedMode:
 
 class CyclicPosition(SimulatedMode):
     """Cyclic synchronous position: 607A is latched at each SYNC."""
+
+    _demand: Interpolator
 
     def latch(self) -> None:
         """Take the target position."""
@@ -85,6 +89,7 @@ class Homing(SimulatedMode):
     """
 
     attained = _failed = False
+    _demand: SpeedRamp
 
     def supports(self, method: int) -> bool:
         """Return whether the drive has a homing method."""
@@ -159,10 +164,3 @@ class Homing(SimulatedMode):
                  and abs(self._motor.velocity) < STANDSTILL)
         return (Status.TARGET_REACHED * rests | Status.HOMING_ATTAINED * self.attained
                 | Status.HOMING_ERROR * self._failed)
-
-
-MODES: dict[int, type[SimulatedMode]] = {
-    Mode.NONE: SimulatedMode,
-    Mode.CYCLIC_SYNCHRONOUS_POSITION: CyclicPosition,
-    Mode.HOMING: Homing,
-}

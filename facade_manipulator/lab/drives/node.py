@@ -78,6 +78,9 @@ class SimulatedNode:
 
     """
 
+    nmt_state: NmtState
+    _master_due: float
+
     def __init__(
         self, objects: ObjectStore, axis: SimulatedAxis, report: Callable[[int], None],
         boot_time: float, quirks: Quirks,

@@ -93,7 +93,8 @@ class ObjectStore:
             for item in variables(self.object_dictionary) if item.index not in missing
         }
         self._indices = {index for index, _ in self.variables}
-        self.defaults = {key: variable.default for key, variable in self.variables.items()}
+        self.defaults: dict[Key, Any] = {
+            key: variable.default for key, variable in self.variables.items()}
         self.values: dict[Key, Any] = {}
         self.stored: dict[Key, Any] = {}
         self.readers: dict[Key, Reader] = {}
@@ -211,7 +212,7 @@ class ObjectServer(SdoServer):
 
     def segmented_download(self, command: int, request: bytes) -> None:
         """Take a segment, as long as the transfer stays within what the objects can hold."""
-        if len(self._buffer) > _LONGEST_DOWNLOAD:
+        if len(self._buffer or b'') > _LONGEST_DOWNLOAD:
             self._buffer = bytearray()
             raise SdoAbortedError(OUT_OF_MEMORY)
         super().segmented_download(command, request)

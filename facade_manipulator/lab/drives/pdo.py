@@ -169,7 +169,7 @@ class ProcessData:
     def _make(self, cob_id: int, communication: int, mapping: int) -> _Pdo:
         values, variables = self._store.values, self._store.variables
         keys = tuple(_mapped(values[mapping, n]) for n in range(1, values[mapping, 0] + 1))
-        codes = [ODVariable.STRUCT_TYPES[variables[key].data_type].format[-1] for key in keys]
+        codes = [ODVariable.STRUCT_TYPES[variables[key].data_type or 0].format[-1] for key in keys]
         timer = values.get((communication, 5))
         return _Pdo(
             cob_id, keys, struct.Struct('<' + ''.join(codes)), values[communication, 2],
@@ -189,7 +189,7 @@ class ProcessData:
         rpdo.data = data[:rpdo.codec.size]
         waits = rpdo.transmission in _SYNCHRONOUS
         if not waits:
-            self._apply(rpdo)
+            self._apply(rpdo, rpdo.data)
         return not waits
 
     def answer_sync(self, now: float) -> None:
@@ -205,10 +205,10 @@ class ProcessData:
         """Make the RPDOs that came since the last SYNC act."""
         for rpdo in self._receive.values():
             if rpdo.data is not None:
-                self._apply(rpdo)
+                self._apply(rpdo, rpdo.data)
 
-    def _apply(self, rpdo: _Pdo) -> None:
-        pairs = zip(rpdo.keys, rpdo.codec.unpack(rpdo.data), strict=True)
+    def _apply(self, rpdo: _Pdo, data: bytes) -> None:
+        pairs = zip(rpdo.keys, rpdo.codec.unpack(data), strict=True)
         rpdo.data = None
         # the controlword last: it acts on the mode and the target that came with it
         for key, value in sorted(pairs, key=_is_controlword):

@@ -1,7 +1,7 @@
 """
 Where the study writes: rejected before any work, complete or as it was before.
 
-Work that takes longer than a second has a progress bar.
+Work that takes long has a progress bar in a terminal.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import os
 from pathlib import Path
 import shutil
 import tempfile
-import time
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -21,11 +21,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from facade_manipulator.errors import file_errors
 from facade_manipulator.files import atomic_write
 
-PATIENCE = 1.0  # s before a progress bar appears
-
 
 @contextmanager
-def json_file(path: Path) -> Iterator[dict]:
+def json_file(path: Path) -> Iterator[dict[str, Any]]:
     """
     Lend a dictionary that is written to `path` when the block ends well.
 
@@ -36,7 +34,7 @@ def json_file(path: Path) -> Iterator[dict]:
             if path.is_dir():
                 raise IsADirectoryError('it is a directory')
             draft.touch()
-        content: dict = {}
+        content: dict[str, Any] = {}
         yield content
         draft.write_text(json.dumps(content, indent=2, allow_nan=False) + '\n', encoding='utf-8')
 
@@ -64,21 +62,12 @@ def folder(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def progress_bar(title: str, total: int) -> Iterator[Callable[[int], None]]:
+def progress_bar(title: str, total: int) -> Iterator[Callable[..., None]]:
     """Lend a function that counts steps done, of a known number; the bar is on standard error."""
     console = Console(stderr=True)
-    bar = Progress(
-        TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:3.0f} %'),
-        TimeRemainingColumn(), console=console, transient=True, disable=not console.is_terminal)
-    task, begun = bar.add_task(title, total=total), time.monotonic()
-
-    def tick(count: int = 1) -> None:
-        bar.advance(task, count)
-        if time.monotonic() - begun > PATIENCE:
-            bar.start()
-
-    try:
-        yield tick
-    finally:
-        if bar.live.is_started:
-            bar.stop()
+    with Progress(
+            TextColumn('{task.description}'), BarColumn(), TextColumn('{task.percentage:3.0f} %'),
+            TimeRemainingColumn(), console=console, transient=True,
+            disable=not console.is_terminal) as bar:
+        task = bar.add_task(title, total=total)
+        yield lambda count=1: bar.advance(task, count)

@@ -30,10 +30,6 @@ def test_the_noise_is_as_strong_as_set():
     assert rows[:, 2].std() == pytest.approx(0.05, rel=0.05)
 
 
-def test_a_sound_sensor_tells_the_wrench():
-    assert forces()[-1] == pytest.approx(39.9)
-
-
 @pytest.mark.parametrize(('fault', 'last'), [
     ('stuck', 20.0), ('jump', 59.9), ('reversed', -39.9), ('late', 37.9)])
 def test_a_broken_sensor_tells_something_else_from_then_on(fault, last):

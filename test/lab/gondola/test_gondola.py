@@ -25,13 +25,6 @@ def test_the_first_mode_is_nearly_the_pendulum_of_cable_and_body(length):
     assert gondola.frequencies[0] == pytest.approx(pendulum, rel=0.01)
 
 
-def test_the_second_mode_is_much_faster_and_the_guide_stiffens_the_way_to_the_wall():
-    along, tilt, towards, _, _, stretch = Gondola(SETTINGS, WIND).frequencies
-    assert tilt > 4.0 * along
-    assert towards > 1.5 * along
-    assert stretch > 2.0 * tilt
-
-
 def test_the_yaw_is_that_of_a_bifilar_pendulum():
     yaw = Gondola(replace(SETTINGS, guide_lever=0.0), WIND).frequencies[4]
     half = 0.5 * SETTINGS.cable_distance
@@ -55,14 +48,6 @@ def test_in_gusts_it_swings_about_its_place_in_the_mean_wind_at_its_own_frequenc
     power = np.abs(np.fft.rfft(poses[:, 0] * np.hanning(len(poses)))) ** 2
     peak = np.fft.rfftfreq(len(poses), 0.05)[power.argmax()]
     assert peak == pytest.approx(gondola.frequencies[0] / math.tau, rel=0.15)
-
-
-@pytest.mark.long
-def test_twice_the_wind_swings_it_about_four_times_as_far():
-    calm, windy = (
-        course(Gondola(SETTINGS, replace(WIND, mean_speed=speed)), 300.0).std(axis=0)[0]
-        for speed in (2.0, 4.0))
-    assert 3.0 < windy / calm < 7.0
 
 
 def test_the_motion_is_smooth():

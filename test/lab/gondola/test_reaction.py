@@ -44,21 +44,15 @@ def steady_amplitude(settings, force, period, axis=0, count=40):
     return 2.0 * np.mean(poses[last, axis] * wave)
 
 
-@pytest.mark.parametrize('axis', range(2))
-def test_a_push_at_the_centre_of_gravity_gives_its_momentum_to_the_mass(axis):
+@pytest.mark.parametrize(('axis', 'inertia'), [
+    (0, SETTINGS.mass), (1, SETTINGS.mass), (2, SETTINGS.mass * SETTINGS.yaw_radius ** 2)])
+def test_a_push_at_the_centre_of_gravity_gives_its_momentum_to_the_mass(axis, inertia):
     reaction = ModalReaction(replace(SETTINGS, damping_ratio=0.0))
     wrench = Wrench(*(100.0 * (axis == i) for i in range(3)))
     move = reaction.stepper(0.001)
     for _ in range(10):
         move(wrench)
-    assert SETTINGS.mass * reaction.velocity[axis] == pytest.approx(100.0 * 0.01, rel=1e-3)
-
-
-def test_a_moment_gives_its_angular_momentum_to_the_inertia():
-    reaction = ModalReaction(replace(SETTINGS, damping_ratio=0.0))
-    reaction.stepper(0.01)(Wrench(0.0, 0.0, 50.0))
-    inertia = SETTINGS.mass * SETTINGS.yaw_radius ** 2
-    assert inertia * reaction.velocity.theta == pytest.approx(0.5, rel=1e-3)
+    assert inertia * reaction.velocity[axis] == pytest.approx(100.0 * 0.01, rel=1e-3)
 
 
 def test_the_work_of_the_head_is_the_energy_of_an_undamped_gondola():
@@ -90,14 +84,6 @@ def test_a_steady_press_pushes_it_back_by_force_over_stiffness_and_tilts_it(sett
     tilt = settings.rail_height ** 2 / (weight * settings.body_height)
     hang = 1.0 / (weight / settings.cable_length + settings.guide_stiffness)
     assert poses[-1, 1] == pytest.approx(-30.0 * (hang + tilt), rel=1e-3)
-
-
-def test_a_press_beside_the_middle_turns_it_until_cables_and_guide_hold():
-    moment = 30.0 * 0.1
-    _, poses = swing(replace(SETTINGS, damping_ratio=0.5), lambda _: (0.0, 0.0, moment), 100.0)
-    assert poses[-1, 2] == pytest.approx(moment / SETTINGS.stiffness[2], rel=1e-3)
-    assert SETTINGS.stiffness[2] == pytest.approx(
-        500.0 * GRAVITY * 0.36 / 30.0 + 600.0 * 0.36)
 
 
 def test_a_rail_before_the_cables_makes_a_moment_of_friction_and_moves_when_it_yaws():

@@ -35,16 +35,6 @@ def test_a_perfect_compensation_has_no_error():
         assert sample.head == pytest.approx(tuple(GOAL), abs=1e-9)
 
 
-def test_without_compensation_there_is_no_attenuation():
-    wall = measurement()
-    standing = inverse_kinematics(GEOMETRY, GOAL)
-    for k in range(200):
-        sample = wall.measure(0.1 * k, standing)
-        assert sample.error == pytest.approx(tuple(sample.uncompensated), abs=1e-9)
-    for axis in wall.report()['axes'].values():
-        assert axis['attenuation_db'] == pytest.approx(0.0, abs=1e-6)
-
-
 def test_a_tenth_of_the_error_is_twenty_decibels():
     wall = measurement()
     for k in range(30, 200):

@@ -40,18 +40,6 @@ def test_the_design_turns_as_far_as_the_design_page_says(y, degrees):
     assert math.degrees(theta_max(NO_GAP, y / 1e3)) == pytest.approx(degrees, abs=5.1e-3)
 
 
-def test_the_design_begins_where_the_design_page_says():
-    assert y_range(NO_GAP) == pytest.approx((math.sqrt(0.352 ** 2 - 0.348 ** 2), 0.352))
-    assert y_range(DESIGN).lower == pytest.approx(math.sqrt(0.352 ** 2 - 0.328 ** 2))
-
-
-@given(st.floats(0.06, 0.35))
-def test_at_the_parallel_platform_x_is_as_wide_as_the_closed_form(y):
-    lower, upper = x_interval(DESIGN, y)
-    assert upper == pytest.approx(0.5 - 0.348 + math.sqrt(0.352 ** 2 - y * y))
-    assert lower == pytest.approx(-upper)
-
-
 @given(geometries, st.floats(0.001, 0.999))
 def test_the_greatest_angle_is_exactly_where_certify_changes_its_mind(geometry, fraction):
     geometry = unlimited(geometry)

@@ -10,7 +10,6 @@ from facade_manipulator.kinematics import Geometry, pose_map
 from facade_manipulator.lab.study import measure, union_area
 from facade_manipulator.lab.study.section import section_area, section_bounds
 from facade_manipulator.lab.study.singularities import (
-    beyond_share,
     configurations,
     parallel_curves,
     serial_curve,
@@ -39,38 +38,10 @@ def test_the_good_section_area_is_its_closed_form(design, good):
     assert section_area(*design, *good) == pytest.approx(of_section(design, *good), abs=2e-5)
 
 
-def test_no_index_is_above_one_and_every_index_above_zero():
-    design = (0.352, 0.348, 1.0, 0.0)
-    assert section_area(*design, 1.0, 1.0) == 0.0
-    assert section_area(*design, 0.0, 1.0) == section_area(*design)
-    lower, upper = section_bounds(*design, 1.0, 1.0)
-    assert lower == upper
-
-
-def test_sections_take_arrays_of_designs():
-    length = np.linspace(0.15, 0.4, 6)
-    half = 0.7 - length
-    areas = section_area(length, half, 1.0, 0.01, 0.001, 0.001)
-    assert areas.tolist() == pytest.approx(
-        [float(section_area(one, 0.7 - one, 1.0, 0.01, 0.001, 0.001)) for one in length])
-
-
 def test_the_section_of_the_design_begins_at_the_order_and_ends_at_the_reach():
     assert section_bounds(0.352, 0.348, 1.0, 0.0) == pytest.approx((math.sqrt(0.0028), 0.352))
     lower, upper = section_bounds(0.352, 0.348, 0.05, 0.02)
     assert upper < 0.352 and lower < upper
-
-
-@pytest.mark.parametrize(('length', 'percent'), [(0.15, 48.0), (0.34, 26.0)])
-def test_the_share_beyond_n_is_that_of_the_design_page(length, percent):
-    share = beyond_share(Geometry(length, 0.7 - length, (-0.5, 0.5), 0.0))
-    assert 100.0 * share == pytest.approx(percent, abs=0.5)
-
-
-@pytest.mark.parametrize('length', [0.35, 0.352, 0.4])
-def test_links_as_long_as_b_never_pass_n(length):
-    share = beyond_share(Geometry(length, 0.7 - length, (-0.5, 0.5), 0.0))
-    assert share == pytest.approx(0.0, abs=1e-12)
 
 
 def test_the_volume_is_the_sum_of_the_widths():

@@ -36,7 +36,6 @@ from facade_manipulator.tools.calibration.design import choose, information
 from facade_manipulator.tools.calibration.unknowns import (
     BACKLASH,
     screw_unknowns,
-    sensitivity,
     with_screw_tables,
     with_values,
 )
@@ -123,12 +122,6 @@ def test_every_planned_pose_is_permitted_even_to_a_machine_with_errors():
         mechanism_of(MADE).check(Carriages(*carriages))
 
 
-def test_the_sensitivity_to_the_offsets_is_that_to_a_shift():
-    rates = sensitivity(DRAWING, UNKNOWNS, POSES)
-    shift = rates[:, :, 4:7].sum(axis=2)
-    assert shift == pytest.approx(np.tile([1.0, 0.0, 0.0], (len(POSES), 1)), abs=1e-6)
-
-
 def with_screws(machine, random):
     """Return the machine with screws that are uneven and have play."""
     return replace(machine, backlash=tuple(random.uniform(0.0, 3e-4, 3).tolist()), **{
@@ -191,11 +184,6 @@ def test_carriages_at_which_no_machine_closes_are_named():
     far[2] = -0.5, 0.5, 0.0
     with pytest.raises(CalibrationError, match='row 3: the links do not close'):
         identify(DRAWING, UNKNOWNS, Measurements(far, measured()))
-
-
-def test_an_unknown_that_no_machine_has_is_rejected():
-    with pytest.raises(ParameterError, match='wheel is not one of'):
-        unknowns_named(['wheel'])
 
 
 @pytest.fixture
