@@ -18,6 +18,7 @@ import signal
 import sys
 from threading import Event
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import rclpy
@@ -114,7 +115,7 @@ class Demo:
         self.client.spin(FIRST_GOAL_AFTER)
         begin = time.monotonic()
         with screen(self.console) as show:
-            def remaining(*_) -> float:
+            def remaining(*_: Any) -> float:
                 self._require_moving_drives()
                 self.processes.check()
                 elapsed = time.monotonic() - begin
@@ -128,7 +129,7 @@ class Demo:
                 self._send_due_goal(self.options.duration - left)
                 self.client.spin(REFRESH_PERIOD)
 
-    def _follow_plan(self, remaining: Callable[..., float]) -> None:
+    def _follow_plan(self, remaining: Callable[..., Any]) -> None:
         """Go through the goals again and again, from one to the next as soon as it is reached."""
         for count, goal in enumerate(cycle(self.scenario.mission.plan)):
             if remaining() <= 0.0:
@@ -154,7 +155,7 @@ class Demo:
             raise ManipulatorError(f'recorder: {saved.message}')
         return Path(saved.message.removeprefix('recorded in '))
 
-    def _report(self, recording: Path, counted: dict) -> None:
+    def _report(self, recording: Path, counted: dict[str, Any]) -> None:
         """Print and draw the run when the drives have stopped already; Ctrl-C ends it."""
         run = read_recording(recording, TOPICS)
         course = course_of(run, self.scenario.wall.settling_time)

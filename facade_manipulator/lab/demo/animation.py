@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 import math
 from pathlib import Path
+from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -23,7 +24,8 @@ WALL_DISTANCE = 0.3  # m, in a scenario without a wall to touch
 GONDOLA_SIZE = (0.6, 0.12, 0.03)  # m: half its length, its far and its near side behind the rail
 CROSS = 0.035
 DARK = '#444444'
-LOOKS = {  # of the lines that move, from the furthest behind to the foremost
+# of the lines that move, from the furthest behind to the foremost
+LOOKS: dict[str, dict[str, Any]] = {
     'gondola': {'color': '#b7cbd9', 'lw': 3},
     'rail': {'color': DARK, 'lw': 5},
     'standing trail': {'color': WITHOUT, 'lw': 1},
@@ -89,7 +91,7 @@ def save(path: Path, images: list[Image.Image]) -> None:
 
 def _places(
     course: Course, standing: np.ndarray, geometry: Geometry, now: int
-) -> dict[str, list]:
+) -> dict[str, Any]:
     """Return the points of each line on the wall [m]."""
     rail, head = course.rails[now], Pose(*course.heads[now])
     on_rail = relative(rail, head)
@@ -111,10 +113,10 @@ def _places(
     }
 
 
-def _cross(pose: Pose) -> list:
+def _cross(pose: Pose) -> list[Any]:
     along, out = (
-        [compose(pose, Pose(*(sign * CROSS * step for step in way), 0.0))[:2]
-         for sign in (-1.0, 1.0)] for way in ((1.0, 0.0), (0.0, 1.0)))
+        [compose(pose, Pose(x, y, 0.0))[:2] for x, y in ends]
+        for ends in (((-CROSS, 0.0), (CROSS, 0.0)), ((0.0, -CROSS), (0.0, CROSS))))
     return [*along, (math.nan, math.nan), *out]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 import json
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
@@ -64,7 +65,7 @@ class ScenarioSettings:
 class GondolaSimulatorNode(Node):
     """Simulate what moves the rail, and measure what the manipulator makes of it."""
 
-    def __init__(self, **kwargs) -> None:
+    def __init__(self, **kwargs: Any) -> None:
         super().__init__('gondola_simulator', **kwargs)
         name_unknown_parameters(self)
         geometry = declare(self, Geometry, 'geometry')
@@ -126,7 +127,7 @@ class GondolaSimulatorNode(Node):
 
     def _publish_sample(self, sample: WallSample) -> None:
         self._head.publish(sample.time, sample.head)
-        if sample.error is not None:
+        if sample.error is not None and sample.uncompensated is not None:
             self._error.publish(sample.time, sample.error)
             self._uncompensated.publish(sample.time, sample.uncompensated)
 
@@ -141,8 +142,8 @@ class GondolaSimulatorNode(Node):
 
     def _publish_sensors(self, sample: WallSample, wrench: Wrench) -> None:
         """Publish what sensors on the head measure of the wall."""
-        measured = self._force_sensor and self._force_sensor.measure(sample.time, wrench)
-        if measured is not None:
+        sensor = self._force_sensor
+        if sensor and (measured := sensor.measure(sample.time, wrench)):
             self._wrench.publish(wrench_stamped(
                 self._frames.end_effector, sample.time, measured))
         if self._measures_slip and sample.settled:

@@ -29,7 +29,7 @@ class NodeProcesses:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._processes: dict[Path, subprocess.Popen] = {}
+        self._processes: dict[Path, subprocess.Popen[bytes]] = {}
 
     def start(self, name: str, arguments: list[str]) -> None:
         """Start a node by the name of its executable, as users do."""

@@ -60,7 +60,7 @@ def _latency(client: ManipulatorClient) -> dict[str, float | None]:
         for name, margin in margins.items()}
 
 
-def summary_lines(summary: dict, scenario: Scenario) -> list[str]:
+def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:
     """Return the figures of a run, and which axes give way in its scenario."""
     lines = [f'{"":8}{"uncompensated":>16}{"compensated":>16}{"attenuation":>14}   (RMS)']
     for axis, result in summary['axes'].items():
@@ -80,7 +80,7 @@ def _cell(value: float, unit: str) -> str:
 
 
 def draw(
-    folder: Path, run: RecordedRun, course: Course, summary: dict, scenario: Scenario,
+    folder: Path, run: RecordedRun, course: Course, summary: dict[str, Any], scenario: Scenario,
     geometry: Geometry, check: Callable[[], None],
 ) -> None:
     """Draw everything; what `check` raises ends it, with complete files alone."""
