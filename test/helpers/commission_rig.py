@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import itertools
+import os
 from pathlib import Path
+import pty
+import sys
+import termios
+from typing import Any
 
 import can
 from support import wait_until
@@ -18,6 +24,42 @@ from facade_manipulator.tools.commissioning.__main__ import main
 
 _numbers = itertools.count()
 SERIALS = (4711, 4712, 4713)
+
+
+class Terminal:
+    """A terminal of 80 columns; who sits at it reads what is new on it, and types."""
+
+    def __init__(self, monkeypatch, read: Callable[[str], None] = lambda text: None) -> None:
+        self._ours, its = pty.openpty()
+        termios.tcsetwinsize(its, (24, 80))
+        self._keys, self._screen = os.fdopen(os.dup(its), 'r'), os.fdopen(its, 'w')
+        self._read = read
+        self.shown = ''
+        monkeypatch.setattr(sys, 'stdin', self._keys)
+        monkeypatch.setattr(sys, 'stdout', self)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._screen, name)
+
+    def type(self, text: str) -> None:
+        os.write(self._ours, text.encode())
+
+    def write(self, text: str) -> int:
+        """Show a text, with what was typed before."""
+        for line in text.splitlines(keepends=True):
+            self._screen.write(line)
+            self._screen.flush()
+            new = b''
+            while line.rstrip('\n').encode() not in new or not new:  # all of it, and echoes
+                new += os.read(self._ours, 1 << 16)
+            self.shown += new.decode().replace('\r', '')
+            self._read(new.decode())
+        return len(text)
+
+    def hang_up(self) -> None:
+        for file in (self._keys, self._screen):
+            file.close()
+        os.close(self._ours)
 
 
 class CommissionRig:

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 import math
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from facade_manipulator.drives.cia402 import AXIS_NAMES
-from facade_manipulator.errors import CommissioningError, file_errors, missing_package
+from facade_manipulator.errors import CommissioningError
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.motion import AxisSample, Motion, PERIOD, TORQUE
 from facade_manipulator.tools.commissioning.moving import (
@@ -129,8 +128,6 @@ def add_commands(add: Callable[..., Any]) -> None:
                          help='default: all, one after the other')
     command.add_argument('--frequencies', type=float, nargs='+', default=FREQUENCIES,
                          metavar='HZ')
-    command.add_argument('--picture', type=Path, metavar='PNG',
-                         help='default: beside the parameter file')
     add_motion_options(command, speed=30.0)
 
 
@@ -151,12 +148,6 @@ def run_lag(context: Context) -> None:
     operator.table(
         ('axis', 'lag', 'bandwidth', 'following error', 'Coulomb', 'viscous', 'backlash'),
         [_row(name, one) for name, one in found.items()])
-    picture = options.picture or machine.beside('.lag.png')
-    try:
-        draw(picture, found)
-        operator.say(f'{picture} shows them.')
-    except ModuleNotFoundError as error:
-        operator.say(f'! no picture: {missing_package(error)}')
     for name, one in found.items():
         machine.note('lag', ', '.join(_row(name, one)[1:]), axis=name)
     for warning in unlike(found):
@@ -240,21 +231,3 @@ def _row(name: str, one: AxisDynamics) -> tuple[str, ...]:
     return (name, f'{_MS * one.lag:.1f} ms', f'{bandwidth:.1f} Hz' if bandwidth else above,
             f'{_MM * max(each.error for each in one.responses):.2f} mm', f'{one.coulomb:.1f} N',
             f'{one.viscous:.0f} N s/m', f'{_MM * one.backlash:.2f} mm')
-
-
-def draw(path: Path, found: dict[str, AxisDynamics]) -> None:
-    """Draw gain and lag over the frequency."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(7.0, 5.0), layout='constrained')
-    above, below = figure.subplots(2, 1, sharex=True)
-    for name, one in found.items():
-        frequencies = [each.frequency for each in one.responses]
-        above.semilogx(frequencies, [each.gain for each in one.responses], 'o-', label=name)
-        below.semilogx(frequencies, [_MS * each.lag for each in one.responses], 'o-')
-    above.axhline(math.sqrt(0.5), color='gray', linewidth=0.8)
-    above.set(ylabel='gain', ylim=(0.0, None))
-    above.legend()
-    below.set(ylabel='lag [ms]', xlabel='frequency [Hz]')
-    with file_errors(path):
-        figure.savefig(path, dpi=110)

@@ -14,7 +14,6 @@ from canopen import lss
 from facade_manipulator.drives.canopen import Frame, pdo, SDO_FRAME_LENGTH, SdoChannel
 from facade_manipulator.drives.cia402 import AxisSettings, fitting_profile
 from facade_manipulator.errors import DriveError, DriveIdentityError
-from facade_manipulator.tools.commissioning.bitrate import guess_bitrate
 from facade_manipulator.tools.commissioning.bus import NODE_IDS, number_or_none, ToolBus
 from facade_manipulator.tools.commissioning.context import Context
 
@@ -30,9 +29,7 @@ _COLUMNS = ('node', 'serial', 'name', 'firmware', 'vendor', 'product', 'state', 
 
 def add_commands(add: Callable[..., Any]) -> None:
     """Add the command to the tool."""
-    command = add('scan', run_scan, 'Who is on the bus.')
-    command.add_argument('--guess-bitrate', action='store_true',
-                         help='where nothing answers, try the usual bit rates (needs root)')
+    add('scan', run_scan, 'Who is on the bus.')
 
 
 def run_scan(context: Context) -> int:
@@ -52,7 +49,10 @@ def run_scan(context: Context) -> int:
     for problem in problems:
         operator.say(f'! {problem}')
     if not nodes and not unconfigured:
-        guess_bitrate(bus.settings, operator, may_change=context.options.guess_bitrate)
+        operator.say(
+            'Nothing answers: power, plugs, termination (60 ohms between CAN high and low), or '
+            f'another bit rate than {bus.settings.bitrate}: docs/commissioning.md says how to '
+            'listen for it.')
     context.machine.note('scan', '; '.join(problems) or f'{len(nodes)} drives', not problems)
     return 1 if problems else 0
 

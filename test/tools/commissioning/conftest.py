@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from commission_rig import CommissionRig
+from commission_rig import CommissionRig, Terminal
 import pytest
 
 
@@ -18,3 +18,18 @@ def make_rig(simulated_time, tmp_path):
     yield make
     for rig in rigs:
         rig.close()
+
+
+@pytest.fixture
+def sit(monkeypatch):
+    """Return what sits down at a terminal, which is stdin and stdout of the test."""
+    terminals = []
+
+    def make(read=lambda text: None) -> Terminal:
+        terminals.append(Terminal(monkeypatch, read))
+        return terminals[-1]
+
+    yield make
+    monkeypatch.undo()
+    for terminal in terminals:
+        terminal.hang_up()

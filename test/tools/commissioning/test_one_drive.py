@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import pty
-import select
-import sys
-import termios
-
 import pytest
 import yaml
 
@@ -84,35 +78,15 @@ def test_a_new_drive_gets_id_objects_and_checks_of_the_one_before(rig, capsys):
     assert 'commission direction q2: the drive was replaced' in capsys.readouterr().out
 
 
-@pytest.fixture
-def terminal(monkeypatch):
-    """Sit at a terminal of 80 columns: a function types lines, and returns what is on it then."""
-    ours, its = pty.openpty()
-    termios.tcsetwinsize(its, (24, 80))
-    with os.fdopen(os.dup(its), 'r') as keys, os.fdopen(its, 'w') as screen:
-        def sit(arguments, typed):
-            os.write(ours, typed.encode())
-            with monkeypatch.context() as patch:
-                patch.setattr(sys, 'stdin', keys)
-                patch.setattr(sys, 'stdout', screen)
-                status = main(arguments)
-                screen.flush()
-            shown = b''
-            while select.select([ours], [], [], 0.2)[0]:
-                shown += os.read(ours, 1 << 16)
-            return status, shown.decode().replace('\r', '')
-
-        yield sit
-    os.close(ours)
-
-
-def test_at_a_terminal_it_says_what_is_next_and_goes_on_there(make_rig, capsys, terminal):
-    rig = make_rig('--new')
+def test_at_a_terminal_it_says_what_is_next_and_goes_on_there(make_rig, capsys, sit):
+    rig, terminal = make_rig('--new'), sit()
     words = rig.command('next', yes=False)[1:]
-    status, said = terminal(words, 'y\n')
-    assert status == 1  # the scan found something
+    terminal.type('y\n')
+    assert main(words) == 1  # the scan found something
+    said = terminal.shown
     assert 'nothing yet' in said and 'Next: commission scan, because never done.' in said
-    status, said = terminal(words, 'y\ny\nq1\nq2\nq3\ny\ny\nn\n')
+    terminal.type('y\ny\nq1\nq2\nq3\ny\ny\nn\n')
+    status, said = main(words), terminal.shown[len(said):]
     order = [line.split(',')[0] for line in said.splitlines() if line.startswith('Next')]
     assert order == [f'Next: commission {step}' for step in (
         'assign', 'scan', 'profile --check q1', 'profile --check q2')]

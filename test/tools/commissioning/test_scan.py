@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext
-
 import pytest
 
-from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.errors import CommissioningError
-from facade_manipulator.tools.commissioning import bitrate
-from facade_manipulator.tools.commissioning.bitrate import find_bitrate
 from facade_manipulator.tools.commissioning.operator import Operator
 
 
@@ -55,34 +50,14 @@ def test_a_prompt_shows_what_may_be_answered_and_without_a_yes_nothing_is_done(
     assert 'Do this? [y/N]' in capsys.readouterr().out
 
 
-@pytest.mark.parametrize('ending', [None, KeyboardInterrupt])
-def test_whatever_ends_the_search_for_a_bit_rate_the_interface_is_as_before(monkeypatch, ending):
-    def count(_):
-        if ending:
-            raise ending
-        return 0, 0
-
-    links = []
-    monkeypatch.setattr(bitrate, 'set_link', lambda *link, **mode: links.append((link, mode)))
-    monkeypatch.setattr(bitrate, 'count_frames', count)
-    with pytest.raises(KeyboardInterrupt) if ending else nullcontext():
-        bitrate.guess_bitrate(BusSettings(interface='socketcan', channel='can7'), Operator(True),
-                              may_change=True)
-    assert links[-1] == (('can7', 1_000_000), {'listen_only': False})
-
-
 def test_a_scan_finds_drives_without_a_node_id(make_rig, capsys):
     assert make_rig('--new', '255').run('scan') == 1
     assert 'a drive without a node id' in capsys.readouterr().out
 
 
-def test_the_bit_rate_is_where_frames_come_without_errors():
-    tried = []
-    answers = {1_000_000: (0, 5), 500_000: (3, 1), 250_000: (4, 0), 125_000: (0, 0)}
-    assert find_bitrate('can0', lambda *settings: tried.append(settings),
-                        lambda channel: answers[tried[-1][1]]) == 250_000
-    assert all(settings[2] for settings in tried)
-
-
-def test_no_bit_rate_is_found_in_silence():
-    assert find_bitrate('can0', lambda *settings: None, lambda channel: (0, 0)) is None
+def test_where_nothing_answers_it_says_what_to_look_at(make_rig, capsys):
+    rig = make_rig()
+    for drive in rig.drives:
+        drive.is_silent = True
+    assert rig.run('scan') == 1
+    assert 'Nothing answers: power, plugs, termination' in capsys.readouterr().out

@@ -1,8 +1,8 @@
-"""docs/commissioning.md word by word: three drives from the box become a machine that homes."""
+"""docs/commissioning.md, command by command at a terminal: from the box to the whole stroke."""
 
 from __future__ import annotations
 
-import os
+import math
 from pathlib import Path
 import re
 import shlex
@@ -11,32 +11,33 @@ import time
 
 import can
 from commission_rig import SERIALS
-from drive_rig import SETTINGS
+from drive_rig import SETTINGS, Source
 import pytest
 from support import wait_until
 
 import facade_manipulator
 from facade_manipulator.drives.cia402.states import State
-from facade_manipulator.drives.controller import BusAccess
-from facade_manipulator.kinematics import Geometry
-from facade_manipulator.loop import assemble, LoopSetup
+from facade_manipulator.drives.controller.controller import DriveController
+from facade_manipulator.drives.controller.session import BusAccess, Session
+from facade_manipulator.drives.controller.targets import MechanismChecks
+from facade_manipulator.lab.drives.drive import SimulatedIdentity
 from facade_manipulator.tools.commissioning import Machine
 from facade_manipulator.tools.commissioning.__main__ import main
-from facade_manipulator.tools.commissioning.operator import Operator
 
 DOCUMENT = Path(facade_manipulator.__file__).parents[1] / 'docs' / 'commissioning.md'
 PREFIX = 'ros2 run facade_manipulator commission '
 AXES = ('q1', 'q2', 'q3')
-FORCE = 30.0  # N
+FORCE, SWEEP = 30.0, 0.37  # N, m
 NEW = ('--new', '--directions', '1', '-1', '1', '--leads', '0.02', '0.02', '0.01',
        '--start-positions', '-0.1', '0.1', '-0.05', '--viscous-friction', '20')
-OPEN = {'scan': 1, 'compare': 1}  # exit status of the first of these commands
+# exit status of the first of these commands; of the simulated drives nothing blinks
+OPEN = {'scan': 1, 'compare': 1, 'identify': 1}
 
 
 def steps(text):
     """Yield the commands of each block and the lines that the block after it promises."""
-    blocks = re.findall(r'```\n((?:ros2 run facade_manipulator commission [^\n]*\n)+)```\n\n'
-                        r'```text\n(.*?)```', text, re.DOTALL)
+    blocks = re.findall(r'```\n((?:ros2 run facade_manipulator commission [^\n]*\n)+)```\n'
+                        r'(?:\n```text\n(.*?)```)?', text, re.DOTALL)
     for commands, expected in blocks:
         yield ([line.removeprefix(PREFIX) for line in commands.splitlines()],
                expected.splitlines())
@@ -45,37 +46,40 @@ def steps(text):
 class Technician:
     """Whoever does what the tool asks: answers, pushes carriages, reads the ruler, holds keys."""
 
-    def __init__(self, rig, monkeypatch) -> None:
-        self.rig = rig
-        self.axis = 0
+    def __init__(self, rig, sit) -> None:
+        self.rig, self.axis = rig, 0
+        self.terminal = sit(self.read)
         self._mark = 0.0
-        self._keys, self._hand = os.pipe()
-        monkeypatch.setattr('sys.stdin', os.fdopen(self._keys, 'rb', closefd=False))
-        say = Operator.say
-
-        def listen(operator, text=''):
-            say(operator, text)
-            self._act(text)
-
-        monkeypatch.setattr(Operator, 'say', listen)
-        monkeypatch.setattr(Operator, '_answer', lambda operator, question: self._answer(question))
-
-    def close(self) -> None:
-        os.close(self._keys)
-        os.close(self._hand)
+        self._answers = {
+            r'Do this\? \[y/N\] ': lambda _: 'y\n',
+            r'\[coupled/uncoupled\] ': lambda _: 'uncoupled\n',
+            r'serial number (\d+) .*nothing\] ': self._carriage,
+            r'Mark where': self._remember,
+            r'How many mm by the ruler\? ': lambda _: f'{1e3 * (self.place - self._mark):.2f}\n',
+            r'Push its carriage': lambda _: self._start(self._push),
+            r'q ends': lambda _: self._start(self._hold),
+        }
+        self._unread = ''
 
     @property
     def place(self) -> float:
-        with self.rig.simulator.access() as drives:
-            return drives[self.axis].motor.carriage_position
+        return self.rig.drives[self.axis].motor.carriage_position
 
-    def _act(self, text: str) -> None:
-        if text.startswith('Mark'):
-            self._mark = self.place
-        elif 'Push its carriage' in text:
-            threading.Thread(target=self._push).start()
-        elif text.startswith('Hold'):
-            threading.Thread(target=self._hold).start()
+    def read(self, text: str) -> None:
+        self._unread += text
+        for pattern, answer in self._answers.items():
+            if match := re.search(pattern, self._unread.replace('\r\n', ' ')):
+                self._unread = ''
+                self.terminal.type(answer(match) or '')
+
+    def _carriage(self, match) -> str:
+        return AXES[SERIALS.index(int(match[1]))] + '\n'
+
+    def _remember(self, _) -> None:
+        self._mark = self.place
+
+    def _start(self, action) -> None:
+        threading.Thread(target=action).start()
 
     def _push(self) -> None:
         with self.rig.simulator.access() as drives:
@@ -84,25 +88,16 @@ class Technician:
 
     def _hold(self) -> None:
         start = self.place
-        wait_until(lambda: os.write(self._hand, b'd') and abs(self.place - start) > 0.002,
+        wait_until(lambda: self.terminal.type('d') or abs(self.place - start) > 0.002,
                    'motion', step=lambda: time.sleep(0.03))
-        os.write(self._hand, b'q')
-
-    def _answer(self, question: str) -> str:
-        if 'serial number' in question:
-            serial = int(re.search(r'serial number (\d+)', question).group(1))
-            return AXES[SERIALS.index(serial)]
-        if 'coupled' in question:
-            return 'uncoupled'
-        if 'How many mm' in question:
-            return f'{1e3 * (self.place - self._mark):.2f}'
-        return 'y'
+        self.terminal.type('q')
 
 
 @pytest.fixture
 def rig(make_rig, monkeypatch):
     made = make_rig(*NEW)
     monkeypatch.chdir(made.folder)
+    Machine(made.parameters).write({'bus': {'interface': 'virtual', 'channel': made.channel}})
     with made.simulator.access() as drives:  # somebody has changed and stored an object
         drives[1].objects.stored[0x6084, 0] = 12345
     made.power_cut()
@@ -110,50 +105,80 @@ def rig(make_rig, monkeypatch):
 
 
 @pytest.mark.long
-def test_the_document_makes_a_machine_that_homes_and_holds(rig, monkeypatch, capsys):
-    technician = Technician(rig, monkeypatch)
+def test_the_document_makes_a_machine_that_homes_holds_and_moves(rig, sit, capsys):
+    technician = Technician(rig, sit)
     known = list(steps(DOCUMENT.read_text()))
-    assert len(known) >= 10
+    assert sum(len(commands) for commands, _ in known) >= 26
     first = dict(OPEN)
     for commands, expected in known:
-        said = ''
+        before = len(technician.terminal.shown)
         for command in commands:
             name, *rest = words = shlex.split(command)
             technician.axis = AXES.index(rest[0]) if rest and rest[0] in AXES else 0
-            status = main([*words, '--interface', 'virtual', '--channel', rig.channel])
-            output = capsys.readouterr()
-            assert status == first.pop(name, 0), f'{command}: {output.out}{output.err}'
-            said += output.out
+            if name == 'replace':
+                exchange(rig, technician.axis)
+            status = main(words)
+            assert status == first.pop(name, 0), (
+                f'{command}: {technician.terminal.shown[before:]}{capsys.readouterr().err}')
+        said = technician.terminal.shown[before:]
         for line in expected:
             assert line in said, f'{commands}: {line!r} is not in\n{said}'
-    technician.close()
 
-    machine = Machine(Path('machine.yaml'))
-    axes = machine.axes
+    axes = Machine(Path('machine.yaml')).axes
     assert [axis.direction for axis in axes.values()] == [1, -1, 1]
     assert [axis.lead for axis in axes.values()] == pytest.approx([0.02, 0.02, 0.01], rel=2e-3)
-    assert [axis.serial_number for axis in axes.values()] == list(SERIALS)
+    assert [axis.serial_number for axis in axes.values()] == [SERIALS[0], 99, SERIALS[2]]
     assert rig.drives[1].objects.values[0x6084, 0] != 12345
-    homes_and_holds(rig, tuple(axes.values()))
+    homes_holds_and_moves(rig, tuple(axes.values()))
 
 
-def homes_and_holds(rig, axes) -> None:
-    _, controller = assemble(LoopSetup(Geometry(), SETTINGS, axes), BusAccess(
-        lambda: can.Bus(interface='virtual', channel=rig.channel)))
+def exchange(rig, number) -> None:
+    """Put a drive from the box in the place of another."""
+    with rig.simulator.access() as drives:
+        drives[number].set_identity(SimulatedIdentity(serial_number=99))
+        drives[number].objects.stored.clear()
+        drives[number].lss.stored = 1
+        drives[number].reboot()
+
+
+def homes_holds_and_moves(rig, axes) -> None:
+    source = Source()
+    controller = DriveController(Session(
+        SETTINGS, axes, BusAccess(lambda: can.Bus(interface='virtual', channel=rig.channel)),
+        MechanismChecks(source)))
+
+    def places():
+        with rig.simulator.access() as drives:
+            assert {drive.state for drive in drives} == {State.OPERATION_ENABLED}
+            return [drive.motor.carriage_position for drive in drives]
+
+    with rig.simulator.access() as drives:  # parked, as *Home* says; q3 looks for its switch
+        for drive, place in zip(drives, (-0.1, 0.1, -0.05), strict=True):
+            drive.motor.place(place)
     try:
         for name in ('configure', 'home', 'activate'):
             controller.request(name).result(60.0)
+        before = places()
         with rig.simulator.access() as drives:
-            before = [drive.motor.carriage_position for drive in drives]
             for drive in drives:
                 drive.motor.external_force = FORCE
         time.sleep(0.5)
+        assert places() == pytest.approx(before, abs=1e-3)
         with rig.simulator.access() as drives:
-            after = [drive.motor.carriage_position for drive in drives]
-            assert {drive.state for drive in drives} == {State.OPERATION_ENABLED}
-            forces = [abs(drive._scale.to_force(drive.motor.torque)) for drive in drives]
-        assert after == pytest.approx(before, abs=1e-3)
-        # what is pushed back passes gear and screw the other way round, with their efficiency
-        assert min(forces) > 0.5 * FORCE, forces
+            # what is pushed back passes gear and screw the other way round, with their efficiency
+            assert min(abs(drive._scale.to_force(drive.motor.torque))
+                       for drive in drives) > 0.5 * FORCE
+            for drive in drives:
+                drive.motor.external_force = 0.0
+        source.time, source.distort = 0.0, lambda positions: tuple(
+            one + SWEEP * math.sin(0.5 * source.time)**3 for one in positions)
+        source.speed = 1e-9  # so that it is not at rest
+        seen = [places()]
+        while source.time < 4.0 * math.pi:
+            time.sleep(0.05)
+            seen.append(places())
+        for number, path in enumerate(zip(*seen, strict=True)):
+            assert (min(path), max(path)) == pytest.approx(
+                (before[number] - SWEEP, before[number] + SWEEP), abs=0.01)
     finally:
         controller.close()
