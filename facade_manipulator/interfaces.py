@@ -81,6 +81,7 @@ LATERAL_OFFSET = Topic('lateral_offset', 'geometry_msgs/PointStamped', SENSOR,
                        ('camera', SIMULATOR), (COMPENSATOR,))
 HEAD_ON_WALL = Topic('head_on_wall', POSE, SENSOR, ('instrument',))
 DRIVER_STATUS = Topic('driver/status', STATUS, LATCHED, (DRIVER,), (COMPENSATOR, IK, SUPERVISOR))
+LAST_CYCLES = Topic('driver/last_cycles', 'std_msgs/String', LATCHED, (DRIVER,), (), EVERY)
 IK_STATUS = Topic('ik_service/status', STATUS, LATCHED, (IK,), (SUPERVISOR,))
 REJECTIONS = Topic('ik_service/rejections', STATUS, RECENT, (IK,), (SUPERVISOR,))
 WORKSPACE = Topic('ik_service/workspace', 'nav_msgs/OccupancyGrid', LATCHED, (IK,))

@@ -49,6 +49,7 @@ MAX_UNANSWERED_WITHOUT_BUS = 1500  # 30 s: some interfaces take long to open, an
 WITHOUT_BUS = frozenset({ControllerState.UNCONFIGURED, ControllerState.BUS_LOST})
 FEED_PERIOD = 0.02  # s, while it ends
 MAX_STATES = 1000  # that nobody has taken: two seconds of the shortest cycle
+LAST_CYCLES = 500  # that are kept: one second of the shortest cycle
 LOST_REMEDY = 'find out why in the log, then configure, home, activate'
 LoopState = tuple[ControllerSnapshot, StreamStatus]
 
@@ -121,6 +122,7 @@ class LoopProcess:
         self._latest: Message | None = None
         self._decoded: tuple[Message | None, LoopState] = None, first
         self._states: deque[Message] = deque(maxlen=MAX_STATES)
+        self._past: deque[Message] = deque(maxlen=LAST_CYCLES)
         self._taken = 0
         self._process, self._channel = process, channel
         self._lost: tuple[ControllerSnapshot, StreamStatus] | None = None
@@ -226,6 +228,10 @@ class LoopProcess:
                 taken.append(unpack_state(*message.content)[0])
         return taken
 
+    def last_cycles(self) -> list[ControllerSnapshot]:
+        """Return the newest states, those before the loop's end where it has ended."""
+        return [unpack_state(*message.content)[0] for message in self._past]
+
     def _read_latest(self) -> LoopState:
         """Decode the newest state, once; more come than are ever looked at."""
         if self._lost is not None:
@@ -254,6 +260,7 @@ class LoopProcess:
         if message.kind == 'state':
             self._latest = message
             self._states.append(message)
+            self._past.append(message)
         elif message.kind == 'rejected':
             self._on_rejection(*message.content)
         elif message.kind == 'reply':

@@ -51,6 +51,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
     axis_status,
     bus_status,
     counters_status,
+    CycleTable,
     finding_status,
     operation_status,
     overload,
@@ -132,6 +133,7 @@ class DriverNode(ManagedNode):
         self._last_failure = ''
         self._published_outcome: tuple[Any, ...] = ()
         self._status = StatusPublisher(self)
+        self._cycles = CycleTable(self, self._loop)
         self._setpoint_codec, self._states_codec = setpoint_codec(), states_codec()
         self._offer()
         self.get_logger().info(f'parameters: {parameter_checksum(self)}')
@@ -307,6 +309,7 @@ class DriverNode(ManagedNode):
         self._counting.counters.note(now, snapshot)
         self._counting.keep(now)
         self._log_stop(snapshot)
+        self._cycles.watch(now, snapshot.state)
         self._publish_status()
         if snapshot.state not in ACTIVE_STATES:
             self.fall_back(snapshot.state in (ControllerState.LOST, ControllerState.UNCONFIGURED))

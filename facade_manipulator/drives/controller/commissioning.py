@@ -54,6 +54,7 @@ from facade_manipulator.drives.controller.monitor import (
 )
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import (
+    BusError,
     DriveError,
     DriveIdentityError,
     DriveObjectError,
@@ -63,7 +64,10 @@ from facade_manipulator.errors import (
 
 LOOK_PERIOD = 0.005  # s
 ASKING_TIMEOUT = 0.5  # s, for one object of a drive that need not be there
+ERRORS_TIMEOUT = 0.3  # s, of one drive, all at once: who cuts the power asks by SDO after them
+MOST_ERRORS = 4  # of the past ones, the newest
 CONSUMER_HEARTBEAT, CONTROLWORD = 0x1016, 0x6040
+ERROR_REGISTER, ERROR_CODE, PAST_ERRORS = 0x1001, 0x603F, 0x1003
 DISABLE_VOLTAGE = bytes(2)
 TURN_TIMEOUT = 25.0  # s, for all that is asked of one drive by SDO: 111 answers of 0.2 s
 Result = TypeVar('Result')
@@ -219,6 +223,22 @@ class Commissioning:
             return drive.objects.read_number(index, subindex, signed)
         except SdoAbortError:
             return 0
+
+    def errors(self) -> list[str]:
+        """Return what each drive that answers soon has in its error objects, hexadecimal."""
+        return [text for text in self._of_each(self._errors) if text]
+
+    def _errors(self, drive: Drive) -> str:
+        _limit_time(drive, ERRORS_TIMEOUT)
+        found = []
+        with suppress(DriveError, BusError):
+            for index, width in ((ERROR_REGISTER, 2), (ERROR_CODE, 4)):
+                found.append(f'{index:04X}h {drive.objects.read_number(index):0{width}X}h')
+            count = min(drive.objects.read_number(PAST_ERRORS), MOST_ERRORS)
+            found += [f'{PAST_ERRORS:04X}h:{number:02X} '
+                      f'{drive.objects.read_number(PAST_ERRORS, number):08X}h'
+                      for number in range(1, count + 1)]
+        return f'{drive.monitor.name} after the stop: {", ".join(found)}' if found else ''
 
     def require_unused(self) -> None:
         """

@@ -179,6 +179,7 @@ class DriveController:
         if session.forbidden and session.is_powered and session.exchange is not None:
             session.exchange.stop_for(Cause(session.forbidden))
         session.watch_recovery(now)
+        session.watch_stop()
         if self._operation is not None:
             self._poll(self._operation, now)
         self._publish(now)
@@ -296,7 +297,7 @@ class DriveController:
             tuple([one.snapshot(target, now) for one, target in zip(
                 session.monitors, session.targets.positions or _NO_TARGETS, strict=True)]),
             group.causes if group is not None else (), self._next_step(state),
-            self._rejected + session.notes,
+            self._rejected + session.notes + session.drive_errors,
             bus_error=lost.message if lost is not None else '', bus_load=session.bus_load,
             realtime_priority=self._priority)
         if exchange is not None:

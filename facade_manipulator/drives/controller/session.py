@@ -8,7 +8,7 @@ kept, and the bus is looked for again.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 import math
 import time
@@ -133,6 +133,7 @@ class Session:
         self.commissioning: Commissioning | None = None
         self.group: Group | None = None
         self.lost: LostBus | None = None
+        self._asked: Future[list[str]] | None = None
         self.notes: tuple[str, ...] = ()
         self.monitors = tuple(
             AxisMonitor(name, axis, self.settings, profile.pdos, profile.quirks)
@@ -170,6 +171,22 @@ class Session:
     def is_off(self) -> bool:
         """Return whether all drives have confirmed that they have no power."""
         return self.has_done(Phase.OFF)
+
+    def watch_stop(self) -> None:
+        """Let the worker ask the drives for their errors, once, when they stand still."""
+        if self.group is None or not self.group.is_stopped:
+            self._asked = None
+        elif (self._asked is None and self.commissioning is not None
+              and self.group.phase is Phase.STOPPED):
+            self._asked = self.worker.submit(self.commissioning.errors)
+
+    @property
+    def drive_errors(self) -> tuple[str, ...]:
+        """What the drives answered after the stop."""
+        job = self._asked
+        if job is None or not job.done() or job.exception() is not None:
+            return ()
+        return tuple(job.result())
 
     def unconfirmed(self, since: float) -> list[AxisMonitor]:
         """Return the drives that have not said since a time [s] that they have no power."""

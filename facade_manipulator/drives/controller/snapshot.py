@@ -103,7 +103,8 @@ class ControllerSnapshot(NamedTuple):
     axes: tuple[AxisSnapshot, ...]  #: in the order q1, q2, q3
     causes: tuple[Cause, ...] = ()  #: why the drives are stopped, the first cause first
     next_step: str = ''  #: what the operator does about it
-    notes: tuple[str, ...] = ()  #: what was skipped or rejected without stopping anything
+    #: what was skipped or rejected without stopping anything; after a stop, the drives' errors
+    notes: tuple[str, ...] = ()
     cycle: CycleStatistics = CycleStatistics()
     bus: BusStatistics = BusStatistics()
     bus_error: str = ''  #: why the bus is not open, ``''`` if it is

@@ -21,7 +21,7 @@ from facade_manipulator.tools.replay.poses import (
 from facade_manipulator.tools.replay.report import page
 from facade_manipulator.tools.replay.stop import replay_stop
 
-PAGE, PICTURE = 'replay.md', 'replay.png'
+PAGE, PICTURE, CYCLES = 'replay.md', 'replay.png', 'last_cycles.csv'
 CAN_ERR_FLAG = 1 << 29  # linux/can.h
 AFTER = 5.0  # s, shown after the stop
 EXAMPLES = """
@@ -53,8 +53,10 @@ def _replay(options: argparse.Namespace) -> None:
             run, options.seconds, (options.changes and setpoints.setpoints) or None)
     options.output.mkdir(parents=True, exist_ok=True)
     text = page(options.file, run, poses, setpoints, stop, options.changes)
-    with atomic_write(options.output / PAGE) as draft:
-        draft.write_text(text, encoding='utf-8')
+    for name, content in ((PAGE, text), *(
+            (CYCLES, one.message.data) for one in run.topics['driver/last_cycles'][-1:])):
+        with atomic_write(options.output / name) as draft:
+            draft.write_text(content, encoding='utf-8')
     print(text)
     last = (stop.recorded.time if stop and stop.recorded else run.end) - run.begin
     try:

@@ -26,7 +26,13 @@ from facade_manipulator.drives.controller import (
     ControllerSettings,
     ControllerState,
 )
-from facade_manipulator.errors import DriveError, ManipulatorError, ParameterError, RecordError
+from facade_manipulator.errors import (
+    DriveError,
+    ManipulatorError,
+    ParameterError,
+    RecordError,
+    without_numbers,
+)
 from facade_manipulator.lab.drives import start_simulator
 from facade_manipulator.loop import LoopProcess, LoopSetup
 from facade_manipulator.motion import MotionLimits, Setpoint, StreamSettings
@@ -47,6 +53,8 @@ HEARTBEAT_TIMEOUT = 0.5  # s: no carriage depends on it here, and no computer is
 STOPPED = frozenset({ControllerState.STOPPED.value, ControllerState.BUS_LOST.value,
                      ControllerState.LOST.value})
 EMERGENCY, TPDO1, HEARTBEAT = 0x080, 0x180, 0x700  # COB-ID less the node id
+LOST = ControllerState.BUS_LOST.value
+BUS_OFF = ERROR_FRAME | 0x040, bytes(8)  # linux/can/error.h: ends the bus as any loss does
 BUS = 0  # the drive through which what concerns all of them comes
 MASTER_IS_MISSING = 0x8130  # a consequence of a stop, never its cause
 
@@ -72,6 +80,12 @@ class Stop(NamedTuple):
 
     time: float
     cause: str
+    has_lost_bus: bool = False
+
+    @property
+    def kind(self) -> str:
+        """What is the same of two stops: which interface lost its bus how is its own affair."""
+        return 'bus lost' if self.has_lost_bus else without_numbers(self.cause)
 
 
 class StopReplay(NamedTuple):
@@ -85,8 +99,7 @@ class StopReplay(NamedTuple):
     @property
     def is_alike(self) -> bool:
         """Return whether both stopped for the same cause, its numbers apart, or neither did."""
-        ours, theirs = (stop and re.sub(r'[\d.]+', '#', stop.cause)
-                        for stop in (self.replayed, self.recorded))
+        ours, theirs = (stop and stop.kind for stop in (self.replayed, self.recorded))
         return ours == theirs
 
 
@@ -96,7 +109,7 @@ def recorded_stop(run: RecordedRun) -> Stop | None:
     for stamp, status, values in statuses(run):
         if status.name.endswith(OPERATION):
             if moved and values.get(STATE) in STOPPED:
-                return Stop(stamp, values.get(CAUSE, status.message))
+                return Stop(stamp, values.get(CAUSE, status.message), values[STATE] == LOST)
             moved |= values.get(STATE) not in STOPPED
     return None
 
@@ -108,7 +121,12 @@ def drive_faults(run: RecordedRun) -> list[DriveFault]:
     Read from the frames on the bus; without them from the driver's diagnostics.
     """
     nodes = [run.parameters['driver'][f'{name}.node_id'] for name in AXIS_NAMES]
-    found = _faults_on_bus(run, nodes) if run.topics['can_frames'] else _faults_in_diagnostics(run)
+    found = [*(_faults_on_bus(run, nodes) if run.topics['can_frames'] else
+               _faults_in_diagnostics(run))]
+    stop = recorded_stop(run)
+    if stop is not None and stop.has_lost_bus and not any(fault.bus for fault in found):
+        found.append(DriveFault(  # an interface that is down or gone sends no error frame
+            stop.time, BUS, 'the interface is lost', 'send_message', BUS_OFF, bus=True))
     first: dict[tuple[int, str], DriveFault] = {}
     for fault in sorted(found, key=lambda fault: fault.time):
         first.setdefault((fault.axis, fault.description), fault)
@@ -306,7 +324,7 @@ def _play(
         while (now := time.time() - shift) < due:
             snapshot = loop.snapshot()
             if snapshot.state not in ACTIVE_STATES:
-                return Stop(now, snapshot.cause)
+                return Stop(now, snapshot.cause, snapshot.state is ControllerState.BUS_LOST)
             loop.feed()
             time.sleep(min(PERIOD, due - now))
         action(shift)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import re
 from typing import Any, NamedTuple
 
 from facade_manipulator import diagnostics
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.diagnostics import LAST_REJECTION, REJECTED
+from facade_manipulator.errors import without_numbers
 from facade_manipulator.messages import status_level, status_values
 
 OPERATION, STATE = str(diagnostics.OPERATION), diagnostics.OPERATION.key('state')
+NOTES = diagnostics.OPERATION.key('notes')
 COUNTED = {REJECTED, diagnostics.OPERATION.key('drive faults'), *map(diagnostics.BUS.key, (
     'missed cycles', 'late commands', 'skipped SYNCs', 'error frames', 'worst lateness [ms]'))}
+AFTER_STOP = ' after the stop: '  # in the driver's notes of what its drives answered
 LONGEST = 40  # events on a page
 
 
@@ -36,13 +38,17 @@ def events(run: RecordedRun) -> Iterator[Event]:
     """Yield states, warnings and errors as they begin and end, and what was counted."""
     said: dict[str, tuple[str, str]] = {}
     counts: dict[tuple[str, str], float] = {}
+    notes: set[str] = set()
     for time, status, values in statuses(run):
         name, level = status.name.rpartition('/')[2], status_level(status)
         text = values.get(STATE, status.message) if level == 'ok' else status.message
-        present = level, re.sub(r'[\d.]+', '#', text)
+        present = level, without_numbers(text)
         if said.get(name, present if level == 'ok' and name != OPERATION else None) != present:
             yield Event(time, f'{name}: {"" if level == "ok" else level + ": "}{text}')
         said[name] = present
+        yield from (Event(time, note) for note in values.get(NOTES, '').split('; ')
+                    if AFTER_STOP in note and note not in notes)
+        notes.update(values.get(NOTES, '').split('; '))
         if grown := list(_grown(name, values, counts)):
             yield Event(time, f'{name}: {", ".join(grown)}')
 

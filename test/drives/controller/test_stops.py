@@ -372,3 +372,18 @@ def test_the_power_is_not_cut_while_the_carriages_still_brake(make_rig, end):
     speeds = speeds_without_power(rig.frames())
     assert {*speeds} == {1, 2, 3}
     assert max(map(abs, speeds.values())) < 0.01
+
+
+def test_drives_that_have_stopped_are_asked_once_for_their_errors(make_rig):
+    rig = make_rig()
+    SITUATIONS['moving'](rig)
+    with rig.simulator.access() as drives:
+        drives[1].inject_fault(0x8611)
+        drives[2].is_silent = True  # holds nothing up
+    rig.until_stopped()
+    notes = wait_until(lambda: [note for note in rig.controller.snapshot().notes
+                                if 'after the stop' in note], 'the answers')
+    assert [note.split()[0] for note in notes] == ['q1', 'q2']
+    assert '603Fh 8611h, 1003h:01 00008611h' in notes[1]
+    with rig.simulator.access() as drives:
+        drives[2].is_silent = False

@@ -15,7 +15,7 @@ from facade_manipulator.drives.canopen import ERROR_FRAME
 from facade_manipulator.drives.controller import ControllerState
 from facade_manipulator.motion import Setpoint
 from facade_manipulator.tools.replay import StopReplay
-from facade_manipulator.tools.replay.stop import drive_faults, Stop
+from facade_manipulator.tools.replay.stop import drive_faults, recorded_stop
 
 NODE_IDS = {f'q{number}.node_id': number for number in (1, 2, 3)}
 STOPPED = (ControllerState.STOPPED, ControllerState.BUS_LOST)
@@ -25,6 +25,7 @@ REPLAYED = ('following error 8611', 'position lost 7380', 'undervoltage 3220',
             'safe torque off 8A88', 'unknown code B123', 'TPDO missing', 'heartbeat missing',
             'unexpected boot-up')
 FAULTS = {name: (ROWS[name].message, ROWS[name].inject) for name in REPLAYED} | {
+    'link down': ('interface is down', lambda rig: setattr(rig.world, 'bus_is_down', True)),
     'bus off': ('bus-off', lambda rig: rig.world.drives[0].send_message(
         ERROR_FRAME | 0x040, bytes(8)))}
 
@@ -44,7 +45,8 @@ class Recorded:
                 world.run(MOVING + BOUND, self._live)
                 self.frames = list(iter(lambda: bus.recv(0.0), None))
             self.start = world.time.time() - world.time.now + self.begin
-            self.cause = world.controller.snapshot().cause
+            self.state, self.cause = (world.controller.snapshot().state.value,
+                                      world.controller.snapshot().cause)
         finally:
             world.close()
 
@@ -69,6 +71,12 @@ class Recorded:
         """Return what the black box would have in its file."""
         made = RecordedRun(begin=self.start, end=self.start + MOVING + BOUND,
                            parameters={'driver': NODE_IDS})
+        made.topics['/diagnostics'] = [
+            Received(self.start + MOVING * number, SimpleNamespace(status=[SimpleNamespace(
+                name='driver: operation', message='', level=b'\0', values=[
+                    SimpleNamespace(key='state', value=state),
+                    SimpleNamespace(key='cause', value=self.cause)])]))
+            for number, state in enumerate(('active', self.state))]
         made.topics['can_frames'] = [
             Received(frame.timestamp, SimpleNamespace(
                 id=frame.arbitration_id, is_error=frame.is_error_frame, dlc=frame.dlc,
@@ -88,6 +96,6 @@ def test_a_fault_of_a_drive_is_found_on_the_bus_and_stops_it_again_for_the_same_
     assert cause in recorded.cause
     faults = drive_faults(recorded.run())
     replayed = Recorded([(fault.time - recorded.start, as_replayed(fault)) for fault in faults])
-    assert StopReplay(
-        Stop(0.0, recorded.cause), Stop(0.0, replayed.cause), faults, []).is_alike, (
-        recorded.cause, replayed.cause, faults)
+    stops = [recorded_stop(one.run()) for one in (recorded, replayed)]
+    assert stops[0].cause == recorded.cause
+    assert StopReplay(*stops, faults, []).is_alike, (stops, faults)

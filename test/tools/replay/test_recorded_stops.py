@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+import csv
 import time
 
 import pytest
@@ -28,6 +29,11 @@ CAUSES = {
 }
 
 
+def read_csv(path):
+    with path.open(encoding='utf-8') as file:
+        return list(csv.DictReader(file))
+
+
 class Bench:
     """A driver with simulated drives, a recorder, and setpoints that move the carriages."""
 
@@ -38,7 +44,7 @@ class Bench:
             Parameter('controller.heartbeat_timeout', value=1.0),
             Parameter('controller.max_missed_cycles', value=10)]))
         recorder = ros.add(RecorderNode(parameter_overrides=[
-            Parameter('folder', value=str(folder)), Parameter('aftermath', value=0.3)]))
+            Parameter('folder', value=str(folder)), Parameter('aftermath', value=2.0)]))
         self.operator = ros.node('operator')
         self.setpoints = self.operator.create_publisher(JointState, 'joint_setpoints', LATEST)
         self.stop = self.operator.create_publisher(Bool, 'software_stop', LATEST)
@@ -87,3 +93,8 @@ def test_a_stop_is_recorded_and_its_replay_has_the_same_cause(ros, tmp_path, cap
     assert verdict in printed and 'driver: operation: error: stopped' in printed
     assert 'the parameters of compensator are not in the recording' in printed
     assert (tmp_path / 'replay.png').exists()
+    cycles = read_csv(tmp_path / 'last_cycles.csv')
+    assert len(cycles) > 100 and 'active' in {one['state'] for one in cycles}
+    assert cycles[-1]['state'] == 'stopped' and float(cycles[-1]['q2.position']) != 0.0
+    if name == 'an error of a drive':
+        assert 'q2 after the stop: 1001h 21h, 603Fh 8611h, 1003h:01 00008611h' in printed
