@@ -51,7 +51,7 @@ TOOLS = {
 LAB = {
     'lab.demo': ALL_OF_IT | {'lab.gondola'},
     'lab.drives': BASE | {'drives.canopen', 'drives.cia402'},
-    'lab.gondola': BASE | {'kinematics', 'motion', 'prediction', 'compensation', 'resources',
+    'lab.gondola': BASE | {'files', 'kinematics', 'motion', 'prediction', 'compensation', 'resources',
                            'tools.calibration'},
     'lab.study': SETTINGS | {'kinematics'},
 }

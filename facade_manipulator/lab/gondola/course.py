@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from facade_manipulator.kinematics import compose, Pose
 from facade_manipulator.lab.gondola.scenario import Scenario
-from facade_manipulator.lab.gondola.wall import AXES
+from facade_manipulator.lab.gondola.wall import AXES, compared
 
 
 class Course(NamedTuple):
@@ -48,10 +47,8 @@ def figures(course: Course) -> dict[str, dict[str, float | None]]:
     """Return RMS of disturbance and error and the attenuation of each axis."""
     without, errors = (np.sqrt(np.mean(values[course.counts] ** 2, axis=0)).tolist()
                        for values in (course.uncompensated, course.errors))
-    return {axis: {
-        'disturbance_rms': before, 'residual_rms': after,
-        'attenuation_db': 20.0 * math.log10(before / after) if before and after else None}
-        for axis, before, after in zip(AXES, without, errors, strict=True)}
+    return {axis: compared(*pair)
+            for axis, *pair in zip(AXES, without, errors, strict=True)}
 
 
 def decibels(attenuation: float | None) -> str:

@@ -10,7 +10,7 @@ fills in the poses that ``calibrate geometry --plan poses.csv`` has written, mak
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 import csv
 import math
 from pathlib import Path
@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from facade_manipulator.errors import CalibrationError, exit_status
+from facade_manipulator.files import write_table
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose
 from facade_manipulator.lab.gondola.machines import (
     make_machine,
@@ -77,31 +78,24 @@ def _measure(
         raise CalibrationError(f'{path} is no plan of calibrate geometry: {error}') from error
     for row, head in zip(rows, measure_heads(machine, carriages, shop, random), strict=True):
         row.update(zip(HEAD, head.round(6).tolist(), strict=True))
-    _write(path, rows[0].keys(), (row.values() for row in rows))
+    write_table(path, rows[0].keys(), (row.values() for row in rows))
 
 
 def _record(folder: Path, machine: Geometry, estimator: EstimatorSettings) -> None:
     recording = record_estimator(Sway(SwaySettings()).at, estimator, machine)
     columns = {'disturbance': HEAD, 'joints': Carriages._fields, 'wall': HEAD}
     for name, table in recording._asdict().items():
-        _write(folder / f'{name}.csv', ('time', *columns[name]), table.round(7).tolist())
+        write_table(folder / f'{name}.csv', ('time', *columns[name]), table.round(7).tolist())
 
 
 def _touch(
     path: Path, machine: Geometry, distance: float, angle: float, random: np.random.Generator
 ) -> None:
     mechanism, errors = mechanism_of(machine), TOUCH_NOISE * random.standard_normal(len(TOUCHES))
-    _write(path, Carriages._fields, [
+    write_table(path, Carriages._fields, [
         [round(q, 7) for q in mechanism.inverse_kinematics(
             Pose(x, distance + x * math.tan(angle) + error, 0.0))]
         for x, error in zip(TOUCHES, errors.tolist(), strict=True)])
-
-
-def _write(path: Path, header: Iterable[str], rows: Iterable[Iterable]) -> None:
-    with path.open('w', newline='', encoding='utf-8') as file:
-        table = csv.writer(file)
-        table.writerow(header)
-        table.writerows(rows)
 
 
 if __name__ == '__main__':

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -87,15 +87,16 @@ class WallMeasurement:
             self._squares += np.square((uncompensated, error))
         return WallSample(stamp, head, error, uncompensated, settled)
 
-    def report(self) -> dict:
+    def report(self) -> dict[str, Any]:
         """Return RMS of disturbance and residual and the attenuation of each axis."""
-        return {'axes': {axis: self._axis(*squares) for axis, squares in zip(
-            AXES, self._squares.T.tolist(), strict=True)}, 'samples': self.count}
+        rms = np.sqrt(self._squares / self.count) if self.count else np.full((2, len(AXES)), None)
+        return {'axes': {axis: compared(*pair) for axis, pair in zip(
+            AXES, rms.T.tolist(), strict=True)}, 'samples': self.count}
 
-    def _axis(self, *squares: float) -> dict[str, float | int | None]:
-        disturbance, residual = (
-            math.sqrt(square / self.count) if self.count else None for square in squares)
-        attenuation = (
-            20.0 * math.log10(disturbance / residual) if disturbance and residual else None)
-        return {'disturbance_rms': disturbance, 'residual_rms': residual,
-                'attenuation_db': attenuation, 'samples': self.count}
+
+def compared(disturbance: float | None, residual: float | None) -> dict[str, float | None]:
+    """Return what is reported of an axis: RMS of disturbance and residual, and the attenuation."""
+    return {
+        'disturbance_rms': disturbance, 'residual_rms': residual,
+        'attenuation_db':
+            20.0 * math.log10(disturbance / residual) if disturbance and residual else None}

@@ -114,7 +114,7 @@ def test_the_report_counts_what_settled(manipulator):
     for axis in ('x', 'y', 'theta'):
         assert report['axes'][axis]['attenuation_db'] == pytest.approx(0.0, abs=1e-6)
         assert report['axes'][axis]['disturbance_rms'] > 0.0
-        assert report['axes'][axis]['samples'] > 20
+        assert report['samples'] > 20
 
 
 def test_the_gondola_feels_the_head_and_the_sensor_the_wall(ros):

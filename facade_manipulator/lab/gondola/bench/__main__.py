@@ -146,8 +146,7 @@ def evaluate(scenario: Scenario, seeds: int = 1) -> tuple[dict, Run]:
         'rms': rms, 'within_two_deviations': np.mean(
             [runs[LEARNT].within() for runs in trials], axis=0).tolist(),
         'contact_force': _contact(scenario, run.steps),
-        'max_step': largest_step(run.steps), 'rejections': len(run.loop.rejections),
-        'brakes': run.loop.follower.brakes,
+        'rejections': len(run.loop.rejections), 'brakes': run.loop.follower.brakes,
     }, run
 
 
@@ -156,13 +155,6 @@ def _together(reports: list[dict], name: str, free: Iterable[bool]) -> list[floa
     return [
         math.sqrt(sum(report[axis][name] ** 2 for report in reports) / len(reports))
         if counts else None for axis, counts in zip(AXES, free, strict=True)]
-
-
-def largest_step(steps: list[LoopStep]) -> dict[str, float]:
-    """Return the most by which the head on the wall leaves its velocity in one cycle."""
-    heads = np.array([step.sample.head for step in steps])
-    most = abs(np.diff(heads, 2, axis=0)).max(axis=0) * SCALES
-    return dict(zip(('x_mm', 'y_mm', 'theta_deg'), most.tolist(), strict=True))
 
 
 def ratios_at(frequency: float) -> dict:
@@ -205,9 +197,7 @@ def table(results: dict) -> Iterator[str]:
     yield f'Left of the disturbance in %, {" / ".join(AXES)}, RMS; errors within two deviations'
     yield from comparison(results['scenarios'], SCALES, in_percent=True)
     for name, result in results['scenarios'].items():
-        step, force = result['max_step'], result['contact_force']
-        yield (f'{name:26}step   {step["x_mm"]:.2f} mm, {step["y_mm"]:.2f} mm, '
-               f'{step["theta_deg"]:.3f}° in one cycle at most')
+        force = result['contact_force']
         if force:
             yield (f'{name:26}force  {force["desired"]:9.1f} N {force["rms_error"]:8.2f} N'
                    f'{100 * force["rms_error_ratio"]:7.2f}%  {force["least"]:.1f} to '
