@@ -51,8 +51,8 @@ TOOLS = {
 LAB = {
     'lab.demo': ALL_OF_IT | {'lab.gondola'},
     'lab.drives': BASE | {'drives.canopen', 'drives.cia402'},
-    'lab.gondola': BASE | {'files', 'kinematics', 'motion', 'prediction', 'compensation', 'resources',
-                           'tools.calibration'},
+    'lab.gondola': BASE | {'files', 'kinematics', 'motion', 'prediction', 'compensation',
+                           'resources', 'tools.calibration'},
     'lab.study': SETTINGS | {'kinematics'},
 }
 ROOMS = MACHINE | TOOLS | LAB
