@@ -9,7 +9,6 @@ import can
 from canopen import lss
 from commission_rig import SERIALS
 import pytest
-import yaml
 
 from facade_manipulator.lab.drives.lss import LssSlave, UNCONFIGURED
 from facade_manipulator.tools.commissioning.__main__ import main
@@ -91,14 +90,6 @@ def test_the_ids_are_those_of_the_carriages_and_a_stranger_gets_none(
     assert [axis.serial_number for axis in axes.values()] == [300, 100, 200]
 
 
-def test_nobody_is_asked_which_carriage_an_io_module_moves(
-        slaves, commission, monkeypatch, capsys):
-    slaves(1, s60=IO_MODULE)
-    monkeypatch.setattr('builtins.input', pytest.fail)
-    assert commission('assign', *HUNDREDS) == 1
-    assert 'no drive was found for q1, q2, q3' in capsys.readouterr().err
-
-
 def test_a_drive_that_says_stored_but_is_not_is_named_with_its_state(slaves, commission, capsys):
     made = slaves(1, s100=DRIVE, s200=DRIVE, s300=DRIVE)
     made[1].keeps = False
@@ -106,12 +97,6 @@ def test_a_drive_that_says_stored_but_is_not_is_named_with_its_state(slaves, com
     said = capsys.readouterr().err
     assert 'no drive answers as node 3 instead of 200 after a reset' in said
     assert 'q2 is node 2 (serial number 100); the others have their old ones again' in said
-
-
-def test_a_scan_sees_nodes_without_an_id_that_know_fastscan_alone(slaves, commission, capsys):
-    slaves(255, s100=DRIVE)
-    assert commission('scan') == 1
-    assert 'there is a drive without a node id: commission assign' in capsys.readouterr().out
 
 
 # --- simulated drives
@@ -167,10 +152,15 @@ def test_new_drives_of_any_make_get_the_node_ids_of_their_carriages(make_rig, ca
     assert rig.run('scan') == 0
 
 
-def test_one_drive_alone_needs_no_fastscan(make_rig):
-    rig = make_rig('--new', '--node-ids', '1', '--serial-numbers', '99', '--start-positions', '0')
+@pytest.mark.parametrize('new', ['1', '255'])
+def test_one_drive_alone_needs_neither_fastscan_nor_selection(make_rig, new):
+    rig = make_rig('--new', new, '--node-ids', '1', '--serial-numbers', '99',
+                   '--start-positions', '0')
+    slave, asked = rig.drives[0].lss, []
+    receive = slave.receive
+    slave.receive = lambda data, active: asked.append(data[0]) or receive(data, active)
     assert rig.run('assign', *FAST, '--only', 'q3') == 0
-    assert rig.drives[0].lss.stored == 3
+    assert slave.stored == 3 and set(asked) <= {0x04, 0x11, 0x17}
     assert Machine(rig.parameters).axis('q3').serial_number == 99
 
 
@@ -255,11 +245,3 @@ def test_ctrl_c_at_any_prompt_of_assign_leaves_the_stored_ids_and_says_so(
     assert sorted(drive.lss.stored for drive in rig.drives) == [[1, 1, 1], [1, 1, 1], [1, 1, 1],
                                                                 [1, 1, 2]][at]
     assert not rig.parameters.exists()
-
-
-def test_the_journal_keeps_what_was_done(make_rig):
-    rig = make_rig('--new')
-    rig.run('scan')
-    rig.run(*ASSIGN)
-    entries = yaml.safe_load((rig.folder / 'machine.journal.yaml').read_text())
-    assert [entry['check'] for entry in entries] == ['scan', 'written', *['assign'] * 3]

@@ -30,23 +30,10 @@ def change(rig, number, key, value):
         drives[number].objects.write(key, value)
 
 
-def test_a_backup_and_its_drive_do_not_differ(rig, capsys):
-    assert rig.run('backup', 'q1') == 0
-    assert rig.run('compare', 'q1', str(rig.folder / 'machine.q1.dcf')) == 0
-    assert '0 differences' in capsys.readouterr().out
-
-
 def test_a_negative_value_comes_back_from_the_file(rig):
     change(rig, 0, (0x607D, 1), -123456)
     rig.run('backup', 'q1')
     assert rig.run('compare', 'q1', str(rig.folder / 'machine.q1.dcf')) == 0
-
-
-def test_the_object_that_was_tampered_with_is_named(rig, capsys):
-    change(rig, 1, RAMP, 77)
-    assert rig.run('compare', 'q1', 'q2') == 1
-    said = capsys.readouterr().out
-    assert '6084h:00' in said and 'Profile deceleration' in said and '1 differences' in said
 
 
 def test_a_restored_drive_keeps_it_through_a_power_cut(rig, capsys):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-
 import pytest
 from support import wait_until
 
@@ -11,42 +9,6 @@ from facade_manipulator.tools.commissioning import Machine
 from facade_manipulator.tools.commissioning.__main__ import main
 
 UNCOUPLED = ('--links', 'uncoupled')
-
-
-def push(rig, number, distance):
-    """Push a carriage by hand once the tool looks at it."""
-    def run():
-        wait_until(lambda: 'Push' in ''.join(rig.said), 'the request to push')
-        with rig.simulator.access() as drives:
-            motor = drives[number].motor
-            motor.place(motor.carriage_position + distance)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    return thread
-
-
-@pytest.fixture
-def listening(monkeypatch):
-    """Let a rig know what the tool says."""
-    from facade_manipulator.tools.commissioning.operator import Operator
-
-    said = []
-    say = Operator.say
-    monkeypatch.setattr(Operator, 'say', lambda self, text='': (said.append(text),
-                                                                say(self, text))[1])
-    return said
-
-
-@pytest.mark.parametrize('direction', [1, -1])
-def test_the_direction_of_counting_is_found_without_power(make_rig, listening, direction):
-    rig = make_rig('--directions', str(direction)).configured()
-    rig.said = listening
-    hand = push(rig, 0, 0.01)
-    assert rig.run('direction', 'q1') == 0
-    hand.join()
-    assert Machine(rig.parameters).axis('q1').direction == direction
-    assert not rig.is_enabled()
 
 
 @pytest.mark.parametrize('count', ['0', '-1'])
@@ -60,19 +22,6 @@ def test_a_carriage_that_nobody_pushes_ends_in_a_message(make_rig, capsys, monke
     monkeypatch.setattr('facade_manipulator.tools.commissioning.measuring._PATIENCE', 0.3)
     assert make_rig().configured().run('direction', 'q1') == 1
     assert 'counted no 2 mm' in capsys.readouterr().err
-
-
-def test_the_lead_is_corrected_by_the_ruler(make_rig, monkeypatch):
-    rig = make_rig('--leads', '0.02', '0.02', '0.01').configured()
-    start = rig.drives[2].motor.carriage_position
-
-    def answer(*question):
-        return f'{1e3 * (rig.drives[2].motor.carriage_position - start):.3f} mm'
-
-    monkeypatch.setattr('facade_manipulator.tools.commissioning.operator.Operator._answer',
-                        lambda self, question: 'y' if 'Do this' in question else answer())
-    assert rig.run('lead', 'q3', *UNCOUPLED, '--travel', '10', yes=False) == 0
-    assert Machine(rig.parameters).axis('q3').lead == pytest.approx(0.01, rel=2e-3)
 
 
 @pytest.mark.parametrize('measured', ['0', 'nan', '9000', '-10'])

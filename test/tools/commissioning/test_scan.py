@@ -16,14 +16,6 @@ def test_a_scan_lists_the_drives_with_serial_firmware_and_profile(make_rig, caps
         assert word in said
 
 
-def test_a_scan_names_duplicates_and_silent_nodes(make_rig, capsys):
-    rig = make_rig('--new')
-    assert rig.run('scan') == 1
-    said = capsys.readouterr().out
-    assert '3 drives have node id 1 (serial numbers 4711, 4712, 4713)' in said
-    assert 'q2 (node 2 in the parameter file) is silent: commission assign' in said
-
-
 def test_a_scan_shows_what_went_wrong_in_a_drive_in_eighty_columns(make_rig, capsys):
     rig = make_rig()
     with rig.simulator.access() as drives:
