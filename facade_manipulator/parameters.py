@@ -12,6 +12,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, Field, field, fields
 from difflib import get_close_matches
 import math
+from numbers import Real
 from typing import Any, TypeVar
 
 from typing_extensions import dataclass_transform
@@ -133,7 +134,20 @@ def check_parameters(instance: Any) -> None:
     Raises a ParameterError that names the parameter, its value, its bound and unit.
     """
     for name, item in parameter_fields(type(instance)).items():
-        check_value(name, getattr(instance, name), item.metadata[METADATA_KEY])
+        value = getattr(instance, name)
+        _check_kind(name, value, item.default)
+        check_value(name, value, item.metadata[METADATA_KEY])
+
+
+def _check_kind(name: str, value: Any, default: Any) -> None:
+    """Check that a value is a number, or several, where its default is: a file may have a text."""
+    if isinstance(default, tuple):
+        if not isinstance(value, (tuple, list)):
+            raise ParameterError(f'{name} = {value!r} is not a list')
+        for element in value if default else ():
+            _check_kind(name, element, default[0])
+    elif isinstance(default, float) and not isinstance(value, Real):
+        raise ParameterError(f'{name} = {value!r} is not a number')
 
 
 def check_value(name: str, value: Any, info: ParameterInfo) -> None:

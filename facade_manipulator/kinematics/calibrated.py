@@ -101,10 +101,7 @@ class CalibratedMechanism:
         """Wrench Jᵀτ that carriage forces exert through the head."""
         return Wrench(*(self.jacobian(pose).T @ carriage_forces).tolist())
 
-    def certify(
-        self, pose: Pose, min_conditioning: float = MIN_CONDITIONING,
-        characteristic_length: float | None = None,
-    ) -> Carriages:
+    def certify(self, pose: Pose, min_conditioning: float = MIN_CONDITIONING) -> Carriages:
         """Check a pose of the head; the gap is that on the rail, the stroke the drives'."""
         platform = self._platform_of(pose)
         at = self._links(platform)
@@ -112,11 +109,9 @@ class CalibratedMechanism:
             raise behind_rail(platform.y)
         driven = self._driven(platform.x, at)
         self._check_rail(self._actual(platform.x, at), driven)
-        if characteristic_length is None:
-            characteristic_length = self.geometry.platform_half_length / CONDITIONING_RATIO
+        unit = self.geometry.platform_half_length / CONDITIONING_RATIO
         check_branch(self._branch_number(at), squared_index(
-            at, self._half1 / characteristic_length, self._half2 / characteristic_length),
-            min_conditioning)
+            at, self._half1 / unit, self._half2 / unit), min_conditioning)
         return driven
 
     def check(self, *path: Carriages) -> None:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, Field, fields
 from itertools import pairwise
 import math
 from typing import Any, NamedTuple
 
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.parameters import check_parameters, parameter
+from facade_manipulator.parameters import parameter, settings
 
 
 class Pose(NamedTuple):
@@ -55,7 +53,7 @@ def _error(default: tuple[float, ...], description: str, **info: Any) -> Any:
         **info)
 
 
-@dataclass(frozen=True)
+@settings
 class Geometry:
     """
     Lengths of the mechanism and of its rail.
@@ -81,8 +79,8 @@ class Geometry:
         'Half the length of the platform, joint to end-effector point', default=0.348,
         unit='m', minimum=1e-3, maximum=100.0, read_only=True)
     stroke: tuple[float, float] = parameter(
-        'Least and greatest carriage position', default=(-0.5, 0.5),
-        unit='m', minimum=-100.0, maximum=100.0, read_only=True)
+        'Least and greatest carriage position', default=(-0.5, 0.5), unit='m', minimum=-100.0,
+        maximum=100.0, elements=('least', 'greatest'), read_only=True)
     carriage_gap: float = parameter(
         'Least distance of neighbouring carriages', default=0.02,
         unit='m', minimum=0.0, maximum=100.0, read_only=True)
@@ -112,11 +110,6 @@ class Geometry:
     screw_errors_q3: tuple[float, ...] = _error((0.0,), 'Errors of the screw of A3, evenly spaced')
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, 'stroke', _stroke(self.stroke))
-        for item in fields(self):
-            if item.name != 'stroke':
-                object.__setattr__(self, item.name, _numbers(item, getattr(self, item.name)))
-        check_parameters(self)
         self._check_lengths()
         self._check_screws()
 
@@ -177,31 +170,6 @@ class Geometry:
         return not (self.rail_angle or any(map(any, (
             self.link_errors, self.platform_errors, self.carriage_offsets, self.backlash,
             self.tool, *self.screw_errors))))
-
-
-def _numbers(item: Field[Any], value: object) -> float | tuple[float, ...]:
-    """Return what a field holds as a float, or as a tuple of them."""
-    if not isinstance(item.default, tuple):
-        return _number(item.name, value)
-    if isinstance(value, str) or not isinstance(value, Iterable):
-        raise ParameterError(f'{item.name} = {value!r} is not a list of numbers')
-    return tuple(_number(item.name, element) for element in value)
-
-
-def _number(name: str, value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        raise ParameterError(f'{name} = {value!r} is not a number') from None
-
-
-def _stroke(value: Any) -> tuple[float, float]:
-    try:
-        least, greatest = value
-    except (TypeError, ValueError):
-        raise ParameterError(
-            f'stroke = {value!r} is not a pair of positions (least, greatest) in m') from None
-    return _number('stroke', least), _number('stroke', greatest)
 
 
 def not_finite(values: Pose | Carriages) -> ParameterError:

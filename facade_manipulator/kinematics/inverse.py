@@ -185,8 +185,7 @@ def squared_index(
 
 
 def certify(
-    geometry: Geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING,
-    characteristic_length: float | None = None,
+    geometry: Geometry, pose: Pose, min_conditioning: float = MIN_CONDITIONING
 ) -> Carriages:
     """
     Check a pose against all limits of the machine at once.
@@ -197,9 +196,8 @@ def certify(
     pose : Pose
         [m, m, rad].
     min_conditioning : float
-        Least local conditioning index; 0 asks for nothing beyond the other limits.
-    characteristic_length : float, optional
-        Unit of length of that index [m]; None for b/0.348, which is 1 m for the design.
+        Least local conditioning index, with b/0.348 as unit of length, which is 1 m for the
+        design; 0 asks for nothing beyond the other limits.
 
     Returns
     -------
@@ -228,10 +226,8 @@ def certify(
     span = geometry.platform_half_length * cosine
     q1, q2 = x - span + projection1, x + span - projection2
     check_rail(geometry, span - projection1, span - projection2, q1, q2)
-    ratio = CONDITIONING_RATIO
-    if characteristic_length is not None:
-        ratio = geometry.platform_half_length / characteristic_length
-    check_branch(branch_number(at), squared_index(at, ratio, ratio), min_conditioning)
+    check_branch(branch_number(at), squared_index(
+        at, CONDITIONING_RATIO, CONDITIONING_RATIO), min_conditioning)
     return Carriages(q1, q2, x)
 
 

@@ -103,13 +103,6 @@ def test_weak_conditioning_is_rejected_with_index_and_bound():
     certify(DESIGN, pose, min_conditioning=0.0)
 
 
-def test_the_conditioning_bound_counts_in_its_own_characteristic_length():
-    pose = Pose(0.0, 0.25, 0.0)
-    certify(DESIGN, pose, min_conditioning=0.004, characteristic_length=0.001)
-    assert rejected(SingularityError, pose, min_conditioning=0.006,
-                   characteristic_length=0.001).value == pytest.approx(0.00495, abs=1e-5)
-
-
 @pytest.mark.parametrize('pose', [
     Pose(math.nan, 0.25, 0.0), Pose(0.0, math.inf, 0.0), Pose(0.0, 0.25, -math.inf)])
 def test_a_pose_that_is_not_finite_is_a_value_error(pose):

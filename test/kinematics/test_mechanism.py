@@ -179,7 +179,7 @@ def test_the_stroke_has_room_for_the_play_of_its_screw(side):
 @pytest.mark.parametrize(('given', 'message'), [
     ({'link_errors': (0.1, 0.0)}, 'above its maximum'),
     ({'carriage_offsets': (0.0, 0.0)}, '2 elements, expected 3'),
-    ({'tool': 'ahead'}, 'not a list of numbers'),
+    ({'tool': 'ahead'}, 'not a list'),
     ({'screw_span': (0.5, -0.5)}, 'is empty'),
     ({'screw_errors_q2': (0.0, 0.04) * 9}, 'no screw is as bad'),
     ({'rail_angle': math.nan}, 'not a finite number'),
