@@ -33,7 +33,8 @@ class BlackBox:
     Keep messages on the disk, and make a file of them when something stops the machine.
 
     Whoever owns it adds messages, notes what sources say and lets it `watch`, twice a second at
-    least, in one thread; another one writes, so that a disk that hangs holds nobody up.
+    least, in one thread; another one writes, so that a disk that hangs holds nobody up. `outcome`
+    names the last file.
     `parameters` returns those of the nodes that are known by now.
     """
 
@@ -57,7 +58,8 @@ class BlackBox:
         self._flushed = self._job_time = 0.0
         self._chain: tuple[float, Path | None] = 0.0, None
         self._has_recovered = False
-        self._outcome, self._error = 'nothing recorded yet', ''
+        self.outcome = 'nothing recorded yet'
+        self._error = ''
         self._files = self._interrupted = 0
 
     def note(self, source: str, reason: str) -> None:
@@ -95,11 +97,6 @@ class BlackBox:
                     'does the disk hang?')
         return self._error
 
-    @property
-    def outcome(self) -> str:
-        """The last file."""
-        return self._outcome
-
     def values(self) -> dict[str, Any]:
         """Return what /diagnostics has of it."""
         return {
@@ -109,7 +106,7 @@ class BlackBox:
             'messages lost': self._stream.dropped,
             'interrupted recordings': self._interrupted,
             'files written': self._files,
-            'last file': self._outcome,
+            'last file': self.outcome,
             'folder': self._shelf.folder,
         }
 
@@ -178,5 +175,5 @@ class BlackBox:
         self._error = message
         if error is None and job.result() is not None:
             self._files += 1
-            self._outcome = f'recorded in {job.result()}'
-            self._log.info(self._outcome)
+            self.outcome = f'recorded in {job.result()}'
+            self._log.info(self.outcome)

@@ -76,7 +76,7 @@ def write_segment(path: Path, earlier: Iterable[bytes], records: Sequence[bytes]
 def segment_messages(segment: Path, is_first: bool) -> list[Kept]:
     """Return the messages of a segment by their time, with the earlier ones if it is the first."""
     with segment.open('rb') as file:
-        batches = [record.data for record in StreamReader(file).records
+        batches = [record.data for record in StreamReader(file, validate_crcs=True).records
                    if isinstance(record, Message)]
     return sorted(chain.from_iterable(map(unpacked, batches[not is_first:])),
                   key=attrgetter('time'))

@@ -14,11 +14,9 @@ import threading
 import time
 from typing import Any, NamedTuple
 
-from mcap.stream_reader import StreamReader
-
 from facade_manipulator.blackbox.can_frames import CAN_TOPIC
 from facade_manipulator.blackbox.messages import packed, time_of
-from facade_manipulator.blackbox.recording import SUMMARY, write_segment
+from facade_manipulator.blackbox.recording import segment_messages, SUMMARY, write_segment
 from facade_manipulator.files import atomic_write
 
 Metadata = Mapping[str, Mapping[str, str]]
@@ -173,8 +171,7 @@ def _lock(folder: Path) -> int:
 def _is_whole(path: Path) -> bool:
     """Return whether a segment can be read; a bad disk may keep half of one."""
     try:
-        with path.open('rb') as file:
-            deque(StreamReader(file, validate_crcs=True).records, maxlen=0)
+        segment_messages(path, True)
     except Exception:  # damaged bytes raise whatever their decoder does
         return False
     return True

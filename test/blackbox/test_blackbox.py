@@ -119,6 +119,19 @@ def test_a_stream_of_another_version_becomes_a_file_without_the_topics_unknown_h
     assert [topic for topic, *_ in read(tmp_path / 'file.mcap')] == ['a']
 
 
+def test_a_segment_of_which_the_disk_kept_half_costs_itself_alone(tmp_path):
+    written, path = stream(tmp_path), tmp_path / 'file.mcap'
+    for number in range(3):
+        written.add('a', [(float(number), os.urandom(3000))])
+        written.flush(ABOUT)
+    broken = written.since(0.0)[1]
+    broken.write_bytes(broken.read_bytes()[:2000])
+    os.close(written._lock_file)
+    assert stream(tmp_path).recover(
+        lambda segments: write_recording(path, TOPICS, segments)) == 1
+    assert len(read(path)) == 2
+
+
 def test_segments_take_no_more_of_the_disk_than_their_share(tmp_path):
     written = stream(tmp_path, disk=20_000)
     for number in range(30):
