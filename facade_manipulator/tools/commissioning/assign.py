@@ -166,7 +166,9 @@ class Assignment:
             self._select(one)
             if is_drive(self._lend(next(spare))):
                 yield one
-        if has_unconfigured(self._bus):
+        is_left = has_unconfigured(self._bus)
+        self._lss.send_switch_state_global(LssMaster.WAITING_STATE)
+        if is_left:
             raise CommissioningError(
                 'a node without a node id answers, but its identity is not found: repeat with '
                 '--lss-timeout 0.5, or connect it alone and use --only')

@@ -143,6 +143,7 @@ def test_new_drives_of_any_make_get_the_node_ids_of_their_carriages(make_rig, ca
         drive.lss.__class__ = make
     shuffled = (SERIALS[2], SERIALS[0], SERIALS[1])
     assert rig.run('assign', *FAST, '--serials', *map(str, shuffled)) == 0, capsys.readouterr().err
+    assert not any(drive.lss.is_selected for drive in rig.drives)
     rig.power_cut()
     assert [drive.node_id for drive in rig.drives] == [2, 3, 1]
     axes = Machine(rig.parameters).axes
