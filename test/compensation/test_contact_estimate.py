@@ -68,7 +68,7 @@ def pressed_by_drives(friction, seconds=20.0):
             wrench = contact_wrench(
                 MACHINE, friction, pose,
                 tuple(motor.velocity / SCALE.counts_per_metre for motor in motors),
-                tuple(SCALE.to_force(round(motor.torque)) for motor in motors))
+                tuple(SCALE.force_per_torque_unit * round(motor.torque) for motor in motors))
             errors.append(wall.fy - wrench.fy)
         last = carriages
     return np.array(errors[100:])

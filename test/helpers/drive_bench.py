@@ -5,12 +5,12 @@ from __future__ import annotations
 from canopen.objectdictionary import ODVariable
 from frames import decode_tpdo1, decode_tpdo2, encode_rpdo1
 
-from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.emergency import decode_emergency
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, decode_state, Mode, State
 from facade_manipulator.drives.cia402.units import AxisScale
+from facade_manipulator.drives.controller.configuration import pdo_writes
 from facade_manipulator.lab.drives.drive import SimulatedDrive, SimulatedIdentity
 from facade_manipulator.lab.drives.motor import SimulationSettings
 
@@ -128,12 +128,8 @@ class Bench:
     def configure(self, **changes):
         """Boot, write everything, start; changes by name, such as ``_6098=37``."""
         self.boot()
-        for item in pdo.PDO_MAP:
-            for write in item.configure_writes(self.node):
-                assert self.write(*write) is None
-        for item in pdo.unused_pdos(pdo.PDO_MAP):
-            for write in item.disable_writes(self.node):
-                assert self.write(*write) is None
+        for write in pdo_writes(self.node, 100):
+            assert self.write(*write[:4]) is None
         values = dict(CONFIGURATION)
         values.update({(int(key[1:], 16), 0): value for key, value in changes.items()})
         values[self.profile.location('home_position')] = values.pop((0x607C, 0))

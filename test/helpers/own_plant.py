@@ -63,7 +63,7 @@ class PlantDrive:
         answers = [(pdo.TPDO1.cob_id(node), pdo.TPDO1.codec.pack(
             self.statusword, 8, self.axis.to_counts(self.position)))]
         answers.append((pdo.TPDO2.cob_id(node), pdo.TPDO2.codec.pack(
-            self.axis.speed_to_units(self.velocity),
+            round(self.velocity / self.axis.si_per_unit.velocity),
             0 if self.fails in LIES else self.axis.to_counts(self.demand - self.position))))
         if self.fails != 'deaf':
             for _, data in self.inbox:

@@ -31,6 +31,7 @@ from .nmt import NMT_TRANSITIONS as NMT_TRANSITIONS
 from .nmt import NmtCommand as NmtCommand
 from .nmt import NmtState as NmtState
 from .pdo import Pdo as Pdo
+from .pdo import Write as Write
 from .sdo import Patience as Patience
 from .sdo import PumpedNetwork as PumpedNetwork
 from .sdo import SDO_FRAME_LENGTH as SDO_FRAME_LENGTH

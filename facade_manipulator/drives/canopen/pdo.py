@@ -25,6 +25,7 @@ MASTER_NODE_ID = 127
 DISABLED = 1 << 31  # in a PDO's COB-ID entry: the PDO does not exist
 NO_REMOTE = 1 << 30  # in a TPDO's COB-ID entry: it does not answer remote frames
 
+ALL_BITS = 0xFFFFFFFF
 _WRITE_SIZES = {'B': 1, 'b': 1, 'H': 2, 'h': 2, 'I': 4, 'i': 4}
 
 
@@ -58,13 +59,19 @@ def heartbeat_cob_id(node_id: int) -> int:
     return 0x700 + node_id
 
 
-class ObjectWrite(NamedTuple):
-    """One expedited SDO download: an unsigned value of `size` bytes."""
+class Write(NamedTuple):
+    """One object to write, and what must then be read back."""
 
     index: int  # type: ignore[assignment]  # hides tuple.index
     subindex: int
     value: int
-    size: int
+    size: int | None = None  #: bytes; None for what the drive's object dictionary says
+    required: bool = True  #: whether a drive without the object is rejected
+    #: mask of the bits that must be read back as written; 0 for an intermediate value
+    compared: int = ALL_BITS
+
+    def __str__(self) -> str:
+        return f'{self.index:04X}h:{self.subindex:02X}'
 
 
 class MappedObject(NamedTuple):
@@ -123,31 +130,30 @@ class Pdo:
         """Return what subindex 1 of the communication parameter holds when the PDO is on."""
         return self.cob_id(node_id) | (NO_REMOTE if self.is_transmitted else 0)
 
-    def disable_writes(self, node_id: int) -> list[ObjectWrite]:
-        """Return what switches the PDO off."""
+    def disable_write(self, node_id: int) -> Write:
+        """Return what switches the PDO off; a drive may keep a COB-ID of its own in there."""
         entry = self.cob_id_entry(node_id) | DISABLED
-        return [ObjectWrite(self.communication_index, 1, entry, 4)]
+        return Write(self.communication_index, 1, entry, 4, required=False, compared=DISABLED)
 
-    def configure_writes(self, node_id: int) -> list[ObjectWrite]:
+    def configure_writes(self, node_id: int) -> list[Write]:
         """
         Return the writes that set the PDO up, in the order that CiA 301 prescribes.
 
-        Disable, clear the count, entries, count, transmission type, enable. The last value that
-        is written to each object is what must be read back.
+        Disable, clear the count, entries, count, transmission type, enable.
 
         """
-        count = len(self.content)
         entries = [
-            ObjectWrite(self.mapping_index, position, item.mapping, 4)
+            Write(self.mapping_index, position, item.mapping, 4)
             for position, item in enumerate(self.content, start=1)
         ]
         return [
-            *self.disable_writes(node_id),
-            ObjectWrite(self.mapping_index, 0, 0, 1),
+            self.disable_write(node_id)._replace(required=True, compared=0),
+            Write(self.mapping_index, 0, 0, 1, compared=0),
             *entries,
-            ObjectWrite(self.mapping_index, 0, count, 1),
-            ObjectWrite(self.communication_index, 2, self.transmission, 1),
-            ObjectWrite(self.communication_index, 1, self.cob_id_entry(node_id), 4),
+            Write(self.mapping_index, 0, len(self.content), 1),
+            Write(self.communication_index, 2, self.transmission, 1),
+            Write(self.communication_index, 1, self.cob_id_entry(node_id), 4,
+                  compared=ALL_BITS & ~NO_REMOTE),
         ]
 
 

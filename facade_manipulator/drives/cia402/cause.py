@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 CLEAR_REMEDY = 'remove the cause'
 BUS_REMEDY = 'check the CAN bus, wait until it is back'
@@ -28,10 +28,8 @@ class Cause:
     #: whether clearing is not enough: the drives must be configured again
     configure_again: bool = False
     home_again: bool = False  #: whether a position is lost
-    is_vague: bool = False  #: whether a further cause of the same axis says more
-    #: whether nothing was received from the drive, which a restart would explain
-    is_silence: bool = False
-    is_restart: bool = False  #: whether the drive has restarted
+    #: whether a further cause of the same axis may say more: why the drive is silent, or in fault
+    is_vague: bool = False
 
     def __str__(self) -> str:
         return f'{self.message}; next: {self.next_step}'
@@ -47,13 +45,6 @@ class Cause:
         return f'{self.remedy}, then {requests}' if self.remedy else requests
 
     def is_explained_by(self, later: Cause) -> bool:
-        """Return whether a later cause says more of the same axis."""
-        return self.is_vague and not later.is_vague and later.axis == self.axis
-
-    def is_completed_by(self, later: Cause) -> bool:
-        """Return whether a later cause completes this one: a silent drive has restarted."""
-        return self.is_silence and later.is_restart and later.axis == self.axis
-
-    def completed_by(self, later: Cause) -> Cause:
-        """Return one cause with both messages, with the next step of the later one."""
-        return replace(later, message=f'{self.message}; {later.message}')
+        """Return whether a later cause says more of the same axis and asks for no less."""
+        return (self.is_vague and not later.is_vague and later.axis == self.axis
+                and later.configure_again >= self.configure_again)

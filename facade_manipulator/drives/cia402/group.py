@@ -213,8 +213,6 @@ class Group:
         """Quick stop all axes and stay stopped; the first cause is kept, the later ones noted."""
         if self.cause is None or self.cause.is_explained_by(cause):
             self.cause = cause
-        elif self.cause.is_completed_by(cause):
-            self.cause = self.cause.completed_by(cause)
         elif cause not in self.causes:
             self.further_causes.append(cause)
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:

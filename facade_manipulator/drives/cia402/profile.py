@@ -19,28 +19,13 @@ from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.resources import config_path
 
-# what a profile may ask to be written; the configuration computes each per axis
-QUANTITIES = {
-    'master_heartbeat': 'master node id << 16 | time-out of its heartbeat in ms',
-    'heartbeat_time': "period of the drive's heartbeat in ms",
-    'quick_stop_deceleration': 'stop deceleration in velocity units/s',
-    'following_error_window': 'following error that trips the drive, in counts',
-    'following_error_time': 'how long the window may be exceeded, in ms',
-    'min_position': 'lower end of the stroke with its margin, in counts',
-    'max_position': 'upper end of the stroke with its margin, in counts',
-    'max_velocity': 'speed limit in velocity units',
-    'max_motor_speed': 'speed limit of the motor in motor speed units',
-    'max_acceleration': 'acceleration limit in velocity units/s',
-    'interpolation_period': 'period of the SYNC in ms',
-    'homing_method': 'homing method of the axis',
-    'homing_switch_speed': 'speed towards the switch or hard stop in velocity units',
-    'homing_zero_speed': 'speed away from it in velocity units',
-    'homing_acceleration': 'acceleration of homing in velocity units/s',
-    'home_position': 'position of the home position in counts',
-    'homing_current_threshold': 'motor current in mA that means a hard stop',
-}
-
-
+# what a profile may ask to be written; `controller.configuration.quantities` has each per axis
+QUANTITIES = frozenset({
+    'master_heartbeat', 'heartbeat_time', 'interpolation_period', 'quick_stop_deceleration',
+    'following_error_window', 'following_error_time', 'min_position', 'max_position',
+    'max_velocity', 'max_motor_speed', 'max_acceleration', 'homing_method', 'home_position',
+    'homing_switch_speed', 'homing_zero_speed', 'homing_acceleration', 'homing_current_threshold',
+})
 MOST_BYTES = 8  # of a CAN frame
 _CODES = {8: 'B', 16: 'H', 32: 'I'}
 

@@ -1,8 +1,7 @@
 """
-The CiA 402 power state machine as tables: states, statuswords, controlwords, transitions.
+The CiA 402 power state machine as a master sees it: states, statuswords, controlwords, modes.
 
-Everything that steps through the machine, the master as well as the simulated drive, reads the
-tables here; nothing here has a state of its own.
+What a drive does with them is in `facade_manipulator.lab.drives.automaton`.
 
 References
 ----------
@@ -75,19 +74,6 @@ class Mode(IntEnum):
     CYCLIC_SYNCHRONOUS_POSITION = 8
 
 
-class DeviceCommand(Enum):
-    """What a controlword commands."""
-
-    DISABLE_VOLTAGE = 'disable voltage'
-    QUICK_STOP = 'quick stop'
-    SHUTDOWN = 'shutdown'
-    SWITCH_ON = 'switch on'
-    ENABLE_OPERATION = 'enable operation'
-    FAULT_RESET = 'fault reset'
-
-    __hash__ = object.__hash__
-
-
 # mask and value of the statusword in each state
 STATUSWORDS = {
     State.NOT_READY_TO_SWITCH_ON: (0x4F, 0x00),
@@ -98,42 +84,6 @@ STATUSWORDS = {
     State.QUICK_STOP_ACTIVE: (0x6F, 0x07),
     State.FAULT_REACTION_ACTIVE: (0x4F, 0x0F),
     State.FAULT: (0x4F, 0x08),
-}
-
-# mask and value of the controlword for each command; the masks of no two commands overlap
-CONTROLWORDS = {
-    DeviceCommand.DISABLE_VOLTAGE: (0x82, 0x00),
-    DeviceCommand.QUICK_STOP: (0x86, 0x02),
-    DeviceCommand.SHUTDOWN: (0x87, 0x06),
-    DeviceCommand.SWITCH_ON: (0x8F, 0x07),
-    DeviceCommand.ENABLE_OPERATION: (0x8F, 0x0F),
-    DeviceCommand.FAULT_RESET: (0x80, 0x80),
-}
-
-# what a command does in a state; a pair that is not here changes nothing
-TRANSITIONS = {
-    (State.SWITCH_ON_DISABLED, DeviceCommand.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.READY_TO_SWITCH_ON, DeviceCommand.SWITCH_ON): State.SWITCHED_ON,
-    (State.READY_TO_SWITCH_ON, DeviceCommand.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.READY_TO_SWITCH_ON, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.READY_TO_SWITCH_ON, DeviceCommand.QUICK_STOP): State.SWITCH_ON_DISABLED,
-    (State.SWITCHED_ON, DeviceCommand.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.SWITCHED_ON, DeviceCommand.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.SWITCHED_ON, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.SWITCHED_ON, DeviceCommand.QUICK_STOP): State.SWITCH_ON_DISABLED,
-    (State.OPERATION_ENABLED, DeviceCommand.SWITCH_ON): State.SWITCHED_ON,
-    (State.OPERATION_ENABLED, DeviceCommand.SHUTDOWN): State.READY_TO_SWITCH_ON,
-    (State.OPERATION_ENABLED, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.OPERATION_ENABLED, DeviceCommand.QUICK_STOP): State.QUICK_STOP_ACTIVE,
-    (State.QUICK_STOP_ACTIVE, DeviceCommand.DISABLE_VOLTAGE): State.SWITCH_ON_DISABLED,
-    (State.QUICK_STOP_ACTIVE, DeviceCommand.ENABLE_OPERATION): State.OPERATION_ENABLED,
-    (State.FAULT, DeviceCommand.FAULT_RESET): State.SWITCH_ON_DISABLED,
-}
-
-# what the drive does by itself: after its initialisation, at the end of the fault reaction
-AUTOMATIC_TRANSITIONS = {
-    State.NOT_READY_TO_SWITCH_ON: State.SWITCH_ON_DISABLED,
-    State.FAULT_REACTION_ACTIVE: State.FAULT,
 }
 
 POWERED_STATES = frozenset({
@@ -152,16 +102,12 @@ class Power(Enum):
     UNKNOWN = 'unknown'  #: it does not answer, or says what no drive says
     ON = 'on'  #: or on its way there
 
+
 _STATE_BITS = 0x6F
 _STATE_OF_BITS = {
     bits: state
     for state, (mask, value) in STATUSWORDS.items()
     for bits in range(0x80) if bits & ~_STATE_BITS == 0 and bits & mask == value
-}
-_COMMAND_OF_BITS = {
-    bits: command
-    for command, (mask, value) in CONTROLWORDS.items()
-    for bits in range(0x100) if bits & mask == value
 }
 
 
@@ -180,8 +126,3 @@ def decode_state(statusword: int) -> State:
     except KeyError:
         raise DriveStateError(
             f'statusword 0x{statusword & 0xFFFF:04X} names no state of a CiA 402 drive') from None
-
-
-def decode_command(controlword: int) -> DeviceCommand:
-    """Return the command that a controlword gives; every controlword gives exactly one."""
-    return _COMMAND_OF_BITS[controlword & 0xFF]

@@ -131,9 +131,9 @@ class AxisScale:
         """Return the position in m of counts."""
         return counts / self.counts_per_metre
 
-    def speed_to_units(self, speed: float) -> int:
+    def magnitude_to_units(self, speed: float) -> int:
         """
-        Return a velocity in m/s, or an acceleration in m/s², in the drive's velocity unit (per s).
+        Return a limit on speed or acceleration in the drive's unit, positive on any axis.
 
         Raises
         ------
@@ -143,30 +143,15 @@ class AxisScale:
             It does not fit into the 32 bits of the drive.
 
         """
-        return _rounded('velocity', speed * self._units_per_metre, self.velocity_unit)
-
-    def magnitude_to_units(self, speed: float) -> int:
-        """Return a limit on speed or acceleration in the drive's unit, positive on any axis."""
-        units = abs(speed * self._units_per_metre)
+        units = abs(speed / self.si_per_unit.velocity)
         return _rounded('velocity', units, self.velocity_unit, UINT32_MAX)
-
-    @property
-    def _units_per_metre(self) -> float:
-        return self.counts_per_metre * self.velocity_units_per_count
-
-    def speed_to_metres(self, units: float) -> float:
-        """Return the velocity in m/s of the drive's velocity units."""
-        return units / self._units_per_metre
-
-    def to_force(self, torque: float) -> float:
-        """Return the carriage force in N of a torque in thousandths of the rated torque."""
-        return torque * self.force_per_torque_unit
 
     @cached_property
     def si_per_unit(self) -> SiPerUnit:
         """One unit of each quantity that the drive sends, in SI units."""
         metres = self.to_metres(1.0)
-        return SiPerUnit(metres, self.speed_to_metres(1.0), self.to_force(1.0), metres)
+        return SiPerUnit(metres, metres / self.velocity_units_per_count,
+                         self.force_per_torque_unit, metres)
 
 
 def _rounded(quantity: str, value: float, unit: str, most: int = INT32_MAX) -> int:

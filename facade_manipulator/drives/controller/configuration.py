@@ -19,30 +19,14 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from facade_manipulator.drives.canopen import Pdo, pdo, SdoAbortError, SdoChannel
+from facade_manipulator.drives.canopen import Pdo, pdo, SdoAbortError, SdoChannel, Write
 from facade_manipulator.drives.cia402 import AxisSettings, COUNTS, DriveProfile, VELOCITY_UNITS
 from facade_manipulator.drives.controller.bus_load import transmission_type
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import DriveIdentityError, DriveObjectError, ParameterError
 
 DEVICE_TYPE = 402
-_LARGEST_UNSIGNED = 0xFFFFFFFF
 _POLARITY = 0xC0  # bits of 607Eh: position and velocity turned round
-
-
-class Write(NamedTuple):
-    """One object to write."""
-
-    index: int  # type: ignore[assignment]  # hides tuple.index
-    subindex: int
-    value: int
-    size: int | None = None  #: bytes; None for what the drive's object dictionary says
-    required: bool = True  #: whether a drive without the object is rejected
-    #: mask of the bits that must be read back as written; 0 for an intermediate value
-    compared: int = _LARGEST_UNSIGNED
-
-    def __str__(self) -> str:
-        return f'{self.index:04X}h:{self.subindex:02X}'
 
 
 class Identity(NamedTuple):
@@ -128,20 +112,9 @@ def object_writes(
 
 def pdo_writes(node_id: int, rate: int, pdos: tuple[Pdo, ...] = pdo.PDO_MAP) -> list[Write]:
     """Return the writes of a PDO map: the unused ones off, each used one set up in order."""
-    # only the bit that says off is compared: a drive may keep a COB-ID of its own in there
-    unused = [Write(*write, required=False, compared=pdo.DISABLED)
-              for one in pdo.unused_pdos(pdos) for write in one.disable_writes(node_id)]
-    return unused + [write for one in pdos for write in _set_up(one, node_id, rate)]
-
-
-def _set_up(one: Pdo, node_id: int, rate: int) -> Iterator[Write]:
-    """Of an object that is written twice only the last value can be read back."""
-    writes = replace(one, transmission=transmission_type(one, rate)).configure_writes(node_id)
-    last = {write[:2]: number for number, write in enumerate(writes)}
-    for number, write in enumerate(writes):
-        is_cob_id = write[:2] == (one.communication_index, 1)
-        bits = _LARGEST_UNSIGNED & ~(pdo.NO_REMOTE if is_cob_id else 0)
-        yield Write(*write, compared=bits if last[write[:2]] == number else 0)
+    used = [replace(one, transmission=transmission_type(one, rate)) for one in pdos]
+    return ([one.disable_write(node_id) for one in pdo.unused_pdos(pdos)]
+            + [write for one in used for write in one.configure_writes(node_id)])
 
 
 def read_identity(drive: SdoChannel) -> Identity:

@@ -34,19 +34,12 @@ from facade_manipulator.drives.controller.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0  # s: a request wakes it
-_STATES = {
-    Phase.OFF: ControllerState.INACTIVE,
-    Phase.ENABLING: ControllerState.ACTIVATING,
+_PARTS = {  # of a state; any other phase is one, by its name
     Phase.HOLDING: ControllerState.ACTIVATING,
-    Phase.RUNNING: ControllerState.ACTIVE,
     Phase.RAMPING: ControllerState.DEACTIVATING,
-    Phase.HALTED: ControllerState.HALTED,
-    Phase.DISABLING: ControllerState.DEACTIVATING,
-    Phase.HOMING: ControllerState.HOMING,
     Phase.STOPPING: ControllerState.STOPPED,
-    Phase.STOPPED: ControllerState.STOPPED,
-    Phase.RESETTING: ControllerState.CLEARING,
 }
+_STATES = {phase: _PARTS.get(phase) or ControllerState(phase.value) for phase in Phase}
 AT_DRIVE = 'put that right at the drive, then '  # configure alone would say the same again
 FORBIDDEN_REMEDY = 'let software_stop be false'
 NEXT_STEPS = {

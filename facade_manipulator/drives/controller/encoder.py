@@ -18,13 +18,6 @@ DOUBTFUL = 0.5  # of a jump that is no carriage's: noise, jitter and acceleratio
 MOST_SLIPPED = 0.01  # m, sum of doubtful jumps since homing: half the distance that carriages keep
 
 
-class Distrust(NamedTuple):
-    """Why a position is no longer believed, after the name of its drive, and what to do."""
-
-    message: str
-    remedy: str
-
-
 class LastSeen(NamedTuple):
     """Where a carriage was when the bus was lost, and how far it may have come since."""
 
@@ -95,8 +88,8 @@ class Encoder:
         """Compare the next position with where the bus was lost, not with the last."""
         self.counts = None
 
-    def receive(self, counts: int, time: float) -> Distrust | None:
-        """Take a position; return why it is believed no longer, None if it is."""
+    def receive(self, counts: int, time: float) -> str:
+        """Take a position; return why it is believed no longer, ``''`` if it is."""
         before, self.counts = self.counts, counts
         elapsed, self._time = max(time - self._time, self._period), time
         if before is None:
@@ -109,32 +102,27 @@ class Encoder:
             distrust = self._evaluate(abs(moved - expected), (  # of mean speeds
                 JUMP_NOISE + JUMP_MARGIN * self._acceleration * 0.5 * (earlier + elapsed) * elapsed
                 + JUMP_JITTER * abs(expected)))
-        if distrust is None or not self.homed:
-            return None
+        if not distrust or not self.homed:
+            return ''
         self.distrust()
-        return distrust
+        return f'{distrust}: it can no longer be trusted'
 
-    def _evaluate(self, jump: float, bound: float) -> Distrust | None:
+    def _evaluate(self, jump: float, bound: float) -> str:
         """Return why positions are wrong that jump by so much at once, or so often [m]."""
         self._slipped += jump if jump > DOUBTFUL * bound else 0.0
         if jump > bound:
-            what = f'has jumped by {jump:.4g} m, bound {bound:.4g} m'
-        elif self._slipped > MOST_SLIPPED:
-            what = (f'has slipped by {self._slipped:.4g} m in all since homing, bound '
+            return f'has jumped by {jump:.4g} m, bound {bound:.4g} m'
+        if self._slipped > MOST_SLIPPED:
+            return (f'has slipped by {self._slipped:.4g} m in all since homing, bound '
                     f'{MOST_SLIPPED:g} m')
-        else:
-            return None
-        return Distrust(f': the position {what}: it can no longer be trusted',
-                        'check the encoder and its cable')
+        return ''
 
-    def _compare_with_last_seen(self) -> Distrust | None:
+    def _compare_with_last_seen(self) -> str:
         last, self._last_seen = self._last_seen, None
         if last is None or self.counts is None:
-            return None
+            return ''
         moved = abs(self._metres * (self.counts - last.counts))
         if moved <= last.farthest:
-            return None
-        return Distrust(
-            f' is {moved:.4g} m from where it was when the bus was lost, bound '
-            f'{last.farthest:.4g} m: its position can no longer be trusted',
-            'look whether it was pushed')
+            return ''
+        return (f'is {moved:.4g} m from where it was when the bus was lost, bound '
+                f'{last.farthest:.4g} m')

@@ -41,6 +41,7 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.drives.controller.snapshot import AxisSnapshot
 from facade_manipulator.errors import DriveStateError
 
+ENCODER_REMEDY = 'look whether the carriage was pushed, check the encoder and its cable'
 REST_SPEED = 0.002  # m/s, below which a carriage is at rest
 ENABLED, ENABLED_MASK = 0x27, 0x6F  # of the statusword
 STATUSWORD, MODE, POSITION = pdo.TPDO1.indices
@@ -194,8 +195,8 @@ class AxisMonitor:
         distrust = self.encoder.receive(self._values[POSITION], time)
         if not self._sends_velocity:
             self._values[VELOCITY] = round(self.encoder.speed / self.axis.si_per_unit.velocity)
-        return distrust and self._supervised(
-            f'{self.title}{distrust.message}', remedy=distrust.remedy, home_again=True,
+        return None if not distrust else self._supervised(
+            f'{self.title}: the position {distrust}', remedy=ENCODER_REMEDY, home_again=True,
             cut_power=True)
 
     def _receive_error_code(self) -> Cause | None:
@@ -276,13 +277,13 @@ class AxisMonitor:
         if missed >= bound:
             return self._supervised(
                 f'{self.title} did not answer {missed} cycles in a row, '
-                f'bound {bound}', remedy=CONFIGURE_REMEDY, configure_again=True, is_silence=True)
+                f'bound {bound}', remedy=CONFIGURE_REMEDY, configure_again=True, is_vague=True)
         age = now - max(self.heartbeat_time or 0.0, self._supervised_since)
         if age > self._settings.heartbeat_timeout:
             return self._supervised(
                 f'{self.title} sent no heartbeat for {1e3 * age:.0f} ms, '
                 f'bound {1e3 * self._settings.heartbeat_timeout:.0f} ms',
-                remedy=CONFIGURE_REMEDY, configure_again=True, is_silence=True)
+                remedy=CONFIGURE_REMEDY, configure_again=True, is_vague=True)
         return None
 
     def _boot(self) -> Cause | None:
@@ -291,7 +292,7 @@ class AxisMonitor:
         self.has_restarted = self._supervised_since is not None
         return self._supervised(
             f'{self.title} has restarted by itself and has lost its position',
-            remedy=CONFIGURE_REMEDY, configure_again=True, is_restart=True)
+            remedy=CONFIGURE_REMEDY, configure_again=True)
 
     def _supervised(self, message: str, **details: Any) -> Cause | None:
         if self._supervised_since is None:

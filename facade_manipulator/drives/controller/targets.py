@@ -34,7 +34,6 @@ from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import (
     DriveStateError,
     InputError,
-    LimitError,
     ManipulatorError,
     SetpointLimitError,
     StrokeLimitError,
@@ -289,12 +288,18 @@ class Targets:
         axis, name = self._axes[number], f'target of {AXIS_NAMES[number]}'
         if not math.isfinite(target):
             return InputError.not_finite(name, target, 'm')
-        if target < axis.lower_limit - ROUNDING:
-            return StrokeLimitError(name, target, axis.lower_limit, 'm', 'below')
-        if target > axis.upper_limit + ROUNDING:
-            return StrokeLimitError(name, target, axis.upper_limit, 'm', 'above')
-        return SetpointLimitError(
+        return _beyond_stroke(axis, name, target, ROUNDING) or SetpointLimitError(
             f'step of the {name} in one cycle', step, self._largest_steps[number], 'm', 'above')
+
+
+def _beyond_stroke(
+    axis: AxisSettings, name: str, position: float, margin: float
+) -> StrokeLimitError | None:
+    low, high = axis.lower_limit - margin, axis.upper_limit + margin
+    if low <= position <= high:
+        return None
+    bound, relation = (low, 'below') if position < low else (high, 'above')
+    return StrokeLimitError(name, position, bound, 'm', relation)
 
 
 def require_inside(axes: tuple[AxisSettings, ...], actual: Triple) -> None:
@@ -303,12 +308,10 @@ def require_inside(axes: tuple[AxisSettings, ...], actual: Triple) -> None:
 
     Raises
     ------
-    LimitError
+    StrokeLimitError
         A carriage is beyond its stroke and the margin.
 
     """
     for name, axis, position in zip(AXIS_NAMES, axes, actual, strict=True):
-        low, high = axis.lower_limit - axis.limit_margin, axis.upper_limit + axis.limit_margin
-        if not low <= position <= high:
-            bound, relation = (low, 'below') if position < low else (high, 'above')
-            raise LimitError(f'position of {name}', position, bound, 'm', relation)
+        if error := _beyond_stroke(axis, f'position of {name}', position, axis.limit_margin):
+            raise error

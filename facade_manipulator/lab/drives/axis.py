@@ -16,11 +16,8 @@ import math
 from canopen import SdoAbortedError
 
 from facade_manipulator.drives.cia402 import (
-    AUTOMATIC_TRANSITIONS,
     AxisScale,
     Controlword,
-    decode_command,
-    DeviceCommand,
     DriveProfile,
     INT32_MAX,
     INT32_MIN,
@@ -29,6 +26,11 @@ from facade_manipulator.drives.cia402 import (
     State,
     Status,
     STATUSWORDS,
+)
+from facade_manipulator.lab.drives.automaton import (
+    AUTOMATIC_TRANSITIONS,
+    decode_command,
+    DeviceCommand,
     TRANSITIONS,
 )
 from facade_manipulator.lab.drives.demand import SpeedRamp

@@ -12,17 +12,9 @@ from facade_manipulator.drives.cia402.cause import Cause
 from facade_manipulator.drives.cia402.group import Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence
 from facade_manipulator.drives.cia402.plans import Phase, POWERED_PHASES
-from facade_manipulator.drives.cia402.states import (
-    Controlword,
-    decode_command,
-    DeviceCommand,
-    Mode,
-    State,
-    Status,
-    STATUSWORDS,
-    TRANSITIONS,
-)
+from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status, STATUSWORDS
 from facade_manipulator.errors import DriveStateError
+from facade_manipulator.lab.drives.automaton import decode_command, DeviceCommand, TRANSITIONS
 
 NAMES = ('q1', 'q2', 'q3')
 PERIOD = 0.01
@@ -452,32 +444,22 @@ def test_the_emergency_message_explains_a_fault_that_the_statusword_only_shows()
     assert 'current' in drives.group.cause.message
 
 
-SILENCE = Cause('q2 did not answer', 'look after it', 'q2', configure_again=True,
-                is_silence=True)
-RESTART = Cause('q2 has restarted', 'look after it', 'q2', configure_again=True,
-                is_restart=True)
+SILENCE = Cause('q2 did not answer', axis='q2', configure_again=True, is_vague=True)
+RESTART = Cause('q2 has restarted', axis='q2', configure_again=True)
 
 
-def test_a_drive_that_fell_silent_because_it_restarted_is_reported_in_one_message():
+@pytest.mark.parametrize(('first', 'later', 'is_explained'), [
+    (SILENCE, RESTART, True), (SILENCE, SILENCE, False),
+    (replace(SILENCE, axis='q1'), RESTART, False),
+    (replace(SILENCE, is_vague=False), RESTART, False),
+    (SILENCE, replace(RESTART, configure_again=False), False)])
+def test_a_cause_of_the_same_axis_that_says_more_and_asks_for_no_less_replaces_a_vague_one(
+        first, later, is_explained):
     drives = running()
-    for cause in (SILENCE, RESTART):
+    for cause in (first, later, later):
         drives.group.stop(cause, drives.now)
-    assert str(drives.group.cause) == (
-        'q2 did not answer; q2 has restarted; next: look after it, then cleanup, configure, '
-        'home, activate')
-    assert not drives.group.further_causes
-    drives.group.stop(RESTART, drives.now)
-    assert list(drives.group.further_causes) == [RESTART]
-
-
-@pytest.mark.parametrize('first', [
-    replace(SILENCE, axis='q1'), replace(SILENCE, is_silence=False)])
-def test_a_restart_explains_no_other_stop(first):
-    drives = running()
-    for cause in (first, RESTART):
-        drives.group.stop(cause, drives.now)
-    assert drives.group.cause is first
-    assert list(drives.group.further_causes) == [RESTART]
+    expected = (later,) if is_explained else tuple(dict.fromkeys((first, later)))
+    assert drives.group.causes == expected
 
 
 def test_the_next_step_is_that_of_the_cause_that_clearing_does_not_mend():

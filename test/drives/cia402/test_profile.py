@@ -7,7 +7,7 @@ import yaml
 
 from facade_manipulator.drives.canopen import misfit, pdo, read_dictionary
 from facade_manipulator.drives.cia402 import AXIS_NAMES, DEFAULT_AXES, profile
-from facade_manipulator.drives.cia402.profile import fitting_profile, load_profile, QUANTITIES
+from facade_manipulator.drives.cia402.profile import fitting_profile, load_profile
 from facade_manipulator.drives.controller.configuration import drive_writes
 from facade_manipulator.drives.controller.settings import ControllerSettings
 from facade_manipulator.errors import ParameterError
@@ -117,10 +117,6 @@ def test_a_profile_that_makes_no_sense_is_rejected_with_the_file_and_the_reason(
 def test_a_profile_that_does_not_exist_is_rejected():
     with pytest.raises(ParameterError, match='there is no drive profile nothing'):
         load_profile('nothing')
-
-
-def test_quantities_are_described():
-    assert all(QUANTITIES.values())
 
 
 def test_a_profile_may_lie_outside_the_package(tmp_path):

@@ -1,58 +1,7 @@
-import itertools
-
 import pytest
 
-from facade_manipulator.drives.cia402.states import (
-    AUTOMATIC_TRANSITIONS,
-    CONTROLWORDS,
-    decode_command,
-    decode_state,
-    DeviceCommand,
-    State,
-    STATUSWORDS,
-    TRANSITIONS,
-)
+from facade_manipulator.drives.cia402.states import decode_state, STATUSWORDS
 from facade_manipulator.errors import DriveStateError
-
-# IEC 61800-7-201, tables "device control commands" and "state transitions", by their numbers
-COMMAND_BITS = (  # fault reset, enable operation, quick stop, enable voltage, switch on
-    ('0x110', DeviceCommand.SHUTDOWN), ('00111', DeviceCommand.SWITCH_ON),
-    ('01111', DeviceCommand.ENABLE_OPERATION), ('0xx0x', DeviceCommand.DISABLE_VOLTAGE),
-    ('0x01x', DeviceCommand.QUICK_STOP), ('1xxxx', DeviceCommand.FAULT_RESET),
-)
-STANDARD = {
-    2: (State.SWITCH_ON_DISABLED, DeviceCommand.SHUTDOWN, State.READY_TO_SWITCH_ON),
-    3: (State.READY_TO_SWITCH_ON, DeviceCommand.SWITCH_ON, State.SWITCHED_ON),
-    4: (State.SWITCHED_ON, DeviceCommand.ENABLE_OPERATION, State.OPERATION_ENABLED),
-    5: (State.OPERATION_ENABLED, DeviceCommand.SWITCH_ON, State.SWITCHED_ON),
-    6: (State.SWITCHED_ON, DeviceCommand.SHUTDOWN, State.READY_TO_SWITCH_ON),
-    7: (State.READY_TO_SWITCH_ON, DeviceCommand.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
-    8: (State.OPERATION_ENABLED, DeviceCommand.SHUTDOWN, State.READY_TO_SWITCH_ON),
-    9: (State.OPERATION_ENABLED, DeviceCommand.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
-    10: (State.SWITCHED_ON, DeviceCommand.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
-    11: (State.OPERATION_ENABLED, DeviceCommand.QUICK_STOP, State.QUICK_STOP_ACTIVE),
-    12: (State.QUICK_STOP_ACTIVE, DeviceCommand.DISABLE_VOLTAGE, State.SWITCH_ON_DISABLED),
-    15: (State.FAULT, DeviceCommand.FAULT_RESET, State.SWITCH_ON_DISABLED),
-    16: (State.QUICK_STOP_ACTIVE, DeviceCommand.ENABLE_OPERATION, State.OPERATION_ENABLED),
-}
-QUICK_STOP_IS_DISABLE = ((State.READY_TO_SWITCH_ON, 7), (State.SWITCHED_ON, 10))
-TWO_STEPS = (State.READY_TO_SWITCH_ON, DeviceCommand.ENABLE_OPERATION)  # transitions 3 and 4
-
-
-def standard_command(controlword):
-    bits = ''.join(str(controlword >> bit & 1) for bit in (7, 3, 2, 1, 0))
-    matches = {command for pattern, command in COMMAND_BITS
-               if all(p in ('x', b) for p, b in zip(pattern, bits, strict=True))}
-    assert len(matches) == 1
-    return matches.pop()
-
-
-def standard_table():
-    table = {(state, command): result for state, command, result in STANDARD.values()}
-    for state, number in QUICK_STOP_IS_DISABLE:
-        table[state, DeviceCommand.QUICK_STOP] = STANDARD[number][2]
-    table[TWO_STEPS] = State.OPERATION_ENABLED
-    return table
 
 
 def test_no_statusword_names_two_states():
@@ -70,26 +19,3 @@ def test_bits_beside_the_states_do_not_matter():
     for state, (_, value) in STATUSWORDS.items():
         for extra in (0x0010, 0x0080, 0x0200, 0x0400, 0x0800, 0x1000, 0x2000, 0xFF90):
             assert decode_state(value | extra) is state
-
-
-def test_every_controlword_gives_one_command_and_it_is_the_standards():
-    for word in range(0x10000):
-        matches = [c for c, (mask, value) in CONTROLWORDS.items() if word & mask == value]
-        assert matches == [decode_command(word)] == [standard_command(word)]
-
-
-def test_all_states_and_all_commands_go_where_the_standard_says():
-    table = standard_table()
-    for state, command in itertools.product(State, DeviceCommand):
-        assert TRANSITIONS.get((state, command), state) is table.get((state, command), state)
-
-
-def test_every_state_has_a_way_out():
-    ways_out = {state for state, _ in TRANSITIONS} | set(AUTOMATIC_TRANSITIONS)
-    assert ways_out == set(State)
-
-
-def test_the_drive_cannot_be_enabled_from_a_fault_in_one_step():
-    for command in DeviceCommand:
-        assert TRANSITIONS.get((State.FAULT, command)) in (None, State.SWITCH_ON_DISABLED)
-        assert (State.FAULT_REACTION_ACTIVE, command) not in TRANSITIONS

@@ -30,31 +30,31 @@ def test_counts_survive_metres_exactly(scale, counts):
 
 @given(SCALES, FINITE)
 def test_a_speed_survives_the_drives_unit(scale, speed):
-    back = scale.speed_to_metres(scale.speed_to_units(speed))
-    assert abs(back - speed) <= 0.5000001 / abs(
-        scale.counts_per_metre * scale.velocity_units_per_count)
-    assert scale.magnitude_to_units(speed) == abs(scale.speed_to_units(speed))
+    unit = abs(scale.si_per_unit.velocity)
+    assert abs(unit * scale.magnitude_to_units(speed) - abs(speed)) <= 0.5000001 * unit
+    assert unit == pytest.approx(
+        1.0 / abs(scale.counts_per_metre * scale.velocity_units_per_count))
 
 
 @given(SCALES, st.floats(1e-3, 1.0))
 def test_the_direction_turns_position_speed_and_force_alike(scale, value):
     turned = dataclasses.replace(scale, direction=-scale.direction)
     assert turned.to_counts(value) == -scale.to_counts(value)
-    assert turned.speed_to_units(value) == -scale.speed_to_units(value)
-    assert turned.to_force(value) == -scale.to_force(value)
+    assert turned.si_per_unit == tuple(-unit for unit in scale.si_per_unit)
 
 
 def test_counts_and_force_of_the_prototype():
     scale = AxisScale(pulses_per_revolution=500, gear_ratio=4.3, lead=0.02, rated_torque=0.0545,
                       efficiency=0.8, velocity_unit='rpm')
     assert scale.counts_per_metre == pytest.approx(430_000)
-    assert scale.to_force(1000) == pytest.approx(2 * math.pi * 0.8 * 0.0545 * 4.3 / 0.02)
-    assert scale.speed_to_units(0.5) == 6450  # 0.5 m/s are 25 turns of the screw per second
+    assert 1000 * scale.si_per_unit.force == pytest.approx(
+        2 * math.pi * 0.8 * 0.0545 * 4.3 / 0.02)
+    assert scale.magnitude_to_units(0.5) == 6450  # 0.5 m/s are 25 turns of the screw per second
 
 
 def test_power_is_the_same_on_both_sides_of_a_perfect_screw():
     scale = AxisScale(efficiency=1.0, velocity_unit='rpm')
-    force, speed = scale.to_force(700), 0.3
+    force, speed = 700 * scale.si_per_unit.force, 0.3
     torque, turns = 0.7 * scale.rated_torque, scale.gear_ratio * speed / scale.lead
     assert force * speed == pytest.approx(torque * 2 * math.pi * turns)
 
@@ -72,7 +72,7 @@ def test_a_position_or_speed_that_is_not_finite_is_rejected(value):
     with pytest.raises(InputError, match='not a finite number'):
         AxisScale().to_counts(value)
     with pytest.raises(InputError, match='not a finite number'):
-        AxisScale().speed_to_units(value)
+        AxisScale().magnitude_to_units(value)
 
 
 @pytest.mark.parametrize('change', [

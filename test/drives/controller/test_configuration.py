@@ -134,7 +134,7 @@ def test_all_that_is_wrong_is_named_at_once(drive):
 
 def test_a_constant_mapping_is_accepted_where_it_is_right(drive):
     for pdo in PDO_MAP:
-        for index, subindex, value, size in pdo.configure_writes(2):
+        for index, subindex, value, size, *_ in pdo.configure_writes(2):
             if index == pdo.mapping_index:
                 drive.values[index, subindex] = value.to_bytes(size, 'little')
                 drive.constant[index, subindex] = READ_ONLY
@@ -181,7 +181,7 @@ def test_every_profile_gets_a_value_for_each_of_its_objects(name, axis):
 
 
 def test_every_quantity_a_profile_may_ask_for_is_computed():
-    assert set(quantities(DEFAULT_AXES[0], SETTINGS)) == set(QUANTITIES)
+    assert set(quantities(DEFAULT_AXES[0], SETTINGS)) == QUANTITIES
 
 
 def test_the_safety_objects_have_the_values_of_the_settings():

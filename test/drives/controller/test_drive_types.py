@@ -73,7 +73,7 @@ def make_constant(drive: SimulatedDrive, profile: str) -> None:
 
     objects = drive.objects
     for one in load_profile(profile).pdos:
-        for index, subindex, value, _ in one.configure_writes(drive.node_id):
+        for index, subindex, value, *_ in one.configure_writes(drive.node_id):
             if index == one.mapping_index:
                 objects.defaults[index, subindex] = objects.values[index, subindex] = value
                 objects.writers[index, subindex] = reject

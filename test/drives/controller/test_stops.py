@@ -337,7 +337,7 @@ def speeds_without_power(frames):
         elif message.arbitration_id == pdo.RPDO1.cob_id(node):
             word = decode_rpdo1(bytes(message.data)).controlword
             if word == Controlword.DISABLE_VOLTAGE:
-                found.setdefault(node, DEFAULT_AXES[0].speed_to_metres(speeds[node]))
+                found.setdefault(node, DEFAULT_AXES[0].si_per_unit.velocity * speeds[node])
     return found
 
 

@@ -20,14 +20,9 @@ from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.emergency import decode_emergency
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AxisSettings
-from facade_manipulator.drives.cia402.states import (
-    decode_command,
-    decode_state,
-    POWERED_STATES,
-    State,
-    TRANSITIONS,
-)
+from facade_manipulator.drives.cia402.states import decode_state, POWERED_STATES, State
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.lab.drives.automaton import decode_command, TRANSITIONS
 from facade_manipulator.lab.drives.drive import SimulatedDrive
 
 EDS = import_od(str(load_profile('simulated').eds), 2)

@@ -268,7 +268,7 @@ def test_a_drive_of_the_other_direction_moves_the_carriage_the_other_way():
 def test_a_drive_that_speaks_rpm_moves_alike():
     bench = Bench('epos4').boot()
     scale = AxisScale(velocity_unit='rpm')
-    rpm = scale.speed_to_units(1.0)
+    rpm = scale.magnitude_to_units(1.0)
     bench.configure(_6085=5 * rpm, _607F=rpm, _6080=rpm, _60C5=6 * rpm)
     bench.enable().move_at(0.2)
     assert bench.motion.velocity == pytest.approx(0.2 * rpm, rel=1e-3)

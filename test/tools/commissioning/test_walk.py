@@ -166,7 +166,7 @@ def homes_holds_and_moves(rig, axes) -> None:
         assert places() == pytest.approx(before, abs=1e-3)
         with rig.simulator.access() as drives:
             # what is pushed back passes gear and screw the other way round, with their efficiency
-            assert min(abs(drive._scale.to_force(drive.motor.torque))
+            assert min(abs(drive._scale.force_per_torque_unit * drive.motor.torque)
                        for drive in drives) > 0.5 * FORCE
             for drive in drives:
                 drive.motor.external_force = 0.0
