@@ -157,7 +157,7 @@ def _clear(rig: StreamRig) -> None:
 
 
 def _clear_and_home(rig: StreamRig) -> None:
-    assert 'q2' in rig.controller.snapshot().unhomed
+    assert rig.controller.snapshot().unhomed == (AXIS_NAMES if rig.is_homing_rig else ('q2',))
     assert 'next: home, activate' in rig.clear()
     assert 'homed' in rig.rejection('activate')
     if not rig.is_homing_rig:
@@ -266,7 +266,7 @@ ROWS = {
     'safe torque off 8A88': Row(
         _open_safe_torque_off, 'safe torque off is open', 'remove the cause'),
     'unknown code B123': Row(_emergency(0xB123), 'in no table', 'remove the cause'),
-    'TPDO missing': _node(_silence, 'cycles in a row'),
+    'TPDO missing': _node(_silence, 'did not answer'),
     'heartbeat missing': _node(_stop_heart, 'sent no heartbeat', math.inf),
     'unexpected boot-up': _node(
         _reboot, 'has restarted by itself', next_step='cleanup, configure, home',
@@ -353,6 +353,8 @@ def _check_cause(rig: StreamRig, row: Row) -> None:
     snapshot = rig.controller.snapshot()
     assert row.axis in snapshot.cause
     assert row.next_step in snapshot.next_step
+    if snapshot.state is ControllerState.BUS_LOST:
+        assert snapshot.bus_error and rig.rejection('clear_faults')
 
 
 def _syncs_to_the_last_enabling(frames: list[can.Message], begin: float) -> int:

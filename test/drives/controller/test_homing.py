@@ -54,14 +54,6 @@ def slow_homing() -> tuple:
     return tuple(replace(axis, homing_method=17, homing_speed=0.02) for axis in DEFAULT_AXES)
 
 
-def test_a_homing_that_takes_too_long_stops_all(make_rig):
-    rig = make_rig(axes=tuple(replace(axis, homing_strokes=0.006) for axis in slow_homing()))
-    rig.do('configure')
-    with pytest.raises(DriveFaultError, match='homing took longer than 0.3 s'):
-        rig.do('home')
-    assert rig.controller.snapshot().unhomed == AXIS_NAMES
-
-
 def test_a_halt_gives_homing_up(make_rig):
     rig = make_rig(axes=slow_homing())
     rig.do('configure')
@@ -72,25 +64,6 @@ def test_a_halt_gives_homing_up(make_rig):
         homing.result(PATIENCE)
     assert rig.state is ControllerState.INACTIVE
     assert rig.controller.snapshot().unhomed == AXIS_NAMES
-
-
-def test_a_fault_while_homing_stops_all(make_rig):
-    rig = make_rig(axes=slow_homing())
-    rig.do('configure')
-    homing = rig.controller.request('home')
-    wait_until(lambda: rig.drive_states == [State.OPERATION_ENABLED] * 3, 'power')
-    with rig.simulator.access() as drives:
-        drives[2].inject_fault(0x2310)
-    with pytest.raises(DriveFaultError, match='current is too high'):
-        homing.result(PATIENCE)
-    rig.until_stopped()
-    rig.do('clear_faults')
-    assert rig.controller.snapshot().unhomed == AXIS_NAMES
-
-
-def test_homing_again_does_not_take_the_old_success_for_the_new(rig):
-    inactive(rig)
-    assert 'is not homed' not in rig.do('home')
 
 
 @pytest.mark.parametrize('code', [0x7380, 0x7392, 0xFF02])

@@ -115,35 +115,22 @@ def test_after_a_halt_the_source_begins_anew():
     assert source.start == pytest.approx((-0.1, 0.1, 0.0))
 
 
-@pytest.mark.parametrize(('targets_wanted', 'error'), [
-    ((math.nan, 0.1, 0.0), InputError), ((-0.1, -math.inf, 0.0), InputError),
-    ((-0.1, 0.1 + 1.01 * LARGEST_STEP, 0.0), SetpointLimitError)])
-def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(targets_wanted, error):
-    source = Source()
-    one = following(source)
-    source.distort = lambda positions: targets_wanted
-    with pytest.raises(error):
-        one.choose(Phase.RUNNING, ON, HERE, 0.0)
-    assert one.counts == HERE
+AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
 
 
-def test_a_target_beyond_the_stroke_is_rejected():
+@pytest.mark.parametrize(('here', 'wanted', 'error'), [
+    (HERE, (math.nan, 0.1, 0.0), InputError), (HERE, (-0.1, -math.inf, 0.0), InputError),
+    (HERE, (-0.1, 0.1 + 1.01 * LARGEST_STEP, 0.0), SetpointLimitError),
+    (AT_END, (0.499, 0.501, 0.499), StrokeLimitError)])
+def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(here, wanted, error):
     source = Source()
     one = targets(source)
-    end = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
-    one.choose(Phase.OFF, OFF, end, 0.0)
-    one.choose(Phase.HOLDING, ON, end, 0.0)
-    source.distort = lambda positions: (0.501, 0.499, 0.499)
-    with pytest.raises(StrokeLimitError, match='target of q1 = 0.501 m is above the bound 0.5 m'):
-        one.choose(Phase.RUNNING, ON, end, 0.0)
-
-
-def test_the_callers_check_is_asked_with_every_target():
-    def check(positions):
-        raise LimitError('q3 - q1', 0.0, 0.02, 'm', 'below')
-
-    with pytest.raises(LimitError, match='q3 - q1'):
-        following(check=check)
+    one.choose(Phase.OFF, OFF, here, 0.0)
+    one.choose(Phase.HOLDING, ON, here, 0.0)
+    source.distort = lambda positions: wanted
+    with pytest.raises(error):
+        one.choose(Phase.RUNNING, ON, here, 0.0)
+    assert one.counts == here
 
 
 phases = st.sampled_from(sorted(Phase, key=str))
