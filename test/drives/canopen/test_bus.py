@@ -1,6 +1,5 @@
 import errno
 import time
-from types import SimpleNamespace
 
 import can
 from hypothesis import given
@@ -175,48 +174,36 @@ def test_any_error_frame_has_a_meaning_or_none(cob_id, data):
 
 # --- the interface
 
+GOOD = {'state': 'ERROR-ACTIVE', 'bittiming': {'bitrate': MEGABIT}}
+
+
 @pytest.fixture
 def interface(tmp_path, monkeypatch):
-    """An interface of /sys with what iproute2 says about it."""
-    folder = tmp_path / 'can0'
-    folder.mkdir()
-    (folder / 'flags').write_text('0x1\n')
+    """Make can0 of /sys with its flags and what iproute2 says about it."""
+    def make(flags, details):
+        (tmp_path / 'can0').mkdir()
+        (tmp_path / 'can0/flags').write_text(f'{flags}\n')
+        monkeypatch.setattr(link, '_details', lambda channel: details)
     monkeypatch.setattr(link, '_SYSTEM', tmp_path)
-    details = {'state': 'ERROR-ACTIVE', 'bittiming': {'bitrate': MEGABIT}}
-    monkeypatch.setattr(link, '_details', lambda channel: details)
-    return SimpleNamespace(folder=folder, details=details)
+    return make
 
 
-def test_an_interface_that_is_up_at_our_bit_rate_is_accepted(interface):
+@pytest.mark.parametrize('details', [GOOD, {}], ids=['our bit rate', 'no bit rate'])
+def test_an_interface_that_is_up_is_accepted(interface, details):
+    interface('0x1', details)
     check_link('can0', MEGABIT)
 
 
-def test_an_interface_without_bit_rate_is_accepted(interface):
-    interface.details.clear()
-    check_link('can0', MEGABIT)
-
-
-def test_a_missing_interface_is_named(interface):
-    with pytest.raises(BusError, match='no CAN interface can7'):
-        check_link('can7', MEGABIT)
-
-
-def test_an_interface_that_is_down_comes_with_the_command_to_raise_it(interface):
-    (interface.folder / 'flags').write_text('0x0\n')
-    with pytest.raises(BusError, match='sudo ip link set can0 up type can bitrate 1000000'):
-        check_link('can0', MEGABIT)
-
-
-def test_another_bit_rate_is_told_with_both_figures(interface):
-    interface.details['bittiming'] = {'bitrate': 500_000}
-    with pytest.raises(BusError, match='500000 bit/s, not at 1000000 bit/s'):
-        check_link('can0', MEGABIT)
-
-
-def test_a_controller_that_is_bus_off_is_rejected(interface):
-    interface.details['state'] = 'BUS-OFF'
-    with pytest.raises(BusError, match='BUS-OFF'):
-        check_link('can0', MEGABIT)
+@pytest.mark.parametrize(('channel', 'flags', 'change', 'message'), [
+    ('can7', '0x1', {}, 'no CAN interface can7'),
+    ('can0', '0x0', {}, 'sudo ip link set can0 up type can bitrate 1000000'),
+    ('can0', '0x1', {'bittiming': {'bitrate': 500_000}}, '500000 bit/s, not at 1000000 bit/s'),
+    ('can0', '0x1', {'state': 'BUS-OFF'}, 'BUS-OFF')])
+def test_an_interface_that_will_not_do_is_named_with_the_reason(
+        interface, channel, flags, change, message):
+    interface(flags, GOOD | change)
+    with pytest.raises(BusError, match=message):
+        check_link(channel, MEGABIT)
 
 
 def test_a_bus_that_cannot_be_opened_is_a_bus_error():
@@ -226,16 +213,11 @@ def test_a_bus_that_cannot_be_opened_is_a_bus_error():
         open_bus(BusSettings(interface='no_such_kind'))
 
 
-def test_a_virtual_bus_opens():
-    bus = open_bus(BusSettings(interface='virtual', channel='opens'))
-    bus.shutdown()
-
-
 # --- its load
 
-def test_a_frame_of_eight_bytes_has_at_most_135_bits():
-    assert frame_bits(8) == 135
-    assert frame_bits(0) == 55
+@pytest.mark.parametrize(('length', 'bits'), [(8, 135), (0, 55)])
+def test_the_longest_frame_has_its_stuff_bits(length, bits):
+    assert frame_bits(length) == bits
 
 
 @pytest.mark.parametrize(('rate', 'percent'), [(100, 16), (200, 31)])

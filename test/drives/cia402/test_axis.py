@@ -54,17 +54,27 @@ def test_a_drive_that_is_still_on_its_way_is_waited_for():
     assert watched.advance(feedback_in(State.READY_TO_SWITCH_ON), now=0.9)
 
 
-def test_a_drive_that_takes_too_long_is_named_with_its_state():
-    watched = stepper(axis.power_on(CSP)[1])
-    with pytest.raises(DriveTimeoutError, match=r'q2 did not get ready.*switch on disabled'):
-        watched.advance(feedback_in(State.SWITCH_ON_DISABLED), now=1.1)
+@pytest.mark.parametrize(('step', 'feedback', 'message'), [
+    (axis.power_on(CSP)[1], feedback_in(State.SWITCH_ON_DISABLED),
+     'q2 did not get ready.*switch on disabled'),
+    (axis.power_on(CSP)[0], feedback_in(State.SWITCH_ON_DISABLED, Mode.HOMING),
+     'in mode 6 instead of 8'),
+    (axis.COME_TO_REST, feedback_in(State.OPERATION_ENABLED, at_rest=False), 'still moving')])
+def test_a_drive_that_takes_too_long_is_named_with_what_is_lacking(step, feedback, message):
+    watched = stepper(step)
+    assert not watched.advance(feedback, now=0.9)
+    with pytest.raises(DriveTimeoutError, match=message):
+        watched.advance(feedback, now=1.1)
 
 
-def test_a_drive_in_another_mode_is_named_with_both_modes():
-    watched = stepper(axis.power_on(CSP)[0])
-    assert not watched.advance(feedback_in(State.SWITCH_ON_DISABLED, Mode.HOMING), now=0.5)
-    with pytest.raises(DriveTimeoutError, match='in mode 6 instead of 8'):
-        watched.advance(feedback_in(State.SWITCH_ON_DISABLED, Mode.HOMING), now=1.1)
+@pytest.mark.parametrize(('feedback', 'error', 'message'), [
+    *((feedback_in(state, error_code=0x8611), DriveFaultError, r'q2 .*following error.*8611h')
+      for state in sorted(axis.FAULT_STATES, key=str)),
+    (feedback_in(State.FAULT), DriveFaultError, 'the drive sent no error code'),
+    (Feedback(0x0025), DriveStateError, 'q2: statusword 0x0025')])
+def test_a_drive_in_fault_or_in_no_state_is_named_with_what_it_says(feedback, error, message):
+    with pytest.raises(error, match=message):
+        stepper(axis.FOLLOW).advance(feedback, now=0.0)
 
 
 def test_a_drive_that_falls_back_is_not_waited_for_again():
@@ -72,31 +82,6 @@ def test_a_drive_that_falls_back_is_not_waited_for_again():
     assert watched.advance(feedback_in(State.READY_TO_SWITCH_ON), now=0.1)
     with pytest.raises(DriveStateError, match='q2 should get ready to switch on, but went to'):
         watched.advance(feedback_in(State.SWITCH_ON_DISABLED), now=0.2)
-
-
-@pytest.mark.parametrize('state', sorted(axis.FAULT_STATES, key=str))
-def test_a_fault_comes_with_its_error_code(state):
-    watched = stepper(axis.FOLLOW)
-    with pytest.raises(DriveFaultError, match=r'q2 .*following error.*8611h'):
-        watched.advance(feedback_in(state, error_code=0x8611), now=0.0)
-
-
-def test_a_fault_without_error_code_says_so():
-    with pytest.raises(DriveFaultError, match='the drive sent no error code'):
-        stepper(axis.FOLLOW).advance(feedback_in(State.FAULT), now=0.0)
-
-
-def test_a_statusword_of_no_state_names_the_axis():
-    with pytest.raises(DriveStateError, match=r'q2: statusword 0x0025'):
-        stepper(axis.FOLLOW).advance(Feedback(0x0025), now=0.0)
-
-
-def test_a_moving_carriage_has_not_come_to_rest():
-    watched = stepper(axis.COME_TO_REST)
-    moving = feedback_in(State.OPERATION_ENABLED, at_rest=False)
-    assert not watched.advance(moving, now=0.5)
-    with pytest.raises(DriveTimeoutError, match='still moving'):
-        watched.advance(moving, now=1.1)
 
 
 @pytest.mark.parametrize('mode', [CSP, Mode.HOMING])

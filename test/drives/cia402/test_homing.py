@@ -24,12 +24,44 @@ def run(homing: AxisHoming, statuswords, home_error: float = 0.0, period: float 
         for number, word in enumerate(statuswords)]
 
 
-@pytest.mark.parametrize('method', [17, 35, 37])
-def test_success_at_another_position_than_the_home_position_is_a_failure(method):
+LATE, ELSEWHERE, BROKEN = (
+    (DriveTimeoutError, 'q1: homing took longer than 1 s'),
+    (DriveFaultError, r'q1: homing ended \+0.1 m from the configured'),
+    (DriveFaultError, r'q1: homing failed.*2027h'))
+
+
+@pytest.mark.parametrize(('method', 'words', 'started'), [
+    # bit 4 rises until the drive reports success
+    (17, [IDLE, IDLE, UNDER_WAY, UNDER_WAY, SUCCESS, SUCCESS], 3),
+    # what is left over from an earlier homing is given time to go
+    (17, [SUCCESS, SUCCESS, SUCCESS, UNDER_WAY, SUCCESS], 3),
+    (17, [FAILED, *[FAILED] * (SETTLING_CYCLES - 1), UNDER_WAY, SUCCESS], SETTLING_CYCLES),
+    # without motion it may be over before anybody sees the bit clear
+    (35, [SUCCESS] * (SETTLING_CYCLES + 2), SETTLING_CYCLES),
+    (37, [SUCCESS] * (SETTLING_CYCLES + 2), SETTLING_CYCLES),
+])
+def test_success_that_is_new_ends_homing(method, words, started):
     homing = AxisHoming('q1', timeout=1.0, method=method)
-    homing.watch(Feedback(IDLE))
-    with pytest.raises(DriveFaultError, match=r'q1: homing ended \+0.1 m from the configured'):
-        run(homing, [UNDER_WAY] + [SUCCESS] * (SETTLING_CYCLES + 1), home_error=0.1)
+    homing.watch(Feedback(words[0]))
+    assert run(homing, words[1:]) == [START] * started + [0] * (len(words) - 1 - started)
+    assert homing.homed
+
+
+@pytest.mark.parametrize(('method', 'words', 'home_error', 'failure'), [
+    *((method, [IDLE, UNDER_WAY] + [SUCCESS] * 200, 0.1, ELSEWHERE) for method in (17, 35, 37)),
+    (17, [SUCCESS] * 200, 0.0, LATE),  # the old one, which is never taken back
+    (37, [SUCCESS] * 200, 0.1, LATE),
+    *((17, [IDLE, UNDER_WAY] + [0x0027 | half] * 200, 0.0, LATE)
+      for half in (Status.HOMING_ATTAINED, Status.TARGET_REACHED)),
+    (17, [FAILED] * 200, 0.0, BROKEN),
+    (17, [IDLE, UNDER_WAY] + [SUCCESS | FAILED] * 200, 0.0, (DriveFaultError, 'homing failed')),
+])
+def test_anything_else_fails_with_the_reason(method, words, home_error, failure):
+    homing = AxisHoming('q1', timeout=1.0, method=method)
+    homing.watch(Feedback(words[0]))
+    error, message = failure
+    with pytest.raises(error, match=message):
+        run(homing, words[1:], home_error)
     assert not homing.homed
 
 
@@ -39,72 +71,6 @@ def test_a_position_that_follows_the_success_a_cycle_later_is_waited_for():
     run(homing, [UNDER_WAY, SUCCESS], home_error=0.1)
     assert run(homing, [SUCCESS]) == [0]
     assert homing.homed
-
-
-def test_homing_raises_bit_4_until_the_drive_reports_success():
-    homing = AxisHoming('q1', timeout=1.0)
-    homing.watch(Feedback(IDLE))
-    assert run(homing, [IDLE, UNDER_WAY, UNDER_WAY, SUCCESS, SUCCESS]) == [
-        START, START, START, 0, 0]
-    assert homing.homed
-
-
-def test_success_left_over_from_an_earlier_homing_does_not_count():
-    homing = AxisHoming('q1', timeout=1.0)
-    homing.watch(Feedback(SUCCESS))
-    assert run(homing, [SUCCESS, SUCCESS, UNDER_WAY]) == [START] * 3
-    assert not homing.homed
-    assert homing.advance(Feedback(SUCCESS), 0.1) == 0
-    assert homing.homed
-
-
-def test_a_drive_that_never_takes_the_old_success_back_runs_into_the_time_out():
-    homing = AxisHoming('q1', timeout=0.5)
-    homing.watch(Feedback(SUCCESS))
-    homing.advance(Feedback(SUCCESS), 0.0)
-    with pytest.raises(DriveTimeoutError, match='q1: homing took longer than 0.5 s'):
-        homing.advance(Feedback(SUCCESS), 0.6)
-
-
-@pytest.mark.parametrize('method', [35, 37])
-def test_a_method_without_motion_may_be_over_before_anybody_sees_the_bit_clear(method):
-    homing = AxisHoming('q1', timeout=1.0, method=method)
-    homing.watch(Feedback(SUCCESS))
-    for cycle in range(SETTLING_CYCLES):
-        assert homing.advance(Feedback(SUCCESS), 0.01 * cycle) == START
-    assert homing.advance(Feedback(SUCCESS), 0.1) == 0
-    assert homing.homed
-
-
-def test_a_method_without_motion_is_not_over_while_the_position_is_another():
-    homing = AxisHoming('q1', timeout=0.5, method=37)
-    homing.watch(Feedback(SUCCESS))
-    with pytest.raises(DriveTimeoutError):
-        run(homing, [SUCCESS] * 100, home_error=0.1)
-
-
-@pytest.mark.parametrize('word', [
-    0x0027 | Status.HOMING_ATTAINED, 0x0027 | Status.TARGET_REACHED, SUCCESS | FAILED])
-def test_half_a_success_is_none(word):
-    homing = AxisHoming('q1', timeout=1.0)
-    homing.watch(Feedback(IDLE))
-    homing.advance(Feedback(UNDER_WAY), 0.0)
-    homing.advance(Feedback(word), 0.01)
-    assert not homing.homed
-
-
-def test_an_error_left_over_from_an_earlier_homing_is_given_time_to_go():
-    homing = AxisHoming('q1', timeout=1.0)
-    homing.watch(Feedback(FAILED))
-    run(homing, [FAILED] * (SETTLING_CYCLES - 1) + [UNDER_WAY, SUCCESS])
-    assert homing.homed
-
-
-def test_a_homing_error_is_told_with_the_statusword():
-    homing = AxisHoming('q1', timeout=1.0)
-    homing.watch(Feedback(IDLE))
-    with pytest.raises(DriveFaultError, match=r'q1: homing failed.*2027h'):
-        run(homing, [FAILED] * (SETTLING_CYCLES + 2))
 
 
 def test_axes_of_one_rank_home_together_and_lower_ranks_first():

@@ -77,36 +77,29 @@ def drive():
     return Objects()
 
 
-def test_objects_are_written_in_order_and_read_back(drive):
-    writes = [Write(0x6065, 0, 17280), Write(0x607D, 1, -5), Write(0x6080, 0, 2**32 - 1)]
-    assert write_objects(drive, writes) == []
+def test_objects_are_written_in_order_and_read_back_those_that_are_optional_where_they_are(drive):
+    drive.rejected[0x60C5, 0] = ABSENT
+    assert write_objects(drive, [
+        Write(0x6065, 0, 17280), Write(0x60C5, 0, 1, required=False), Write(0x607D, 1, -5),
+        Write(0x6080, 0, 2**32 - 1)]) == ['q2 has no object 60C5h:00, which is optional']
     assert drive.written == [(0x6065, 0), (0x607D, 1), (0x6080, 0)]
     assert struct.unpack('<i', drive.values[0x607D, 1]) == (-5,)
 
 
-def test_an_object_that_reads_back_otherwise_is_named_with_both_values(drive):
-    drive.kept[0x6065, 0] = (100).to_bytes(4, 'little')
-    with pytest.raises(DriveObjectError, match=r'q2 .*6065h:00 reads back as 100 .*17280'):
-        write_objects(drive, [Write(0x6065, 0, 17280)])
-
-
-def test_an_optional_object_that_the_drive_lacks_is_skipped_and_told(drive):
-    drive.rejected[0x60C5, 0] = ABSENT
-    notes = write_objects(drive, [Write(0x60C5, 0, 1, required=False), Write(0x6065, 0, 1)])
-    assert notes == ['q2 has no object 60C5h:00, which is optional']
-    assert (0x6065, 0) in drive.values
-
-
-def test_a_required_object_that_the_drive_lacks_is_rejected_by_name(drive):
-    drive.rejected[0x6065, 0] = ABSENT
-    with pytest.raises(DriveObjectError, match='6065h:00'):
-        write_objects(drive, [Write(0x6065, 0, 1)])
-
-
-def test_an_optional_object_that_is_rejected_for_another_reason_is_not_skipped(drive):
-    drive.rejected[0x60C5, 0] = READ_ONLY
-    with pytest.raises(DriveObjectError, match='60C5h:00'):
-        write_objects(drive, [Write(0x60C5, 0, 1, required=False)])
+@pytest.mark.parametrize(('write', 'state', 'error', 'message'), [
+    (Write(0x6065, 0, 17280), {'kept': {(0x6065, 0): b'd\0\0\0'}}, DriveObjectError,
+     'q2 .*6065h:00 reads back as 100 .*17280'),
+    (Write(0x6065, 0, 1), {'rejected': {(0x6065, 0): ABSENT}}, DriveObjectError, '6065h:00'),
+    (Write(0x60C5, 0, 1, required=False), {'rejected': {(0x60C5, 0): READ_ONLY}},
+     DriveObjectError, '60C5h:00'),
+    (Write(0x6065, 0, 1), {'silent': True}, DriveTimeoutError, 'does not answer'),
+    (Write(0x6060, 0, 300, size=1), {}, DriveObjectError, '300 does not fit into the 1 bytes'),
+])
+def test_an_object_that_is_not_as_it_was_written_is_named(drive, write, state, error, message):
+    vars(drive).update(state)
+    with pytest.raises(error, match=message):
+        write_objects(drive, [write])
+    assert drive.written == [(0x6065, 0)] * ('kept' in state)
 
 
 def test_an_object_that_cannot_be_written_is_accepted_where_its_value_is_right(drive):
@@ -142,18 +135,6 @@ def test_a_constant_mapping_is_accepted_where_it_is_right(drive):
     drive.values[0x1A01, 1] = (0x60640020).to_bytes(4, 'little')
     with pytest.raises(DriveObjectError, match='1A01h:01 reads back as'):
         write_objects(drive, pdo_writes(2, 100))
-
-
-def test_a_silent_drive_is_a_time_out(drive):
-    drive.silent = True
-    with pytest.raises(DriveTimeoutError):
-        write_objects(drive, [Write(0x6065, 0, 1)])
-
-
-def test_a_value_that_does_not_fit_is_rejected_before_it_is_sent(drive):
-    with pytest.raises(DriveObjectError, match='300 does not fit into the 1 bytes'):
-        write_objects(drive, [Write(0x6060, 0, 300, size=1)])
-    assert drive.written == []
 
 
 def test_the_size_of_an_unknown_object_is_the_drives(drive):
@@ -247,15 +228,6 @@ def test_each_pdo_is_off_while_its_mapping_is_written():
     assert [off[pdo.communication_index] for pdo in PDO_MAP] == [False] * 4
 
 
-def test_the_pdo_map_is_written_to_a_drive_and_read_back(drive):
-    writes = pdo_writes(2, 100)
-    write_objects(drive, writes)
-    verify_objects(drive, writes)
-    drive.values[0x1A00, 2] = (0x60640020).to_bytes(4, 'little')
-    with pytest.raises(DriveObjectError, match='1A00h:02'):
-        verify_objects(drive, writes)
-
-
 # --- units
 
 @pytest.mark.parametrize(('objects', 'words'), [
@@ -313,35 +285,22 @@ def test_of_the_identity_only_the_vendor_must_be_there(drive):
         read_identity(drive)
 
 
-def test_the_configured_drive_is_accepted():
-    check_identity('q2', GENUINE, AXIS, SERIALS)
+@pytest.mark.parametrize('axis', [AXIS, AxisSettings(node_id=2)])
+def test_the_configured_drive_is_accepted_and_any_where_nothing_is_configured(axis):
+    check_identity('q2', GENUINE, axis, SERIALS)
 
 
-def test_any_drive_is_accepted_where_nothing_is_configured():
-    check_identity('q2', GENUINE, AxisSettings(node_id=2), {})
-
-
-@pytest.mark.parametrize('field', ['vendor_id', 'product_code', 'serial_number'])
-def test_a_wrong_identity_is_named_with_both_numbers(field):
-    wrong = GENUINE._replace(**{field: 999})
-    with pytest.raises(DriveIdentityError, match=rf'q2 \(node 2\): {field} = 999 .*another drive'):
-        check_identity('q2', wrong, AXIS, SERIALS)
-
-
-def test_swapped_axes_are_told_as_such():
-    with pytest.raises(DriveIdentityError, match='the drive of q3, the axes are swapped'):
-        check_identity('q2', GENUINE._replace(serial_number=333), AXIS, SERIALS)
-
-
-def test_a_drive_without_a_serial_number_is_no_other_axis():
-    """Axes whose number is configured 0, which accepts any, are nobody's twin."""
-    with pytest.raises(DriveIdentityError, match='serial_number = 0 .* 222: it has none'):
-        check_identity('q2', GENUINE._replace(serial_number=0), AXIS, {222: 'q2', 0: 'q3'})
-
-
-def test_a_device_that_is_no_drive_is_rejected():
-    with pytest.raises(DriveIdentityError, match='device type 401 is not 402'):
-        check_identity('q2', GENUINE._replace(device_type=401), AXIS, SERIALS)
+@pytest.mark.parametrize(('change', 'message'), [
+    *(({field: 999}, rf'q2 \(node 2\): {field} = 999 .*another drive')
+      for field in ('vendor_id', 'product_code', 'serial_number')),
+    ({'serial_number': 333}, 'the drive of q3, the axes are swapped'),
+    # an axis whose number is configured 0, which accepts any, is nobody's twin
+    ({'serial_number': 0}, 'serial_number = 0 .* 222: it has none'),
+    ({'device_type': 401}, 'device type 401 is not 402'),
+])
+def test_another_identity_is_named_with_what_differs(change, message):
+    with pytest.raises(DriveIdentityError, match=message):
+        check_identity('q2', GENUINE._replace(**change), AXIS, {**SERIALS, 0: 'q1'})
 
 
 # --- settings
