@@ -1,5 +1,6 @@
 from collections import deque
 from dataclasses import replace
+from functools import partial
 import itertools
 
 from hypothesis import given, settings
@@ -86,9 +87,7 @@ def switched_off(**details) -> Drives:
 
 
 def running() -> Drives:
-    drives = switched_off()
-    drives.group.enable(drives.now)
-    drives.until(Phase.RUNNING)
+    drives = on_the_way_to(Phase.RUNNING)
     drives.cycle()
     return drives
 
@@ -100,18 +99,11 @@ def halted() -> Drives:
     return drives
 
 
-def holding() -> Drives:
-    drives = switched_off()
-    drives.group.enable(drives.now)
-    drives.until(Phase.HOLDING)
-    return drives
-
-
-def enabling() -> Drives:
+def on_the_way_to(phase: Phase) -> Drives:
     drives = switched_off()
     drives.group.enable(drives.now)
     drives.cycle(3)
-    assert drives.group.phase is Phase.ENABLING
+    drives.until(phase)
     return drives
 
 
@@ -134,7 +126,8 @@ def homing(ranks=(1, 1, 1)) -> Drives:
 
 
 SITUATIONS = {
-    'off': switched_off, 'enabling': enabling, 'holding': holding, 'running': running,
+    'off': switched_off, 'enabling': partial(on_the_way_to, Phase.ENABLING),
+    'holding': partial(on_the_way_to, Phase.HOLDING), 'running': running,
     'ramping': ramping, 'halted': halted, 'homing': homing,
 }
 situations = pytest.mark.parametrize('situation', SITUATIONS)
@@ -152,7 +145,7 @@ def test_no_drive_is_enabled_before_all_are_switched_on():
 
 
 def test_the_drives_hold_before_they_follow():
-    drives = holding()
+    drives = on_the_way_to(Phase.HOLDING)
     before = len(drives.history)
     drives.until(Phase.RUNNING)
     assert len(drives.history) - before >= 20

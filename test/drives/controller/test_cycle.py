@@ -5,6 +5,7 @@ import pytest
 from facade_manipulator.drives.controller.cycle import (
     ANSWERS_DUE,
     COMMANDS_DUE,
+    CycleClock,
     FIRST_ANSWER_DUE,
     LATE_WINDOW,
     LATENESS_BOUNDS,
@@ -60,23 +61,42 @@ def test_the_loop_sends_sync_once_a_period():
     assert clock.statistics.skipped == 0
 
 
-def test_the_step_comes_with_the_last_answer_or_when_there_is_no_more_time():
-    clock = producer()
-    clock.begin(0.0, 0.0)
-    assert not step_due(clock, 0.1 * T, answers=2)
-    assert clock.next_event == ANSWERS_DUE * T
-    assert not step_due(clock, 0.6 * T)
-    assert step_due(clock, ANSWERS_DUE * T)
-    assert step_due(clock, 0.6 * T, answers=1, all_read=False)
+@pytest.mark.parametrize('make', [producer, consumer])
+@pytest.mark.parametrize('end', [None, lambda clock: clock.finish(0.1 * T), CycleClock.stop],
+                         ids=['before the first SYNC', 'done', 'stopped'])
+def test_no_step_is_due_without_a_sync_nor_twice_nor_when_stopped(make, end):
+    clock = make()
+    if end is not None:
+        clock.begin(0.0, 0.0)
+        end(clock)
+    assert not step_due(clock, 9 * T, answers=ALL)
+    assert sync_due(clock, 9 * T) is (end is not CycleClock.stop)
 
 
-def test_when_nobody_answers_this_computer_is_taken_to_be_late():
-    clock = producer()
+@pytest.mark.parametrize(('make', 'times'), [
+    (producer, [(0.1, 2, False), (ANSWERS_DUE - 0.01, 0, False), (ANSWERS_DUE, 0, True)]),
+    (producer, [(0.1, 2, False), (0.6, 1, True)]),
+    (consumer, [(ANSWERS_DUE - 0.01, 2, False), (ANSWERS_DUE, 0, True)]),
+    # nobody answers: this computer is late, not all drives dead
+    (producer, [(FIRST_ANSWER_DUE - 0.1, 0, False), (FIRST_ANSWER_DUE, 0, True)]),
+    (consumer, [(ANSWERS_DUE, 0, True)]),
+    # after a late first answer the others are given time to follow
+    (producer, [(2.0, 1, False), (1.99 + OTHERS_DUE, 0, False), (2.01 + OTHERS_DUE, 0, True)]),
+])
+def test_the_step_comes_with_the_last_answer_or_when_there_is_no_more_time(make, times):
+    clock = make()
     clock.begin(0.0, 0.0)
-    assert not step_due(clock, 2.9 * T)
-    assert not sync_due(clock, 2.9 * T)
-    assert clock.next_event == FIRST_ANSWER_DUE * T
-    assert step_due(clock, FIRST_ANSWER_DUE * T)
+    for share, answers, is_due in times:
+        assert step_due(clock, share * T, answers) is is_due
+
+
+def test_what_is_due_waits_a_little_longer_while_frames_wait_to_be_read():
+    clock = consumer()
+    assert not sync_due(clock, 2 * T, all_read=False)
+    assert sync_due(clock, SYNC_MISSING * T, all_read=False)
+    clock.receive(0.0, 0.0)
+    assert not step_due(clock, ANSWERS_DUE * T, all_read=False)
+    assert step_due(clock, COMMANDS_DUE * T, all_read=False)
 
 
 def test_a_late_step_waits_for_the_frames_that_came_before_it_was_due():
@@ -96,26 +116,6 @@ def test_frames_that_come_faster_than_they_are_read_delay_a_step_for_a_period_at
         assert clock.may_wait(now=sent + 5.9 * T, time=sent + 0.5 * T)
         assert not clock.may_wait(now=sent + 6.1 * T, time=sent + 0.5 * T)
         clock.finish(sent + 6.1 * T)
-
-
-def test_after_a_late_first_answer_the_others_are_given_time_to_follow():
-    clock = producer()
-    clock.begin(0.0, 0.0)
-    assert not step_due(clock, 2.0 * T, answers=1)
-    assert clock.next_event == pytest.approx((2.0 + OTHERS_DUE) * T)
-    assert step_due(clock, (2.01 + OTHERS_DUE) * T, answers=1)
-
-
-def test_no_step_is_due_before_the_first_sync():
-    for clock in (producer(), consumer()):
-        assert not step_due(clock, 5 * T, answers=ALL)
-
-
-def test_no_step_is_due_twice():
-    for clock in (producer(), consumer()):
-        clock.begin(0.0, 0.0)
-        clock.finish(0.1 * T)
-        assert not step_due(clock, 5 * T, answers=ALL)
 
 
 def test_late_commands_go_out_and_delay_the_next_sync():
@@ -168,13 +168,16 @@ def test_syncs_of_the_kernel_without_commands_are_those_that_the_drives_have_hel
     assert held == [0, 2, 0]
 
 
-@pytest.mark.parametrize(('share', 'in_time'), [(0.1, True), (0.79, True), (0.81, False)])
-def test_commands_later_than_four_fifths_of_the_period_are_late(share, in_time):
-    clock = consumer()
-    clock.receive(T, 0.0)
-    assert clock.finish((1 + share) * T) is in_time
-    assert clock.statistics.late == (not in_time)
-    assert clock.late_in_a_row == (not in_time)
+@given(st.lists(st.floats(0.0, 0.99), min_size=1, max_size=20))
+def test_commands_later_than_four_fifths_of_the_period_are_late_until_one_is_in_time(shares):
+    clock, row = consumer(), 0
+    for number, share in enumerate(shares, start=1):
+        clock.receive(T * number, 0.0)
+        age = T * (number + share) - T * number
+        assert clock.finish(T * (number + share)) is (age <= COMMANDS_DUE * T)
+        row = 0 if age <= COMMANDS_DUE * T else row + 1
+        assert clock.late_in_a_row == row
+    assert clock.statistics.late >= row
 
 
 @pytest.mark.parametrize('late', [0, 1, ALL])
@@ -190,31 +193,6 @@ def test_answers_that_come_after_the_step_do_not_count_for_the_next_one(late):
         assert clock.statistics.incomplete == 1
 
 
-def test_nothing_is_due_of_a_clock_that_was_stopped():
-    for clock in (producer(), consumer()):
-        clock.begin(0.0, 0.0)
-        clock.stop()
-        assert not step_due(clock, 9 * T, answers=ALL)
-        assert not sync_due(clock, 9 * T)
-
-
-def test_being_in_time_once_ends_the_row_of_late_cycles():
-    clock = consumer()
-    for number, share in enumerate((0.9, 0.9, 0.1), start=1):
-        clock.receive(T * number, 0.0)
-        clock.finish(T * (number + share))
-    assert clock.late_in_a_row == 0
-    assert clock.statistics.late == 2
-
-
-def test_answers_are_waited_for_a_little_longer_while_frames_wait_to_be_read():
-    clock = consumer()
-    clock.receive(0.0, 0.0)
-    assert step_due(clock, ANSWERS_DUE * T, answers=2)
-    assert not step_due(clock, ANSWERS_DUE * T, all_read=False)
-    assert step_due(clock, COMMANDS_DUE * T, all_read=False)
-
-
 def test_the_kernels_sync_is_replaced_when_it_is_overdue():
     clock = consumer()
     assert not sync_due(clock, T)
@@ -223,12 +201,6 @@ def test_the_kernels_sync_is_replaced_when_it_is_overdue():
     assert clock.overdue_in_a_row == clock.statistics.skipped == 1
     clock.receive(2 * T, 0.0)
     assert clock.overdue_in_a_row == 0
-
-
-def test_the_kernels_sync_is_not_overdue_while_frames_wait_to_be_read():
-    clock = consumer()
-    assert not sync_due(clock, 2 * T, all_read=False)
-    assert sync_due(clock, SYNC_MISSING * T, all_read=False)
 
 
 def test_a_sync_that_comes_too_early_is_somebody_elses():
