@@ -16,6 +16,8 @@ import tempfile
 import pytest
 
 SOURCE = Path(__file__).resolve().parents[2]
+# the package, the bus `loopback_can`, programs of tests
+PLACES = (SOURCE, SOURCE / 'test' / 'helpers', SOURCE / 'test' / 'processes')
 DOMAINS = range(1, 100)
 STOP_DEADLINE = 10.0
 _next_domain = itertools.count(os.getpid())
@@ -47,8 +49,8 @@ class Processes:
     def start(self, module: str, *args: str, **popen) -> subprocess.Popen:
         """Start ``python -m MODULE ARGS…``; its `log` is the path of what it says."""
         environment = {**os.environ, 'PYTHONUNBUFFERED': '1', **popen.pop('env', {})}
-        environment['PYTHONPATH'] = os.pathsep.join(
-            filter(None, [str(SOURCE), environment.get('PYTHONPATH')]))
+        environment['PYTHONPATH'] = os.pathsep.join(filter(None, (
+            *map(str, PLACES), environment.get('PYTHONPATH'))))
         output = open(self._folder / f'{module}_{len(self._started)}.log', 'w')
         process = subprocess.Popen(
             [sys.executable, '-m', module, *args], env=environment, cwd=self._folder,

@@ -20,25 +20,25 @@ NODES = (1, 2, 3)
 
 
 def test_sync_comes_at_its_period_from_the_kernel_and_keeps_it_while_a_stranger_talks(
-        active, listener):
+        active, watcher, vcan0):
     def talk():
         for _ in range(5):
-            listener.send(0x7A5, os.urandom(8))
+            watcher.send(0x7A5, os.urandom(8))
         time.sleep(0.005)
 
-    assert sync_period(listener) == pytest.approx(PERIOD, rel=0.1)
-    assert sync_period(listener, talk) == pytest.approx(PERIOD, rel=0.1)
+    assert sync_period(watcher) == pytest.approx(PERIOD, rel=0.1)
+    assert sync_period(watcher, talk) == pytest.approx(PERIOD, rel=0.1)
     assert active.driver_state() == 'active'
 
 
-def sync_period(listener, meanwhile=None):
-    listener.frames.clear()
-    wait_until(lambda: len(listener.of(SYNC_COB_ID)) >= 50, '50 SYNC frames', step=meanwhile)
-    return period_of([frame.time for frame in listener.of(SYNC_COB_ID)])
+def sync_period(watcher, meanwhile=None):
+    watcher.forget()
+    wait_until(lambda: len(watcher.of(SYNC_COB_ID)) >= 50, '50 SYNC frames', step=meanwhile)
+    return period_of([frame.timestamp for frame in watcher.of(SYNC_COB_ID)])
 
 
 def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
-        active, listener, start_process):
+        active, watcher, vcan0, start_process):
     manipulators = []
 
     def find_head():
@@ -51,7 +51,7 @@ def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
     targets = [AxisScale().to_counts(q) for q in inverse_kinematics(Geometry(), goal)]
 
     def commanded(node):
-        return [struct.unpack_from('<Hbi', frame.data)[2] for frame in listener.of(
+        return [struct.unpack_from('<Hbi', frame.data)[2] for frame in watcher.of(
             rpdo_cob_id(1, node))]
 
     def arrived():

@@ -1,21 +1,24 @@
-"""Fixtures: a vcan0 that is up, such as ``vcan.py`` provides, and the stack's processes on it."""
+"""Fixtures: the stack's processes on a bus of the kernel's, or on this machine's loopback."""
 
 from __future__ import annotations
 
+import itertools
 import os
 from pathlib import Path
 
-from link import IFF_UP
-from listener import Listener
+from link import IFF_UP, set_flags
 from own_processes import free_domain
 import pytest
 import rclpy
-from stack import bring_up, CHANNEL, come_down, PATIENCE, Stack, start_drives
+from stack import bring_up, come_down, PATIENCE, Stack, start_drives
 from vcan import MISSING
+from watcher import Watcher
 
+from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.ros.client import ManipulatorClient
 
 FLAGS = Path('/sys/class/net/vcan0/flags')
+_numbers = itertools.count()
 
 
 @pytest.fixture(scope='session')
@@ -42,28 +45,40 @@ def vcan0(request, stack) -> str:
     assert int(FLAGS.read_text(), 16) & IFF_UP, 'vcan0 is down: sudo ip link set vcan0 up'
     if 'driver' not in request.fixturenames:
         stack.end()  # the test has drives of its own
-    return CHANNEL
+    return 'vcan0'
 
 
 @pytest.fixture
-def listener(vcan0):
-    """Listen to all frames."""
-    made = Listener(vcan0)
+def bus(request, stack) -> BusSettings:
+    """Give the kernel's bus to who asks for `vcan0`, to others one between processes."""
+    if 'vcan0' in request.fixturenames:
+        return BusSettings('socketcan', request.getfixturevalue('vcan0'))
+    shared = 'driver' in request.fixturenames
+    return BusSettings(
+        'loopback', stack.channel if shared else f'bus-{os.getpid()}-{next(_numbers)}')
+
+
+@pytest.fixture
+def watcher(bus):
+    """Hear all frames."""
+    made = Watcher(bus)
     yield made
+    if bus.interface == 'socketcan':
+        set_flags(bus.channel, IFF_UP)
     made.close()
 
 
 @pytest.fixture
-def drives(vcan0, start_process):
+def drives(bus, start_process):
     """Start three simulated drives."""
-    return start_drives(start_process)
+    return start_drives(start_process, bus)
 
 
 @pytest.fixture
-def driver(vcan0, stack, ros_domain, request):
+def driver(bus, stack, ros_domain, request):
     """Give a driver, patient with a busy computer unless the test says otherwise."""
     marker = request.node.get_closest_marker('driver')
-    process = stack.get(marker.args if marker else PATIENCE)
+    process = stack.get(bus, marker.args if marker else PATIENCE)
     yield process
     print(process.log.read_text())
 
@@ -72,9 +87,11 @@ def driver(vcan0, stack, ros_domain, request):
 def client(ros_domain):
     """Give an operator's client."""
     rclpy.init(domain_id=ros_domain)
-    with ManipulatorClient() as made:
-        yield made
-    rclpy.try_shutdown()
+    try:
+        with ManipulatorClient() as made:
+            yield made
+    finally:
+        rclpy.try_shutdown()
 
 
 @pytest.fixture

@@ -1,19 +1,17 @@
-"""`commission jog` as a process on vcan0: killed, stopped or cut off, the carriage stops."""
+"""`commission jog` as a process of its own: killed, stopped or cut off, the carriage stops."""
 
 from __future__ import annotations
 
 import os
 import signal
 import subprocess
-import sys
 import time
 
 from commission_rig import CommissionRig
 from link import clear_flags, IFF_UP, set_flags
+from own_processes import end_process
 import pytest
 from support import patiently, wait_until
-
-from facade_manipulator.drives.canopen import BusSettings
 
 STOP_TIME = 0.16  # s
 MODULE = 'facade_manipulator.tools.commissioning'
@@ -21,8 +19,9 @@ END = 20.0
 
 
 @pytest.fixture
-def rig(vcan0, tmp_path):
-    made = CommissionRig(tmp_path, bus=BusSettings('socketcan', vcan0)).configured()
+def rig(bus, tmp_path, start_process):
+    made = CommissionRig(tmp_path, bus=bus).configured()
+    made.start_process = start_process
     yield made
     made.close()
 
@@ -31,10 +30,9 @@ class Jogger:
     """A process that jogs q1 while a key is written into it."""
 
     def __init__(self, rig: CommissionRig) -> None:
-        self.process = subprocess.Popen(
-            [sys.executable, '-m', MODULE,
-             *rig.command('jog', 'q1', '--links', 'uncoupled', '--speed', '20')],
-            stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        self.process = rig.start_process(
+            MODULE, *rig.command('jog', 'q1', '--links', 'uncoupled', '--speed', '20'),
+            stdin=subprocess.PIPE)
         wait_until(lambda: self.press() or rig.moves(), 'motion', END, lambda: time.sleep(0.02))
 
     def press(self) -> None:
@@ -43,7 +41,8 @@ class Jogger:
     def end(self) -> None:
         self.process.send_signal(signal.SIGCONT)
         self.process.kill()
-        self.process.communicate(timeout=END)
+        self.process.stdin.close()
+        end_process(self.process)
 
 
 def stop_time(rig, act) -> float:
@@ -74,7 +73,7 @@ def test_the_carriage_stops_whatever_ends_the_process(rig, number):
     patiently(stops_in_time, rig.power_cut)
 
 
-def test_the_carriage_stops_when_the_bus_is_pulled(rig, vcan0):
+def test_the_carriage_stops_when_the_bus_is_pulled(vcan0, rig):
     def stops_in_time():
         try:
             elapsed = stop_time(rig, lambda process: clear_flags(vcan0, IFF_UP))

@@ -1,4 +1,4 @@
-"""The stack on vcan0, each part a process of its own: parameters, and an operator's ways."""
+"""The stack, each part a process of its own: parameters, and an operator's ways."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ import re
 import subprocess
 
 from own_processes import Processes
-from support import patiently, wait_until
+from support import DEADLINE, patiently, wait_until
 
+from facade_manipulator.drives.canopen import BusSettings
+from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.client import ManipulatorClient, RequestRejectedError
 
-CHANNEL = 'vcan0'
 # all processes share the guest's one CPU
 RATE = 50  # Hz
 PERIOD = 1.0 / RATE
 DRIVER = (
-    '-p', 'bus.interface:=socketcan', '-p', f'bus.channel:={CHANNEL}',
-    '-p', 'controller.realtime_priority:=60', '-p', 'joint_states_rate:=10.0',
-    '-p', f'controller.rate:={RATE}', '-p', 'limits.speed:=0.4',
-    '-p', 'q1.home_position:=-0.1', '-p', 'q2.home_position:=0.1', '-p', 'q3.home_position:=0.0',
-)
+    'controller.realtime_priority:=60', 'joint_states_rate:=10.0', f'controller.rate:={RATE}',
+    'limits.speed:=0.4', 'q1.home_position:=-0.1', 'q2.home_position:=0.1',
+    'q3.home_position:=0.0')
 # what a busy computer does to the cycle must fail no test that is not about it
 PATIENCE = ('controller.max_missed_cycles:=10', 'controller.heartbeat_timeout:=0.5')
 
@@ -45,17 +44,21 @@ as_drives, as_driver = promptly(50), promptly(40)  # the control loop itself: 60
 Start = Callable[..., subprocess.Popen]
 
 
-def start_drives(start: Start) -> subprocess.Popen:
+def start_drives(start: Start, bus: BusSettings) -> subprocess.Popen:
     """Start three simulated drives."""
-    return begun(start('facade_manipulator.lab.drives', '--channel', CHANNEL,
-                       preexec_fn=as_drives), 'nodes 1, 2, 3')
+    return begun(start('facade_manipulator.lab.drives', '--interface', bus.interface, '--channel',
+                       bus.channel, preexec_fn=as_drives), 'nodes 1, 2, 3')
 
 
-def start_driver(start: Start, parameters: tuple[str, ...]) -> subprocess.Popen:
+def start_driver(
+    start: Start, bus: BusSettings, parameters: tuple[str, ...],
+    module: str = 'facade_manipulator.nodes.driver',
+) -> subprocess.Popen:
     """Start the driver."""
+    values = (f'bus.interface:={bus.interface}', f'bus.channel:={bus.channel}', *DRIVER,
+              *parameters)
     return begun(start(
-        'facade_manipulator.nodes.driver', '--ros-args', *DRIVER,
-        *(word for parameter in parameters for word in ('-p', parameter)),
+        module, '--ros-args', *(word for value in values for word in ('-p', value)),
         preexec_fn=as_driver), 'ready')
 
 
@@ -82,20 +85,22 @@ class Stack:
 
     def __init__(self, domain: int, folders) -> None:
         self.domain = domain
+        self.channel = f'stack-{domain}'
         self._folders = folders
-        self._parameters: tuple[str, ...] = ()
+        self._details: tuple = ()
         self._processes: Processes | None = None
         self._driver: subprocess.Popen | None = None
 
-    def get(self, parameters: tuple[str, ...]) -> subprocess.Popen:
+    def get(self, bus: BusSettings, parameters: tuple[str, ...]) -> subprocess.Popen:
         """Return a driver with these parameters; another one where none lives."""
-        if self._driver and self._driver.poll() is None and self._parameters == parameters:
+        details = bus, parameters
+        if self._driver and self._driver.poll() is None and self._details == details:
             return self._driver
         self.end()
-        self._parameters = parameters
+        self._details = details
         self._processes = Processes(self._folders.mktemp('stack'))
-        start_drives(self._processes.start)
-        self._driver = start_driver(self._processes.start, parameters)
+        start_drives(self._processes.start, bus)
+        self._driver = start_driver(self._processes.start, bus, parameters)
         return self._driver
 
     def end(self) -> None:
@@ -131,6 +136,21 @@ def come_down(client: ManipulatorClient) -> None:
             return state == 'unconfigured'
         return False
     client.wait_until(is_down, 'the driver to be unconfigured', 30.0)
+
+
+def is_enabled(watcher) -> bool:
+    return watcher.states() == [State.OPERATION_ENABLED] * 3
+
+
+def make_sure_of_power(client: ManipulatorClient, watcher) -> None:
+    """Wait for three enabled drives; bring them up again if this computer was too busy."""
+    patiently(lambda: wait_until_enabled(watcher, 2.0),
+              lambda: (come_down(client), bring_up(client)), tries=2)
+
+
+def wait_until_enabled(watcher, deadline: float = DEADLINE) -> None:
+    wait_until(lambda: is_enabled(watcher) and watcher.first(0x77F, 0.0),
+               'three enabled drives and a heartbeat of their master', deadline)
 
 
 def assert_says(client: ManipulatorClient, component: str, pattern: str) -> None:

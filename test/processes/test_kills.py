@@ -1,0 +1,136 @@
+"""
+What becomes of the drives when processes of the driver are killed, frozen or hang.
+
+The tests share a driver as long as it lives: those that end it come last.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import re
+import signal
+import struct
+import time
+
+from frames import decode_rpdo1, decode_tpdo1
+import pytest
+from stack import bring_up, go_on, make_sure_of_power, start_driver
+from support import children, wait_until
+from watcher import NODES, Watcher
+
+from facade_manipulator.drives.cia402.states import Controlword, decode_state, State
+from facade_manipulator.drives.controller.settings import ControllerSettings
+
+HEARTBEAT_TIMEOUT = 0.15
+QUICK_STOP_WITHIN = 0.16
+RAMP_WITHIN = 3.0
+
+
+def misses_heartbeat(data: bytes) -> bool:
+    return data[:2] == b'\x30\x81'
+
+
+def stops(data: bytes) -> bool:
+    return decode_rpdo1(data).controlword == Controlword.QUICK_STOP
+
+
+def is_off(data: bytes) -> bool:
+    return decode_state(decode_tpdo1(data).statusword) is State.SWITCH_ON_DISABLED
+
+
+def enables(data: bytes) -> bool:
+    return decode_rpdo1(data).controlword & 0x0F == Controlword.ENABLE_OPERATION
+
+
+def assert_drives_stopped_by_themselves(watcher: Watcher, since: float) -> None:
+    """Check how long after the master's last heartbeat each drive has said that it misses it."""
+    times = wait_until(lambda: all_of(
+        watcher.first(0x080 + node, since, misses_heartbeat) for node in NODES), 'the drives')
+    last = watcher.last(0x77F, min(times))
+    pause = watcher.pause(last, max(times))
+    print(f'quick stop {1e3 * (max(times) - since):.0f} ms after the signal, '
+          f'{1e3 * (max(times) - last):.1f} ms after the last heartbeat; '
+          f'the machine stood still for {1e3 * pause:.1f} ms of it')
+    assert HEARTBEAT_TIMEOUT <= max(times) - last <= QUICK_STOP_WITHIN + pause
+
+
+def all_of(times) -> list[float] | None:
+    found = list(times)
+    return None if None in found else found
+
+
+@pytest.mark.driver()
+def test_a_frozen_loop_is_missed_in_time_and_enables_nothing_when_it_thaws(
+        active, driver, watcher, vcan0):
+    """Meanwhile the kernel goes on to send SYNC."""
+    make_sure_of_power(active, watcher)
+    loop, = children(driver.pid)
+    begin = time.time()
+    os.kill(loop, signal.SIGSTOP)
+    try:
+        assert_drives_stopped_by_themselves(watcher, begin)
+        wait_until(lambda: watcher.states() == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
+        wait_until(lambda: time.time() > begin + 2.0 * HEARTBEAT_TIMEOUT, 'a long pause')
+    finally:
+        thawed = time.time()
+        os.kill(loop, signal.SIGCONT)
+    active.wait_until(lambda: active.driver_state() == 'inactive', 'inactive', 20.0)
+    assert all_of(watcher.first(0x200 + node, thawed, stops) for node in NODES)
+    assert [watcher.first(0x200 + node, thawed, enables) for node in NODES] == [None] * 3
+    assert watcher.states() == [State.QUICK_STOP_ACTIVE] * 3
+    assert 'the control loop stood still' in active.clear_faults()
+    go_on(active)
+
+
+def assert_ramped_down_and_off(watcher: Watcher, since: float, within: float) -> None:
+    """Check that the drives lost power on the loop's commands, without a quick stop."""
+    off = wait_until(lambda: all_of(
+        watcher.first(0x180 + node, since, is_off) for node in NODES), 'power off')
+    print(f'power off {1e3 * (max(off) - since):.0f} ms after the node was gone')
+    assert max(off) - since <= within + watcher.pause(since, max(off))
+    assert [watcher.first(0x200 + node, since, stops) for node in NODES] == [None] * 3
+    assert [watcher.first(0x080 + node, since) for node in NODES] == [None] * 3
+    assert watcher.commands.complaints == []
+
+
+def test_a_killed_node_leaves_a_loop_that_ramps_down_and_powers_off(active, driver, watcher):
+    make_sure_of_power(active, watcher)
+    loop, = children(driver.pid)
+    begin = time.time()
+    os.kill(driver.pid, signal.SIGKILL)
+    assert_ramped_down_and_off(watcher, begin, RAMP_WITHIN)
+    wait_until(lambda: not Path(f'/proc/{loop}').exists(), 'the end of the loop')
+
+
+@pytest.mark.driver()
+def test_a_driver_that_is_killed_with_its_loop_is_missed_by_every_drive_in_time(
+        active, driver, watcher):
+    make_sure_of_power(active, watcher)
+    begin = time.time()
+    for pid in (*children(driver.pid), driver.pid):
+        os.kill(pid, signal.SIGKILL)
+    assert_drives_stopped_by_themselves(watcher, begin)
+    wait_until(lambda: states_by_sdo(watcher) == [State.QUICK_STOP_ACTIVE] * 3, 'quick stop')
+
+
+def states_by_sdo(watcher: Watcher) -> list[State]:
+    """Ask the drives for their statuswords: nobody sends SYNC any more."""
+    for node in NODES:
+        watcher.send(0x600 + node, struct.pack('<BHB4x', 0x40, 0x6041, 0))
+    answers = [watcher.of(0x580 + node)[-1:] for node in NODES]
+    return [decode_state(struct.unpack_from('<H', bytes(found[0].data), 4)[0])
+            for found in answers if found]
+
+
+def test_a_node_that_hangs_leaves_a_loop_that_ramps_down_and_powers_off(
+        bus, drives, start_process, client, watcher):
+    process = start_driver(start_process, bus, (), 'hanging_driver')
+    bring_up(client)
+    make_sure_of_power(client, watcher)
+    os.kill(process.pid, signal.SIGUSR1)
+    hung = float(wait_until(
+        lambda: re.search(r'hung at ([\d.]+)\n', process.log.read_text()), 'the hanging')[1])
+    assert_ramped_down_and_off(
+        watcher, hung, ControllerSettings().watchdog_timeout + RAMP_WITHIN)
+    process.kill()  # it would receive nothing else

@@ -1,0 +1,86 @@
+"""An independent listener: a python-can bus of its own, whose frames the kernel stamps."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from contextlib import suppress
+
+import can
+from command_watch import CommandWatch
+from frames import decode_tpdo1
+from stack import PERIOD
+from support import hear_much
+
+from facade_manipulator.drives.canopen import BusSettings
+from facade_manipulator.drives.canopen.pdo import tpdo_cob_id
+from facade_manipulator.drives.cia402 import DEFAULT_AXES
+from facade_manipulator.drives.cia402.states import decode_state, State
+
+NODES = (1, 2, 3)
+PULSE, PULSE_PERIOD = 0x7F1, 0.005  # s; no drive listens to it
+
+
+class Watcher:
+    """Hears all frames but its own, and judges the commands among them."""
+
+    def __init__(self, bus: BusSettings) -> None:
+        self._bus = can.Bus(interface=bus.interface, channel=bus.channel)
+        if bus.interface == 'socketcan':
+            hear_much(self._bus.socket)
+        self._pulse = can.Bus(interface=bus.interface, channel=bus.channel)
+        self._pulse.send_periodic(
+            can.Message(arbitration_id=PULSE, is_extended_id=False), PULSE_PERIOD)
+        self._frames: dict[int, list[can.Message]] = defaultdict(list)
+        self.commands = CommandWatch(DEFAULT_AXES, PERIOD)
+
+    def read(self) -> None:
+        """Take what has come."""
+        with suppress(can.CanOperationError):  # told once when the interface went down
+            while (message := self._bus.recv(0.0)) is not None:
+                if not message.is_remote_frame:
+                    self._frames[message.arbitration_id].append(message)
+                    self.commands.take([message])
+
+    def of(self, cob_id: int) -> list[can.Message]:
+        """Return the frames of one COB-ID so far."""
+        self.read()
+        return self._frames[cob_id]
+
+    def forget(self) -> None:
+        """Keep nothing of what has come so far."""
+        self.read()
+        self._frames.clear()
+
+    def send(self, cob_id: int, data: bytes) -> None:
+        """Send a frame, which it does not hear itself."""
+        self._bus.send(can.Message(arbitration_id=cob_id, data=data, is_extended_id=False))
+
+    def first(
+        self, cob_id: int, since: float, wanted: Callable[[bytes], bool] = lambda data: True,
+    ) -> float | None:
+        """Return when a frame of a COB-ID first came since then, None if none did."""
+        return next((frame.timestamp for frame in self.of(cob_id)
+                     if frame.timestamp >= since and wanted(bytes(frame.data))), None)
+
+    def last(self, cob_id: int, until: float) -> float:
+        """Return when a frame of a COB-ID last came until then."""
+        return max(frame.timestamp for frame in self.of(cob_id) if frame.timestamp <= until)
+
+    def pause(self, begin: float, end: float) -> float:
+        """Return for how long this machine as a whole did nothing."""
+        pulses = [frame.timestamp for frame in self.of(PULSE)
+                  if begin - PULSE_PERIOD <= frame.timestamp <= end + PULSE_PERIOD]
+        steps = [after - before for before, after in zip(pulses, pulses[1:], strict=False)]
+        return max(steps) - PULSE_PERIOD
+
+    def states(self) -> list[State | None]:
+        """Return the drives' states by their newest TPDO1."""
+        newest = [self.of(tpdo_cob_id(1, node))[-1:] for node in NODES]
+        return [decode_state(decode_tpdo1(bytes(found[0].data)).statusword) if found else None
+                for found in newest]
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._pulse.shutdown()
+        self._bus.shutdown()
