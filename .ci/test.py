@@ -1,14 +1,13 @@
 """
 Run all tests and end with the totals; --check runs the quick ones that need no clock, bus or ROS.
 
-The pure ones run on every processor, beside what colcon makes of the package, and give way to the
-others: those for which the clock counts, two at a time because they mostly wait, then those of
-test/socketcan where there is a vcan0. Other arguments go to pytest.
+All parts run beside each other. The pure ones, on every processor, and what colcon makes of the
+package give way to those for which the clock counts: these run two at a time, because they mostly
+wait, and beside them, where there is a vcan0, those that need it. Other arguments go to pytest.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import suppress
 import os
 from pathlib import Path
@@ -20,42 +19,37 @@ import time
 from typing import NamedTuple
 import xml.etree.ElementTree as ElementTree
 
-TOP = Path(__file__).resolve().parents[1]
 INTERRUPTED, NOTHING_SELECTED = 2, 5  # exit statuses of pytest
 LEAST_URGENT = 19  # SCHED_IDLE would wait for strangers as well
 ON_EVERY_PROCESSOR = ('--numprocesses=auto', '--dist=worksteal')
-sys.path.insert(0, str(TOP / 'test' / 'socketcan'))
+PYTEST = (sys.executable, '-m', 'pytest')
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # for there is a process for each processor
-
-import guest  # noqa: E402
-import vcan  # noqa: E402
-
-
-def on_the_host(command: list[str]) -> tuple[str, int]:
-    """Run a command as it is; return where that was and its exit status."""
-    return 'this machine', vcan.call(command)
-
-
-def on_a_vcan(command: list[str]) -> tuple[str, int]:
-    """Run a command beside a vcan0; a guest that failed counts as a failed command."""
-    try:
-        return vcan.run(command)
-    except guest.GuestError as error:
-        print(f'guest: {error}', file=sys.stderr)
-        return f'user-mode Linux, which failed: {str(error).splitlines()[0]}', 1
 
 
 class Part(NamedTuple):
-    """Tests that run in one place."""
+    """Tests that run in one place; those that are not urgent give way to the others."""
 
     name: str
-    where: Callable[[list[str]], tuple[str, int]]
     selection: tuple[str, ...]
-    program: tuple[str, ...] = (sys.executable, '-m', 'pytest')
+    program: tuple[str, ...] = PYTEST
+    is_urgent: bool = False
 
     def command(self, report: Path, arguments: list[str]) -> list[str]:
         """Return what runs them; of two -m pytest takes the last."""
         return [*self.program, f'--junitxml={report}', *arguments, *self.selection]
+
+
+CHECK = Part('quick tests', (
+    'test', '-m', 'not realtime and not long and not simulated', '--hypothesis-profile=quick',
+    *ON_EVERY_PROCESSOR))
+BESIDE = (
+    Part('pure tests', ('test', '-m', 'not realtime', *ON_EVERY_PROCESSOR)),
+    Part('tests in a colcon workspace', (), ('.ci/colcon',)),
+    Part('tests of SocketCAN', ('test/processes', '-m', 'vcan'),
+         (sys.executable, 'test/socketcan/vcan.py', '--silence', '180', '--', *PYTEST),
+         is_urgent=True))
+REALTIME = Part('real-time tests', (
+    'test', '-m', 'realtime and not vcan', '--numprocesses=2', '--dist=worksteal'))
 
 
 class Result(NamedTuple):
@@ -66,81 +60,56 @@ class Result(NamedTuple):
     tried: list[str]
 
 
-PURE = Part('pure tests', on_the_host, (
-    'test', '-m', 'not realtime', *ON_EVERY_PROCESSOR))
-CHECK = Part('quick tests', on_the_host, (
-    'test', '-m', 'not realtime and not long and not simulated', '--hypothesis-profile=quick',
-    *ON_EVERY_PROCESSOR))
-BESIDE = (PURE, Part('tests in a colcon workspace', on_the_host, (), ('.ci/colcon',)))
-IN_TURN = (
-    Part('real-time tests', on_the_host, (
-        'test', '--ignore=test/socketcan', '-m', 'realtime', '--numprocesses=2',
-        '--dist=worksteal')),
-    Part('tests of SocketCAN', on_a_vcan, ('test/socketcan',)),
-)
-
-
-def run(part: Part, folder: Path, arguments: list[str]) -> Result:
-    """Run a part and wait for it."""
-    report, start = folder / f'{part.name}.xml', time.monotonic()
-    place, status = part.where(part.command(report, arguments))
-    return result(part, status, report, f'in {time.monotonic() - start:.0f} s ({place})')
-
-
-def result(part: Part, status: int, report: Path, circumstances: str) -> Result:
-    """Sum up a part."""
-    line = f'{part.name}: {totals(report)} {circumstances}'
-    return Result(status, line, second_tries(report))
-
-
-def run_all(folder: Path, arguments: list[str]) -> list[Result]:
-    """Run every part whatever the others say."""
-    print(*(part.name for part in BESIDE), sep=', ', end=' run beside the others\n', flush=True)
-    started = [Background(part, folder, arguments) for part in BESIDE]
-    results = []
-    try:
-        for part in IN_TURN:
-            results.append(run(part, folder, arguments))
-            if results[-1].status == INTERRUPTED:
-                break
-        needed = results[-1].status != INTERRUPTED
-        return [part.finish(needed) for part in started] + results
-    finally:
-        for part in started:
-            part.end()
-
-
 def give_way() -> None:
     """Leave the processors to others, also where Linux shares them by session."""
-    os.setsid()
     os.nice(LEAST_URGENT)
     with suppress(OSError):  # no such sharing here
         Path('/proc/self/autogroup').write_text(str(LEAST_URGENT))
 
 
-class Background:
-    """A part that leaves the processors to the others, and says at its end what it has to say."""
+class Run:
+    """A part that runs: in front, or in a session with a log of its own."""
 
-    def __init__(self, part: Part, folder: Path, arguments: list[str]) -> None:
-        self._part = part
+    def __init__(self, part: Part, folder: Path, arguments: list[str], in_front: bool) -> None:
+        self._part, self._begin = part, time.monotonic()
         self._report, self._log = (folder / f'{part.name}.{ending}' for ending in ('xml', 'log'))
         with open(self._log, 'w') as log:
             self._process = subprocess.Popen(
-                part.command(self._report, arguments), stdout=log, stderr=subprocess.STDOUT,
-                preexec_fn=give_way)
+                part.command(self._report, arguments), start_new_session=not in_front,
+                stdout=None if in_front else log, stderr=None if in_front else subprocess.STDOUT,
+                preexec_fn=None if in_front or part.is_urgent else give_way)
 
-    def finish(self, is_needed: bool) -> Result:
-        """Wait for its end, or end it, and show what it said."""
-        if not is_needed:
-            self.end()
-        status = self._process.wait()
-        print(f'\n--- {self._part.name}', self._log.read_text(), sep='\n')
-        return result(self._part, status, self._report, 'beside the others (this machine)')
+    def finish(self) -> Result:
+        """Wait for its end and show what it said; what Ctrl-C means is pytest's affair."""
+        previous = signal.signal(signal.SIGINT, lambda *_: None)
+        try:
+            status = self._process.wait()
+        finally:
+            signal.signal(signal.SIGINT, previous)
+        if said := self._log.read_text():
+            print(f'\n--- {self._part.name}', said, sep='\n')
+        line = f'{self._part.name}: {totals(self._report)}, ' \
+            f'after {time.monotonic() - self._begin:.0f} s'
+        return Result(status, line, second_tries(self._report))
 
     def end(self) -> None:
         """End it and all that it has started: Ctrl-C does not reach a session of its own."""
         if self._process.poll() is None:
             os.killpg(self._process.pid, signal.SIGTERM)
+
+
+def run_all(folder: Path, arguments: list[str]) -> list[Result]:
+    """Run every part whatever the others say."""
+    print(*(part.name for part in BESIDE), sep=', ', end=' run beside the others\n', flush=True)
+    started = [Run(part, folder, arguments, False) for part in BESIDE]
+    try:
+        first = Run(REALTIME, folder, arguments, True).finish()
+        if first.status == INTERRUPTED:
+            return [first]
+        return [first, *(run.finish() for run in started)]
+    finally:
+        for run in started:
+            run.end()
 
 
 def totals(report: Path) -> str:
@@ -174,7 +143,8 @@ def main(arguments: list[str]) -> int:
     good = (0, NOTHING_SELECTED) if arguments else (0,)  # arguments may select tests
     with tempfile.TemporaryDirectory(dir=sys.prefix) as name:
         folder = Path(name)
-        results = [run(CHECK, folder, arguments)] if only_check else run_all(folder, arguments)
+        results = ([Run(CHECK, folder, arguments, True).finish()] if only_check
+                   else run_all(folder, arguments))
     tried = [test for part in results for test in part.tried]
     print('', *(part.line for part in results), count(tried), sep='\n')
     return 0 if all(part.status in good for part in results) else 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 import gc
 import os
 import signal
@@ -14,9 +15,10 @@ import pytest
 from simulated_time import SimulatedTime
 from support import DEADLINE, second_tries, wait_until
 
-WAITING_FIXTURES = {'ros_domain', 'vcan0', 'guest'}
+WAITING_FIXTURES = {'ros_domain', 'bus', 'vcan0', 'guest'}
 SIMULATED = {'simulated_time', 'shared_time'}
 WAITING_NAMES = {'wait_until', 'threading', 'time'}
+LIMIT = 60.0  # s, of a real-time test, and of what its fixtures do before it and after it
 
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's would be inherited by every process tested
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -28,6 +30,47 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
 settings.register_profile('quick', settings.get_profile('project'), max_examples=25)
 settings.load_profile('project')
+
+
+class HangingTestError(BaseException):
+    """A test took too long: nothing that it calls catches this, `patiently` neither."""
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_setup(item):
+    """End what hangs before a test."""
+    with limited(item):
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """End a test that hangs."""
+    with limited(item):
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item):
+    """End what hangs after a test."""
+    with limited(item):
+        return (yield)
+
+
+@contextmanager
+def limited(item):
+    """Raise an error in a real-time test, where it waits, after `LIMIT`."""
+    def end(*_):
+        raise HangingTestError(f'{item.name} takes over {LIMIT:g} s; it waits in the last line')
+
+    before = signal.signal(signal.SIGALRM, end)
+    if item.get_closest_marker('realtime') and not item.get_closest_marker('long'):
+        signal.setitimer(signal.ITIMER_REAL, LIMIT)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 @pytest.fixture(autouse=True)
@@ -163,6 +206,8 @@ def pytest_collection_modifyitems(items):
     """Mark the tests for which a clock counts, by what they use or their file imports."""
     for item in items:
         needed = {*item.fixturenames}
+        if 'vcan0' in needed:
+            item.add_marker('vcan')
         if SIMULATED & needed:
             item.add_marker('simulated')
         elif WAITING_FIXTURES & needed or WAITING_NAMES & {*vars(item.module)}:

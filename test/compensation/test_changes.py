@@ -58,6 +58,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('part', DEFAULTS._fields)
 def test_a_change_of_any_part_moves_the_head_without_a_jump(part):
     course = Course().run(8.0)

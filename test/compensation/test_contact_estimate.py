@@ -88,6 +88,7 @@ def test_the_force_from_the_drives_is_true_to_a_newton_and_a_half_on_a_smooth_pa
     assert errors.std() < 1.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('friction', [
     FrictionSettings(), replace(FRICTION, efficiency=1.0)])
 def test_without_friction_or_efficiency_it_is_worse(friction):

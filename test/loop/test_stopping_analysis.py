@@ -88,6 +88,7 @@ def test_the_loop_itself_rejects_such_a_setup():
         ).stopping(LIMITS)
 
 
+@pytest.mark.long
 def test_the_command_prints_the_analysis_of_a_file(tmp_path, capsys):
     assert main([]) == 0
     printed = capsys.readouterr().out
@@ -147,6 +148,7 @@ def test_the_power_may_go_when_all_carriages_stand():
     assert needed < sto_delay(found, LAG) < needed + 0.02
 
 
+@pytest.mark.long
 def test_less_friction_makes_the_emergency_stop_of_category_0_worse(capsys):
     def worst(coasting):
         assert main(['--coasting', coasting]) == 0

@@ -101,6 +101,7 @@ def test_no_sine_is_amplified(frequency, amplitude):
     assert run.rms(10.0)[0] < math.hypot(amplitude / math.sqrt(2.0), floor)
 
 
+@pytest.mark.long
 def test_at_rest_less_than_half_of_the_noise_is_passed_on():
     assert (Run(still, 40.0).rms(2.0) < 0.5 * NOISE).all()
     assert (Run(still, 40.0).rms(20.0) < 0.2 * NOISE).all()
@@ -240,6 +241,7 @@ def test_gaps_and_outliers_do_little_harm(spoil, bound):
     assert (run.rms(20.0) < bound * NOISE).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('seed', range(3))
 def test_a_gap_leaves_what_was_learnt_as_it_was(seed):
     run = Run(sines(BREEZE), 34.0, seed=seed, spoil=lambda time, values, _: (
@@ -248,6 +250,7 @@ def test_a_gap_leaves_what_was_learnt_as_it_was(seed):
     assert (run.rms(30.85)[1:] < 0.8 * NOISE).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('motion', [still, sines(BREEZE)])
 @pytest.mark.parametrize('step', [0.02, 0.05])
 def test_a_step_of_the_estimator_moves_the_prediction_alone(motion, step):
@@ -262,6 +265,7 @@ def test_a_step_of_the_estimator_moves_the_prediction_alone(motion, step):
     assert np.abs(run.errors[after] - smooth.errors[after]).max() < 4.0 * NOISE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('duration', [0.03, 0.06, 0.1, 0.2])
 @pytest.mark.parametrize('glitch', [0.03, -0.2])
 def test_estimates_that_lie_for_a_moment_move_nothing(duration, glitch):
@@ -278,6 +282,7 @@ def test_an_estimator_that_steps_back_has_stepped_again():
     assert np.abs(struck.errors[1040:] - smooth.errors[1040:]).max() < 4.0 * NOISE
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('noise', 'bound'), [(0.0, 1.5), (NOISE, 2.5)])
 def test_a_sway_that_begins_after_rest_is_not_exaggerated(noise, bound):
     """At rest, above all without noise, weights mean nothing: they must not count later."""
@@ -288,6 +293,7 @@ def test_a_sway_that_begins_after_rest_is_not_exaggerated(noise, bound):
     assert (run.rms(50.0) < NOISE).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('published', [2e-4, 5e-3])
 def test_a_wrong_variance_does_no_great_harm(published):
     assert (Run(gusts(1), 60.0, published=published).rms(20.0) < 1.1 * NOISE).all()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-import re
 import time
 
 from drive_rig import at_rest, moving, Rig, SETTINGS
@@ -18,13 +17,14 @@ from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import BusError
 
-PERIOD = SETTINGS.period
+# Hz: the threads share the guest's one processor
+SLOW = replace(SETTINGS, rate=25, reopen_after=0.3)
+PERIOD = SLOW.period
 
 
 @pytest.fixture
 def rig(vcan0):
-    settings = replace(SETTINGS, reopen_after=0.3)
-    made = Rig(vcan0, interface='socketcan', settings=settings)
+    made = Rig(vcan0, interface='socketcan', settings=SLOW)
     hear_much(made.listener.socket)
     yield made
     set_flags(vcan0, IFF_UP)
@@ -65,12 +65,6 @@ def test_sync_falls_silent_with_the_controller(rig):
     while (left := end - time.monotonic()) > 0.0:
         heard = rig.listener.recv(left)
         assert heard is None or not is_sync(heard)
-
-
-def test_drives_that_do_not_answer_are_named(rig):
-    rig.simulator.stop()
-    assert re.search('q[123]', rig.rejection('configure'))
-    assert rig.state is ControllerState.UNCONFIGURED
 
 
 def test_an_interface_that_is_not_there_or_down_is_said(vcan0):

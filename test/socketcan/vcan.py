@@ -9,6 +9,7 @@ is a failure where CI=true.
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import math
 import os
@@ -29,29 +30,26 @@ PROBE_TIMEOUT = 20.0
 MISSING = 'FACADE_MANIPULATOR_NO_VCAN'
 
 
-def run(
-    command: list[str], timeout: float = guest.TIMEOUT, silence: float = guest.SILENCE
-) -> tuple[str, int]:
+def run(command: list[str], silence: float = math.inf) -> tuple[str, int]:
     """
     Run a command beside a vcan0; return where that was and its exit status.
 
-    A guest that takes longer than `timeout` or says nothing for longer than `silence` [s] is an
-    error.
+    A guest that says nothing for longer than `silence` [s] is an error.
 
     """
     for namespace in NAMESPACES if shutil.which('unshare') else ():
         if _succeeds([*namespace, *INSIDE, 'true']):
             return 'a network namespace', call([*namespace, *INSIDE, *command])
     if INTERFACE.exists():
-        return 'vcan0 of this machine', call(command)
+        return 'this machine, which has a vcan0', call(command)
     try:
-        kernel, status = guest.run_in_guest(command, timeout, silence)
+        kernel, status = guest.run_in_guest(command, silence)
         return f'user-mode Linux {kernel}', status
     except guest.GuestUnavailableError as error:
         reason = f'the kernel has no vcan and user-mode Linux cannot be had: {error}'
     print(f'\n!!! NO SOCKETCAN TESTS: {reason}\n', flush=True)
     status = call(command, {**os.environ, MISSING: reason.partition('\n')[0]})
-    return 'no vcan', status or int(os.environ.get('CI') == 'true')
+    return 'this machine, without a vcan', status or int(os.environ.get('CI') == 'true')
 
 
 def call(command: list[str], environment: dict[str, str] | None = None) -> int:
@@ -83,10 +81,15 @@ def main() -> int:
     """Run the command of the command line."""
     if sys.argv[1:2] == ['--inside']:
         _run_inside(sys.argv[2:])
+    options, command = argparse.ArgumentParser(description=__doc__), sys.argv.index('--')
+    options.add_argument('--silence', type=float, default=math.inf, help='longest of a guest [s]')
     try:
-        return run(sys.argv[sys.argv.index('--') + 1:], math.inf, math.inf)[1]
+        place, status = run(
+            sys.argv[command + 1:], options.parse_args(sys.argv[1:command]).silence)
     except guest.GuestError as error:
         sys.exit(f'guest: {error}')
+    print(f'this ran in {place}')
+    return status
 
 
 if __name__ == '__main__':

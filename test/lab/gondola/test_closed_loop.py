@@ -68,6 +68,7 @@ def test_without_compensation_nothing_is_attenuated():
         assert axis['attenuation_db'] == pytest.approx(0.0, abs=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('event', ['disable', 'tare', 'lost'])
 def test_no_transition_makes_the_head_jump(event):
     silence = {'silent_from': 10.0, 'silent_for': 3.0} if event == 'lost' else {}

@@ -121,6 +121,7 @@ def pressed(facade, settings=SETTINGS):
         lambda _: ZERO_POSE, Facade(replace(facade, present=True, distance=0.23)), settings)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('stiffness', [300.0, 5e3, 1e5])
 def test_a_locked_head_presses_it_away_until_force_and_suspension_are_equal(stiffness):
     settings = replace(SETTINGS, damping_ratio=0.3, rail_height=0.0)
@@ -133,6 +134,7 @@ def test_a_locked_head_presses_it_away_until_force_and_suspension_are_equal(stif
     assert hang * -gondola.at(59.99).y == pytest.approx(-wrench.fy, rel=0.01)
 
 
+@pytest.mark.long
 def test_a_stiff_contact_adds_no_energy():
     """A gondola held between wall and cables swings on as long as without the steps of time."""
     settings = replace(FREE, damping_ratio=0.0, rail_height=0.0, body_height=0.05,

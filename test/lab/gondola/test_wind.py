@@ -19,6 +19,7 @@ SETTINGS = WindSettings()
 SPECTRA = ('kaimal', 'von_karman')
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('spectrum', SPECTRA)
 @pytest.mark.parametrize('component', range(3))
 def test_the_gusts_have_the_variance_of_their_spectrum(spectrum, component):

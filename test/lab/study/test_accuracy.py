@@ -22,6 +22,7 @@ LONG = Geometry(link_errors=(1e-3, -2e-3), platform_errors=(2e-3, 0.0), rail_ang
                 tool=(0.01, 0.05, 0.1))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('geometry', 'y', 'theta'), [
     (DESIGN, 0.1, 0.03), (DESIGN, 0.25, -0.1), (DESIGN, 0.3, 0.05), (LONG, 0.3, 0.05)])
 def test_errors_are_those_of_many_machines(geometry, y, theta):

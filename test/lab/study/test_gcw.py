@@ -41,6 +41,7 @@ def brute_force(geometry, grid, threshold, characteristic_length):
                      int((reachable & beyond).sum()))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('geometry', [
     NO_GAP, Geometry(0.25, 0.45, (-0.5, 0.6), 0.01), Geometry(0.34, 0.36, carriage_gap=0.0),
     Geometry(0.15, 0.55, (-0.5, 0.5), 0.0), Geometry(0.4, 0.3, (-0.21, 0.5), 0.03)])

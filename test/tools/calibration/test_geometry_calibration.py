@@ -242,6 +242,7 @@ def test_a_dial_gauge_is_enough_for_what_it_shows(table, tmp_path):
     assert main(['geometry', str(only_y), '--noise', '0.001', '0.02']) == 1
 
 
+@pytest.mark.long
 def test_what_commissioning_found_is_kept_or_the_command_writes_nothing(
         table, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -325,6 +326,7 @@ def test_a_table_of_a_spreadsheet_with_decimal_commas_says_the_same(table, tmp_p
     assert targets[0].read_text() == targets[1].read_text()
 
 
+@pytest.mark.long
 def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, capsys):
     nowhere = tmp_path / 'none'
     for arguments, message in (

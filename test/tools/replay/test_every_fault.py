@@ -89,6 +89,7 @@ def as_replayed(fault):
     return lambda rig: getattr(rig.world.drives[fault.axis], fault.method)(*fault.arguments)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('name', FAULTS)
 def test_a_fault_of_a_drive_is_found_on_the_bus_and_stops_it_again_for_the_same_cause(name):
     cause, inject = FAULTS[name]
