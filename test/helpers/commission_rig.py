@@ -74,9 +74,13 @@ class CommissionRig:
         self.simulator = DriveSimulator(
             lambda: can.Bus(interface=bus.interface, channel=bus.channel), self.drives)
         self.simulator.start()
-        wait_until(lambda: all(
-            drive.nmt_state is not NmtState.INITIALISING or drive.node_id == 255
-            for drive in self.drives), 'drives that are on')
+        try:
+            wait_until(lambda: all(
+                drive.nmt_state is not NmtState.INITIALISING or drive.node_id == 255
+                for drive in self.drives), 'drives that are on')
+        except BaseException:
+            self.close()
+            raise
 
     def close(self) -> None:
         self.simulator.stop()

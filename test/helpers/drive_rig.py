@@ -80,9 +80,13 @@ class Rig:
         self.simulator = DriveSimulator(self._new_bus, self.drives)
         self.listener = self._new_bus()
         self.simulator.start()
-        wait_until(lambda: NmtState.INITIALISING not in {d.nmt_state for d in self.drives},
-                   'drives that are on')  # a boot-up while they are reset means: once more
-        self.controller = self._make_controller(settings, **checks)
+        try:  # a boot-up while they are reset means: once more
+            wait_until(lambda: NmtState.INITIALISING not in {d.nmt_state for d in self.drives},
+                       'drives that are on')
+            self.controller = self._make_controller(settings, **checks)
+        except BaseException:
+            self._leave()  # or its drives would answer in every test that follows
+            raise
 
     def _make_controller(self, settings: ControllerSettings, **checks) -> DriveController:
         return DriveController(Session(
@@ -101,6 +105,9 @@ class Rig:
     def close(self) -> None:
         with suppress(ManipulatorError):  # of what a test has done to its drives
             self.controller.close()
+        self._leave()
+
+    def _leave(self) -> None:
         self.simulator.stop()
         self.listener.shutdown()
 

@@ -6,8 +6,6 @@ import os
 from pathlib import Path
 import platform
 import signal
-import subprocess
-import sys
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from diagnostic_msgs.srv import SelfTest
@@ -15,6 +13,7 @@ from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 import pytest
 from qualities import LATCHED, LATEST, RELIABLE
+import rclpy
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
@@ -37,7 +36,6 @@ from facade_manipulator.ros.conversions import stamp
 from facade_manipulator.ros.diagnostics import DriverStatus
 
 HOME = (-0.1, 0.1, 0.0)
-PARTICIPANTS = Path(__file__).resolve().parents[1] / 'participants.py'
 SIMULATED = (
     Parameter('simulate_drives', value=True),
     Parameter('bus.interface', value='virtual'),
@@ -472,9 +470,14 @@ def test_the_loop_of_a_driver_that_is_killed_ramps_down_and_ends(active_driver):
 
 def test_participants_that_come_and_go_stop_nothing(active_driver):
     _, loop = active_driver
-    visitors = subprocess.run(
-        [sys.executable, PARTICIPANTS, '--visit', '--count', '4', '--pause', '0.2'], check=False)
-    assert visitors.returncode == 0
+    for number in range(4):
+        context = rclpy.Context()
+        context.init()
+        visitor = rclpy.create_node(f'visitor_{number}', context=context)
+        visitor.create_subscription(JointState, 'joint_states', lambda message: None, 10)
+        visitor.create_publisher(Bool, 'software_stop_of_nobody', 10)
+        visitor.destroy_node()
+        context.try_shutdown()
     with ManipulatorClient(node_name='onlooker') as client:
         assert client.driver_state() == 'active'
     assert Path(f'/proc/{loop}').exists()

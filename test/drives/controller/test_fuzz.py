@@ -7,7 +7,7 @@ import random
 import can
 from command_watch import COMMANDS, CommandWatch
 from fault_rig import AMPLITUDE, SITUATIONS, StreamRig
-from fuzz import anything, fuzz_setpoints, Fuzzer, OURS, RUNS, strange
+from fuzz import anything, fuzz, fuzz_setpoints, OURS, RUNS, strange
 import pytest
 
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
@@ -29,9 +29,8 @@ def rig(simulated_time, request):
     ('situation', 'make'), [run[:2] for run in RUNS],
     ids=[f'{run[0]}-{run[1].__name__}' for run in RUNS])
 def test_random_frames_raise_nothing_and_command_nothing_out_of_limits(
-        rig, situation, make):
-    verdict = Fuzzer(rig, situation, make, 4000.0).run(FRAMES)
-    assert verdict.frames == FRAMES
+        simulated_time, situation, make):
+    verdict = fuzz(situation, make, FRAMES)
     assert verdict.complaints == ()
     assert bool(verdict.stops) is (make is anything and situation != 'unconfigured')
     assert verdict.enabling > 0 or situation in ('unconfigured', 'inactive')
