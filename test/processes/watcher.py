@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
+import time
 
 import can
 from command_watch import CommandWatch
@@ -22,12 +23,16 @@ PULSE, PULSE_PERIOD = 0x7F1, 0.005  # s; no drive listens to it
 
 
 class Watcher:
-    """Hears all frames but its own, and judges the commands among them."""
+    """Hears what drives and master say, but not itself, and judges the commands."""
 
     def __init__(self, bus: BusSettings) -> None:
         self._bus = can.Bus(interface=bus.interface, channel=bus.channel)
         if bus.interface == 'socketcan':
             hear_much(self._bus.socket)
+        self._bus.set_filters([  # what a guest can read as fast as it comes
+            {'can_id': cob_id, 'can_mask': 0x7FF, 'extended': False}
+            for cob_id in (0x080, 0x77F, PULSE, *(
+                base + node for base in (0x080, 0x180, 0x200, 0x580) for node in NODES))])
         self._pulse = can.Bus(interface=bus.interface, channel=bus.channel)
         self._pulse.send_periodic(
             can.Message(arbitration_id=PULSE, is_extended_id=False), PULSE_PERIOD)
@@ -35,9 +40,11 @@ class Watcher:
         self.commands = CommandWatch(DEFAULT_AXES, PERIOD)
 
     def read(self) -> None:
-        """Take what has come."""
+        """Take what has come until now."""
+        now = stamp = time.time()
         with suppress(can.CanOperationError):  # told once when the interface went down
-            while (message := self._bus.recv(0.0)) is not None:
+            while stamp <= now and (message := self._bus.recv(0.0)) is not None:
+                stamp = message.timestamp
                 if not message.is_remote_frame:
                     self._frames[message.arbitration_id].append(message)
                     self.commands.take([message])
