@@ -37,6 +37,7 @@ from facade_manipulator.drives.canopen import pdo  # noqa: E402
 from facade_manipulator.drives.cia402.settings import AXIS_NAMES  # noqa: E402
 from facade_manipulator.drives.cia402.states import Controlword, Mode, Power, State  # noqa: E402
 from facade_manipulator.drives.controller.snapshot import ControllerState  # noqa: E402
+from facade_manipulator.lab.drives.drive import SimulatedDrive  # noqa: E402
 from facade_manipulator.motion.follower import Activity  # noqa: E402
 
 NODES = (1, 2, 3)
@@ -48,36 +49,19 @@ POWERLESS = {State.SWITCH_ON_DISABLED, State.FAULT, State.NOT_READY_TO_SWITCH_ON
 
 # --- what happens
 
-def _emergency(code: int) -> Callable[[StreamRig], None]:
+def _victim(act: Callable[[SimulatedDrive], object]) -> Callable[[StreamRig], None]:
     def inject(rig: StreamRig) -> None:
         with rig.simulator.access() as drives:
-            drives[VICTIM].inject_fault(code)
+            act(drives[VICTIM])
     return inject
 
 
-def _open_safe_torque_off(rig: StreamRig) -> None:
-    with rig.simulator.access() as drives:
-        drives[VICTIM].open_safe_torque_off()
+def _emergency(code: int) -> Callable[[StreamRig], None]:
+    return _victim(lambda drive: drive.inject_fault(code))
 
 
-def _lose_position(rig: StreamRig) -> None:
-    with rig.simulator.access() as drives:
-        drives[VICTIM].lose_position()
-
-
-def _silence(rig: StreamRig) -> None:
-    with rig.simulator.access() as drives:
-        drives[VICTIM].is_silent = True
-
-
-def _stop_heart(rig: StreamRig) -> None:
-    with rig.simulator.access() as drives:
-        drives[VICTIM].stop_heartbeat()
-
-
-def _reboot(rig: StreamRig) -> None:
-    with rig.simulator.access() as drives:
-        drives[VICTIM].reboot()
+def _silence(drive: SimulatedDrive) -> None:
+    drive.is_silent = True
 
 
 def _receive_no_rpdo(rig: StreamRig) -> None:
@@ -255,7 +239,7 @@ ROWS = {
     'position limit 8A82': Row(_emergency(0x8A82), 'software position limit'),
     'communication 8120': Row(_emergency(0x8120), 'error passive', 'check wiring'),
     'short PDO 8210': Row(_emergency(0x8210), 'wrong length', 'check wiring'),
-    'position lost 7380': _lost(_lose_position, 'position is lost'),
+    'position lost 7380': _lost(_victim(SimulatedDrive.lose_position), 'position is lost'),
     'encoder reversed 7392': _lost(_emergency(0x7392), 'counts against the motor'),
     'drive watchdog FF02': _lost(_emergency(0xFF02), 'watchdog of the drive'),
     'overcurrent 2310': Row(_emergency(0x2310), 'current is too high', 'remove the cause'),
@@ -264,13 +248,16 @@ ROWS = {
     'too hot 4210': Row(_emergency(0x4210), 'too hot', 'remove the cause'),
     'sensor 7320': Row(_emergency(0x7320), 'sensor reports an error', 'remove the cause'),
     'safe torque off 8A88': Row(
-        _open_safe_torque_off, 'safe torque off is open', 'remove the cause'),
+        _victim(SimulatedDrive.open_safe_torque_off), 'safe torque off is open',
+        'remove the cause'),
     'unknown code B123': Row(_emergency(0xB123), 'in no table', 'remove the cause'),
-    'TPDO missing': _node(_silence, 'did not answer'),
-    'heartbeat missing': _node(_stop_heart, 'sent no heartbeat', math.inf),
+    'TPDO missing': _node(_victim(_silence), 'did not answer'),
+    'heartbeat missing': _node(
+        _victim(SimulatedDrive.stop_heartbeat), 'sent no heartbeat', math.inf),
     'unexpected boot-up': _node(
-        _reboot, 'has restarted by itself', next_step='cleanup, configure, home',
-        recover=_configure_and_home_again, reply='q2 (node 2)',
+        _victim(SimulatedDrive.reboot), 'has restarted by itself',
+        next_step='cleanup, configure, home', reply='q2 (node 2)',
+        recover=_configure_and_home_again,
         stopped=_commanded_or_restarted),
     'bus-off': _bus(_bus_off, 'bus-off'),
     'link down': _bus(_link_down, ''),

@@ -76,17 +76,21 @@ class Rig:
         self.source = source or Source(settings.period)
         self.buses = []
         self.bus_is_missing = False
-        self.drives = drives or simulated_drives(axes)
-        self.simulator = DriveSimulator(self._new_bus, self.drives)
-        self.listener = self._new_bus()
-        self.simulator.start()
-        try:  # a boot-up while they are reset means: once more
-            wait_until(lambda: NmtState.INITIALISING not in {d.nmt_state for d in self.drives},
-                       'drives that are on')
+        self.drives = drives
+        try:
+            self._start_drives()
+            self.listener = self._new_bus()
             self.controller = self._make_controller(settings, **checks)
         except BaseException:
-            self._leave()  # or its drives would answer in every test that follows
+            self.simulator.stop()  # or its drives would answer in every test that follows
             raise
+
+    def _start_drives(self) -> None:
+        self.drives = self.drives or simulated_drives(self.axes)
+        self.simulator = DriveSimulator(self._new_bus, self.drives)
+        self.simulator.start()
+        wait_until(lambda: NmtState.INITIALISING not in {d.nmt_state for d in self.drives},
+                   'drives that are on')  # a boot-up while they are reset means: once more
 
     def _make_controller(self, settings: ControllerSettings, **checks) -> DriveController:
         return DriveController(Session(
@@ -105,9 +109,6 @@ class Rig:
     def close(self) -> None:
         with suppress(ManipulatorError):  # of what a test has done to its drives
             self.controller.close()
-        self._leave()
-
-    def _leave(self) -> None:
         self.simulator.stop()
         self.listener.shutdown()
 

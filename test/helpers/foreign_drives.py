@@ -156,7 +156,7 @@ class ForeignDrives:
             drive.watch()
         self._scheduler.add(LOOK_PERIOD, self._look)
 
-    def close(self) -> None:
+    def stop(self) -> None:
         """End the timers, leave the bus."""
         self._look = lambda: None
         for drive in self.drives:
