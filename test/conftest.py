@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from contextlib import nullcontext
 import gc
 import os
 import signal
@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, settings
 from own_processes import free_domain, Processes
 import pytest
 from simulated_time import SimulatedTime
-from support import DEADLINE, second_tries, wait_until
+from support import DEADLINE, limited, second_tries, wait_until
 
 WAITING_FIXTURES = {'ros_domain', 'bus', 'vcan0', 'guest'}
 SIMULATED = {'simulated_time', 'shared_time'}
@@ -32,45 +32,31 @@ settings.register_profile('quick', settings.get_profile('project'), max_examples
 settings.load_profile('project')
 
 
-class HangingTestError(BaseException):
-    """A test took too long: nothing that it calls catches this, `patiently` neither."""
-
-
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_setup(item):
     """End what hangs before a test."""
-    with limited(item):
+    with limits(item):
         return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item):
     """End a test that hangs."""
-    with limited(item):
+    with limits(item):
         return (yield)
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item):
     """End what hangs after a test."""
-    with limited(item):
+    with limits(item):
         return (yield)
 
 
-@contextmanager
-def limited(item):
-    """Raise an error in a real-time test, where it waits, after `LIMIT`."""
-    def end(*_):
-        raise HangingTestError(f'{item.name} takes over {LIMIT:g} s; it waits in the last line')
-
-    before = signal.signal(signal.SIGALRM, end)
-    if item.get_closest_marker('realtime') and not item.get_closest_marker('long'):
-        signal.setitimer(signal.ITIMER_REAL, LIMIT)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+def limits(item):
+    """Return the context in which a test of this kind, or what is before or after it, runs."""
+    has_a_limit = item.get_closest_marker('realtime') and not item.get_closest_marker('long')
+    return limited(item.name, LIMIT) if has_a_limit else nullcontext()
 
 
 @pytest.fixture(autouse=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
+import signal
 import socket
 import time
 import warnings
@@ -15,6 +16,25 @@ DEADLINE = 20.0
 SO_RCVBUFFORCE = 33
 MUCH = 8 << 20  # bytes
 second_tries: list[str] = []  # of the test that is running, and why
+
+
+class HangingTestError(pytest.fail.Exception):
+    """A test took too long: it is not tried again."""
+
+
+@contextmanager
+def limited(name: str, seconds: float) -> Iterator[None]:
+    """Raise an error after a time, where the main thread waits then."""
+    def end(*_: object) -> None:
+        raise HangingTestError(f'{name} takes over {seconds:g} s; it waits in the last line')
+
+    before = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def wait_until(
@@ -41,6 +61,8 @@ def patiently(
     for _ in range(tries - 1):
         try:
             return action()
+        except HangingTestError:
+            raise
         except errors as error:
             warnings.warn(f'again: {error}', stacklevel=2)
             second_tries.append(f'{error}')

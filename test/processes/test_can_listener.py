@@ -37,7 +37,7 @@ def test_the_black_box_keeps_every_frame_with_its_time(vcan0):
     assert [data[12:] for _, _, data in kept[-3 * FRAMES:]] == FRAMES * [
         data[12:] for data in expected]  # after the stamp
     times = [at for at, _, _ in kept[-3 * FRAMES:]]
-    assert times == sorted(times)
+    assert min(b - a for a, b in zip(times, times[1:], strict=False)) > -BETWEEN_CLOCKS
     assert begin - BETWEEN_CLOCKS <= times[0] and times[-1] <= time.monotonic() + BETWEEN_CLOCKS
 
 
