@@ -74,7 +74,7 @@ def test_a_journal_that_is_none_is_named_and_left_alone(make_rig, capsys):
 
 @pytest.mark.parametrize('content, reason', [
     ('/**: {ros__parameters: {geometry: {stroke: 0.5}}}', 'stroke'),
-    ('/**: {ros__parameters: {geometry: {stroke: [0.5]}}}', 'stroke = .0.5,. is not a pair'),
+    ('/**: {ros__parameters: {geometry: {stroke: [0.5]}}}', 'stroke has 1 elements, expected 2'),
     ('/**: {ros__parameters: {geometry: {stroke: }}}', '.*geometry.stroke has no value'),
     ('/**: {ros__parameters: {geometry: 1.0}}', 'it is not a table'),
     ('/**/driver: {ros__parameters: {q1: [1]}}', 'it is not a table'),
