@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 import math
 from pathlib import Path
 import re
@@ -20,7 +21,9 @@ from facade_manipulator.drives.cia402.states import State
 from facade_manipulator.drives.controller.controller import DriveController
 from facade_manipulator.drives.controller.session import BusAccess, Session
 from facade_manipulator.drives.controller.targets import MechanismChecks
+from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.drives.drive import SimulatedIdentity
+from facade_manipulator.loop import assemble, LoopSetup
 from facade_manipulator.tools.commissioning import Machine
 from facade_manipulator.tools.commissioning.__main__ import main
 
@@ -142,34 +145,41 @@ def exchange(rig, number) -> None:
 
 
 def homes_holds_and_moves(rig, axes) -> None:
-    source = Source()
-    controller = DriveController(Session(
-        SETTINGS, axes, BusAccess(lambda: can.Bus(interface='virtual', channel=rig.channel)),
-        MechanismChecks(source)))
+    """Hold with the product's own wiring, then sweep from rest to both ends of the stroke."""
+    access = BusAccess(lambda: can.Bus(interface='virtual', channel=rig.channel))
+    with rig.simulator.access() as drives:  # parked, as *Home* says; q3 looks for its switch
+        for drive, place in zip(drives, (-0.1, 0.1, -0.05), strict=True):
+            drive.motor.place(place)
 
     def places():
         with rig.simulator.access() as drives:
             assert {drive.state for drive in drives} == {State.OPERATION_ENABLED}
             return [drive.motor.carriage_position for drive in drives]
 
-    with rig.simulator.access() as drives:  # parked, as *Home* says; q3 looks for its switch
-        for drive, place in zip(drives, (-0.1, 0.1, -0.05), strict=True):
-            drive.motor.place(place)
-    try:
-        for name in ('configure', 'home', 'activate'):
-            controller.request(name).result(60.0)
-        before = places()
+    def push(force):
         with rig.simulator.access() as drives:
             for drive in drives:
-                drive.motor.external_force = FORCE
+                drive.motor.external_force = force
         time.sleep(0.5)
+
+    def powered(controller):
+        stack.callback(controller.close)
+        for name in ('configure', 'home', 'activate'):
+            controller.request(name).result(60.0)
+        return places()
+
+    with ExitStack() as stack:
+        before = powered(assemble(LoopSetup(Geometry(), SETTINGS, axes), access)[1])
+        push(FORCE)
         assert places() == pytest.approx(before, abs=1e-3)
         with rig.simulator.access() as drives:
             # what is pushed back passes gear and screw the other way round, with their efficiency
-            assert min(abs(drive._scale.force_per_torque_unit * drive.motor.torque)
+            assert min(abs(drive.motor.torque * drive._scale.force_per_torque_unit)
                        for drive in drives) > 0.5 * FORCE
-            for drive in drives:
-                drive.motor.external_force = 0.0
+        push(0.0)
+    source = Source()
+    with ExitStack() as stack:
+        before = powered(DriveController(Session(SETTINGS, axes, access, MechanismChecks(source))))
         source.time, source.distort = 0.0, lambda positions: tuple(
             one + SWEEP * math.sin(0.5 * source.time)**3 for one in positions)
         source.speed = 1e-9  # so that it is not at rest
@@ -177,8 +187,7 @@ def homes_holds_and_moves(rig, axes) -> None:
         while source.time < 4.0 * math.pi:
             time.sleep(0.05)
             seen.append(places())
-        for number, path in enumerate(zip(*seen, strict=True)):
-            assert (min(path), max(path)) == pytest.approx(
-                (before[number] - SWEEP, before[number] + SWEEP), abs=0.01)
-    finally:
-        controller.close()
+    ends = [abs(end - place) for end, place in zip(
+        (*map(min, zip(*seen, strict=True)), *map(max, zip(*seen, strict=True))), 2 * before,
+        strict=True)]
+    assert ends == pytest.approx([SWEEP] * 6, abs=0.01)
