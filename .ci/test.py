@@ -1,9 +1,9 @@
 """
 Run all tests and end with the totals; --check runs the quick ones that need no clock, bus or ROS.
 
-All parts run beside each other. The pure ones, on every processor, and what colcon makes of the
-package give way to those for which the clock counts: these run two at a time, because they mostly
-wait, and beside them, where there is a vcan0, those that need it. Other arguments go to pytest.
+The pure ones, on every processor, and what colcon makes of the package run beside those for which
+the clock counts, and give way to them: these run two at a time, because they mostly wait, and after
+them, where there is a vcan0, those that need it. Other arguments go to pytest.
 """
 
 from __future__ import annotations
@@ -27,12 +27,11 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # for there is a process for
 
 
 class Part(NamedTuple):
-    """Tests that run in one place; those that are not urgent give way to the others."""
+    """Tests that run in one place."""
 
     name: str
     selection: tuple[str, ...]
     program: tuple[str, ...] = PYTEST
-    is_urgent: bool = False
 
     def command(self, report: Path, arguments: list[str]) -> list[str]:
         """Return what runs them; of two -m pytest takes the last."""
@@ -44,12 +43,12 @@ CHECK = Part('quick tests', (
     *ON_EVERY_PROCESSOR))
 BESIDE = (
     Part('pure tests', ('test', '-m', 'not realtime', *ON_EVERY_PROCESSOR)),
-    Part('tests in a colcon workspace', (), ('.ci/colcon',)),
+    Part('tests in a colcon workspace', (), ('.ci/colcon',)))
+IN_FRONT = (
+    Part('real-time tests', (
+        'test', '-m', 'realtime and not vcan', '--numprocesses=2', '--dist=worksteal')),
     Part('tests of SocketCAN', ('test/processes', '-m', 'vcan'),
-         (sys.executable, 'test/socketcan/vcan.py', '--silence', '180', '--', *PYTEST),
-         is_urgent=True))
-REALTIME = Part('real-time tests', (
-    'test', '-m', 'realtime and not vcan', '--numprocesses=2', '--dist=worksteal'))
+         (sys.executable, 'test/socketcan/vcan.py', '--silence', '180', '--', *PYTEST)))
 
 
 class Result(NamedTuple):
@@ -77,7 +76,7 @@ class Run:
             self._process = subprocess.Popen(
                 part.command(self._report, arguments), start_new_session=not in_front,
                 stdout=None if in_front else log, stderr=None if in_front else subprocess.STDOUT,
-                preexec_fn=None if in_front or part.is_urgent else give_way)
+                preexec_fn=None if in_front else give_way)
 
     def finish(self) -> Result:
         """Wait for its end and show what it said; what Ctrl-C means is pytest's affair."""
@@ -103,10 +102,12 @@ def run_all(folder: Path, arguments: list[str]) -> list[Result]:
     print(*(part.name for part in BESIDE), sep=', ', end=' run beside the others\n', flush=True)
     started = [Run(part, folder, arguments, False) for part in BESIDE]
     try:
-        first = Run(REALTIME, folder, arguments, True).finish()
-        if first.status == INTERRUPTED:
-            return [first]
-        return [first, *(run.finish() for run in started)]
+        results = []
+        for part in IN_FRONT:
+            results.append(Run(part, folder, arguments, True).finish())
+            if results[-1].status == INTERRUPTED:
+                return results
+        return [*results, *(run.finish() for run in started)]
     finally:
         for run in started:
             run.end()

@@ -51,9 +51,11 @@ def test_services_of_their_own_user_write_in_its_home_alone(tmp_path):
     home = '/var/lib/facade_manipulator'
     texts = {path.name: path.read_text() for path in tmp_path.rglob('*.conf')}
     assert f'ReadWritePaths={home}/.ros\n' in texts['hardening.conf']
-    files = sorted(path.read_text() for path in tmp_path.rglob('facade_manipulator.conf'))
-    assert f'd {home}/.ros - nobody_of_this_computer -\n' in files[1]
-    assert f'u nobody_of_this_computer - "Façade manipulator" {home}\n' in files[0]
+    users, folders = (
+        (tmp_path / f'etc/{kind}.d/facade_manipulator.conf').read_text()
+        for kind in ('sysusers', 'tmpfiles'))
+    assert f'u nobody_of_this_computer - "Façade manipulator" {home}\n' in users
+    assert f'd {home}/.ros - nobody_of_this_computer -\n' in folders
 
 
 @needs_systemd
