@@ -2,8 +2,8 @@
 Run all tests and end with the totals; --check runs the quick ones that need no clock, bus or ROS.
 
 The pure ones, on every processor, and what colcon makes of the package run beside those for which
-the clock counts, and give way to them: these run two at a time, because they mostly wait, and after
-them, where there is a vcan0, those that need it. Other arguments go to pytest.
+the clock counts, and give way to them: these run two at a time, because they mostly wait, and
+after them, where there is a vcan0, those that need it. Other arguments go to pytest.
 """
 
 from __future__ import annotations

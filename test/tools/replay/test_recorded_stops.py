@@ -11,6 +11,7 @@ from qualities import LATEST
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
+from support import patiently
 
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.recorder import RecorderNode
@@ -84,13 +85,20 @@ def test_a_stop_is_recorded_and_its_replay_has_the_same_cause(ros, tmp_path, cap
     inject(bench)
     bench.stream(lambda: any(bench.folder.glob('*.mcap')), 'the file')
     (path,) = bench.folder.glob('*.mcap')
-    with ThreadPoolExecutor(1) as pool:  # it takes as long as it took: the drives want care
-        job = pool.submit(main, [str(path), '--output', str(tmp_path), '--seconds', '5', *changes])
-        ros.until(job.done, 'the replay', 60.0)
-    printed = capsys.readouterr().out
-    assert job.result() == 0
-    assert printed.count(cause) >= 3  # why it was written, recorded, replayed
-    assert verdict in printed and 'driver: operation: error: stopped' in printed
+
+    def replayed() -> str:
+        with ThreadPoolExecutor(1) as pool:  # it takes as long as it took: the drives want care
+            job = pool.submit(
+                main, [str(path), '--output', str(tmp_path), '--seconds', '5', *changes])
+            ros.until(job.done, 'the replay', 60.0)
+        printed = capsys.readouterr().out
+        assert job.result() == 0
+        assert printed.count(cause) >= 3  # why it was written, recorded, replayed
+        assert verdict in printed
+        return printed
+
+    printed = patiently(replayed)  # in real time: a busy machine stops the drives for its own sake
+    assert 'driver: operation: error: stopped' in printed
     assert 'the parameters of compensator are not in the recording' in printed
     assert (tmp_path / 'replay.png').exists()
     cycles = read_csv(tmp_path / 'last_cycles.csv')
