@@ -205,8 +205,13 @@ class ControlLoop:
                 self._handle(self._channel.receive(LOOK_PERIOD))
                 self._watch_node(time.monotonic())
         except ChannelClosedError as error:
-            if self.controller.snapshot().state in POWERED_STATES:
-                _log.error('%s: the carriages ramp down and the power goes off', error)
+            self._lose_node(error, self.controller.snapshot())
+
+    def _lose_node(self, error: ChannelClosedError, snapshot: ControllerSnapshot) -> None:
+        """End, whichever thread sees first that the node is gone."""
+        if not self._ends and snapshot.state in POWERED_STATES:
+            _log.error('%s: the carriages ramp down and the power goes off', error)
+        self._ends = True
 
     def close(self) -> None:
         """Ramp down, power off, close bus and channel; waits for it."""
@@ -286,8 +291,8 @@ class ControlLoop:
         """Send the state of a cycle, in the control thread."""
         try:
             self._channel.send('state', *self._state(snapshot))
-        except ChannelClosedError:
-            self.end()
+        except ChannelClosedError as error:
+            self._lose_node(error, snapshot)
 
     def _state(self, snapshot: ControllerSnapshot) -> tuple[Plain, Plain]:
         follower = self.follower
