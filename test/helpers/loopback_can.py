@@ -43,17 +43,25 @@ class LoopbackBus(can.BusABC):
         super().__init__(channel)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if not select.select([self._receiver], [], [], timeout)[0]:
-            return None, False
+        # filters are applied here, as SocketCAN's are by the kernel: python-can's own end a
+        # recv(0.0) at the first frame that does not pass
+        while select.select([self._receiver], [], [], timeout)[0]:
+            message = self._take()
+            if message is not None and self._matches_filters(message):
+                return message, True
+            timeout = timeout and 0.0  # what has come by now; python-can waits for the rest
+        return None, False
+
+    def _take(self) -> can.Message | None:
         data, ((_, _, stamp), *_), _, sender = self._receiver.recvmsg(
             FRAME.size, socket.CMSG_SPACE(STAMP.size))
         if sender == self._own_address:
-            return None, False
+            return None
         seconds, nanoseconds = STAMP.unpack(stamp)
         cob_id, length, data = FRAME.unpack(data)
         return can.Message(
             seconds + 1e-9 * nanoseconds, cob_id & 0x1FFFFFFF, bool(cob_id & EXTENDED),
-            bool(cob_id & REMOTE), bool(cob_id & ERROR), dlc=length, data=data[:length]), False
+            bool(cob_id & REMOTE), bool(cob_id & ERROR), dlc=length, data=data[:length])
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame to everybody else."""

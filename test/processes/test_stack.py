@@ -37,7 +37,6 @@ def sync_period(watcher, meanwhile=None):
     return period_of([frame.timestamp for frame in watcher.of(SYNC_COB_ID)])
 
 
-@pytest.mark.xfail(run=False, reason='607A often stays where it was: the cause is unknown')
 def test_the_targets_on_the_bus_follow_a_goal_of_an_ordinary_publisher(
         active, watcher, start_process):
     manipulators = []
