@@ -17,7 +17,6 @@ from support import DEADLINE, limited, second_tries, wait_until
 
 WAITING_FIXTURES = {'ros_domain', 'bus', 'vcan0', 'guest'}
 SIMULATED = {'simulated_time', 'shared_time'}
-WAITING_NAMES = {'wait_until', 'threading', 'time'}
 # s, of a real-time test, and of what its fixtures do before it and after it: beyond its deadlines
 LIMIT = 150.0
 
@@ -190,14 +189,14 @@ def start_process(ros_domain, tmp_path):
 
 
 def pytest_collection_modifyitems(items):
-    """Mark the tests for which a clock counts, by what they use or their file imports."""
+    """Mark the tests whose fixtures wait; others for which the clock counts say so themselves."""
     for item in items:
         needed = {*item.fixturenames}
         if 'vcan0' in needed:
             item.add_marker('vcan')
         if SIMULATED & needed:
             item.add_marker('simulated')
-        elif WAITING_FIXTURES & needed or WAITING_NAMES & {*vars(item.module)}:
+        elif WAITING_FIXTURES & needed:
             item.add_marker('realtime')
 
 

@@ -3,6 +3,8 @@
 import pytest
 from support import HangingTestError, limited, patiently, wait_until
 
+pytestmark = pytest.mark.realtime
+
 
 def test_what_hangs_is_ended_where_it_waits_and_not_tried_again():
     tries = []

@@ -59,6 +59,7 @@ def test_nothing_arrives_within_the_time_out(ends):
     assert ends[1].receive(0.0) is None
 
 
+@pytest.mark.realtime
 def test_a_full_channel_drops_and_counts_instead_of_waiting(ends):
     sent = fill(ends[0])
     begin = time.monotonic()

@@ -29,6 +29,8 @@ from facade_manipulator.loop import process as process_module
 from facade_manipulator.motion.guard import mechanism_guard
 from facade_manipulator.motion.setpoints import Setpoint
 
+pytestmark = pytest.mark.realtime
+
 RAMP_TIME = 3.0  # s: bound of the way to rest and power off
 
 

@@ -16,6 +16,8 @@ from rclpy.task import Future
 from facade_manipulator import start
 from facade_manipulator.ros import ManagedNode, runtime
 
+pytestmark = pytest.mark.realtime
+
 DEADLINE = 10.0
 
 

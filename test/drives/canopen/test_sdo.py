@@ -11,6 +11,8 @@ from facade_manipulator.drives.canopen.bus import CanBus
 from facade_manipulator.drives.canopen.sdo import PumpedNetwork, SdoAbortError, SdoChannel
 from facade_manipulator.errors import BusError, DriveTimeoutError
 
+pytestmark = pytest.mark.realtime
+
 NODE = 2
 REQUEST, ANSWER = 0x602, 0x582
 VALUE = bytes.fromhex('4365600080430000')  # 6065h:00 = 17280

@@ -20,6 +20,8 @@ from facade_manipulator.lab.drives import __main__ as drive_simulator
 from facade_manipulator.lab.drives.drive import SimulatedDrive
 from facade_manipulator.lab.drives.simulator import DriveSimulator
 
+pytestmark = pytest.mark.realtime
+
 SOURCE = Path(__file__).resolve().parents[3]
 CHANNELS = itertools.count()
 
