@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -88,6 +89,7 @@ def imports(source: str, package: tuple[str, ...]) -> set[tuple[str, ...]]:
     return found
 
 
+@cache
 def imports_of(module: Path) -> set[tuple[str, ...]]:
     return imports((PACKAGE / module).read_text(), (NAME, *module.parent.parts))
 

@@ -41,11 +41,11 @@ def _pack(options: argparse.Namespace) -> None:
     oldest = time.time() - options.days * DAY
     files = [*options.parameters, *_files(options.folder, oldest), *_files(_logs(), oldest)]
     with atomic_write(options.output) as draft, tarfile.open(draft, 'w:gz') as archive:
+        for path in files:
+            archive.add(path, str(path.resolve()).lstrip('/'))
         for name, text in (('versions.txt', _versions()), ('journal.txt', _journal(oldest)),
                            ('doctor.txt', _output(*DOCTOR, *map(str, options.parameters)))):
             _add(archive, name, text.encode())
-        for path in files:
-            archive.add(path, str(path.resolve()).lstrip('/'))
     print(f'{options.output}: {len(files)} files, {options.output.stat().st_size / 1e6:.1f} MB; '
           'it names hosts and users')
 

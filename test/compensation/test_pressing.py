@@ -183,6 +183,7 @@ stiffnesses = st.floats(math.log(400.0), math.log(5e3)).map(math.exp)
 seeds = st.integers(0, 2 ** 32 - 1)
 
 
+@pytest.mark.long
 @tried(max_examples=8, deadline=None)
 @given(st.floats(0.2, 1.0), stiffnesses, st.sampled_from((0.0, 25.0)), seeds)
 def test_a_force_that_is_late_with_fresh_stamps_makes_the_head_retract_and_say_so(
@@ -196,6 +197,7 @@ def test_a_force_that_is_late_with_fresh_stamps_makes_the_head_retract_and_say_s
     assert abs(np.diff(run.offsets)).max() <= SETTINGS.speed * PERIOD + 1e-12
 
 
+@pytest.mark.long
 @tried(max_examples=4, deadline=None)
 @given(st.floats(0.0, 0.1), stiffnesses, seeds)
 def test_a_force_that_is_hardly_later_than_its_stamps_say_is_trusted(latency, stiffness, seed):
@@ -241,6 +243,7 @@ def test_a_fault_lasts_until_pressing_is_switched_off_and_on():
     assert pressing.mode is PressMode.HOLDING
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('most', 'reason'), [
     (Pose(0.0, 0.0, SETTINGS.most_yaw), 'the gondola yaws by 12.5 deg'),
     (Pose(-SETTINGS.most_sway, 0.0, 0.0), 'the gondola sways along the wall by 625 mm')])

@@ -75,6 +75,7 @@ def stop_alone(speed: float, brake: Brake, time: float) -> float:
         0.5 * brake.deceleration * slowing ** 2, speed)
 
 
+@pytest.mark.long
 @settings(max_examples=500)
 @given(st.tuples(shares, shares, shares), st.tuples(shares, shares, shares),
        st.floats(3.0, 12.0), st.floats(0.0, 0.03))

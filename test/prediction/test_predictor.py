@@ -86,6 +86,7 @@ def test_sways_are_predicted_to_a_part_of_the_noise(motion, early, late):
     assert (run.rms(30.0) < NOISE * np.array(late)).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('frequency', [0.1, 0.4, 1.3])
 def test_a_sine_is_learnt_in_a_minute(frequency):
     run = Run(sines((((0.01, frequency, 0.4),), (), ())), 70.0)
@@ -107,6 +108,7 @@ def test_at_rest_less_than_half_of_the_noise_is_passed_on():
     assert (Run(still, 40.0).rms(20.0) < 0.2 * NOISE).all()
 
 
+@pytest.mark.long
 def test_what_cannot_be_predicted_is_not_amplified():
     random = np.random.default_rng(5)
     shakes = 0.01 * random.standard_normal((4000, 3))
@@ -124,6 +126,7 @@ bounded = st.tuples(*3 * [st.floats(-0.5, 0.5)])
 intervals = st.one_of(st.floats(1e-3, 0.1), st.floats(0.1, 5.0), st.floats(-1.0, 0.0))
 
 
+@pytest.mark.long
 @tried(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(intervals, bounded), min_size=1, max_size=60), st.floats(1e-4, 0.1))
 def test_bounded_estimates_give_a_bounded_prediction(estimates, deviation):
@@ -213,6 +216,7 @@ def test_estimates_may_come_at_any_rate(rate):
     assert (run.rms(20.0) < np.array((0.9, 0.8, 0.8)) * NOISE).all()
 
 
+@pytest.mark.long
 def test_stamps_may_jitter():
     random, predictor, errors = np.random.default_rng(1), DisturbancePredictor(SETTINGS), []
     motion = gusts(1)
@@ -275,6 +279,7 @@ def test_estimates_that_lie_for_a_moment_move_nothing(duration, glitch):
     assert np.abs(struck.errors[1000:] - smooth.errors[1000:]).max() < 4.0 * NOISE
 
 
+@pytest.mark.long
 def test_an_estimator_that_steps_back_has_stepped_again():
     struck = Run(sines(BREEZE), 25.0, spoil=lambda time, values, _: (
         values + 0.03 * (20.0 <= time < 20.4)))

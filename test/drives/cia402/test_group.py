@@ -509,6 +509,7 @@ def ask(group: Group, request: str, now: float) -> bool:
     return request in ('enable', 'home')
 
 
+@pytest.mark.long
 @settings(max_examples=300)
 @given(st.lists(st.tuples(
     st.sampled_from([None] * 8 + list(REQUESTS)), st.tuples(feedbacks, feedbacks, feedbacks)),
@@ -526,6 +527,7 @@ def test_no_sequence_of_statuswords_enables_what_was_not_asked_for(cycles):
         assert allowed or not any(map(is_enabling, commands))
 
 
+@pytest.mark.long
 @settings(max_examples=200)
 @given(st.sampled_from(sorted(SITUATIONS)), st.integers(0, 2), st.sampled_from(FAULTS),
        st.lists(st.tuples(feedbacks, feedbacks, feedbacks), max_size=20))

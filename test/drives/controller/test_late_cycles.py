@@ -12,6 +12,8 @@ from virtual_world import World
 from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.motion import Setpoint
 
+pytestmark = pytest.mark.simulated
+
 FAST, AMPLITUDE, LEAD = 0.4, 0.12, 0.04  # m/s, m, s
 RATE = FAST / AMPLITUDE
 STARVED = 0.02  # s

@@ -21,6 +21,7 @@ def enabled(**changes):
 
 # --- following
 
+@pytest.mark.long
 @settings(max_examples=30)
 @given(st.integers(-40_000, 40_000))
 def test_at_rest_the_position_is_the_target_to_the_count(target):
@@ -87,6 +88,7 @@ def test_the_carriage_never_exceeds_the_speed_and_acceleration_limits():
     assert bench.status.position_counts == bench.target and limited > 10
 
 
+@pytest.mark.long
 @settings(max_examples=50)
 @given(st.just(0.0) | st.floats(0.0005, 0.05), st.floats(0.0001, 0.001), st.floats(-0.3, 0.3))
 def test_the_servo_never_overshoots_a_step_of_its_demand(lag, step, distance):

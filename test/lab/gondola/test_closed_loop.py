@@ -17,6 +17,8 @@ from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
 from facade_manipulator.lab.gondola.scenario import load_scenario, Scenario
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings
 
+pytestmark = pytest.mark.long
+
 HEAD = Pose(0.0, 0.2498, 0.0)
 GOAL = Pose(0.0, 0.25, 0.0)
 STROKES = (GOAL, Pose(0.12, 0.25, 0.0), Pose(-0.12, 0.265, math.radians(3.0)))
@@ -52,7 +54,6 @@ def residual(known, made):
     return np.array([axis['residual_rms'] for axis in run.wall.report()['axes'].values()])
 
 
-@pytest.mark.long
 def test_a_machine_that_is_known_is_compensated_as_well_as_one_without_errors():
     ideal, known, unknown = (
         residual(*pair) for pair in ((Geometry(), Geometry()), (MADE, MADE), (Geometry(), MADE)))
@@ -68,7 +69,6 @@ def test_without_compensation_nothing_is_attenuated():
         assert axis['attenuation_db'] == pytest.approx(0.0, abs=0.1)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('event', ['disable', 'tare', 'lost'])
 def test_no_transition_makes_the_head_jump(event):
     silence = {'silent_from': 10.0, 'silent_for': 3.0} if event == 'lost' else {}
@@ -131,7 +131,6 @@ def test_the_head_presses_as_desired_from_a_gondola_that_feels_it(name, wall):
     assert run.loop.follower.brakes == 0
 
 
-@pytest.mark.long
 @pytest.mark.parametrize('stiffness', [1e4, 5e4, 1e5])
 def test_a_stiff_wall_is_pressed_gently_or_left_with_the_reason(stiffness):
     run, forces, held = pressed('pressing', duration=30.0, stiffness=stiffness)

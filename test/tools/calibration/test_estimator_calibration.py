@@ -16,6 +16,8 @@ from facade_manipulator.prediction import EstimateSettings
 from facade_manipulator.tools.calibration import fit_estimator
 from facade_manipulator.tools.calibration.__main__ import main
 
+pytestmark = pytest.mark.long
+
 GEOMETRY = Geometry()
 BREEZE = Sway(SwaySettings())
 NOISE = (1e-3, 1e-3, 1e-3)
@@ -40,7 +42,6 @@ def record(mounting=MOUNTING, delay=0.02, seed=1, head=wandering, motion=BREEZE.
     return record_estimator(motion, settings, GEOMETRY, head)
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(('head', 'seed'), [(compensated, 0), (wandering, 1), (wandering, 2)])
 def test_two_minutes_of_breeze_show_mounting_and_delay(seed, head):
     random = np.random.default_rng(seed)
@@ -86,7 +87,6 @@ def test_outliers_on_the_wall_move_nothing():
     assert (np.abs(np.subtract(values(found), (*MOUNTING, 0.02))) < LIMITS).all()
 
 
-@pytest.mark.long
 def test_axes_that_are_turned_are_found_by_a_second_measurement_along_those_of_facade():
     found = fit_estimator(GEOMETRY, record(axes=0.3), ('x', 'y', 'yaw', 'delay', 'axes'))
     assert found.settings.axes == pytest.approx(0.3, abs=math.radians(0.05))
@@ -134,7 +134,6 @@ def test_a_gap_is_named():
         fit_estimator(GEOMETRY, record(silent_from=30.0, silent_for=2.0))
 
 
-@pytest.mark.long
 @pytest.mark.parametrize(('table', 'column', 'factor'), [
     ('disturbance', 1, 1e-3), ('disturbance', 1, -1.0), ('wall', 3, math.radians(1.0))])
 def test_another_unit_or_sign_is_a_contradiction(table, column, factor):

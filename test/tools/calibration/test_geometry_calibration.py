@@ -40,6 +40,8 @@ from facade_manipulator.tools.calibration.unknowns import (
     with_values,
 )
 
+pytestmark = pytest.mark.long
+
 SHOP = ShopSettings()
 POSES = plan(DRAWING, UNKNOWNS, 24)
 MADE = make_machine(DRAWING, SHOP, np.random.default_rng(5))
@@ -53,7 +55,6 @@ def geometry_in(path):
     return read_settings([path], ALL_NODES, 'geometry', Geometry)
 
 
-@pytest.mark.long
 def test_made_up_machines_are_found_within_their_deviations_and_their_heads_with_them():
     trial = try_machines(12)
     assert trial.within >= 0.99
@@ -129,7 +130,6 @@ def with_screws(machine, random):
         for name in Carriages._fields})
 
 
-@pytest.mark.long
 def test_tables_of_the_screws_and_their_backlash_are_found_with_the_rest():
     drawing, random = with_screw_tables(DRAWING, 5), np.random.default_rng(3)
     unknowns = (*UNKNOWNS, *BACKLASH, *screw_unknowns(drawing))
@@ -242,7 +242,6 @@ def test_a_dial_gauge_is_enough_for_what_it_shows(table, tmp_path):
     assert main(['geometry', str(only_y), '--noise', '0.001', '0.02']) == 1
 
 
-@pytest.mark.long
 def test_what_commissioning_found_is_kept_or_the_command_writes_nothing(
         table, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -271,7 +270,6 @@ def test_a_plan_never_takes_the_place_of_measurements(tmp_path, capsys):
     assert path.read_text() == measured_one
 
 
-@pytest.mark.long
 def test_the_command_plans_for_the_screws_and_writes_their_errors(tmp_path, capsys):
     path, target = tmp_path / 'poses.csv', tmp_path / 'calibrated.yaml'
     screws = ['--backlash', '--screws', '3']
@@ -326,7 +324,6 @@ def test_a_table_of_a_spreadsheet_with_decimal_commas_says_the_same(table, tmp_p
     assert targets[0].read_text() == targets[1].read_text()
 
 
-@pytest.mark.long
 def test_what_cannot_be_planned_or_written_is_named(table, tmp_path, capsys):
     nowhere = tmp_path / 'none'
     for arguments, message in (

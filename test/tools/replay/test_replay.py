@@ -35,6 +35,8 @@ from facade_manipulator.tools.replay.stop import (
     Stop,
 )
 
+pytestmark = pytest.mark.long
+
 BEGIN, PERIOD, DURATION = 1000.0, 0.01, 25.0
 GOAL = Pose(0.05, 0.26, 0.02)
 NODE_IDS = {f'q{n}.node_id': n for n in (1, 2, 3)}
@@ -298,7 +300,6 @@ def test_the_replay_begins_at_home_by_a_method_that_the_drive_type_knows(tmp_pat
 
 # --- files
 
-@pytest.mark.long
 def test_a_file_that_was_cut_off_is_read_as_far_as_it_goes(tmp_path):
     path = tmp_path / 'whole.mcap'
     kept = [Kept(0.001 * k, 'can_frames', frame_bytes(BEGIN, k & 0x7FF, bytes(8)))
