@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 import math
+import re
 import sys
 import time
 
@@ -85,11 +86,14 @@ class _Lines:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._printed: tuple[Words, ...] = ()
+        self._printed: tuple[str, ...] = ()
         self._due = -math.inf
 
     def show(self, view: Overview, remark: str) -> None:
-        now, matters = time.monotonic(), (view.title, *view.troubles)
+        now = time.monotonic()
+        # another figure in the same message is no news
+        matters = tuple(re.sub(r'[\d.]+', '', words.text) for words in (
+            view.title, *view.troubles))
         if matters != self._printed:
             self._console.print(render(view, remark, self._console.width))
         elif now >= self._due:

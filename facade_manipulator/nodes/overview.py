@@ -145,10 +145,15 @@ def _troubles(components: Components, now: float) -> Iterator[Words]:
                 yield Words(before + values[key], level)
         if level != 'ok' and not values.get('cause'):
             yield _said(components, OPERATION, now)
-    for name in sorted(components.keys() - {OPERATION}):
+    for name in sorted({*components, *MISSING} - {OPERATION}):
         words = _said(components, name, now)
-        if words.level in ('error', 'stale'):
+        if words.level != 'ok':
             yield Words(f'{name}: {words.text}', words.level)
+
+
+def _brief(words: Words) -> Words:
+    """Return how what is said begins: in full it stands above the tables."""
+    return Words(words.text.partition(';')[0], words.level)
 
 
 def _said(components: Components, name: str, now: float, key: str = '') -> Words:
@@ -182,7 +187,7 @@ def _pose_table(seen: Seen, now: float) -> Table:
 def _carriage_table(seen: Seen, now: float) -> Table:
     return _table(
         ('carriage', 'drive', '>position [mm]', '>speed [mm/s]', '>force [N]', '>lag [mm]'),
-        ((name, _said(seen.components, f'driver: {name}', now), *_motion(seen, name, now),
+        ((name, _brief(_said(seen.components, f'driver: {name}', now)), *_motion(seen, name, now),
           _lag(seen.components.get(f'driver: {name}'))) for name in CARRIAGES), 3)
 
 
@@ -203,7 +208,7 @@ def _motion(seen: Seen, name: str, now: float) -> tuple[str, str, str]:
 def _component_table(components: Components, now: float) -> Table:
     names = dict.fromkeys((*DETAILS, *sorted(components)))
     return _table(('component', 'state', 'so far'), (
-        (name, _said(components, name, now), _details(name, components))
+        (name, _brief(_said(components, name, now)), _details(name, components))
         for name in names if name in {*components, *MISSING}
         and name.removeprefix('driver: ') not in CARRIAGES), 2)
 

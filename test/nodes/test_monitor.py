@@ -56,7 +56,10 @@ def test_a_stop_has_its_cause_and_next_step_on_top_in_full_and_says_so_without_c
     assert shown[0].startswith('gondola_1: ERROR: stopped')
     top = words(shown[1:next(i for i, line in enumerate(shown) if line.startswith('pose'))])
     assert top == (f'cause: {CAUSE} next: {NEXT} '
-                   'driver: q2: ERROR: following error (8611h)')
+                   'driver: q2: ERROR: following error (8611h) '
+                   'recorder: black box: warning: no diagnostics: no stop is recorded; '
+                   'next: start recorder')
+    assert NEXT not in words(shown).replace(top, '')  # once
     assert max(map(len, shown)) <= width and '…' not in ''.join(shown)
 
 
@@ -82,14 +85,15 @@ def test_each_level_has_its_word(level, word):
 def test_a_drive_that_silent_components_no_longer_vouch_for_is_no_green_one():
     known = seen(('driver: operation', 'ok', 'active'), at=NOW - 10.0)
     shown = words(lines(known))
-    assert shown.count('stale: silent for 10 s; next: see its log') == 3  # title, top, table
+    assert shown.count('stale: silent for 10 s; next: see its log') == 2  # title and top
+    assert shown.count('stale: silent for 10 s') == 3  # and table
     assert 'active' not in shown
 
 
 def test_who_is_missing_is_shown_with_what_to_do():
     shown = words(lines(Seen('gondola_1')))
     assert 'warning: no diagnostics; next: start driver' in shown
-    assert 'recorder: black box warning: no diagnostics: no stop is recorded; next: start' in shown
+    assert 'recorder: black box: warning: no diagnostics: no stop is recorded; next: start' in shown
     for head in ('x [mm]', 'position [mm]', 'speed [mm/s]', 'force [N]'):
         assert head in shown
 
@@ -97,7 +101,7 @@ def test_who_is_missing_is_shown_with_what_to_do():
 def test_without_a_namespace_each_gondola_has_its_line():
     known = seen(('a/' + STOPPED[0], *STOPPED[1:]), ('b/driver: operation', 'ok', 'active'),
                  ('camera/lens: focus', 'error', 'dirty'), namespace='')
-    shown = lines(known, 300)
+    shown = lines(known, 500)
     assert [line.split()[0] for line in shown[-3:-1]] == ['a', 'b']
     assert CAUSE in shown[-3] and NEXT in shown[-3] and 'active' in shown[-2]
     assert 'camera' not in words(shown)
@@ -115,15 +119,16 @@ def test_where_nothing_can_be_written_again_news_and_a_line_now_and_then_are_pri
     monkeypatch.setattr('facade_manipulator.nodes.monitor.time.monotonic', lambda: now.time)
     monkeypatch.setenv('TERM', terminal or 'xterm')
     console = Console(file=io.StringIO(), force_terminal=terminal is not None, width=80)
-    active, stopped = (overview(seen(one), NOW) for one in (
-        ('driver: operation', 'ok', 'active'), STOPPED))
+    late, later, stopped = (overview(seen(one), NOW) for one in (
+        ('driver: operation', 'warn', 'active; late in 0.6 % of 500 cycles'),
+        ('driver: operation', 'warn', 'active; late in 12 % of 500 cycles'), STOPPED))
     with screen(console) as show:
         for now.time in (0.0, 1.0, LINE_PERIOD, LINE_PERIOD + 1.0):
-            show(active, f'at {now.time:g} s')
+            show(later if now.time else late, f'at {now.time:g} s')
         show(stopped, 'then')
     text = console.file.getvalue()
     assert re.findall(r'at . s', text) == ['at 0 s', f'at {LINE_PERIOD:g} s']
-    assert text.count('gondola_1: active') == 1 and text.count('cause: q2') == 1
+    assert text.count('gondola_1: warning') == 1 and text.count('cause: q2') == 1
     assert '\x1b[' not in text or terminal == 'dumb' and '\x1b[2K' not in text
 
 
