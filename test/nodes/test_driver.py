@@ -139,6 +139,20 @@ class ScriptedLoop:
 
 
 @pytest.fixture
+def scripted(ros):
+    """Make scripted loops, which are gone when their node ends: it waits for none of them."""
+    loops = []
+
+    def make(*script, **details):
+        loops.append(ScriptedLoop(*script, **details))
+        return loops[-1]
+
+    yield make
+    for loop in loops:
+        loop.channel.close()
+
+
+@pytest.fixture
 def bench(ros):
     return Bench(ros)
 
@@ -202,8 +216,9 @@ def test_the_driver_says_what_it_does_and_what_comes_next_at_every_change(bench)
 
 @pytest.mark.parametrize('rate, cycles', [
     (100.0, range(1, 9)), (500.0, range(1, 9)), (50.0, (2, 4, 6, 8)), (30.0, (4, 8))])
-def test_each_cycle_is_published_once_whenever_the_timer_comes(ros, rate, cycles):
-    loop = ScriptedLoop([0.01 * cycle for cycle in (*range(1, 9), 8)])
+def test_each_cycle_is_published_once_whenever_the_timer_comes(
+        ros, scripted, rate, cycles):
+    loop = scripted([0.01 * cycle for cycle in (*range(1, 9), 8)])
     bench = Bench(ros, Parameter('joint_states_rate', value=rate), launch=loop)
     ros.until(lambda: len(bench.states) >= len(cycles), 'joint_states')
     bench.node._supervise()  # reads too
@@ -214,8 +229,9 @@ def test_each_cycle_is_published_once_whenever_the_timer_comes(ros, rate, cycles
 
 @pytest.mark.parametrize('share, level', [
     (0.0, DiagnosticStatus.OK), (0.13, DiagnosticStatus.WARN)])
-def test_driver_status_warns_of_a_computer_that_is_too_slow(ros, share, level):
-    bench = Bench(ros, launch=ScriptedLoop([], share))
+def test_driver_status_warns_of_a_computer_that_is_too_slow(
+        ros, scripted, share, level):
+    bench = Bench(ros, launch=scripted([], share))
     statuses = ros.collect(bench.operator, DiagnosticStatus, 'driver/status', LATCHED)
     ros.until(lambda: statuses, 'driver/status')
     assert statuses[-1].level == level
@@ -224,8 +240,8 @@ def test_driver_status_warns_of_a_computer_that_is_too_slow(ros, share, level):
 
 @pytest.mark.parametrize('state', [ControllerState.DEACTIVATING, ControllerState.HALTED])
 def test_setpoints_that_an_ordinary_deactivate_rejects_are_counted_and_not_logged(
-        ros, capfd, state):
-    bench = Bench(ros, launch=ScriptedLoop([], state=state))
+        ros, scripted, capfd, state):
+    bench = Bench(ros, launch=scripted([], state=state))
     diagnostics = ros.collect(bench.operator, DiagnosticArray, '/diagnostics')
     bench.send(HOME)
     ros.until(lambda: bench.values()['rejected'] == '1', 'the rejection')
