@@ -15,7 +15,7 @@ from facade_manipulator.motion import MotionLimits
 LAGS = (0.0, 0.005, 0.015, 0.025, 0.035)
 FAILURES = ('dead', 'seized', 'brakes')
 AHEAD, WATCHED = 0.03, 80  # s; cycles
-MOTIONS = int(os.environ.get('MOTIONS', 1500))
+MOTIONS = int(os.environ.get('MOTIONS', 500))
 
 
 def swing(chance, start):
