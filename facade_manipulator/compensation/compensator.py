@@ -339,11 +339,13 @@ class Compensator:
             self.contact.pressing.wall = None
         silence = correction.mode.value if correction.mode in (
             CorrectionMode.SILENT, CorrectionMode.SETTLING) else ''
+        beyond = reference.y - (reference if self.goal is None else self.goal).y
         if last is None:
-            return Surroundings(reference.y, ZERO_POSE, rail, silence)
+            return Surroundings(reference.y, ZERO_POSE, rail, silence, beyond=beyond)
         held_back = '' if max(map(abs, (last.saturation_error.y, last.tracking_error.y))) < (
             LEAST_ERROR) else 'the head was held back in y'
-        return Surroundings(reference.y, last.saturation_error, rail, silence, held_back)
+        return Surroundings(
+            reference.y, last.saturation_error, rail, silence, held_back, beyond)
 
     def _initialise(self, now: float, aim: float, disturbance: Pose, goal: Pose) -> None:
         """Begin the path where the head stands, or at the goal if that is not known."""

@@ -66,6 +66,7 @@ class Surroundings(NamedTuple):
     rail: Pose = ZERO_POSE  #: disturbance of the gondola
     silence: str = ''  #: why the disturbance is not corrected though it should be
     held_back: str = ''  #: what holds the head back in y
+    beyond: float = 0.0  #: how much nearer to the wall the path still is than its goal [m]
 
 
 class Pressing:
@@ -112,7 +113,7 @@ class Pressing:
         self._untouched = 0.0
         self._is_blocked = False
         self._place = 0.0  # of the head
-        self._free_from = -math.inf  # when the head was back off the wall
+        self._free_from = math.inf  # when the head was back off the wall
         self._same_at = 0.0  # offset at which the wrench last changed
         self._has_changed = False
         self._held_back, self._held_back_until = '', -math.inf
@@ -194,6 +195,8 @@ class Pressing:
         fresh = now - self.watch.stamp <= OLDEST_WRENCH
         self._change_mode(now, fresh, interval, around.silence)
         self._move_y(time, interval, around.saturation_error.y, fresh)
+        if self.mode is PressMode.RETRACTED:
+            self._look_whether_free(time, around.beyond)
         self._move_theta(time, interval, around.saturation_error.theta, fresh)
 
     def _change_mode(self, now: float, fresh: bool, interval: float, silence: str) -> None:
@@ -354,8 +357,15 @@ class Pressing:
                 moved = min(max(moved, -press.retreat), before)
         self._is_blocked = saturation_error * (moved - before) > 0.0
         self.y.move(time, before if self._is_blocked else moved)
-        if self.mode is PressMode.RETRACTED and self._free_from == math.inf and (
-                self._is_blocked or moved <= -press.retreat):
+
+    def _look_whether_free(self, time: float, beyond: float) -> None:
+        """Find since when the head is off the wall: back, and its path where the goal is."""
+        if beyond > NEAR:
+            self._free_from = math.inf
+            self.zero.begin()
+            self.reason = self.reason if self._latched else ''
+        elif self._free_from == math.inf and (
+                self._is_blocked or self.y.offset <= -self.press.retreat):
             self._free_from = time
 
     def _move_theta(

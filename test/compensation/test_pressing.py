@@ -95,6 +95,18 @@ def test_the_head_waits_back_and_looks_for_the_wall_slowly():
     assert np.diff(run.offsets).max() <= SETTINGS.approach_speed * PERIOD + 1e-12
 
 
+def test_the_zero_is_not_taken_while_the_path_comes_from_beyond_the_wall():
+    def around(time):
+        return Surroundings(beyond=max(0.06 - 0.04 * time, 0.0))
+
+    run = press(600.0, duration=4.0, around=around, sensor=lambda time, force: (
+        force + 600.0 * max(0.06 - 0.04 * time - 0.02, 0.0)))
+    assert run.pressing.mode is PressMode.SEARCHING
+    assert abs(run.pressing.zero.force) < 0.5
+    waiting = press(600.0, duration=4.0, around=lambda time: Surroundings(beyond=0.06))
+    assert (waiting.pressing.mode, waiting.pressing.reason) == (PressMode.RETRACTED, '')
+
+
 def test_the_force_rises_over_the_ramp():
     run = press(600.0)
     touched = np.flatnonzero(run.forces > 2.0)[0]
