@@ -6,7 +6,7 @@ from setuptools import find_packages, setup
 MANIFEST = ElementTree.parse('package.xml').getroot()  # the version stands there alone
 NAME = MANIFEST.findtext('name')
 NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator', 'monitor',
-         'recorder')
+         'recorder', 'disturbance_estimator')
 
 # Ranges, so that the gondola PC may use its distribution's packages;
 # .ci/constraints.txt pins what make installs elsewhere.

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 import re
 
-from facade_manipulator.interfaces import COMPENSATOR, DRIVER, IK, RECORDER, SIMULATOR
+from facade_manipulator.interfaces import COMPENSATOR, DRIVER, ESTIMATOR, IK, RECORDER, SIMULATOR
 
 REJECTED, LAST_REJECTION = 'rejected', 'last rejection'
 REJECTIONS = {
@@ -172,13 +172,29 @@ BLACK_BOX = DiagnosticComponent(
     })
 WALL = DiagnosticComponent(
     SIMULATOR, 'wall', 'none', {'samples': 'of the head on the simulated wall', **REJECTIONS})
-COMPONENTS = (OPERATION, BUS, AXIS, COUNTERS, GOAL, CORRECTION, CONTACT, BLACK_BOX, WALL)
+MOTION = DiagnosticComponent(
+    ESTIMATOR, 'motion',
+    'warn: without an inertial sensor; error: an axis is not known, or all of it is wrong', {
+        'standard deviation of * [*]': 'of each axis, as published',
+        'event *': 'the last ones: starts, levels found, the inertial sensor lost and back',
+        **REJECTIONS,
+    })
+SENSOR = DiagnosticComponent(
+    ESTIMATOR, 'sensor *', 'warn: silent, or most of it fits nothing', {
+        'rate [Hz]': 'of its measurements',
+        'age when it comes [ms]': 'by its stamps',
+        'normalised innovation squared': 'mean; 1 where its noise is as the parameters say',
+        'measurements: *': 'by what became of them: used, other level, outlier, …',
+    })
+COMPONENTS = (
+    OPERATION, BUS, AXIS, COUNTERS, GOAL, CORRECTION, CONTACT, MOTION, SENSOR, BLACK_BOX, WALL)
 BY_NAME = {one.name: one for one in COMPONENTS}
 
 
 def unknown_keys(component: str, keys: Iterable[str]) -> list[str]:
     """Return the keys that the table does not have for a component of a node, without its name."""
-    known = BY_NAME.get(component, AXIS)
+    named = AXIS if not component.startswith('sensor ') else SENSOR
+    known = BY_NAME.get(component, named)
     return [key for key in keys if not known.has(key)]
 
 

@@ -30,10 +30,12 @@ STREAM, EVERY = 'stream', 'every'  # recorded without holding anybody up, or non
 # Who takes part, by the name of the node: our own, and programs and instruments of others. The
 # recorder subscribes to what is recorded and reads parameters, the monitor subscribes to all.
 COMPENSATOR, DRIVER, IK, SIMULATOR = 'compensator', 'driver', 'ik_service', 'gondola_simulator'
+ESTIMATOR, RAIL_SENSORS = 'disturbance_estimator', 'rail_sensors'
 RECORDER, SUPERVISOR, MONITOR = 'recorder', 'supervisor', 'monitor'
-RECORDED = (DRIVER, COMPENSATOR, IK, SIMULATOR)
+RECORDED = (DRIVER, COMPENSATOR, IK, ESTIMATOR, SIMULATOR)
 NODES = (*RECORDED, RECORDER)
-ROLES = (*NODES, SUPERVISOR, 'estimator', 'force_sensor', 'camera', 'instrument', MONITOR)
+ROLES = (*NODES, SUPERVISOR, 'estimator', RAIL_SENSORS, 'force_sensor', 'camera', 'instrument',
+         MONITOR)
 READ = ('list_parameters', 'get_parameters')
 
 
@@ -65,8 +67,16 @@ JOINTS, TRIGGER = 'sensor_msgs/JointState', 'std_srvs/Trigger'
 GOAL_POSE = Topic('goal_pose', POSE, LATEST, (SUPERVISOR,), (COMPENSATOR, IK, SIMULATOR), EVERY)
 DISTURBANCE = Topic('disturbance', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR,
                     ('estimator', SIMULATOR), (COMPENSATOR,))
-DISTURBANCE_ODOMETRY = Topic('disturbance_odometry', 'nav_msgs/Odometry', SENSOR, ('estimator',),
-                             (COMPENSATOR,))
+DISTURBANCE_ODOMETRY = Topic('disturbance_odometry', 'nav_msgs/Odometry', SENSOR,
+                             ('estimator', ESTIMATOR), (COMPENSATOR,))
+IMU = Topic('imu', 'sensor_msgs/Imu', SENSOR, (RAIL_SENSORS, SIMULATOR), (ESTIMATOR,))
+RANGE_1, RANGE_2 = (
+    Topic(name, 'sensor_msgs/Range', SENSOR, (RAIL_SENSORS, SIMULATOR), (ESTIMATOR,))
+    for name in ('range_1', 'range_2'))
+FIX_X = Topic('fix_x', 'geometry_msgs/PointStamped', SENSOR, (RAIL_SENSORS, SIMULATOR),
+              (ESTIMATOR,))
+FIX_POSE = Topic('fix_pose', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR, (RAIL_SENSORS,),
+                 (ESTIMATOR,))
 CORRECTED_POSE = Topic('corrected_pose', POSE, LATEST, (COMPENSATOR,), (IK,))
 GOAL_STATUS = Topic('compensator/goal_status', STATUS, LATCHED, (COMPENSATOR,), (SUPERVISOR,))
 REFERENCE = Topic('compensator/reference', POSE, RELIABLE, (COMPENSATOR,))
@@ -102,7 +112,8 @@ PARAMETER_EVENTS = Topic('/parameter_events', 'rcl_interfaces/ParameterEvent', R
                          recorded=EVERY)
 TRANSITION_EVENT = Topic('driver/transition_event', 'lifecycle_msgs/TransitionEvent', RELIABLE,
                          (DRIVER,), recorded='')
-EXPERIMENTAL = (COMPENSATOR, RECORDER, SIMULATOR)  # whose process has the faster executor
+# whose process has the faster executor
+EXPERIMENTAL = (COMPENSATOR, RECORDER, ESTIMATOR, SIMULATOR)
 EXECUTOR_CHECK = Topic(
     'executor_check/message', 'std_msgs/Empty', LATEST, EXPERIMENTAL, EXPERIMENTAL, recorded='')
 

@@ -16,7 +16,8 @@ from facade_manipulator.parameters import nearest, parameter_fields, settings_fr
 
 DIGITS = 7  # behind the point: 0.1 um, 0.1 urad
 ALL_NODES = '**'
-NODE_NAMES = ('compensator', 'driver', 'gondola_simulator', 'ik_service', 'recorder')
+NODE_NAMES = ('compensator', 'disturbance_estimator', 'driver', 'gondola_simulator', 'ik_service',
+              'recorder')
 _OF_MECHANISM = ('driver', 'compensator', 'ik_service')
 _ROS = 'ros__parameters'
 _WILDCARDS = {'*': '/[^/]+', '**': '(/[^/]+)*'}

@@ -55,10 +55,14 @@ def _nodes(context) -> list:
     recorder = Node(  # alone it does not end the others, and is started again
         executable='recorder', name='recorder', respawn=True, respawn_delay=RESPAWN_DELAY,
         condition=IfCondition(LaunchConfiguration('record')), **_common(context, 'recorder'))
+    estimator = Node(  # likewise: without it the correction fades out
+        executable='disturbance_estimator', name='disturbance_estimator', respawn=True,
+        respawn_delay=RESPAWN_DELAY, condition=IfCondition(LaunchConfiguration('estimator')),
+        **_common(context, 'disturbance_estimator'))
     configure = EmitEvent(event=ChangeState(
         lifecycle_node_matcher=matches_action(driver),
         transition_id=Transition.TRANSITION_CONFIGURE))
-    return [*(_end_with(node) for node in nodes), *nodes, recorder, configure]
+    return [*(_end_with(node) for node in nodes), *nodes, recorder, estimator, configure]
 
 
 def _common(context, executable: str) -> dict:
@@ -92,6 +96,8 @@ def generate_launch_description() -> LaunchDescription:
     """Describe the manipulator's nodes and arguments."""
     arguments = (
         ('use_mock_hardware', 'false', 'simulate the drives and the gondola',
+         ['true', 'false', 'True', 'False']),
+        ('estimator', 'false', 'estimate the disturbance from raw sensors on the rail',
          ['true', 'false', 'True', 'False']),
         ('record', 'true', 'keep a black box of the last minutes',
          ['true', 'false', 'True', 'False']),

@@ -67,7 +67,7 @@ def test_every_key_has_a_meaning_and_every_measure_a_unit():
     for one in COMPONENTS:
         assert one.levels and all(one.keys.values())
         units = {unit for key in one.keys for unit in re.findall(r'\[(.+)\]', key)}
-        assert units <= {*'s ms h m mm km m/s N N/mm % MB *'.split(), 'N m'}
+        assert units <= {*'s ms h m mm km m/s N N/mm % MB Hz *'.split(), 'N m'}
 
 
 def reports(monkeypatch) -> list[DiagnosticStatus]:

@@ -18,6 +18,7 @@ from facade_manipulator import interfaces
 from facade_manipulator.interfaces import Service, SERVICES, Topic, TOPICS
 from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.monitor import Observer
@@ -41,6 +42,7 @@ NODES = {
     'ik_service': partial(IkServiceNode, parameter_overrides=[
         Parameter('contact_wrench.from_drives', value=True)]),
     'recorder': RecorderNode,
+    'disturbance_estimator': DisturbanceEstimatorNode,
     'gondola_simulator': GondolaSimulatorNode,
 }
 

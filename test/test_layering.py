@@ -26,6 +26,7 @@ MACHINE = {
     'diagnostics': {'interfaces'},
     'kinematics': BASE,
     'messages': BASE | {'kinematics'},
+    'estimation': BASE | {'kinematics'},
     'prediction': BASE | {'kinematics'},
     'motion': BASE | {'kinematics'},
     'compensation': BASE | {'kinematics', 'prediction', 'motion'},
@@ -52,7 +53,8 @@ TOOLS = {
 LAB = {
     'lab.demo': ALL_OF_IT | {'lab.gondola'},
     'lab.drives': BASE | {'drives.canopen', 'drives.cia402'},
-    'lab.gondola': BASE | {'files', 'kinematics', 'motion', 'prediction', 'compensation',
+    'lab.gondola': BASE | {'estimation', 'files', 'kinematics', 'motion', 'prediction',
+                           'compensation',
                            'resources', 'tools.calibration'},
     'lab.study': SETTINGS | {'kinematics'},
 }
@@ -60,6 +62,7 @@ ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms
 ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor'}
 PURE_ROOMS = {'errors', 'parameters', 'interfaces', 'diagnostics', 'kinematics', 'messages',
+              'estimation',
               'prediction', 'motion', 'compensation', 'lab.gondola'}
 DRAWING = {('lab', 'gondola', 'pictures')}
 CLOCKS_AND_IO = {'datetime', 'os', 'random', 'select', 'signal', 'socket', 'subprocess', 'time'}

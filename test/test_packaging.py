@@ -24,7 +24,7 @@ AGREED = {
 }
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
-    'demo', 'monitor', 'workspace_study', 'calibrate',
+    'demo', 'monitor', 'workspace_study', 'calibrate', 'disturbance_estimator',
     'commission', 'install', 'recorder', 'replay', 'stopping', 'support', 'doctor', 'policies',
 }
 DISTRIBUTION_OF = {

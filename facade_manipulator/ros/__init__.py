@@ -9,6 +9,7 @@ from .client import ManipulatorClient as ManipulatorClient
 from .clocks import steady_timer as steady_timer
 from .codec import estimate_codec as estimate_codec
 from .codec import message_from as message_from
+from .codec import odometry_codec as odometry_codec
 from .codec import pose_codec as pose_codec
 from .codec import setpoint_codec as setpoint_codec
 from .codec import states_codec as states_codec

@@ -25,6 +25,7 @@ import sys
 from typing import Any, NamedTuple
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
@@ -177,6 +178,17 @@ def estimate_codec(topic: str, frame_id: str) -> Codec:
     return _codec_in_frame(PoseWithCovarianceStamped, topic, frame_id, estimate_numbers, (
         doubles(1, unread=end - begin - 1)
         for begin, end in pairwise((*VARIANCES, COVARIANCE_SIZE))))
+
+
+def odometry_codec(topic: str, frame_id: str, child_frame_id: str) -> Codec:
+    """
+    Return the codec of a topic of Odometry, to write it.
+
+    Its numbers are those of the pose, its covariance, the twist and the covariance of that.
+    """
+    return Codec(Odometry, (
+        text(frame_id), text(child_frame_id),
+        doubles(len(POSE_NUMBERS) + COVARIANCE_SIZE + 6 + COVARIANCE_SIZE)), list, topic)
 
 
 def _codec_in_frame(

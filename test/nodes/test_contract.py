@@ -16,6 +16,7 @@ from rclpy.serialization import serialize_message
 from facade_manipulator.interfaces import EXECUTOR_CHECK, TOPICS
 from facade_manipulator.lab.demo.gondola_simulator import GondolaSimulatorNode
 from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.recorder import RecorderNode
@@ -25,6 +26,7 @@ SIMULATED = [Parameter('simulate_drives', value=True)]
 NODES = {
     'driver': partial(DriverNode, LoopThread, parameter_overrides=SIMULATED),
     'ik_service': IkServiceNode, 'compensator': CompensatorNode, 'recorder': RecorderNode,
+    'disturbance_estimator': DisturbanceEstimatorNode,
     'gondola_simulator': GondolaSimulatorNode,
 }
 FOREIGN = 'another says that'

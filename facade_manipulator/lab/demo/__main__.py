@@ -47,6 +47,7 @@ from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
 
 NODES = ('gondola_simulator', 'driver', 'manipulator', 'recorder')
+ESTIMATOR = 'disturbance_estimator'  # beside them where the scenario has raw sensors
 FIRST_GOAL_AFTER = 1.0
 KEPT = 300.0  # s of a longer run, which the recorder keeps for the pictures
 SAVE_TIMEOUT = 60.0  # s
@@ -67,6 +68,7 @@ class Demo:
         self._is_stopping = False
         self.output = options.output
         self.scenario = load_scenario(options.scenario) if options.scenario else Scenario()
+        self.nodes = (*NODES, ESTIMATOR) if self.scenario.sensors.rail.present else NODES
         self.processes = NodeProcesses(self.output)
         self.client = ManipulatorClient(
             options.namespace, 'demo_supervisor', self._check_interrupt)
@@ -96,9 +98,9 @@ class Demo:
         for name in PICTURES:  # beside a new summary an earlier run's would mislead
             (self.output / name).unlink(missing_ok=True)
         self.console.print(
-            f'starting {", ".join(NODES)} in namespace {self.options.namespace} '
+            f'starting {", ".join(self.nodes)} in namespace {self.options.namespace} '
             f'(logs in {self.output}/)')
-        for name in NODES:
+        for name in self.nodes:
             self.processes.start(name, _ros_arguments(name, self.options, self.scenario))
 
     def _bring_up(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
 import json
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import Point, PointStamped, PoseStamped
 from rclpy.node import Node
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState, Range
 
 from facade_manipulator import interfaces
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
@@ -19,6 +20,7 @@ from facade_manipulator.lab.gondola import (
     ForceSensor,
     load_scenario,
     PressedGondola,
+    RailSensors,
     Scenario,
     SimulatedEstimator,
     WallMeasurement,
@@ -52,6 +54,7 @@ from facade_manipulator.ros import (
 )
 
 DELIVERY_PERIOD = 0.005
+RAW_SENSORS = interfaces.IMU, interfaces.RANGE_1, interfaces.RANGE_2, interfaces.FIX_X
 
 
 @settings
@@ -79,6 +82,8 @@ class GondolaSimulatorNode(Node):
 
         self._gondola = PressedGondola(motion, Facade(scenario.facade), scenario.gondola)
         self._estimator = SimulatedEstimator(scenario.estimator, self._gondola.at, start)
+        self._sensors = RailSensors(scenario.sensors, self._gondola.at, start)
+        self._has_sensors = scenario.sensors.rail.present
         self._wall = WallMeasurement(geometry, scenario.wall, self._gondola.at)
         self._force_sensor = (
             ForceSensor(scenario.force_sensor) if scenario.facade.present else None)
@@ -92,6 +97,7 @@ class GondolaSimulatorNode(Node):
         self._frames = frames(self)
         self._estimate_codec = estimate_codec('disturbance', self._frames.facade)
         self._disturbance = publisher(self, interfaces.DISTURBANCE)
+        self._raw = {one.name: publisher(self, one) for one in RAW_SENSORS}
         self._head, self._error, self._uncompensated = (
             PoseStream(self, topic, self._frames.facade) for topic in (
                 interfaces.HEAD_POSE, interfaces.WALL_ERROR, interfaces.UNCOMPENSATED_ERROR))
@@ -103,6 +109,12 @@ class GondolaSimulatorNode(Node):
         offer_trigger(self, interfaces.REPORT, lambda: json.dumps(self._wall.report()))
 
     def _deliver(self) -> None:
+        if self._has_sensors:  # in place of estimates
+            for name, time, values in self._sensors.advance(node_time(self)):
+                self._raw[name].publish(
+                    feature_message(time, *values) if name == interfaces.FIX_X.name
+                    else raw_message(time, values))
+            return
         for estimate in self._estimator.advance(node_time(self)):
             self._disturbance.publish(self._estimate_codec.write(
                 estimate.stamp, (*planar_numbers(estimate.pose), *estimate.variances)))
@@ -155,6 +167,28 @@ class GondolaSimulatorNode(Node):
     def _components(self) -> list[DiagnosticStatus]:
         return [diagnostic_status(
             'wall', 'ok', 'measuring', {'samples': self._wall.count, **self._rejections.values()})]
+
+
+def raw_message(time: float, values: Sequence[float]) -> Imu | Range:
+    """Return what the inertial sensor or one of a distance publishes."""
+    if len(values) == 1:
+        message: Imu | Range = Range(
+            range=values[0], min_range=0.05, max_range=4.0, radiation_type=Range.INFRARED)
+    else:
+        message = Imu()
+        message.orientation_covariance[0] = -1.0  # it has none
+        for vector, numbers in ((message.angular_velocity, values[:3]),
+                                (message.linear_acceleration, values[3:])):
+            vector.x, vector.y, vector.z = numbers
+    message.header.stamp = stamp(time)
+    return message
+
+
+def feature_message(time: float, x: float) -> PointStamped:
+    """Return what a camera publishes of a feature of the wall."""
+    message = PointStamped(point=Point(x=x))
+    message.header.stamp = stamp(time)
+    return message
 
 
 main = partial(run, lambda: [GondolaSimulatorNode()])

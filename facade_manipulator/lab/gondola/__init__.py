@@ -12,6 +12,7 @@ from .course import figures as figures
 from .course import giving_way as giving_way
 from .facade import Facade as Facade
 from .facade import FacadeSettings as FacadeSettings
+from .rail_sensors import RailSensors as RailSensors
 from .reaction import carriage_loads as carriage_loads
 from .reaction import PressedGondola as PressedGondola
 from .scenario import compensator_parameters as compensator_parameters

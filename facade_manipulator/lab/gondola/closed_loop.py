@@ -17,6 +17,7 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose, Wrench
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Motion
+from facade_manipulator.lab.gondola.rail_sensors import EstimatorOnRail
 from facade_manipulator.lab.gondola.reaction import PressedGondola
 from facade_manipulator.lab.gondola.scenario import Scenario
 from facade_manipulator.lab.gondola.sensors import ForceSensor, SimulatedEstimator
@@ -67,7 +68,10 @@ class ClosedLoop:
         self.compensator = Compensator(geometry, scenario.compensator)
         self.gondola = PressedGondola(
             lambda time: motion(time - START), Facade(scenario.facade), scenario.gondola)
-        self.estimator = SimulatedEstimator(scenario.estimator, self.gondola.at, START)
+        self.estimator: SimulatedEstimator | EstimatorOnRail = (
+            EstimatorOnRail(scenario.sensors, self.gondola.at, START)
+            if scenario.sensors.rail.present
+            else SimulatedEstimator(scenario.estimator, self.gondola.at, START))
         self.wall = WallMeasurement(made or geometry, scenario.wall, self.gondola.at)
         self.rejections: list[str] = []
         self.follower = SetpointFollower(

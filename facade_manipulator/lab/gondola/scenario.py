@@ -20,6 +20,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.lab.gondola.facade import FacadeSettings
 from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
 from facade_manipulator.lab.gondola.motion import load_recording, Motion, Sway, SwaySettings
+from facade_manipulator.lab.gondola.rail_sensors import SensorSettings
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings, ForceSensorSettings
 from facade_manipulator.lab.gondola.wall import WallSettings
 from facade_manipulator.lab.gondola.wind import WindSettings
@@ -77,6 +78,7 @@ class Scenario(NamedTuple):
     gondola: GondolaSettings = GondolaSettings()
     wind: WindSettings = WindSettings()
     estimator: EstimatorSettings = EstimatorSettings()
+    sensors: SensorSettings = SensorSettings()
     facade: FacadeSettings = FacadeSettings()
     force_sensor: ForceSensorSettings = ForceSensorSettings()
     wall: WallSettings = WallSettings()

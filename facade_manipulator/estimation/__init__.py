@@ -1,0 +1,18 @@
+"""
+Where the rail is on the façade, from sensors that can be bought.
+
+In: turning rates and accelerations, distances of the wall, features or poses seen, each with its
+stamp. Out: pose and velocity of the rail, with covariances that hold; what became of each sensor's
+measurements, and events with their reasons.
+"""
+
+from .association import SensorRecord as SensorRecord
+from .estimator import DisturbanceEstimator as DisturbanceEstimator
+from .estimator import EstimatorEvent as EstimatorEvent
+from .estimator import RailMotion as RailMotion
+from .settings import DistanceSettings as DistanceSettings
+from .settings import EstimatorSetup as EstimatorSetup
+from .settings import FixSettings as FixSettings
+from .settings import ImuSettings as ImuSettings
+from .settings import PoseFixSettings as PoseFixSettings
+from .settings import ProfileSettings as ProfileSettings

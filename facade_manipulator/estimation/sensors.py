@@ -1,0 +1,171 @@
+"""What each sensor of the wall should measure in a state, and how that depends on the state."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+from typing import Protocol
+
+import numpy as np
+
+from facade_manipulator.estimation.settings import (
+    DistanceSettings,
+    FixSettings,
+    PoseFixSettings,
+    ProfileSettings,
+)
+from facade_manipulator.estimation.state import (
+    SensorState,
+    TILT_X,
+    TILT_Y,
+    VX,
+    VY,
+    X,
+    Y,
+    YAW,
+)
+from facade_manipulator.kinematics import Pose
+
+
+class Wall:
+    """Where the wall and its features are, once that is known: by the settings or by the start."""
+
+    def __init__(self, settings: ProfileSettings) -> None:
+        self.settings = settings
+        self.distance = settings.distance  #: 0 is not known
+
+
+class WallSensor(Protocol):
+    """
+    A sensor that measures one number of where the rail is before the wall.
+
+    Attributes
+    ----------
+    name : str
+    axes : tuple of int
+        States without which nothing can be expected of it, and which it starts.
+    noise, delay : float
+        Standard deviation of a measurement [m or rad], and of its stamp [s].
+    states : list of SensorState
+        That it adds to the filter's, from the index `first` on.
+
+    """
+
+    name: str
+    axes: tuple[int, ...]
+    noise: float
+    delay: float
+    states: list[SensorState]
+    first: int
+
+    def expected(self, mean: np.ndarray, turning: float) -> tuple[float, np.ndarray]:
+        """Return what it should measure while the yaw turns [rad/s], and the derivative."""
+        ...
+
+
+class DistanceSensor:
+    """The distance of the wall along the rail's y."""
+
+    axes: tuple[int, ...] = (Y, YAW)
+
+    def __init__(
+        self, name: str, settings: DistanceSettings, wall: Wall, imu: Sequence[float], first: int
+    ) -> None:
+        self.name, self.noise, self.delay = name, settings.noise, settings.delay
+        self.lever = _lever(settings.mounting, imu)
+        self.mounting = settings.mounting
+        self.first = first
+        self.states = [SensorState(settings.place_noise, wall.settings.cell)]
+        self._wall = wall
+
+    def expected(self, mean: np.ndarray, turning: float) -> tuple[float, np.ndarray]:
+        """Return (D − y) / cos ψ of the sensor's y, and its derivative."""
+        (_, y), cosine, sine = place(mean, self.lever)
+        sx, sy, sz = self.lever
+        distance = (self._wall.distance - y) / cosine
+        direction = np.zeros(len(mean))
+        direction[Y] = -1.0 / cosine
+        direction[YAW] = distance * sine / cosine - sx + sy * sine / cosine
+        direction[TILT_X] = sz / cosine
+        direction[self.first] = 1.0
+        return distance + float(mean[self.first]), direction
+
+
+class FeatureSensor:
+    """Where a feature of the wall is along the rail's x, seen from the sensor."""
+
+    axes: tuple[int, ...] = (X,)
+
+    def __init__(
+        self, name: str, settings: FixSettings, wall: Wall, imu: Sequence[float], first: int
+    ) -> None:
+        self.name, self.noise, self.delay = name, settings.noise, settings.delay
+        self.lever = _lever(settings.mounting, imu)
+        self.mounting = settings.mounting
+        self.first = first
+        self.states = [SensorState(settings.place_noise, wall.settings.cell),
+                       SensorState(settings.delay_error, math.inf)]
+        #: its place on the wall [m], known from the start on
+        self.feature = settings.feature if settings.feature_known else None
+        self._wall = wall
+
+    def expected(self, mean: np.ndarray, turning: float) -> tuple[float, np.ndarray]:
+        """Return where the feature is along the sensor's x, and the derivative of that."""
+        (x, y), cosine, sine = place(mean, self.lever)
+        _, sy, sz = self.lever
+        along, across = (self.feature or 0.0) - x, self._wall.distance - y
+        direction = np.zeros(len(mean))
+        direction[X], direction[Y] = -cosine, -sine
+        direction[TILT_X], direction[TILT_Y] = sine * sz, -cosine * sz
+        direction[YAW] = cosine * across - sine * along + sy
+        rate = direction[X] * mean[VX] + direction[Y] * mean[VY] + direction[YAW] * turning
+        direction[self.first], direction[self.first + 1] = 1.0, -rate
+        expected = cosine * along + sine * across + mean[self.first]
+        return float(expected - rate * mean[self.first + 1]), direction
+
+
+class PoseSensor:
+    """One axis of the rail's pose."""
+
+    def __init__(
+        self, name: str, axis: int, settings: PoseFixSettings, imu: Sequence[float]
+    ) -> None:
+        self.name, self.delay, self.first = f'{name}.{Pose._fields[axis]}', settings.delay, 0
+        self.noise = settings.yaw_noise if axis == YAW else settings.position_noise
+        self.axes: tuple[int, ...] = (axis,)
+        self.states: list[SensorState] = []
+        self.lever = _lever((0.0, 0.0, 0.0), imu)
+        self._axis = axis
+
+    def expected(self, mean: np.ndarray, turning: float) -> tuple[float, np.ndarray]:
+        """Return the rail's x, y or yaw, and its derivative."""
+        value, jacobian = pose_at(mean, self.lever)
+        return float(value[self._axis]), jacobian[self._axis]
+
+
+def _lever(mounting: Sequence[float], imu: Sequence[float]) -> tuple[float, float, float]:
+    """Return where something is from the inertial sensor, along the rail's axes [m]."""
+    x, y, z = (there - here for there, here in zip(mounting[:3], imu[:3], strict=True))
+    return x, y, z
+
+
+def place(
+    mean: np.ndarray, lever: tuple[float, float, float]
+) -> tuple[tuple[float, float], float, float]:
+    """Return where what is at a lever from the inertial sensor is, cosine and sine of the yaw."""
+    x, y, yaw, _, _, tilt_x, tilt_y = mean[:TILT_Y + 1].tolist()
+    sx, sy, sz = lever
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return (x + cosine * sx - sine * sy + tilt_y * sz,
+            y + sine * sx + cosine * sy - tilt_x * sz), cosine, sine
+
+
+def pose_at(mean: np.ndarray, lever: tuple[float, float, float]) -> tuple[np.ndarray, np.ndarray]:
+    """Return x, y and yaw of what is at a lever from the inertial sensor, and the derivative."""
+    (x, y), cosine, sine = place(mean, lever)
+    sx, sy, sz = lever
+    jacobian = np.zeros((3, len(mean)))
+    jacobian[X, X] = jacobian[Y, Y] = jacobian[YAW, YAW] = 1.0
+    jacobian[X, YAW], jacobian[Y, YAW] = -sine * sx - cosine * sy, cosine * sx - sine * sy
+    jacobian[X, TILT_Y], jacobian[Y, TILT_X] = sz, -sz
+    return np.array((x, y, mean[YAW])), jacobian

@@ -1,0 +1,181 @@
+"""
+The state of the filter, its motion from one inertial measurement to the next, its corrections.
+
+The state is that of the inertial sensor, along the axes of `facade` and turned to those of the
+rail: position, yaw and velocity, tilts about the rail's x and y, offsets of the gyroscopes and of
+the accelerometers, then what each sensor of the wall adds: the error of the place that it looks
+at, or what is not known of its delay. With turning rates ω, accelerations f, both less their
+offsets, yaw ψ and tilts θ,
+
+    v̇ = R(ψ) (f + f_z (θ_y, −θ_x)),  ψ̇ = ω_z + θ_x ω_y − θ_y ω_x,
+    θ̇_x = ω_x + ω_z θ_y,  θ̇_y = ω_y − ω_z θ_x.
+
+Without an inertial sensor the same equations hold for ω = f = 0, with offsets that are less yaw
+rate and acceleration and change at random, the accelerations back to 0 (R. A. Singer, “Estimating
+optimal tracking filter performance for manned maneuvering targets”, IEEE Trans. AES 6 (1970)
+473–483).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from facade_manipulator.estimation.settings import ImuSettings
+
+X, Y, YAW, VX, VY, TILT_X, TILT_Y, RATE_X, RATE_Y, RATE_Z, FORCE_X, FORCE_Y = range(12)
+POSE, OFFSETS = slice(X, YAW + 1), slice(RATE_X, FORCE_Y + 1)
+SENSORS = 12  # from here on the states of sensors of the wall
+# How offsets wander: an industrial sensor's by 10 °/h and 0.1 mg in the minutes of a warm-up.
+RATE_WALK, FORCE_WALK = 5e-6, 1e-4  # rad/s/√s, m/s²/√s
+# Without an inertial sensor, of a gondola in gusts:
+ACCELERATION, MEMORY = 0.12, 0.6  # m/s² and s: standard deviation, and how long it lasts
+TURNING = 6e-3  # rad/s²/√Hz, of the yaw's acceleration
+SWING, SWING_TIME = 5e-3, 1.0  # rad and s, likewise of the tilts
+
+
+class FilterState(NamedTuple):
+    """Mean and covariance."""
+
+    mean: np.ndarray
+    covariance: np.ndarray
+
+
+class InertialInput(NamedTuple):
+    """Turning rates [rad/s] and accelerations [m/s²] along the rail's axes over a step."""
+
+    rates: tuple[float, float, float]
+    forces: tuple[float, float, float]
+    measured: bool = True
+
+
+# Where the derivative of the motion is not 0, row and column: see `Process`
+COUPLED = tuple(zip(
+    (X, VX), (Y, VY), (YAW, RATE_Z), (VX, YAW), (VX, TILT_X), (VX, TILT_Y), (VX, FORCE_X),
+    (VX, FORCE_Y), (VY, YAW), (VY, TILT_X), (VY, TILT_Y), (VY, FORCE_X), (VY, FORCE_Y),
+    (TILT_X, TILT_Y), (TILT_X, RATE_X), (TILT_Y, TILT_X), (TILT_Y, RATE_Y), strict=True))
+COASTING_STATES = [TILT_X, TILT_Y, FORCE_X, FORCE_Y]  # which decay without an inertial sensor
+COASTING_TIMES = np.array((SWING_TIME, SWING_TIME, MEMORY, MEMORY))
+COASTING = InertialInput((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False)
+
+
+class SensorState(NamedTuple):
+    """A state of a sensor of the wall: the error of a place, or what is not known of a delay."""
+
+    deviation: float
+    cell: float  #: over which it is about the same [m]; infinite for what is constant
+
+
+class Process:
+    """The motion of the state, of one set of sensors."""
+
+    def __init__(self, imu: ImuSettings, sensors: list[SensorState]) -> None:
+        self._imu = imu
+        self.size = SENSORS + len(sensors)
+        self._own = np.array([sensor.deviation for sensor in sensors]) ** 2
+        self._cells = np.array([1.0 / sensor.cell for sensor in sensors])
+        self._identity = np.eye(self.size)
+        self._walk = {True: self._measured_walk(imu), False: self._coasting_walk()}
+        self._offset_variances = np.array(
+            3 * [imu.gyroscope_bias ** 2] + 2 * [imu.accelerometer_bias ** 2])
+
+    def _measured_walk(self, imu: ImuSettings) -> np.ndarray:
+        walk = np.zeros(self.size)
+        walk[[YAW, TILT_X, TILT_Y]] = imu.gyroscope_noise ** 2
+        walk[[VX, VY]] = imu.accelerometer_noise ** 2
+        walk[RATE_X:RATE_Z + 1], walk[FORCE_X:SENSORS] = RATE_WALK ** 2, FORCE_WALK ** 2
+        return walk
+
+    def _coasting_walk(self) -> np.ndarray:
+        walk = np.zeros(self.size)
+        walk[[TILT_X, TILT_Y]] = 2.0 * SWING ** 2 / SWING_TIME
+        walk[[FORCE_X, FORCE_Y]] = 2.0 * ACCELERATION ** 2 / MEMORY
+        walk[RATE_Z] = TURNING ** 2
+        return walk
+
+    def unknown(self) -> FilterState:
+        """Return the state before anything is known, of a filter that coasts."""
+        variances = np.concatenate([
+            (1.0, 1.0, 0.1, 0.1, 0.1), 2 * [self._imu.tilt ** 2], np.zeros(5), self._own])
+        variances[[RATE_Z, FORCE_X, FORCE_Y]] = 1e-4, ACCELERATION ** 2, ACCELERATION ** 2
+        return FilterState(np.zeros(self.size), np.diag(variances))
+
+    def unknown_offsets(self) -> FilterState:
+        """Return the offsets of the inertial sensor before anything is known of them."""
+        return FilterState(np.zeros(5), self._offset_variances)
+
+    @staticmethod
+    def offsets_of(state: FilterState) -> FilterState:
+        """Return the offsets of the inertial sensor and their variances."""
+        return FilterState(state.mean[OFFSETS].copy(), np.diag(state.covariance)[OFFSETS].copy())
+
+    def advanced(self, state: FilterState, inertial: InertialInput, step: float) -> FilterState:
+        """Return the state a time [s] later."""
+        mean, transition = self._motion(state.mean, inertial, step)
+        kept = np.exp(-step * math.hypot(mean[VX], mean[VY]) * self._cells)
+        mean[SENSORS:] *= kept
+        diagonal(transition)[SENSORS:] = kept
+        covariance: np.ndarray = transition @ state.covariance @ transition.T
+        noise = self._walk[inertial.measured] * step
+        noise[SENSORS:] = self._own * (1.0 - kept * kept)
+        diagonal(covariance)[:] += noise
+        return FilterState(mean, covariance)
+
+    def _motion(
+        self, before: np.ndarray, inertial: InertialInput, step: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the mean a step later and the transition to it, the sensors' states left."""
+        (_, _, yaw, vx, vy, tilt_x, tilt_y, *offsets) = before[:SENSORS].tolist()
+        rx, ry, rz = (rate - offset for rate, offset in zip(
+            inertial.rates, offsets[:3], strict=True))
+        fx, fy, fz = inertial.forces
+        fx, fy = fx - offsets[3] + fz * tilt_y, fy - offsets[4] - fz * tilt_x
+        cosine, sine = math.cos(yaw + 0.5 * rz * step), math.sin(yaw + 0.5 * rz * step)
+        ax, ay = cosine * fx - sine * fy, sine * fx + cosine * fy
+        mean = before.copy()
+        mean[:RATE_X] += (
+            (vx + 0.5 * ax * step) * step, (vy + 0.5 * ay * step) * step,
+            (rz + tilt_x * ry - tilt_y * rx) * step, ax * step, ay * step,
+            (rx + rz * tilt_y) * step, (ry - rz * tilt_x) * step)
+        transition = self._identity.copy()
+        transition[COUPLED] = step * np.array((
+            1.0, 1.0, -1.0, -ay, sine * fz, cosine * fz, -cosine, sine,
+            ax, -cosine * fz, sine * fz, -sine, -cosine, rz, -1.0, -rz, -1.0))
+        if not inertial.measured:
+            decay = np.exp(-step / COASTING_TIMES)
+            mean[COASTING_STATES] *= decay
+            transition[COASTING_STATES] *= decay[:, None]
+        return mean, transition
+
+    def without_imu(self, state: FilterState, last: InertialInput) -> FilterState:
+        """Return the state with the rail's own yaw rate and acceleration in place of offsets."""
+        mean, covariance = state.mean.copy(), state.covariance.copy()
+        _, _, offset, ox, oy = mean[OFFSETS]
+        (fx, fy, fz), (tilt_x, tilt_y) = last.forces, mean[TILT_X:TILT_Y + 1]
+        forget(covariance, OFFSETS, np.array(
+            (0.0, 0.0, (10.0 * self._imu.gyroscope_noise) ** 2, *2 * [0.05 ** 2])))
+        mean[OFFSETS] = 0.0, 0.0, offset - last.rates[2], ox - fx - fz * tilt_y, (
+            oy - fy + fz * tilt_x)
+        return FilterState(mean, covariance)
+
+    def with_imu(self, state: FilterState, offsets: FilterState) -> FilterState:
+        """Return the state with what was known of the offsets of the inertial sensor."""
+        mean, covariance = state.mean.copy(), state.covariance.copy()
+        forget(covariance, OFFSETS, offsets.covariance)
+        forget(covariance, slice(TILT_X, TILT_Y + 1), self._imu.tilt ** 2)
+        mean[OFFSETS], mean[TILT_X:TILT_Y + 1] = offsets.mean, 0.0
+        return FilterState(mean, covariance)
+
+
+def forget(covariance: np.ndarray, part: slice, variances: np.ndarray | float) -> None:
+    """Give a part of the state these variances, in place, and no correlation with the others."""
+    covariance[part] = covariance[:, part] = 0.0
+    indices = range(*part.indices(len(covariance)))
+    covariance[indices, indices] = variances
+
+
+def diagonal(matrix: np.ndarray) -> np.ndarray:
+    """Return the diagonal of a square matrix, to be changed in place."""
+    return matrix.reshape(-1)[::len(matrix) + 1]

@@ -1,0 +1,227 @@
+"""The disturbance estimator node: raw sensors on the rail in, where the rail is out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+import math
+from typing import Any, TypeVar
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import Imu, Range
+
+from facade_manipulator import interfaces
+from facade_manipulator.errors import InputError
+from facade_manipulator.estimation import (
+    DistanceSettings,
+    DisturbanceEstimator,
+    EstimatorSetup,
+    FixSettings,
+    ImuSettings,
+    PoseFixSettings,
+    ProfileSettings,
+    RailMotion,
+    SensorRecord,
+)
+from facade_manipulator.interfaces import Topic
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import (
+    estimate_numbers,
+    planar_numbers,
+    projected,
+    require_frame,
+    seconds,
+)
+from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.ros import (
+    declare,
+    diagnostic_status,
+    DiagnosticsPublisher,
+    frames,
+    name_unknown_parameters,
+    node_time,
+    odometry_codec,
+    publisher,
+    Rejections,
+    run,
+    steady_timer,
+    subscription,
+)
+
+WATCH_PERIOD = 0.01  # s, in which what no measurement brings about is done
+SILENT = 1.0  # s without a measurement of a sensor
+MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
+AXES = (0, 1, 5)  # of x, y and yaw among the six of a pose
+SCALES = (1e3, 1e3, math.degrees(1.0))  # mm and degrees of metres and radians
+Sensor = TypeVar('Sensor')
+
+
+@settings
+class SensorNames:
+    """Which sensors there are; each name is that of a topic, and of the sensor's parameters."""
+
+    rate: float = parameter(
+        'Highest rate of estimates', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
+    distances: tuple[str, ...] = parameter(
+        'Topics of sensors of the distance of the wall', default=('range_1', 'range_2'))
+    fixes: tuple[str, ...] = parameter(
+        'Topics of sensors that see a feature of the wall', default=('fix_x',))
+    poses: tuple[str, ...] = parameter(
+        "Topics of estimators of the rail's pose", default=('fix_pose',))
+
+
+class DisturbanceEstimatorNode(Node):
+    """Publish where the rail is as often as the inertial sensor measures, up to a rate."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__('disturbance_estimator', **kwargs)
+        name_unknown_parameters(self)
+        names = declare(self, SensorNames)
+        self._setup = EstimatorSetup(
+            declare(self, ImuSettings, 'imu'), declare(self, ProfileSettings, 'wall'),
+            self._declare(names.distances, DistanceSettings),
+            self._declare(names.fixes, FixSettings), self._declare(names.poses, PoseFixSettings))
+        self._estimator = DisturbanceEstimator(self._setup)
+        self._period = 0.9 / names.rate  # a measurement that comes a little early counts
+        self._published = -math.inf
+        self._motion: RailMotion | None = None
+        self._seen: dict[str, tuple[int, int]] = {}
+        self._logged = 0.0
+        self._rejections = Rejections(self)
+        self._frames = frames(self)
+        self._codec = odometry_codec(
+            'disturbance_odometry', self._frames.facade, self._frames.rail)
+        self._odometry = publisher(self, interfaces.DISTURBANCE_ODOMETRY)
+        subscription(self, interfaces.IMU, self._receive_imu)
+        self._subscribe(interfaces.RANGE_1, self._setup.distances, self._receive_range)
+        self._subscribe(interfaces.FIX_X, self._setup.fixes, self._receive_fix)
+        self._subscribe(interfaces.FIX_POSE, self._setup.poses, self._receive_pose)
+        self._diagnostics = DiagnosticsPublisher(self, self._components)
+        steady_timer(self, WATCH_PERIOD, self._watch)
+
+    def _declare(self, names: tuple[str, ...], kind: type[Sensor]) -> dict[str, Sensor]:
+        """Declare the parameters of sensors; an empty name stands for none."""
+        return {name: declare(self, kind, name) for name in names if name}
+
+    def _subscribe(
+        self, topic: Topic, names: dict[str, Any], receive: Callable[[str, Any], None]
+    ) -> None:
+        for name in names:
+            subscription(self, topic, partial(receive, name), name=name)
+
+    def _receive_imu(self, message: Imu) -> None:
+        now, rates, forces = (
+            node_time(self), message.angular_velocity, message.linear_acceleration)
+        with self._rejections:
+            self._estimator.add_imu(
+                now, seconds(message.header.stamp), (rates.x, rates.y, rates.z),
+                (forces.x, forces.y, forces.z))
+        self._publish(now)
+
+    def _receive_range(self, name: str, message: Range) -> None:
+        with self._rejections:
+            if not message.min_range <= message.range <= message.max_range:
+                raise InputError('range', f'{name} = {message.range:.4g} m is not between its '
+                                 f'{message.min_range:.4g} and {message.max_range:.4g} m')
+            self._estimator.add(
+                name, node_time(self), seconds(message.header.stamp), message.range)
+
+    def _receive_fix(self, name: str, message: PointStamped) -> None:
+        with self._rejections:
+            self._estimator.add(
+                name, node_time(self), seconds(message.header.stamp), message.point.x)
+
+    def _receive_pose(self, name: str, message: PoseWithCovarianceStamped) -> None:
+        """Take the axes whose variance is not negative; 0 is not known."""
+        with self._rejections:
+            require_frame(message.header.frame_id, self._frames.facade, name)
+            *numbers, x, y, yaw = estimate_numbers(message)
+            pose, _ = projected(numbers, name)
+            for axis, value, variance in zip(Pose._fields, pose, (x, y, yaw), strict=True):
+                if not variance < 0.0:
+                    self._estimator.add(
+                        f'{name}.{axis}', node_time(self), seconds(message.header.stamp), value,
+                        variance if 0.0 < variance < math.inf else None)
+
+    def _watch(self) -> None:
+        """Go on without an inertial sensor; write down what has happened."""
+        now = node_time(self)
+        if now - self._published > 2.0 * self._period:
+            self._publish(now)
+        for event in self._estimator.events:
+            if event.stamp > self._logged:
+                self.get_logger().info(f'{event.subject}: {event.reason}')
+        self._logged = max([self._logged, *(one.stamp for one in self._estimator.events)])
+
+    def _publish(self, now: float) -> None:
+        if 0.0 <= now - self._published < self._period:
+            return
+        motion = self._motion = self._estimator.advance(now)
+        if motion is not None:
+            self._published = now
+            self._odometry.publish(self._codec.write(motion.stamp, odometry_numbers(motion)))
+
+    def _components(self) -> list[DiagnosticStatus]:
+        now = node_time(self)
+        return [self._summary(), *(
+            self._sensor(name, record, now) for name, record in self._estimator.records.items())]
+
+    def _summary(self) -> DiagnosticStatus:
+        estimator, motion = self._estimator, self._motion
+        values: dict[str, Any] = dict(self._rejections.values())
+        values |= {f'event {event.stamp:.2f}': f'{event.subject}: {event.reason}'
+                   for event in list(estimator.events)[-5:]}
+        if motion is None:
+            return diagnostic_status(
+                'motion', 'error', estimator.fault or 'nothing has been measured yet', values)
+        for axis, scale, unit, variance in zip(
+                Pose._fields, SCALES, ('mm', 'mm', 'deg'), np.diag(motion.covariance),
+                strict=True):
+            values[f'standard deviation of {axis} [{unit}]'] = scale * math.sqrt(variance)
+        if lost := [axis for k, axis in enumerate(Pose._fields) if k not in estimator.started]:
+            return diagnostic_status(
+                'motion', 'error', f'{", ".join(lost)}: not known', values)
+        if estimator.is_coasting:
+            return diagnostic_status(
+                'motion', 'warn', 'without an inertial sensor: constant acceleration', values)
+        return diagnostic_status('motion', 'ok', 'estimating', values)
+
+    def _sensor(self, name: str, record: SensorRecord, now: float) -> DiagnosticStatus:
+        counts = record.counts
+        used, outliers = counts['used'] + counts['other level'], counts['outlier']
+        before = self._seen.get(name, (0, 0))
+        self._seen[name] = used, outliers
+        wrong = outliers - before[1] > MOST_OUTLIERS * (used + outliers - sum(before))
+        silent = not now - record.stamp < SILENT
+        level, message = (
+            ('warn', 'silent') if silent else ('warn', 'most of it fits nothing') if wrong else
+            ('ok', 'measuring'))
+        if not math.isfinite(record.stamp):
+            level, message = 'ok', 'nothing has come of it'
+        return diagnostic_status(f'sensor {name}', level, message, {
+            'rate [Hz]': 1.0 / record.period if record.period else math.nan,
+            'age when it comes [ms]': 1e3 * record.age,
+            'normalised innovation squared': record.square,
+            **{f'measurements: {kind}': count for kind, count in sorted(counts.items())}})
+
+
+def odometry_numbers(motion: RailMotion) -> list[float]:
+    """Return the numbers of an Odometry: the twist is along the axes of the rail."""
+    pose, yaw = np.zeros((6, 6)), motion.pose.theta
+    pose[np.ix_(AXES, AXES)] = motion.covariance
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    twist = np.zeros((6, 6))
+    twist[np.ix_(AXES, AXES)] = turn @ motion.velocity_covariance @ turn.T
+    along, across, turning = (turn @ motion.velocity).tolist()
+    return [*planar_numbers(motion.pose), *pose.ravel().tolist(),
+            along, across, 0.0, 0.0, 0.0, turning, *twist.ravel().tolist()]
+
+
+main = partial(run, lambda: [DisturbanceEstimatorNode()])
+
+if __name__ == '__main__':
+    raise SystemExit(main())

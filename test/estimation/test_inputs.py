@@ -1,0 +1,78 @@
+"""What an inertial sensor can have measured, and sensors in each other's place."""
+
+import math
+
+import numpy as np
+import pytest
+
+from facade_manipulator.errors import InputError
+from facade_manipulator.estimation.inputs import GRAVITY, ImuGate, rotation, YawComparison
+from facade_manipulator.estimation.settings import ImuSettings
+
+STEP, STILL, REST = 0.005, (0.0, 0.0, 0.0), (0.0, 0.0, GRAVITY)
+
+
+def reason(rates=STILL, forces=REST, late=0.004, count=1, gate=None):
+    """Return why the last of some measurements is rejected."""
+    gate, found = gate or ImuGate(ImuSettings()), ''
+    for k in range(count):
+        now = 1000.0 + k * STEP
+        try:
+            gate.check(now, now - late, rates, forces)
+            found = ''
+        except InputError as error:
+            found = error.reason
+    return found
+
+
+@pytest.mark.parametrize(('expected', 'changes'), [
+    ('', {}), ('not_finite', {'rates': (math.nan, 0.0, 0.0)}),
+    ('not_finite', {'forces': (0.0, math.inf, 9.8)}), ('saturated', {'rates': (0.0, 5.0, 0.0)}),
+    ('saturated', {'forces': (0.0, 40.0, 9.8)}), ('stale', {'late': 0.4}),
+    ('future', {'late': -0.02}), ('unit', {'forces': (0.0, 0.0, 1.0), 'count': 1000}),
+    ('mounting', {'forces': (0.0, GRAVITY, 0.0), 'count': 1000}),
+    ('mounting', {'forces': (0.0, 0.0, -GRAVITY), 'count': 1000}),
+    ('', {'forces': (8.0, 0.0, GRAVITY), 'count': 20})])  # a bump
+def test_each_fault_has_its_reason(expected, changes):
+    assert reason(**changes) == expected
+
+
+def test_a_stamp_comes_once_and_in_order():
+    gate = ImuGate(ImuSettings())
+    assert not reason(gate=gate, late=0.0)
+    assert reason(gate=gate, late=0.0) == 'out_of_order'
+    assert reason(gate=gate, late=0.01) == 'out_of_order'
+
+
+@pytest.mark.parametrize('angles', [(math.pi, 0.0, 0.0), (0.0, 0.0, 1.0), (0.5, -0.3, 2.0)])
+def test_a_turned_sensor_measures_along_the_rail_all_the_same(angles):
+    gate = ImuGate(ImuSettings(mounting=(0.0, 0.0, 0.0, *angles)))
+    back = rotation(*angles).T
+    _, rates, forces = gate.check(0.0, 0.0, back @ (0.1, 0.2, 0.3), back @ (0.0, 0.5, GRAVITY))
+    assert rates == pytest.approx((0.1, 0.2, 0.3))
+    assert forces == pytest.approx((0.0, 0.5, GRAVITY))
+
+
+def compared(swapped=1.0, factor=1.0, panes=0.0, offset=0.02):
+    """Return what comparing says of half a minute of yaw."""
+    comparison, random = YawComparison(), np.random.default_rng(3)
+    for k in range(3000):
+        time = 0.01 * k
+        comparison.add_rate(factor * 0.01 * math.cos(1.3 * time) + offset, 0.01)
+        yaw = swapped * 0.01 / 1.3 * math.sin(1.3 * time)
+        for place in (-0.5, 0.5):
+            glass = random.uniform(0.3, 3.0) if random.random() < panes else 0.0
+            distance = 0.45 - place * yaw + glass + 2e-4 * random.standard_normal()
+            if said := comparison.add_distance(place, time, distance):
+                return said
+    return ''
+
+
+@pytest.mark.parametrize('panes', [0.0, 0.5])
+def test_sensors_in_their_places_are_believed(panes):
+    assert not compared(panes=panes)
+
+
+def test_swapped_sides_and_degrees_are_named():
+    assert 'left and right are swapped' in compared(swapped=-1.0)
+    assert 'degrees per second' in compared(factor=180.0 / math.pi)

@@ -1,0 +1,137 @@
+"""The disturbance estimator node, fed as drivers of sensors do."""
+
+import math
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+import pytest
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import Imu, Range
+
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import planar_pose, seconds, status_values
+from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
+from facade_manipulator.ros.conversions import pose_message, stamp
+
+YAW, PERIOD = 0.01, 0.01
+
+
+class Sensors:
+    """A rail that stands still, turned by a small angle, its wall 0.45 m away."""
+
+    def __init__(self, ros, **parameters):
+        self.ros = ros
+        self.estimator = ros.add(DisturbanceEstimatorNode(parameter_overrides=[
+            Parameter(name, value=value) for name, value in {
+                'range_1.mounting': [-0.5, 0.0, 0.0], 'range_2.mounting': [0.5, 0.0, 0.0],
+                **parameters}.items()]))
+        self.node = ros.node()
+        self.publishers = {
+            name: self.node.create_publisher(kind, name, qos_profile_sensor_data)
+            for name, kind in (('imu', Imu), ('range_1', Range), ('range_2', Range),
+                               ('fix_x', PointStamped), ('fix_pose', PoseWithCovarianceStamped))}
+        self.estimates = ros.collect(
+            self.node, Odometry, 'disturbance_odometry', qos_profile_sensor_data)
+        self.diagnostics = ros.collect(self.node, DiagnosticArray, '/diagnostics')
+        imu = self.publishers['imu']
+        ros.until(lambda: imu.get_subscription_count() == 1, 'the estimator')
+
+    def send(self, name, message, age=0.004):
+        now = self.node.get_clock().now().nanoseconds * 1e-9
+        message.header.stamp = stamp(now - age)
+        self.publishers[name].publish(message)
+
+    def measure(self, gravity=9.81, distance=0.45):
+        imu = Imu()
+        imu.linear_acceleration.z = gravity
+        self.send('imu', imu)
+        for name, place in (('range_1', -0.5), ('range_2', 0.5)):
+            self.send(name, Range(min_range=0.1, max_range=2.0, range=distance - place * YAW))
+        fix = PointStamped()
+        fix.point.x = 0.03
+        self.send('fix_x', fix, age=0.05)
+
+    def status(self, name):
+        """Return level, message and values of a component, of the newest diagnostics."""
+        for message in reversed(self.diagnostics):
+            for item in message.status:
+                if item.name == f'disturbance_estimator: {name}':
+                    return item.level[0], item.message, status_values(item)
+        return None
+
+    def until_estimates(self, count=50):
+        self.ros.until(lambda: len(self.estimates) >= count, 'estimates')
+        return self.estimates[-1]
+
+
+@pytest.fixture
+def sensors(ros):
+    made = Sensors(ros)
+    made.timer = made.node.create_timer(PERIOD, made.measure)
+    return made
+
+
+def test_raw_sensors_become_an_odometry_of_the_rail_with_its_covariance(sensors):
+    estimate = sensors.until_estimates(150)
+    assert (estimate.header.frame_id, estimate.child_frame_id) == ('facade', 'rail')
+    pose = planar_pose(estimate.pose.pose, 'estimate')
+    assert pose.theta == pytest.approx(YAW, abs=1e-3)
+    assert (pose.x, pose.y) == pytest.approx((0.0, 0.0), abs=0.02)
+    assert 0.0 < estimate.pose.covariance[35] < 1e-5
+    assert 0.0 < estimate.twist.covariance[0] < 1e-2
+    assert estimate.twist.twist.linear.x == pytest.approx(0.0, abs=0.02)
+    now = sensors.node.get_clock().now().nanoseconds * 1e-9
+    assert now - seconds(estimate.header.stamp) < 1.0
+
+
+def test_diagnostics_say_what_each_sensor_does(sensors):
+    sensors.until_estimates()
+    sensors.ros.until(lambda: sensors.status('motion') and sensors.status('motion')[0] == 0,
+                      'a motion that is estimated')
+    level, message, values = sensors.status('sensor range_1')
+    assert (level, message) == (0, 'measuring') and int(values['measurements: used']) > 0
+    assert 1.0 < float(values['rate [Hz]']) < 2.0 / PERIOD
+    assert 'standard deviation of x [mm]' in sensors.status('motion')[2]
+    assert sensors.status('sensor fix_pose.x')[1] == 'nothing has come of it'
+
+
+def test_without_an_imu_it_goes_on_and_warns(sensors):
+    sensors.until_estimates()
+    sensors.timer.cancel()
+    sensors.ros.until(lambda: 'constant acceleration' in (sensors.status('motion') or '  ')[1],
+                      'a warning')
+
+
+@pytest.mark.parametrize(('spoil', 'reason'), [
+    (lambda sensors: sensors.measure(gravity=math.nan), 'not_finite'),
+    (lambda sensors: sensors.measure(gravity=1.0), 'unit'),
+    (lambda sensors: sensors.measure(gravity=-9.81), 'mounting'),
+    (lambda sensors: sensors.measure(distance=7.0), 'range'),
+    (lambda sensors: sensors.send('imu', Imu(), age=-0.5), 'future'),
+    (lambda sensors: sensors.send('fix_pose', PoseWithCovarianceStamped()), 'frame')])
+def test_bad_input_is_counted_with_its_reason(ros, spoil, reason):
+    sensors = Sensors(ros)
+    sensors.node.create_timer(0.002, lambda: spoil(sensors))
+    ros.until(lambda: f'rejected: {reason}' in (sensors.status('motion') or ({},) * 3)[2],
+              f'a rejection: {reason}')
+
+
+def test_a_pose_of_somebody_else_is_used_without_the_axes_that_it_does_not_know(ros):
+    sensors = Sensors(ros, distances=[''], fixes=[''])
+
+    def send():
+        message = PoseWithCovarianceStamped()
+        message.header.frame_id = 'facade'
+        message.pose.pose = pose_message(Pose(0.05, 0.7, 0.02))
+        message.pose.covariance[7] = -1.0
+        sensors.send('fix_pose', message, age=0.05)
+
+    sensors.node.create_timer(0.02, send)
+    estimate = sensors.until_estimates()
+    pose = planar_pose(estimate.pose.pose, 'estimate')
+    assert (pose.x, pose.theta) == pytest.approx((0.05, 0.02), abs=5e-3)
+    assert estimate.pose.covariance[7] > 0.5
+    ros.until(lambda: sensors.status('motion') and 'y: not known' in sensors.status('motion')[1],
+              'what is not known')
