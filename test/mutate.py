@@ -3,8 +3,9 @@ Change the machine's code at random places, and see which changes the tests noti
 
 ``python test/mutate.py --count 20 motion drives/controller`` makes 20 changes in each of these
 packages (all of the machine without a name) and runs the tests that belong to it, those of
-`make check` alone with ``--check``. ``--constants`` makes each named number half as large again
-and half as large instead. What no test notices is printed, and each package's share at the end.
+`make check` alone with ``--check``. ``--constants`` makes named numbers half as large again and,
+where no test notices, half as large. What no test notices is printed, and each package's share at
+the end.
 """
 
 from __future__ import annotations
@@ -88,22 +89,23 @@ def changed(node: ast.AST) -> Iterator[ast.AST]:
         yield ast.Constant(not node.value)
 
 
-def changes_of(file: Path) -> list[Change]:
-    """Return every small mistake that can be made in a file."""
+def changes_of(file: Path) -> list[list[Change]]:
+    """Return every small mistake that can be made in a file, alone."""
     source = (TOP / file).read_text()
-    return [change for node in ast.walk(ast.parse(source))
+    return [[at(file, source, node, new)] for node in ast.walk(ast.parse(source))
             if isinstance(node, (ast.expr, ast.Return)) and not is_text(node)
-            for new in changed(node) for change in [at(file, source, node, new)]]
+            for new in changed(node)]
 
 
-def constants_of(file: Path) -> list[Change]:
-    """Return each named number of a file, half as large again and half as large."""
+def constants_of(file: Path) -> list[list[Change]]:
+    """Return for each named number of a file: half as large again, half as large."""
     source = (TOP / file).read_text()
-    values = [value for node in ast.parse(source).body if isinstance(node, ast.Assign)
-              for value in ast.walk(node.value)
-              if isinstance(value, ast.Constant) and isinstance(value.value, float)]
-    return [at(file, source, value, ast.Constant(factor * value.value))
-            for value in values for factor in (1.5, 0.5)]
+    numbers = [one for node in ast.parse(source).body
+               if isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value
+               for one in ast.walk(node.value)
+               if isinstance(one, ast.Constant) and isinstance(one.value, float) and one.value]
+    return [[at(file, source, one, ast.Constant(factor * one.value)) for factor in (1.5, 0.5)]
+            for one in numbers]
 
 
 def is_text(node: ast.AST) -> bool:
@@ -141,9 +143,9 @@ def is_noticed(change: Change, tree: Path, place: str, selection: tuple[str, ...
 
 
 def survivors(
-    place: str, chosen: list[Change], selection: tuple[str, ...], workers: int
+    place: str, chosen: list[list[Change]], selection: tuple[str, ...], workers: int
 ) -> list[Change]:
-    """Return the changes of a package that its tests do not notice."""
+    """Return the first of each row of changes of a package of which its tests notice none."""
     with tempfile.TemporaryDirectory() as folder:
         trees = [Path(folder, str(number)) for number in range(workers)]
         for tree in trees:
@@ -153,8 +155,8 @@ def survivors(
                 (tree / data).symlink_to(TOP / data)
 
         def run(number: int) -> list[Change]:
-            return [change for change in chosen[number::workers]
-                    if not is_noticed(change, trees[number], place, selection)]
+            return [row[0] for row in chosen[number::workers]
+                    if not any(is_noticed(one, trees[number], place, selection) for one in row)]
 
         with ThreadPoolExecutor(workers) as pool:
             return [change for part in pool.map(run, range(workers)) for change in part]
@@ -173,8 +175,8 @@ def main() -> int:
     choose, selection = random.Random(options.seed), BY_CHECK if options.check else BY_ALL
     find = constants_of if options.constants else changes_of
     for place in options.places or PLACES:
-        possible = [change for file in sorted((TOP / PACKAGE / place).rglob('*.py'))
-                    for change in find(file.relative_to(TOP))]
+        possible = [row for file in sorted((TOP / PACKAGE / place).rglob('*.py'))
+                    for row in find(file.relative_to(TOP))]
         chosen = choose.sample(possible, min(options.count, len(possible)))
         left = survivors(place, chosen, selection, options.workers)
         print(*left, sep='\n')

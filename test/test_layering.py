@@ -65,6 +65,13 @@ PURE_ROOMS = {'errors', 'parameters', 'interfaces', 'diagnostics', 'kinematics',
               'estimation',
               'prediction', 'motion', 'compensation', 'lab.gondola'}
 DRAWING = {('lab', 'gondola', 'pictures')}
+# private names of other libraries: where, and which; tests beside hold the version to them
+FOREIGN = {
+    'ros/rclpy_internals.py': {
+        '_parameter_overrides', '_service_change_state', '_state_machine'},
+    'drives/canopen/bus.py': {'_recv_internal'},
+}
+PUBLIC = {'_asdict', '_exit', '_fields', '_make', '_replace'}  # documented all the same
 CLOCKS_AND_IO = {'datetime', 'os', 'random', 'select', 'signal', 'socket', 'subprocess', 'time'}
 ROS_PREFIXES, ROS_SUFFIXES = ('rcl', 'ros', 'launch', 'tf2', 'ament'), ('_msgs', '_srvs')
 MODULES = sorted(path.relative_to(PACKAGE) for path in PACKAGE.rglob('*.py'))
@@ -160,6 +167,29 @@ def test_the_core_reads_no_clock_and_does_no_io():
     wrong = {module: impure for module in MODULES if room_of_module(module) in PURE_ROOMS
              if (impure := {name[0] for name in imports_of(module)} & CLOCKS_AND_IO)}
     assert not wrong
+
+
+def private_names(tree: ast.AST) -> tuple[set[str], set[str]]:
+    """Return the names that a module defines, and the private ones that it uses."""
+    defined, used = set(), set()
+    for node in ast.walk(tree):
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            defined.add(node.name)
+        elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            defined.add(node.id)
+        elif isinstance(node, ast.Attribute):
+            (defined if isinstance(node.ctx, ast.Store) else used).add(node.attr)
+    return defined, {name for name in used if name[0] == '_' and name[:2] != '__'}
+
+
+def test_private_names_of_other_libraries_are_used_in_one_place_each():
+    names = {module.as_posix(): private_names(ast.parse((PACKAGE / module).read_text()))
+             for module in MODULES if module.parts[0] not in ('tools', 'lab')}
+    ours = PUBLIC.union(*(defined for defined, _ in names.values()))
+    foreign = {module: used - ours for module, (_, used) in names.items()}
+    assert {module: names for module, names in foreign.items() if names} == FOREIGN
+    assert {str(module) for module in MODULES if ('rclpy', 'impl') in {
+        name[:2] for name in imports_of(module)}} == {'ros/rclpy_internals.py'}
 
 
 def test_every_room_has_its_rule():

@@ -18,7 +18,7 @@ from facade_manipulator.interfaces import Service
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.diagnostics import RepeatedLog
 from facade_manipulator.ros.interfaces import service
-from facade_manipulator.ros.runtime import require_of_rclpy
+from facade_manipulator.ros.rclpy_internals import LifecycleMachine, send_responses_by
 
 SUCCESS = TransitionCallbackReturn.SUCCESS
 FAILURE = TransitionCallbackReturn.FAILURE
@@ -59,9 +59,6 @@ class DeferredReplies:
 
     def attach(self, service: Offer) -> None:
         """Let the service's callback return a `Deferred` in place of a response."""
-        require_of_rclpy(service, 'send_response')
-        send_response = service.send_response
-
         def send(response: Any, header: Any) -> None:
             if isinstance(response, Deferred):
                 self.when_done(response.job, lambda job: send_response(
@@ -69,7 +66,7 @@ class DeferredReplies:
             else:
                 send_response(response, header)
 
-        service.send_response = send  # type: ignore[method-assign]  # that is the wrapping
+        send_response = send_responses_by(service, send)
 
     def when_done(self, job: Future[Any], action: Callable[[Future[Any]], Any]) -> None:
         """Do something with a job that any thread completes, in the node's executor."""
@@ -88,17 +85,16 @@ class ManagedNode(LifecycleNode):
     rclpy's lifecycle node runs a transition inside its service's callback. A drive takes seconds
     to boot and the operator's stop must be received meanwhile, so here a transition is a job (see
     `transition_jobs`): the node is in the standard's transition state (configuring, activating, …)
-    until the job is done. For that the callback of the private `_service_change_state` is replaced
-    and the private `_state_machine` stepped.
+    until the job is done.
     """
 
     def __init__(self, name: str, **kwargs: Any) -> None:
         super().__init__(name, **kwargs)
-        require_of_rclpy(self, '_service_change_state', '_state_machine')
+        self._lifecycle = LifecycleMachine(self)
         self.replies = DeferredReplies(self)
         self._failures = RepeatedLog()
-        self.replies.attach(self._service_change_state)
-        self._service_change_state.callback = self._on_change_state
+        self.replies.attach(self._lifecycle.service)
+        self._lifecycle.service.callback = self._on_change_state
 
     def transition_jobs(self) -> dict[int, Callable[[], Future[Any]]]:
         """
@@ -115,12 +111,12 @@ class ManagedNode(LifecycleNode):
     @property
     def state_label(self) -> str:
         """Label of the present lifecycle state."""
-        return self._state_machine.current_state[1]
+        return self._lifecycle.label
 
     @property
     def is_over(self) -> bool:
         """Whether the node was shut down, from which there is no way back: its process ends."""
-        return self._state_machine.current_state[0] == State.PRIMARY_STATE_FINALIZED
+        return self._lifecycle.is_over
 
     def report(self, success: bool, message: str) -> None:
         """Log how a request ended, before its response: that of a transition has no text."""
@@ -134,18 +130,16 @@ class ManagedNode(LifecycleNode):
         paths = {State.PRIMARY_STATE_ACTIVE: Transition.TRANSITION_DEACTIVATE}
         if to_unconfigured:
             paths[State.PRIMARY_STATE_INACTIVE] = Transition.TRANSITION_CLEANUP
-        while (transition := paths.pop(self._state_machine.current_state[0], None)) is not None:
-            self._state_machine.trigger_transition_by_id(transition, True)
-            self._finish(SUCCESS)
+        while (transition := paths.pop(self._lifecycle.state, None)) is not None:
+            self._lifecycle.begin(transition)
+            self._lifecycle.finish(SUCCESS)
 
     def _on_change_state(
         self, request: ChangeState.Request, response: ChangeState.Response
     ) -> Any:
         transition = self._requested(request)
         if transition is None:
-            number = request.transition.id
-            names = {one: label for one, label, *_ in self._state_machine.transition_graph}
-            what = request.transition.label or names.get(number, f'transition {number}')
+            what = request.transition.label or self._lifecycle.name_of(request.transition.id)
             self.report(
                 False, f'{what} is not possible, the node is {self.state_label}'
                 f'{self.following_step()}')
@@ -157,33 +151,26 @@ class ManagedNode(LifecycleNode):
         """Configure by itself, without a request, once the node is spun."""
         def configure() -> None:
             timer.cancel()
-            if self._state_machine.current_state[0] == State.PRIMARY_STATE_UNCONFIGURED:
+            if self._lifecycle.state == State.PRIMARY_STATE_UNCONFIGURED:
                 self.replies.when_done(
                     self._begin(Transition.TRANSITION_CONFIGURE), self._complete)
 
         timer = steady_timer(self, 0.0, configure)
 
     def _begin(self, transition: int) -> Future[Any]:
-        self._state_machine.trigger_transition_by_id(transition, True)
-        return self.transition_jobs()[self._state_machine.current_state[0]]()
+        return self.transition_jobs()[self._lifecycle.begin(transition)]()
 
     def _requested(self, request: ChangeState.Request) -> int | None:
         """Return the id of the requested transition, None if it is not available now."""
-        wanted = request.transition.label or request.transition.id
-        for number, label, _, _, goal, _ in self._state_machine.available_transitions:
-            if wanted in (number, label) and goal in self.transition_jobs():
-                return number
-        return None
+        found = self._lifecycle.possible(request.transition.label or request.transition.id)
+        return found[0] if found and found[1] in self.transition_jobs() else None
 
     def _complete(self, job: Future[Any]) -> ChangeState.Response:
         error = job.exception()
         what = self.state_label
-        self._finish(SUCCESS if error is None else FAILURE)
+        self._lifecycle.finish(SUCCESS if error is None else FAILURE)
         if error is not None:
             self.report(False, f'{what} failed: {error}')
         else:
             self.report(True, str(job.result()))
         return ChangeState.Response(success=error is None)
-
-    def _finish(self, outcome: TransitionCallbackReturn) -> None:
-        self._state_machine.trigger_transition_by_label(outcome.to_label(), True)

@@ -15,9 +15,6 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
-from rcl_interfaces.msg import (
-    Parameter as ParameterMessage,
-)
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -33,20 +30,10 @@ from facade_manipulator.parameters import (
     parameter_fields,
     ParameterInfo,
 )
+from facade_manipulator.ros.rclpy_internals import given_parameter
 
 Settings = TypeVar('Settings')
 UNBOUNDED = 1e308  # what a descriptor calls no bound
-TYPES = {kind.value for kind in Parameter.Type}
-_from_message = Parameter.from_parameter_msg
-
-
-def _from_any_message(message: ParameterMessage) -> Parameter:
-    """Return a parameter without a value for a type that there is not."""
-    return _from_message(message) if message.value.type in TYPES else Parameter(message.name)
-
-
-# of such a type rclpy (tried on 7.1.6) makes an error in its own service that ends the node
-setattr(Parameter, 'from_parameter_msg', staticmethod(_from_any_message))  # noqa: B010
 
 
 def declare(
@@ -123,7 +110,7 @@ def _declare_one(
 ) -> Any:
     descriptor = _descriptor(info, default, info.read_only or read_only)
     initial = list(default) if isinstance(default, tuple) else default
-    given = getattr(node, '_parameter_overrides', {}).get(name)
+    given = given_parameter(node, name)
     if given is not None:
         _require_valid(given, Parameter(name, value=initial).type_, info)
     try:

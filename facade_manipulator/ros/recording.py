@@ -10,7 +10,6 @@ from typing import Any
 
 from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rcl_interfaces.srv import GetParameters, ListParameters
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
@@ -22,7 +21,7 @@ from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.resources import installed_shares
 from facade_manipulator.ros.diagnostics import Rejections
 from facade_manipulator.ros.interfaces import class_of, client, profile
-from facade_manipulator.ros.runtime import require_of_rclpy
+from facade_manipulator.ros.rclpy_internals import subscription_without_executor
 
 _TYPE = re.compile(r'(\w+)/(\w+)')
 _RULE = '=' * 80
@@ -45,13 +44,10 @@ class MessageQueue:
     """
 
     def __init__(self, node: Node, topic: Topic, quality: Quality) -> None:
-        require_of_rclpy(rclpy_implementation, 'Subscription')
         self.kind, self.topic = class_of(topic), node.resolve_topic_name(topic.name)
         check_for_type_support(self.kind)
-        with node.handle:
-            self._subscription = rclpy_implementation.Subscription(
-                node.handle, self.kind, topic.name, profile(quality).get_c_qos_profile())
-        require_of_rclpy(self._subscription, 'take_message')
+        self._subscription = subscription_without_executor(
+            node, self.kind, topic.name, profile(quality))
 
     def take(self) -> list[tuple[float, bytes]]:
         """Return what has come since: when it was received [s, system's clock] and its bytes."""

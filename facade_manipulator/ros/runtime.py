@@ -17,7 +17,6 @@ from typing import NoReturn
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
-from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -30,6 +29,7 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.ros.clocks import reject_simulated_time
 from facade_manipulator.ros.interfaces import publisher, subscription
 from facade_manipulator.ros.known_parameters import require_known_parameters
+from facade_manipulator.ros.rclpy_internals import require_of_rclpy, ROSError
 
 SHUT_DOWN, USAGE_ERROR = 1, 2
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -122,14 +122,10 @@ def _start(make_nodes: Callable[[], Sequence[Node]], args: list[str] | None) -> 
 
 @contextmanager
 def ros_errors() -> Iterator[None]:
-    """
-    Raise a ManipulatorError for what ROS itself rejects.
-
-    rclpy has no public name for that error (tried on 7.1.6): without the import no node starts.
-    """
+    """Raise a ManipulatorError for what ROS itself rejects."""
     try:
         yield
-    except rclpy_implementation.RCLError as error:
+    except ROSError as error:
         is_enforced = os.environ.get('ROS_SECURITY_STRATEGY') == 'Enforce'
         hint = ': ROS_SECURITY_STRATEGY is Enforce; is this enclave in its keystore?'
         raise ManipulatorError(f'{error}{hint if is_enforced else ""}') from error
@@ -227,22 +223,6 @@ def _require_messages(executor: Executor, namespace: str) -> None:
         for _ in range(LAST_EVENTS):  # it lets go of the node in an event of its own
             executor.spin_once(timeout_sec=0.0)
         node.destroy_node()
-
-
-def require_of_rclpy(owner: object, *names: str) -> None:
-    """
-    Check that an object of rclpy has what is used beyond its public interface.
-
-    Raises
-    ------
-    ManipulatorError
-        Naming what is missing: the node does not start.
-
-    """
-    if missing := [name for name in names if not hasattr(owner, name)]:
-        raise ManipulatorError(
-            f'the {type(owner).__name__} of this rclpy has no {", ".join(missing)}: install '
-            'rclpy 7.1.6, on which this version was tried')
 
 
 class ServiceManager:

@@ -176,7 +176,8 @@ class CanBus:
 
     def _receive(self, timeout: float) -> tuple[int, bytes, float] | None:
         """Return identifier and flags, data and stamp of the next frame."""
-        # recv would wait on for as long as the system clock is set back meanwhile
+        # what an interface of python-can implements; its `recv` around that would wait on for as
+        # long as the system clock is set back meanwhile
         message, _ = self._bus._recv_internal(timeout)
         if message is None:
             return None

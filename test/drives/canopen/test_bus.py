@@ -85,6 +85,21 @@ def test_a_time_stamp_of_a_clock_that_was_set_does_not_move_the_frame(pair):
         assert before <= bus.receive(1.0).time <= time.monotonic()
 
 
+def test_a_system_clock_that_is_set_back_makes_no_wait_longer(monkeypatch):
+    waits = []
+
+    class SilentBus(FailingBus):
+        def _recv_internal(self, timeout):
+            waits.append(timeout)
+            assert len(waits) == 1, 'waited again'
+            return None, True
+
+    bus = CanBus(SilentBus(OSError()))
+    monkeypatch.setattr(can.bus, 'time', lambda: -3600.0 * len(waits))
+    assert bus.receive(0.05) is None and waits == [0.05]
+    bus.close()
+
+
 # --- trouble
 
 @pytest.mark.parametrize('error', [
