@@ -26,6 +26,7 @@ QUANTITIES = frozenset({
     'max_velocity', 'max_motor_speed', 'max_acceleration', 'homing_method', 'home_position',
     'homing_switch_speed', 'homing_zero_speed', 'homing_acceleration', 'homing_current_threshold',
 })
+FORMER_QUIRKS = {'pdo_only_on_sync'}  # of older profiles; it made no difference to the driver
 MOST_BYTES = 8  # of a CAN frame
 _CODES = {8: 'B', 16: 'H', 32: 'I'}
 
@@ -53,7 +54,6 @@ class Quirks:
 
     boots_operational: bool = False
     zero_statusword_until_controlword: bool = False
-    pdo_only_on_sync: bool = False
     never_follows: bool = False
 
 
@@ -256,10 +256,9 @@ def _mapped(name: str, data: Any) -> pdo.MappedObject:
 
 
 def _quirks(data: Any) -> Quirks:
-    _check_keys('quirks', data, {item.name for item in fields(Quirks)})
-    for key, value in data.items():
-        _boolean(f'quirk {key}', value)
-    return Quirks(**data)
+    names = {item.name for item in fields(Quirks)}
+    _check_keys('quirks', data, names | FORMER_QUIRKS)
+    return Quirks(**{name: _boolean(f'quirk {name}', data[name]) for name in names & data.keys()})
 
 
 def _object(data: Any) -> ProfileObject:

@@ -97,8 +97,7 @@ class SimulatedNode:
         self.is_silent = self.is_deaf = False
         self._sdo = ObjectServer(node_id, objects, self)
         self._pdo = ProcessData(
-            objects, self.send_message, lambda: report(PDO_TOO_SHORT),
-            event_driven=not quirks.pdo_only_on_sync)
+            objects, self.send_message, lambda: report(PDO_TOO_SHORT))
         objects.writers.update({
             (0x1016, 1): self._forget_master,
             (0x1017, 0): self._restart_heartbeat,
@@ -146,8 +145,6 @@ class SimulatedNode:
             self._report(HEARTBEAT_LOST)
         if now >= self._heartbeat_at:
             self._send_heartbeat(now)
-        if self.nmt_state is NmtState.OPERATIONAL:
-            self._pdo.poll(now)
         frames, self._outbox = self._outbox, []
         return [] if self.is_silent or self._boot_at < math.inf else frames
 
@@ -155,8 +152,7 @@ class SimulatedNode:
     def deadline(self) -> float:
         """When `advance` must be called at the latest, if no frame comes before."""
         moving = self.now + _MOTION_PERIOD if self.axis.is_moving else math.inf
-        return min(self._boot_at, self._heartbeat_at, self._master_due, moving,
-                   self._pdo.deadline)
+        return min(self._boot_at, self._heartbeat_at, self._master_due, moving)
 
     def send_message(self, cob_id: int, data: bytes) -> None:
         """Put a frame into the outbox."""
@@ -182,7 +178,7 @@ class SimulatedNode:
 
     def _on_sync(self, cob_id: int, data: bytes) -> None:
         if not data:
-            self._pdo.answer_sync(self.now)
+            self._pdo.answer_sync()
             self._pdo.latch()
             self.axis.latch()
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-import math
 import struct
 
 from canopen import SdoAbortedError
@@ -39,11 +38,8 @@ class _Pdo:
     keys: tuple[Key, ...]
     codec: struct.Struct
     transmission: int
-    inhibit: float  #: [s]
-    timer: float  #: [s]
     data: bytes | None = None  #: what was received and waits, or was sent last
     syncs: int = 0
-    sent: float = -math.inf
 
     def is_due_at_sync(self, data: bytes) -> bool:
         """Count a SYNC; return whether this one is to be answered."""
@@ -52,15 +48,10 @@ class _Pdo:
         self.syncs = (self.syncs + 1) % self.transmission
         return self.syncs == 0
 
-    def due(self, data: bytes) -> float:
-        """Return when this event-driven TPDO is to be sent."""
-        changed = self.sent + self.inhibit if data != self.data else math.inf
-        return min(changed, self.sent + self.timer)
-
 
 class ProcessData:
     """
-    The PDOs of one drive.
+    The PDOs of one drive. TPDOs are sent in answer to SYNC alone.
 
     Parameters
     ----------
@@ -70,24 +61,15 @@ class ProcessData:
         Takes COB-ID and data of a TPDO.
     on_short_frame : callable
         Called when an RPDO is too short for its mapping.
-    event_driven : bool
-        Whether TPDOs of type 254 and 255 are ever sent.
-
-    Attributes
-    ----------
-    deadline : float
-        When `poll` has something to send at the latest; infinity if nothing is waiting.
 
     """
 
     def __init__(
-        self, store: ObjectStore, send: Send, on_short_frame: Callable[[], None],
-        event_driven: bool = True,
+        self, store: ObjectStore, send: Send, on_short_frame: Callable[[], None]
     ) -> None:
         self._store = store
         self._send = send
         self._on_short_frame = on_short_frame
-        self._event_driven = event_driven
         self.forget()
         for communication in (*_RECEIVE, *_TRANSMIT):
             self._guard(communication, communication + _MAPPING)
@@ -96,7 +78,6 @@ class ProcessData:
         writers = self._store.writers
         writers[communication, 1] = partial(self._write_cob_id, communication)
         writers[communication, 2] = self._write_transmission
-        writers[communication, 3] = writers[communication, 5] = self._write_timer
         writers[mapping, 0] = partial(self._write_count, communication, mapping)
         for subindex in range(1, 9):
             writers[mapping, subindex] = partial(self._write_entry, communication, mapping)
@@ -111,9 +92,6 @@ class ProcessData:
     def _write_transmission(self, value: int) -> None:
         if value not in _SYNCHRONOUS and value not in _EVENT:
             raise SdoAbortedError(objects.INVALID_VALUE)
-        self._compiled = False
-
-    def _write_timer(self, value: int) -> None:
         self._compiled = False
 
     def _write_count(self, communication: int, mapping: int, count: int) -> None:
@@ -147,7 +125,6 @@ class ProcessData:
         self._compiled = False
         self._receive: dict[int, _Pdo] = {}
         self._transmit: list[_Pdo] = []
-        self.deadline = math.inf
 
     def receives(self, cob_id: int) -> bool:
         """Return whether an RPDO of this COB-ID is switched on."""
@@ -170,11 +147,7 @@ class ProcessData:
         values, variables = self._store.values, self._store.variables
         keys = tuple(_mapped(values[mapping, n]) for n in range(1, values[mapping, 0] + 1))
         codes = [ODVariable.STRUCT_TYPES[variables[key].data_type or 0].format[-1] for key in keys]
-        timer = values.get((communication, 5))
-        return _Pdo(
-            cob_id, keys, struct.Struct('<' + ''.join(codes)), values[communication, 2],
-            inhibit=values.get((communication, 3), 0) * 1e-4,
-            timer=timer * 1e-3 if timer else math.inf)
+        return _Pdo(cob_id, keys, struct.Struct('<' + ''.join(codes)), values[communication, 2])
 
     def _pack(self, tpdo: _Pdo) -> bytes:
         return tpdo.codec.pack(*map(self._store.read, tpdo.keys))
@@ -192,14 +165,15 @@ class ProcessData:
             self._apply(rpdo, rpdo.data)
         return not waits
 
-    def answer_sync(self, now: float) -> None:
+    def answer_sync(self) -> None:
         """Send the TPDOs that a SYNC asks for, with the values of this instant."""
         self._compile()
         for tpdo in self._transmit:
             if tpdo.transmission in _SYNCHRONOUS:
                 data = self._pack(tpdo)
                 if tpdo.is_due_at_sync(data):
-                    self._transmit_frame(tpdo, data, now)
+                    tpdo.data = data
+                    self._send(tpdo.cob_id, data)
 
     def latch(self) -> None:
         """Make the RPDOs that came since the last SYNC act."""
@@ -216,24 +190,6 @@ class ProcessData:
                 self._store.write(key, value)
             except SdoAbortedError:
                 continue  # as a drive does: a value that it rejects keeps its old one
-
-    def poll(self, now: float) -> None:
-        """Send the event-driven TPDOs that are due."""
-        self._compile()
-        self.deadline = math.inf
-        for tpdo in self._transmit:
-            if self._event_driven and tpdo.transmission in _EVENT:
-                self._poll_one(tpdo, now)
-
-    def _poll_one(self, tpdo: _Pdo, now: float) -> None:
-        data = self._pack(tpdo)
-        if tpdo.due(data) <= now:
-            self._transmit_frame(tpdo, data, now)
-        self.deadline = min(self.deadline, tpdo.due(data))
-
-    def _transmit_frame(self, tpdo: _Pdo, data: bytes, now: float) -> None:
-        tpdo.data, tpdo.sent = data, now
-        self._send(tpdo.cob_id, data)
 
 
 def _mapped(entry: int) -> Key:

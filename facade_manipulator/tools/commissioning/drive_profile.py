@@ -53,7 +53,6 @@ _STOPS = (0x1016, 0x6007)  # what stops a drive whose master is dead
 _QUIRKS = {
     'boots_operational': 'does it enter NMT Operational by itself after boot-up?',
     'zero_statusword_until_controlword': 'is 6041h zero until the first controlword?',
-    'pdo_only_on_sync': 'does it send TPDOs only in answer to a SYNC?',
     'never_follows': 'does bit 12 of 6041h stay 0 in cyclic synchronous position?',
 }
 _ASKED = {'velocity_unit', 'motor_speed_unit', 'homing_methods', *_QUIRKS}

@@ -1,4 +1,4 @@
-"""Replay a file of the black box and write a page and a picture about it."""
+"""Replay a file of the black box and write a page about it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from facade_manipulator.blackbox import CAN_TOPIC, read_recording, RecordedRun
-from facade_manipulator.errors import exit_status, missing_package, RecordError
+from facade_manipulator.errors import exit_status, RecordError
 from facade_manipulator.files import atomic_write, write_table
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import by_stamp, pose_numbers, projected
@@ -21,9 +21,8 @@ from facade_manipulator.tools.replay.poses import (
 from facade_manipulator.tools.replay.report import page
 from facade_manipulator.tools.replay.stop import replay_stop
 
-PAGE, PICTURE, CYCLES = 'replay.md', 'replay.png', 'last_cycles.csv'
+PAGE, CYCLES = 'replay.md', 'last_cycles.csv'
 CAN_ERR_FLAG = 1 << 29  # linux/can.h
-AFTER = 5.0  # s, shown after the stop
 EXAMPLES = """
 examples:
   replay blackbox_000007_20261122T083000Z.mcap
@@ -58,17 +57,7 @@ def _replay(options: argparse.Namespace) -> None:
         with atomic_write(options.output / name) as draft:
             draft.write_text(content, encoding='utf-8')
     print(text)
-    last = (stop.recorded.time if stop and stop.recorded else run.end) - run.begin
-    try:
-        from facade_manipulator.tools.replay.picture import (
-            draw,  # matplotlib: no need of a machine's
-        )
-    except ModuleNotFoundError as error:
-        raise RecordError(
-            f'{PAGE} is written, {PICTURE} is not: {missing_package(error)}') from error
-    draw(options.output / PICTURE, run, poses, setpoints, stop,
-         (max(0.0, last - options.seconds), last + AFTER))
-    print(f'written in {options.output}/: {PAGE}, {PICTURE}')
+    print(f'written in {options.output}/: {PAGE}')
 
 
 def _compare(replay: Callable[[RecordedRun], Comparison], run: RecordedRun) -> Comparison:
@@ -120,7 +109,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
         description='Give what the black box recorded to the software of today, and compare.')
     parser.add_argument('file', type=Path, help='MCAP file of the recorder')
     parser.add_argument('--output', type=Path, default=Path('replay_report'), metavar='DIR',
-                        help='folder of page and picture (default replay_report)')
+                        help='folder of the page (default replay_report)')
     parser.add_argument('--seconds', type=float, default=20.0, metavar='S',
                         help='how long before the stop the drives begin (default 20)')
     parser.add_argument('--no-drives', dest='drives', action='store_false',

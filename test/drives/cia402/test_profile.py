@@ -84,7 +84,7 @@ def test_a_quantity_that_a_drive_does_not_take_has_no_place():
 
 
 def test_a_profile_of_ones_own_is_read_from_its_directory(tmp_path):
-    write(tmp_path, entry('epos4', quirks={'boots_operational': True}))
+    write(tmp_path, entry('epos4', quirks={'boots_operational': True, 'pdo_only_on_sync': True}))
     profile = load_profile('mine', tmp_path)
     assert profile.quirks.boots_operational and not profile.quirks.never_follows
     assert profile.velocity_unit == 'rpm' and profile.eds == tmp_path / 'epos4.eds'

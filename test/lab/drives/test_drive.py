@@ -18,6 +18,7 @@ import pytest
 
 from facade_manipulator.drives.canopen import pdo
 from facade_manipulator.drives.canopen.emergency import decode_emergency
+from facade_manipulator.drives.canopen.nmt import NmtState
 from facade_manipulator.drives.cia402.profile import load_profile
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import decode_state, POWERED_STATES, State
@@ -285,21 +286,6 @@ def test_a_sync_with_data_is_none():
     assert bench.send(0x80, b'\x01') == []
 
 
-def test_an_event_driven_tpdo_is_sent_on_change_and_not_more_often_than_allowed():
-    bench = Bench().boot()  # as it comes from the box
-    assert (0x182, b'\x50\x02') in bench.nmt(NMT_START)
-    assert [f for f in bench.wait(1.0) if f[0] == 0x182] == []
-    bench.send(0x202, b'\x06\x00')
-    bench.send(0x202, b'\x07\x00')
-    assert [f[1] for f in bench.wait(1.0) if f[0] == 0x182] == [b'\x33\x02']
-
-
-def test_a_drive_that_answers_only_syncs_sends_no_tpdo_by_itself():
-    profile = with_quirks(pdo_only_on_sync=True)
-    bench = Bench(profile).boot()
-    assert [f for f in bench.nmt(NMT_START) + bench.wait(1.0) if f[0] == 0x182] == []
-
-
 # --- the state machine over the bus
 
 def in_state(state):
@@ -372,7 +358,7 @@ def test_quirks_show():
                               never_follows=True)).boot()
     assert bench.sent[0] == (0x702, b'\x00')
     assert bench.read(0x6041) == 0
-    assert any(cob_id == 0x182 for cob_id, _ in bench.sent)  # it is operational
+    assert bench.drive.nmt_state is NmtState.OPERATIONAL
     bench.nmt(NMT_PREOP)
     bench.configure()
     assert bench.sync()[0x182][:2] == b'\x00\x00'

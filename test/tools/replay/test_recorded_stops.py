@@ -100,7 +100,6 @@ def test_a_stop_is_recorded_and_its_replay_has_the_same_cause(ros, tmp_path, cap
     printed = patiently(replayed)  # in real time: a busy machine stops the drives for its own sake
     assert 'driver: operation: error: stopped' in printed
     assert 'the parameters of compensator are not in the recording' in printed
-    assert (tmp_path / 'replay.png').exists()
     cycles = read_csv(tmp_path / 'last_cycles.csv')
     assert len(cycles) > 100 and 'active' in {one['state'] for one in cycles}
     assert cycles[-1]['state'] == 'stopped' and float(cycles[-1]['q2.position']) != 0.0

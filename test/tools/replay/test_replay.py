@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import defaultdict
 import math
 import re
-import sys
 from types import SimpleNamespace as Message
 
 from can.io import CanutilsLogReader
@@ -333,17 +332,6 @@ def test_a_changed_bit_is_seen_wherever_it_is(tmp_path):
             assert read_recording(other).damage, place
         except RecordError:
             pass
-
-
-def test_without_what_draws_the_page_is_written(tmp_path, monkeypatch, capsys):
-    path = tmp_path / 'a.mcap'
-    write_mcap(path, [CAN_TOPIC], [Kept(0.0, 'can_frames', frame_bytes(BEGIN, 1, b''))], BEGIN, {
-        'black box': {'reasons': 'a', 'namespace': '/', 'begin': str(BEGIN)}})
-    monkeypatch.delitem(sys.modules, 'facade_manipulator.tools.replay.picture', raising=False)
-    monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
-    assert main([str(path), '--no-drives', '--output', str(tmp_path)]) == 1
-    assert 'python3-matplotlib' in capsys.readouterr().err
-    assert [made.name for made in tmp_path.glob('replay*')] == ['replay.md']
 
 
 @pytest.mark.parametrize('content', [b'', b'no mcap at all', b'\x89MCAP0\r\n'])
