@@ -198,10 +198,10 @@ class Others:
     def update(self, estimate: Estimate, outliers: np.ndarray) -> None:
         """Give all of them an estimate; the best know an outlier when they see it."""
         for predictor in self._predictors.values():
-            predictor.update(*estimate)
+            predictor.update(*estimate[:3])
         if not outliers.any():
             for predictor in self._best.values():
-                predictor.update(*estimate)
+                predictor.update(*estimate[:3])
 
     def predict(self, time: float) -> dict[str, Pose]:
         """Return what each predicts for a time [s]."""

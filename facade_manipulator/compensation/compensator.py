@@ -233,7 +233,7 @@ class Compensator:
     def goal_error(self, now: float) -> Pose | None:
         """Return the goal less where the head is on the wall; None where that is not known."""
         newest = self.following.newest(now)
-        if newest is None or self.goal is None:
+        if newest is None or self.goal is None or not all(self.correction.known):
             return None
         stamp, head = newest
         on_wall = compose(self.correction.disturbance(stamp), head)
@@ -338,7 +338,8 @@ class Compensator:
             self._frame = correction.nominal, correction.is_blind
             self.contact.pressing.wall = None
         silence = correction.mode.value if correction.mode in (
-            CorrectionMode.SILENT, CorrectionMode.SETTLING) else ''
+            CorrectionMode.SILENT, CorrectionMode.SETTLING) else (
+            '' if all(correction.known[1:]) else 'the estimate of y or theta is too uncertain')
         beyond = reference.y - (reference if self.goal is None else self.goal).y
         if last is None:
             return Surroundings(reference.y, ZERO_POSE, rail, silence, beyond=beyond)

@@ -23,6 +23,7 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction import (
+    ALL_KNOWN,
     DisturbancePredictor,
     Estimate,
     EstimateMean,
@@ -136,6 +137,8 @@ class Correction:
     Attributes
     ----------
     mode : CorrectionMode
+    known : tuple of bool
+        Which of x, y, theta are compensated: of the others nobody knows where the rail is.
     nominal : Pose
         Where the estimates have the rail that is to count as not displaced.
     predictor : DisturbancePredictor
@@ -150,6 +153,8 @@ class Correction:
         self.enabled = settings.enabled
         self.mode = CorrectionMode.NO_ESTIMATE if settings.enabled else CorrectionMode.DISABLED
         self.nominal = ZERO_POSE
+        self.known = ALL_KNOWN
+        self._found = [-math.inf] * len(self.known)  # since when each axis is known [s]
         self._time: float | None = None
         self._state = ZERO_STATE  # at that time; what comes later continues it
         self._fade = Blend(FADE_ACCELERATION)
@@ -157,6 +162,7 @@ class Correction:
 
     def add_estimate(self, estimate: Estimate) -> None:
         """Learn from a checked estimate, from several at once where they come fast."""
+        self._note_known(estimate)
         mean = self._mean.add(estimate)
         if mean is None:
             return
@@ -166,6 +172,15 @@ class Correction:
             self._smooth.clear()
             self._smooth.begin(
                 self._time, self._state.minus(self._aim()), SMOOTHING)
+
+    def _note_known(self, estimate: Estimate) -> None:
+        """Fade an axis out that is not known any more, and in when it has settled."""
+        self._found = [
+            (math.inf if not known else since if since <= estimate.stamp else estimate.stamp)
+            for known, since in zip(estimate.known, self._found, strict=True)]
+        known = tuple(estimate.stamp - since >= SETTLING_TIME for since in self._found)
+        if known != self.known:
+            self._change(known=known)
 
     def change_prediction(self, settings: PredictionSettings) -> None:
         """Learn again by other settings; meanwhile the correction fades out, and in again."""
@@ -242,9 +257,13 @@ class Correction:
             return CorrectionMode.SETTLING
         return CorrectionMode.ACTIVE
 
-    def _change(self, mode: CorrectionMode | None = None, nominal: Pose | None = None) -> None:
+    def _change(
+        self, mode: CorrectionMode | None = None, nominal: Pose | None = None,
+        known: tuple[bool, ...] | None = None,
+    ) -> None:
         """Aim at another trajectory and fade over from where the correction is."""
         self.mode, self.nominal = mode or self.mode, nominal or self.nominal
+        self.known = known or self.known
         self._fade.clear()
         self._smooth.clear()
         if self._time is not None:
@@ -256,7 +275,7 @@ class Correction:
         if self._time is None:
             return ZERO_STATE
         active = self.mode is CorrectionMode.ACTIVE
-        aim = self.motion(self._time) if active else ZERO_STATE
+        aim = _along(self.known, self.motion(self._time)) if active else ZERO_STATE
         for remainder in (self._smooth, self._fade):
             if self._time <= remainder.end:
                 aim = aim.plus(remainder.at(self._time))
@@ -281,6 +300,15 @@ class Correction:
         vx, vy, omega = predicted.velocity
         velocity = Twist(cosine * vx - sine * vy, sine * vx + cosine * vy, omega)
         return MotionState(compose(back, predicted.position), velocity)
+
+
+def _along(known: tuple[bool, ...], motion: MotionState) -> MotionState:
+    """Return a motion along the axes that are known alone."""
+    if known == ALL_KNOWN:
+        return motion
+    position, velocity = (tuple(value if is_known else 0.0 for is_known, value in zip(
+        known, values, strict=True)) for values in motion)
+    return MotionState(Pose(*position), Twist(*velocity))
 
 
 def _least_constant(position: float, velocity: float, acceleration: float) -> float:

@@ -318,7 +318,9 @@ class CompensatorNode(Node):
             self.corrected.publish(corrected.time, corrected.pose)
             self._reference.publish(corrected.time, corrected.reference)
             self._transforms.publish(corrected.time, [(FACADE, RAIL, corrected.disturbance)])
-            self._held_back.note(now, corrected.saturation_error, corrected.tracking_error)
+            self._held_back.note(
+                now, corrected.saturation_error, corrected.tracking_error,
+                Pose(*(float(not known) for known in self._compensator.correction.known)))
             self._report.newest = corrected
             self._report.pose_count += 1
 

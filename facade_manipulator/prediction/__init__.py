@@ -6,6 +6,7 @@ that remain, each with its stamp and the variances of its noise: position and ve
 in the façade's frame at any time, and how far off they may be.
 """
 
+from .estimate import ALL_KNOWN as ALL_KNOWN
 from .estimate import Estimate as Estimate
 from .estimate import EstimateGate as EstimateGate
 from .estimate import EstimateMean as EstimateMean

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import math
 from typing import Any, NamedTuple
 
 from facade_manipulator.errors import InputError, require_recent
-from facade_manipulator.kinematics import Pose
+from facade_manipulator.kinematics import Pose, ZERO_POSE
 from facade_manipulator.parameters import parameter, settings
 from facade_manipulator.prediction.mounting import rail_pose, turned
 
@@ -41,6 +41,10 @@ class EstimateSettings:
     delay: float = parameter(
         'How much later than the motion the stamps of the estimator are', default=0.0, unit='s',
         minimum=-0.5, maximum=0.5)
+    largest_deviation: tuple[float, ...] = parameter(
+        'Standard deviation of an estimate beyond which its axis is not known: x, y, theta',
+        default=(0.01, 0.01, 0.02), unit='m, m, rad', minimum=1e-4, maximum=1.0,
+        elements=('x', 'y', 'theta'))
     tilt: float = parameter(
         'Largest tilt of the rail out of the plane; it is left out of the estimate', default=0.05,
         unit='rad', minimum=1e-3, maximum=0.2)
@@ -54,12 +58,16 @@ class Variances(NamedTuple):
     theta: float
 
 
+ALL_KNOWN: tuple[bool, ...] = (True, True, True)
+
+
 class Estimate(NamedTuple):
     """Disturbance [m, m, rad] at a stamp [s] with the variances of its noise."""
 
     stamp: float
     pose: Pose
     variances: Variances
+    known: tuple[bool, ...] = ALL_KNOWN  #: which axes; of others it is what was known last
 
 
 class EstimateGate:
@@ -67,6 +75,7 @@ class EstimateGate:
 
     def __init__(self, settings: EstimateSettings) -> None:
         self._last: Estimate | None = None
+        self._known: Estimate | None = None
         self.settings = settings
         self.change_settings(settings)
 
@@ -74,7 +83,7 @@ class EstimateGate:
         """Check by other bounds from now on; return whether estimates now mean another motion."""
         is_another = _meaning(settings) != _meaning(self.settings)
         if is_another:
-            self._last = None
+            self._last = self._known = None
         self.settings = settings
         self._mounting = Pose(*settings.mounting)
         self._noise = settings.position_noise, settings.position_noise, settings.yaw_noise
@@ -94,7 +103,8 @@ class EstimateGate:
         pose : Pose
             [m, m, rad].
         variances : sequence of float
-            Of x, y and θ; 0, negative or not finite means unknown.
+            Of x, y and θ; 0, negative or not finite means unknown. Beyond the largest deviation
+            that axis is not known: it may be found again anywhere.
         tilt : float
             Angle by which the rail is out of the plane [rad].
 
@@ -115,10 +125,28 @@ class EstimateGate:
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = None  # the clock was set back: its stamps mean nothing any more
+        known = tuple(not largest ** 2 < variance < math.inf for largest, variance in zip(
+            self.settings.largest_deviation, variances, strict=True))
         if self._last is not None:
-            _check_step(stamp - self._last.stamp, self._last.pose, pose)
-        self._last = Estimate(stamp, pose, Variances(*map(_variance, variances, self._noise)))
-        return self._of_rail(self._last)
+            _check_step(stamp - self._last.stamp, self._last.pose, pose, [
+                now and before for now, before in zip(known, self._last.known, strict=True)])
+        self._last = Estimate(
+            stamp, pose, Variances(*map(_variance, variances, self._noise)), known)
+        self._known = self._kept(self._of_rail(self._last))
+        return self._known
+
+    def _kept(self, estimate: Estimate) -> Estimate:
+        """Return an estimate that has of the axes that are not known what was known last."""
+        before = self._known or Estimate(0.0, ZERO_POSE, Variances(*(
+            deviation ** 2 for deviation in self._noise)))
+
+        def either(new: Sequence[float], old: Sequence[float]) -> Iterator[float]:
+            return (a if known else b for known, a, b in zip(
+                estimate.known, new, old, strict=True))
+
+        return estimate._replace(
+            pose=Pose(*either(estimate.pose, before.pose)),
+            variances=Variances(*either(estimate.variances, before.variances)))
 
     def displacement(self, place: Pose) -> Pose:
         """Return how far an estimator has moved of where it is itself, both along its axes."""
@@ -131,7 +159,16 @@ class EstimateGate:
         along, across, yaw = estimate.variances
         mixed = math.sin(axes) ** 2 * (across - along)
         return Estimate(estimate.stamp, rail_pose(estimate.pose, self._mounting, axes), Variances(
-            along + mixed + y * y * yaw, across - mixed + x * x * yaw, yaw))
+            along + mixed + y * y * yaw, across - mixed + x * x * yaw, yaw),
+            self._known_of_rail(estimate.known))
+
+    def _known_of_rail(self, known: tuple[bool, ...]) -> tuple[bool, ...]:
+        """Return which axes of the rail are known: a place beside it and turned axes mix them."""
+        x, y, theta = known
+        beside_x, beside_y, _ = self._mounting
+        is_turned = math.sin(self.settings.axes) != 0.0
+        return ((x and (theta or not beside_y)) and (y or not is_turned),
+                (y and (theta or not beside_x)) and (x or not is_turned), theta)
 
 
 def _meaning(settings: EstimateSettings) -> tuple[Any, ...]:
@@ -148,14 +185,14 @@ def _check_values(pose: Pose) -> None:
                 'range', f'disturbance {name} = {value:.4g} {unit} is beyond ±{bound:g} {unit}')
 
 
-def _check_step(elapsed: float, before: Pose, pose: Pose) -> None:
-    """Reject what a gondola cannot have moved in a time [s]."""
+def _check_step(elapsed: float, before: Pose, pose: Pose, known: Sequence[bool]) -> None:
+    """Reject what a gondola cannot have moved in a time [s] along the axes that are known."""
     if elapsed <= 0.0:
         raise InputError.out_of_order('disturbance', -elapsed)
-    for name, last, value, bound, unit in zip(
-            Pose._fields, before, pose, JUMP, UNITS, strict=True):
+    for name, last, value, bound, unit, is_known in zip(
+            Pose._fields, before, pose, JUMP, UNITS, known, strict=True):
         change, allowed = abs(value - last), bound + FASTEST * elapsed
-        if change > allowed:
+        if is_known and change > allowed:
             raise InputError(
                 'jump', f'disturbance {name} jumps by {change:.4g} {unit} in {elapsed:.3f} s, '
                 f'bound {allowed:.4g} {unit}')
@@ -191,10 +228,11 @@ class EstimateMean:
         if 0.0 <= estimate.stamp - self._begin < LEARNING_PERIOD:
             return None
         self._begin = estimate.stamp
-        stamps, poses, variances = zip(*self._kept, strict=True)
+        stamps, poses, variances, _ = zip(*self._kept, strict=True)
         self._kept.clear()
         first, count = stamps[0], len(stamps)
         return Estimate(
             first + sum(stamp - first for stamp in stamps) / count,
             Pose(*(sum(axis) / count for axis in zip(*poses, strict=True))),
-            Variances(*(sum(axis) / count ** 2 for axis in zip(*variances, strict=True))))
+            Variances(*(sum(axis) / count ** 2 for axis in zip(*variances, strict=True))),
+            estimate.known)

@@ -13,7 +13,7 @@ from facade_manipulator.compensation.correction import (
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.kinematics.planar import compose, invert
-from facade_manipulator.prediction import PredictionSettings
+from facade_manipulator.prediction import ALL_KNOWN, PredictionSettings
 from facade_manipulator.prediction.estimate import Estimate
 
 PERIOD = 0.01
@@ -37,14 +37,14 @@ class Run:
         self.random = np.random.default_rng(0)
         self.courses = []
 
-    def go(self, duration, heard=True):
+    def go(self, duration, heard=True, known=ALL_KNOWN):
         for k in range(round(duration / PERIOD)):
             self.now += PERIOD
             if heard and k % 2:
                 stamp = self.now - 0.05
                 noise = self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
                 pose = Pose(*(np.array(self.motion(stamp)) + noise).tolist())
-                self.correction.add_estimate(Estimate(stamp, pose, VARIANCES))
+                self.correction.add_estimate(Estimate(stamp, pose, VARIANCES, known))
             self.courses.append(self.correction.at(self.now, self.now + HORIZON))
         return self
 
@@ -124,3 +124,27 @@ def test_a_tare_without_a_fresh_estimate_is_rejected(heard, message):
     run.go(2.0, heard=False)
     with pytest.raises(ManipulatorError, match=message):
         run.correction.tare(run.now)
+
+
+@pytest.mark.parametrize('lost', range(3))
+def test_an_axis_that_is_not_known_fades_alone_and_comes_back_alone(lost):
+    known = tuple(axis != lost for axis in range(3))
+    run = Run().go(20.0)
+    for _ in range(2):
+        run.go(8.0, known=known)
+        assert run.correction.known == known and run.correction.mode is CorrectionMode.ACTIVE
+        assert run.courses[-1].position[lost] == pytest.approx(0.0, abs=1e-4)
+        assert run.courses[-1].velocity[lost] == pytest.approx(0.0, abs=1e-4)
+        assert (np.delete(abs(run.error()), lost) < 5e-3).all()
+        run.go(8.0)
+        assert run.correction.known == ALL_KNOWN and (abs(run.error()) < 5e-3).all()
+    assert_no_step(run)
+
+
+def test_an_axis_counts_as_known_when_it_has_been_for_a_while():
+    run = Run().go(5.0)
+    for _ in range(3):
+        run.go(0.3, known=(True, False, True)).go(0.3)
+        assert run.correction.known == (True, False, True)
+    run.go(0.3)
+    assert run.correction.known == ALL_KNOWN

@@ -11,6 +11,7 @@ import pytest
 from facade_manipulator.errors import InputError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.prediction.estimate import (
+    ALL_KNOWN,
     Estimate,
     EstimateGate,
     EstimateMean,
@@ -34,8 +35,38 @@ def rejection(gate, now, stamp, pose):
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 3), st.floats(0.0, 0.29))
 def test_a_first_plausible_estimate_passes_unchanged(values, age):
     pose = Pose(*values)
-    estimate = EstimateGate(SETTINGS).check(NOW, NOW - age, pose, (1e-4, 4e-4, 9e-4))
-    assert estimate == (NOW - age, pose, Pose(1e-4, 4e-4, 9e-4))
+    estimate = EstimateGate(SETTINGS).check(NOW, NOW - age, pose, (1e-6, 4e-6, 9e-6))
+    assert estimate == (NOW - age, pose, Pose(1e-6, 4e-6, 9e-6), ALL_KNOWN)
+
+
+LOST = (1.0, 1e-6, 1e-6)  # x is not known
+
+
+def test_an_axis_that_is_not_known_keeps_its_last_value_and_is_found_again_anywhere():
+    gate = EstimateGate(SETTINGS)
+    gate.check(NOW, NOW, Pose(0.05, 0.01, 0.0), VARIANCES)
+    for number, x in enumerate((0.05, 0.4, 1.3)):
+        stamp = NOW + 0.01 * number + 0.01
+        estimate = gate.check(stamp, stamp, Pose(x, 0.011, 0.0), LOST)
+        assert estimate == (stamp, (0.05, 0.011, 0.0), (1e-6, 1e-6, 1e-6), (False, True, True))
+    found = gate.check(NOW + 0.04, NOW + 0.04, Pose(-0.06, 0.012, 0.0), VARIANCES)
+    assert found.known == ALL_KNOWN and found.pose.x == -0.06
+    with pytest.raises(InputError, match='disturbance y jumps'):  # that was known all the time
+        gate.check(NOW + 0.05, NOW + 0.05, Pose(0.4, 0.1, 0.0), LOST)
+
+
+@pytest.mark.parametrize(('settings', 'known'), [
+    ({}, (True, True, False)),
+    ({'mounting': (0.5, 0.0, 0.0)}, (True, False, False)),
+    ({'mounting': (0.0, 0.5, 0.0)}, (False, True, False))])
+def test_without_the_yaw_nobody_knows_what_is_beside_the_estimator(settings, known):
+    gate = EstimateGate(replace(SETTINGS, **settings))
+    assert gate.check(NOW, NOW, STILL, (1e-6, 1e-6, 1e6)).known == known
+
+
+def test_along_turned_axes_two_are_lost_at_once():
+    gate = EstimateGate(replace(SETTINGS, axes=0.3))
+    assert gate.check(NOW, NOW, STILL, LOST).known == (False, False, True)
 
 
 @pytest.mark.parametrize('axis', Pose._fields)

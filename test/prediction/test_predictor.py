@@ -336,7 +336,7 @@ def test_means_of_fast_estimates_teach_what_each_of_them_would():
         single.update(stamp, measured, VARIANCES)
         estimate = mean.add(Estimate(stamp, measured, VARIANCES))
         if estimate is not None:
-            averaged.update(*estimate)
+            averaged.update(*estimate[:3])
         errors.append([np.subtract(predictor.predict(stamp + HORIZON).position,
                                    motion(stamp + HORIZON)) for predictor in (single, averaged)])
     each, together = np.sqrt((np.array(errors[2000:]) ** 2).mean(axis=0))

@@ -98,7 +98,7 @@ class ClosedLoop:
         now = self.now
         self._deliver(now - SENSOR_DELAY)
         for estimate in self.estimator.advance(now):
-            self._attempt(self.compensator.add_estimate, now, *estimate)
+            self._attempt(self.compensator.add_estimate, now, *estimate[:3])
         corrected = self.compensator.update(now)
         if corrected is not None:
             self._attempt(self._add, now, corrected)
