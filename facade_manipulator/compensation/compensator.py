@@ -35,6 +35,7 @@ from facade_manipulator.compensation.suspension import (
     StrokeWatch,
     SuspensionSettings,
 )
+from facade_manipulator.compensation.wall_sense import WallSense
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import (
     add,
@@ -132,6 +133,7 @@ class Compensator:
         self.contact = Contact(
             settings.lateral, settings.impedance, settings.yaw_impedance)
         self.following = Following()
+        self._wall = WallSense()
         self.goal: Pose | None = None
         self.initialisations = 0
         self._suspension = settings.suspension
@@ -267,7 +269,13 @@ class Compensator:
             If it cannot be true.
 
         """
-        self.correction.add_estimate(self.gate.check(now, stamp, pose, variances, tilt))
+        estimate = self.gate.check(now, stamp, pose, variances, tilt)
+        if not self.contact.is_idle:
+            stamp, (_, _, yaw) = estimate.stamp, self.correction.predicted(estimate)
+            estimate = self._wall.fused(
+                estimate, yaw, self.following.head_at(stamp),
+                self.contact.pressing.deflection(stamp))
+        self.correction.add_estimate(estimate)
 
     @property
     def obstacle(self) -> str:

@@ -182,6 +182,11 @@ class Correction:
         if known != self.known:
             self._change(known=known)
 
+    def predicted(self, estimate: Estimate) -> Pose:
+        """Return what was predicted for an estimate, itself where nothing was."""
+        predictor = self.predictor
+        return predictor.predict(estimate.stamp).position if self._has_estimates else estimate.pose
+
     def change_prediction(self, settings: PredictionSettings) -> None:
         """Learn again by other settings; meanwhile the correction fades out, and in again."""
         self._prediction = settings

@@ -36,6 +36,7 @@ class Following:
 
     def __init__(self) -> None:
         self._path: TimedBuffer[Pose] = TimedBuffer()
+        self._heads: TimedBuffer[Pose] = TimedBuffer()
         self._head: tuple[float, Pose] | None = None
         self._followed_at = -math.inf
         self.lag = self._delay = self._power = 0.0
@@ -63,7 +64,8 @@ class Following:
             raise InputError.out_of_order('end_effector_pose', self._head[0] - stamp)
         interval = 0.0 if self._head is None else max(stamp - self._head[0], 0.0)
         self._head = stamp, head
-        planned = self._planned(stamp)
+        self._heads.append(stamp, head)
+        planned = _motion(self._path, stamp)
         if planned is None:
             self._followed_at = stamp
             return
@@ -84,16 +86,10 @@ class Following:
         newest = self.newest(now)
         return newest is not None and newest[0] - self._followed_at > PATIENCE
 
-    def _planned(self, stamp: float) -> MotionState | None:
-        """Return the motion on the path at a stamp, None where there was none."""
-        before, after = self._path.around(stamp)
-        if before is None or after is None:
-            return None
-        (begin, first), (end, second) = before, after
-        share, change = (stamp - begin) / (end - begin), difference(second, first)
-        return MotionState(
-            Pose(*(a + share * d for a, d in zip(first, change, strict=True))),
-            Twist(*(d / (end - begin) for d in change)))
+    def head_at(self, stamp: float) -> Pose | None:
+        """Return where the head was at a stamp [s], None where that is not known."""
+        motion = _motion(self._heads, stamp)
+        return None if motion is None else motion.position
 
     def _measure_lag(self, interval: float, error: Pose, velocity: Twist) -> None:
         """Regress the error on the velocity, the older the less."""
@@ -107,6 +103,18 @@ class Following:
         self.lag = 0.0
         if self._power >= LEAST_SPEED ** 2:
             self.lag = min(max(self._delay / self._power, -GREATEST_LAG), GREATEST_LAG)
+
+
+def _motion(poses: TimedBuffer[Pose], stamp: float) -> MotionState | None:
+    """Return the motion through poses at a stamp, None where there was none."""
+    before, after = poses.around(stamp)
+    if before is None or after is None:
+        return None
+    (begin, first), (end, second) = before, after
+    share, change = (stamp - begin) / (end - begin), difference(second, first)
+    return MotionState(
+        Pose(*(a + share * d for a, d in zip(first, change, strict=True))),
+        Twist(*(d / (end - begin) for d in change)))
 
 
 class HeldBack:

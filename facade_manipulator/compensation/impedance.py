@@ -162,6 +162,11 @@ class ContactStiffness:
         self._recent: deque[tuple[float, float, float]] = deque()
         self.begin()
 
+    @property
+    def likely(self) -> float:
+        """What it is without the margin [N/m]."""
+        return self.value / MARGIN
+
     def begin(self) -> None:
         """Begin the slow estimate, and forget sudden rises: another touch is to come."""
         self.value = self.learnt or self._guess

@@ -19,6 +19,7 @@ from facade_manipulator.compensation.force_watch import (
     HOLD_TIME,
     LatencyCheck,
     MOST_LATENCY,
+    NOISE,
     OLDEST_WRENCH,
     TOUCH,
 )
@@ -32,7 +33,9 @@ from facade_manipulator.compensation.impedance import (
 )
 from facade_manipulator.compensation.sensor_zero import MOST_DRIFT, SensorZero
 from facade_manipulator.compensation.suspension import SwayWatch
+from facade_manipulator.compensation.wall_sense import Deflection
 from facade_manipulator.kinematics import Pose, ZERO_POSE
+from facade_manipulator.motion import TimedBuffer
 
 FIRST_SHARE = 0.1  # of the desired force, with which the ramp begins
 LOST_AFTER = 1.0  # s without touch, after which the wall is looked for again
@@ -108,6 +111,7 @@ class Pressing:
         self.mode = PressMode.OFF
         self.reason = self.last_reason = ''
         self.desired = 0.0
+        self._felt: TimedBuffer[tuple[float, float]] = TimedBuffer()  # force, moment
         self._latched = False
         self._progress = 0.0
         self._untouched = 0.0
@@ -166,6 +170,7 @@ class Pressing:
             self.zero.add(stamp, force, moment)
         self.y.add_measurement(stamp, force - self.zero.force)
         self.theta.add_measurement(stamp, moment - self.zero.moment)
+        self._felt.append(stamp, (self.y.measured, self.theta.measured))
         if self.press.enabled or self.turn.enabled:
             self.watch.add(stamp, self.y.measured, self.desired, self.stiffness.value,
                            self._unanswered(is_repeated))
@@ -175,6 +180,21 @@ class Pressing:
         if self.mode is PressMode.HOLDING:
             self.latency.add(stamp, self.y.force, self.y.offset_then)
             self.stiffness.limit(self.latency.stiffness)
+
+    def deflection(self, stamp: float) -> Deflection | None:
+        """Return how the wall was pressed in at a stamp [s]; None where that is not known."""
+        before, after = self._felt.around(stamp)
+        if self.mode is not PressMode.HOLDING or before is None or after is None:
+            return None
+        (begin, first), (end, second) = before, after
+        share = (stamp - begin) / (end - begin)
+        force, moment = (a + share * (b - a) for a, b in zip(first, second, strict=True))
+        if end - begin > OLDEST_WRENCH or force < TOUCH:
+            return None
+        stiffness, arm = self.stiffness.likely, 0.5 * self.press.brush_width
+        return Deflection(
+            force / stiffness, moment / (stiffness * arm * arm), NOISE / stiffness,
+            NOISE / (stiffness * arm) if self.turn.enabled else math.inf)
 
     def _unanswered(self, is_repeated: bool) -> float:
         """Return by how much the force should have changed since the wrench last did [N]."""
