@@ -1,10 +1,12 @@
 from pathlib import Path
+import runpy
 from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
 MANIFEST = ElementTree.parse('package.xml').getroot()  # the version stands there alone
 NAME = MANIFEST.findtext('name')
+COMMIT = runpy.run_path(f'{NAME}/resources.py')['commit']
 NODES = ('driver', 'ik_service', 'compensator', 'manipulator', 'gondola_simulator', 'monitor',
          'recorder', 'disturbance_estimator')
 
@@ -57,7 +59,7 @@ def tree(folder):
 
 setup(
     name=NAME,
-    version=MANIFEST.findtext('version'),
+    version=MANIFEST.findtext('version') + COMMIT(Path('.')),
     description=' '.join(MANIFEST.findtext('description').split()),
     maintainer=MANIFEST.findtext('maintainer'),
     maintainer_email=MANIFEST.find('maintainer').get('email'),

@@ -70,7 +70,9 @@ OPERATION = DiagnosticComponent(
         'setpoint margin p50 [ms]': 'the median of that',
         'drive faults': 'stops since the start of the node',
         'targets ahead of their SYNC [ms]': 'for when a target is computed',
+        'version': 'of this package, with the commit where it is known',
         'parameters': 'checksum of all parameters',
+        'profiles': 'checksums of the drive profiles and EDS that were read last',
         'limits changed': 'when limits of motion were changed last, from what to what',
         **REJECTIONS,
     })

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 import csv
 import errno
+import hashlib
 import os
 from pathlib import Path
 import shutil
@@ -35,6 +36,11 @@ def atomic_write(path: Path) -> Iterator[Path]:
     finally:
         with suppress(OSError):
             draft.unlink(missing_ok=True)
+
+
+def checksum(content: bytes) -> str:
+    """Return eight hexadecimal digits that tell contents apart."""
+    return hashlib.sha256(content).hexdigest()[:8]
 
 
 def sync(path: Path) -> None:

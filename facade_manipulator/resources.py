@@ -9,15 +9,21 @@ of its ament prefix, or, installed by pip alone, the one under ``sys.prefix``.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+from functools import cache
 from importlib.metadata import distributions
 import os
 from pathlib import Path
+import re
+import subprocess
 import sys
 
 PACKAGE = Path(__file__).resolve().parent
 MACHINE_FILE = Path('machine.yaml')  # the parameter file of a machine, in the present folder
 # what the machine writes about itself; ROS_HOME is where ROS itself puts its logs
 STATE_FOLDER = os.path.join(os.environ.get('ROS_HOME') or '~/.ros', PACKAGE.name)
+
+GIT_TIMEOUT = 10.0  # s; it takes some 20 ms
 
 
 def config_path(relative: str | os.PathLike[str] = '') -> Path:
@@ -61,6 +67,30 @@ def or_installed(path: Path) -> Path:
     return path if path.exists() else config_path('manipulator.yaml')
 
 
+def machine_name(namespace: str) -> str:
+    """Return the namespace of a machine as a part of a file's name."""
+    return re.sub(r'\W', '_', namespace.strip('/')) or 'manipulator'
+
+
 def installed_versions() -> dict[str, str]:
     """Return the versions of all Python packages that are installed, by their name."""
     return {one.name: one.version for one in distributions()}
+
+
+@cache
+def version() -> str:
+    """Return version and commit, ``0.2.0+g1a2b3c4``: of a checkout now, else as installed."""
+    installed = installed_versions().get(PACKAGE.name, 'unknown')
+    present = commit(PACKAGE.parent)
+    return f'{installed.partition("+")[0]}{present}' if present else installed
+
+
+def commit(folder: Path) -> str:
+    """Return the commit of a checkout, ``+g1a2b3c4``, ``.dirty`` if files differ, '' of others."""
+    if not (folder / '.git').exists():
+        return ''
+    with suppress(OSError, subprocess.SubprocessError):
+        return '+g' + subprocess.run(
+            ['git', '-C', folder, 'describe', '--always', '--dirty=.dirty', '--exclude=*'],
+            check=True, capture_output=True, text=True, timeout=GIT_TIMEOUT).stdout.strip()
+    return ''

@@ -42,7 +42,8 @@ from facade_manipulator.nodes.compensator_report import CompensatorReport
 from facade_manipulator.ros import diagnostics
 
 ROOT = Path(facade_manipulator.__file__).parents[1]
-OF_THE_NODE = {'drive faults', 'targets ahead of their SYNC [ms]', 'parameters', 'limits changed'}
+OF_THE_NODE = {'drive faults', 'targets ahead of their SYNC [ms]', 'parameters', 'limits changed',
+               'version', 'profiles'}
 DOCUMENT = ROOT / 'docs/diagnostics.md'
 
 

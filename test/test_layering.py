@@ -31,7 +31,7 @@ MACHINE = {
     'motion': BASE | {'kinematics'},
     'compensation': BASE | {'kinematics', 'prediction', 'motion'},
     'drives.canopen': BASE,
-    'drives.cia402': BASE | {'resources', 'drives.canopen'},
+    'drives.cia402': BASE | {'files', 'resources', 'drives.canopen'},
     'drives.controller': BASE | {'files', 'drives.canopen', 'drives.cia402'},
     'loop': BASE | DRIVES | {'kinematics', 'motion'},
     'blackbox': BASE | {'files', 'resources', 'drives.cia402'},
@@ -39,7 +39,8 @@ MACHINE = {
 }
 ALL_OF_IT = set(MACHINE) | {'ros', 'nodes'}
 TOOLS = {
-    'tools.calibration': SETTINGS | {'blackbox', 'kinematics', 'messages', 'prediction'},
+    'tools.calibration': SETTINGS | {'blackbox', 'kinematics', 'maintenance', 'messages',
+                                      'prediction'},
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance',
                                              'tools.emergency_stop'},
     'tools.policies': SETTINGS | {'interfaces'},

@@ -76,7 +76,21 @@ def test_the_installed_version_is_the_declared_one(keywords):
         pytest.skip('runs from the source tree without being installed')
     if '"editable": true' in (installed.read_text('direct_url.json') or ''):
         pytest.skip('what is editable has the version of its installation')
-    assert installed.version == keywords['version']
+    assert installed.version.partition('+')[0] == keywords['version'].partition('+')[0]
+
+
+def test_the_version_names_the_commit_of_a_checkout_and_of_what_is_installed(
+        monkeypatch, tmp_path):
+    assert resources.commit(tmp_path) == ''
+    if (TOP / '.git').exists():
+        head = subprocess.run(['git', 'rev-parse', 'HEAD'], cwd=TOP, capture_output=True,
+                              text=True, check=True).stdout
+        present, _, state = resources.commit(TOP).removeprefix('+g').partition('.')
+        assert head.startswith(present) and len(present) >= 7 and state in ('', 'dirty')
+        assert resources.version().partition('+')[2].startswith(f'g{present}')
+    monkeypatch.setattr(resources, 'PACKAGE', tmp_path / 'facade_manipulator')
+    monkeypatch.setattr(resources, 'installed_versions', lambda: {'facade_manipulator': '1+ga'})
+    assert resources.version.__wrapped__() == '1+ga'
 
 
 def test_the_executables_are_those_of_the_interface(scripts):

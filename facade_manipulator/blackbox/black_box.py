@@ -18,7 +18,7 @@ from facade_manipulator.blackbox.shelf import Shelf
 from facade_manipulator.blackbox.stream import Stream
 from facade_manipulator.blackbox.trigger import DueFile, RecordTrigger
 from facade_manipulator.errors import RecordError
-from facade_manipulator.resources import installed_versions
+from facade_manipulator.resources import installed_versions, version
 
 Metadata = Mapping[str, Mapping[str, str]]
 Parameters = Mapping[str, Mapping[str, Any]]  # by node and name
@@ -131,7 +131,7 @@ class BlackBox:
 
     def _metadata(self, reasons: tuple[str, ...]) -> Metadata:
         about = {'reasons': '\n'.join(reasons), 'namespace': self._namespace,
-                 'version': self._versions.get('facade_manipulator', ''), **host()}
+                 'version': version(), **host()}
         return {**run_metadata(about, self._parameters()), 'versions': self._versions}
 
     # --- in the writer's thread

@@ -11,7 +11,7 @@ import platform
 import sys
 from typing import Any
 
-from facade_manipulator.drives.cia402 import load_profile, profile_path
+from facade_manipulator.drives.cia402 import profile_files
 from facade_manipulator.errors import ManipulatorError
 
 
@@ -39,5 +39,5 @@ def carried_files(
 
 def _drive_files(profile: str) -> list[Path]:
     with suppress(ManipulatorError):
-        return [profile_path(profile), load_profile(profile).eds]
+        return [*profile_files(profile)]
     return []

@@ -12,6 +12,7 @@ import time
 from facade_manipulator.blackbox.recording import metadata_of, SUMMARY
 from facade_manipulator.errors import RecordError, without_numbers
 from facade_manipulator.files import sync
+from facade_manipulator.resources import machine_name
 
 _MEGABYTE = 1_000_000
 RESERVE = 50 * _MEGABYTE  # byte of free space that are left to the rest of the machine
@@ -29,7 +30,7 @@ class Shelf:
 
     def __init__(self, folder: str, limit: float, namespace: str = '') -> None:
         self.folder = Path(folder).expanduser()
-        self.name = re.sub(r'\W', '_', namespace.strip('/')) or 'manipulator'
+        self.name = machine_name(namespace)
         self._limit = limit * _MEGABYTE
         self._pattern = re.compile(rf'blackbox_(\d{{6}})_{self.name}_\d{{8}}T\d{{6}}Z\.mcap')
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-import fcntl
+from contextlib import suppress
 import json
-import os
 from pathlib import Path
-import re
 from typing import Any
 
 from facade_manipulator.files import atomic_write
 from facade_manipulator.maintenance.counters import lacking, MachineCounters
+from facade_manipulator.maintenance.journal import locked, machine_file
 
 PERIOD = 1.0  # s, so that no kill loses more
 GREATEST = ('greatest_following_error', 'serviced')  # no sums
@@ -81,8 +79,7 @@ class CounterFile:
     """
 
     def __init__(self, folder: str, machine: str) -> None:
-        name = re.sub(r'\W', '_', machine.strip('/')) or 'manipulator'
-        self._path = Path(folder).expanduser() / f'counters_{name}.json' if folder else None
+        self._path = machine_file(folder, 'counters', machine, '.json') if folder else None
         self._begun = ''  # what was wrong then
         self._first = self._read()
         self.error = self._begun
@@ -116,7 +113,7 @@ class CounterFile:
     def _save(self, path: Path, values: dict[str, Any]) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with _locked(path.parent):
+            with locked(path.parent):
                 kept = self._kept(path)
                 with atomic_write(path) as draft:
                     draft.write_text(
@@ -159,14 +156,3 @@ class CounterFile:
         with suppress(OSError), atomic_write(_backup(self._path)) as draft:
             draft.write_text(json.dumps(values), encoding='utf-8')
         return values
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Keep other processes from writing counters of this folder meanwhile."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-    finally:
-        os.close(descriptor)

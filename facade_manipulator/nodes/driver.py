@@ -27,7 +27,7 @@ from std_srvs.srv import Trigger
 
 from facade_manipulator import interfaces
 from facade_manipulator.drives.canopen import BusSettings
-from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
+from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings, profile_checksums
 from facade_manipulator.drives.controller import (
     ACTIVE_STATES,
     ControllerSettings,
@@ -58,6 +58,7 @@ from facade_manipulator.nodes.driver_diagnostics import (
     StatusPublisher,
 )
 from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.resources import version
 from facade_manipulator.ros import (
     declare,
     Deferred,
@@ -119,6 +120,7 @@ class DriverNode(ManagedNode):
         self._settings = declare(self, DriverSettings, '', partial(setattr, self, '_settings'))
         self._setup = self._declare_setup()
         self._limits, self._limits_changed = self._setup.limits, ''
+        self._profiles = self._read_profiles()
         self._service = declare(
             self, ServiceSettings, 'service', partial(setattr, self, '_service'))
         is_real = not self._settings.simulate_drives
@@ -136,7 +138,8 @@ class DriverNode(ManagedNode):
         self._cycles = CycleTable(self, self._loop)
         self._setpoint_codec, self._states_codec = setpoint_codec(), states_codec()
         self._offer()
-        self.get_logger().info(f'parameters: {parameter_checksum(self)}')
+        self.get_logger().info(f'version: {version()}; parameters: {parameter_checksum(self)}; '
+                               f'profiles: {self._profiles}')
         if self._settings.configure_at_start:
             self.configure_soon()
 
@@ -274,6 +277,7 @@ class DriverNode(ManagedNode):
 
     def _configure(self) -> Future[Any]:
         """Configure; if the loop's process has ended, start another one before."""
+        self._profiles = self._read_profiles()
         if not self._loop.is_lost:
             return self._loop.request('configure')
 
@@ -282,6 +286,9 @@ class DriverNode(ManagedNode):
             return self._loop.request('configure').result()
 
         return self._worker.submit(begin_again)
+
+    def _read_profiles(self) -> str:
+        return profile_checksums(axis.profile for axis in self._setup.axes)
 
     def _shut_down(self) -> Future[Any]:
         return self._worker.submit(self._loop.close)
@@ -338,7 +345,9 @@ class DriverNode(ManagedNode):
         values = {
             'drive faults': self._drive_faults,
             'targets ahead of their SYNC [ms]': 1e3 * (settings.period + settings.drive_lag),
+            'version': version(),
             'parameters': parameter_checksum(self),
+            'profiles': self._profiles,
             'limits changed': self._limits_changed,
             **self._rejections.values(),
         }

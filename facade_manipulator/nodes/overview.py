@@ -32,7 +32,9 @@ POSES = {
 # what is shown of a component beside its message: diagnostic key, and how it is written
 DETAILS = {str(component): {component.key(key): text for key, text in shown.items()}
            for component, shown in (
-    (diagnostics.OPERATION, {'drive faults': 'faults: {}', REJECTED: '{} setpoints rejected'}),
+    (diagnostics.OPERATION, {
+        'drive faults': 'faults: {}', REJECTED: '{} setpoints rejected',
+        'version': 'version {}', 'parameters': 'parameters {}'}),
     (diagnostics.BUS, {
         'cycles': '{} cycles', 'missed cycles': '{} missed',
         'worst lateness [ms]': '≤ {} ms late', 'worst-case load [%]': '{} % load'}),
@@ -222,7 +224,9 @@ def _details(name: str, components: Components) -> str:
 
 def _short(value: str) -> str:
     number = _number(value)
-    return value if number is None or number.is_integer() else f'{number:.3g}'
+    if number is None or not math.isfinite(number) or number.is_integer():
+        return value  # words, and the checksum 12e45678
+    return f'{number:.3g}'
 
 
 def _number(value: str | None) -> float | None:

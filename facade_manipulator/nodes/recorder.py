@@ -30,6 +30,7 @@ from facade_manipulator.blackbox import (
     RecordedTopic,
 )
 from facade_manipulator.interfaces import Quality, Topic
+from facade_manipulator.maintenance import ChangeLog
 from facade_manipulator.messages import status_values
 from facade_manipulator.ros import (
     class_of,
@@ -53,6 +54,7 @@ from facade_manipulator.ros import (
 PERIOD = 0.25  # s, in which messages are taken: to be woken for each would cost more
 DEPTH = 500  # messages of a topic that wait until they are taken: 2000 a second
 OPERATION, STATE = str(diagnostics.OPERATION), diagnostics.OPERATION.key('state')
+SOFTWARE = {diagnostics.OPERATION.key(one) for one in ('version', 'profiles')}
 STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # states of the driver
 MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
 SILENCE = 3.0  # s without diagnostics of a driver that had power
@@ -71,8 +73,10 @@ class RecorderNode(Node):
         self._readers = {name: ParameterReader(self, name, self._rejections)
                          for name in interfaces.RECORDED}
         topics = recorded_topics()
+        settings = declare(self, BlackBoxSettings)
+        self._changes = ChangeLog(settings.folder, self.get_namespace())
         self._black_box = BlackBox(
-            declare(self, BlackBoxSettings), self.get_namespace(), [CAN_TOPIC, *(RecordedTopic(
+            settings, self.get_namespace(), [CAN_TOPIC, *(RecordedTopic(
                 self.resolve_topic_name(one.name), *message_type(class_of(one)),
                 playback(recorded_quality(one))) for one in topics)],
             self._parameters_known, self.get_logger())
@@ -92,8 +96,9 @@ class RecorderNode(Node):
         return {name: reader.values for name, reader in self._readers.items() if reader.values}
 
     def _watch(self) -> None:
-        for reader in self._readers.values():
+        for name, reader in self._readers.items():
             reader.ask_once()
+            self._changes.note(name, reader.values)
         self._listen_to_bus()
         self._take()
         silence = time.monotonic() - self._driver_time
@@ -128,7 +133,10 @@ class RecorderNode(Node):
             name, stops = self._own(status.name), status.level == DiagnosticStatus.ERROR
             if name == OPERATION:
                 self._driver_time = time.monotonic()
-                self._driver_state = status_values(status).get(STATE, '')
+                values = status_values(status)
+                self._driver_state = values.get(STATE, '')
+                self._changes.note('software', {
+                    key: values[key] for key in SOFTWARE & values.keys()})
                 stops |= self._driver_state in STOPS
             if name.partition(': ')[0] in interfaces.RECORDED:
                 self._black_box.note(name, status.message if stops else '')
@@ -142,6 +150,8 @@ class RecorderNode(Node):
     def _read_event(self, event: ParameterEvent) -> None:
         if (name := self._own(event.node)) in interfaces.RECORDED:
             self._readers[name].update(event)
+            if event.changed_parameters:  # again before the next look, perhaps
+                self._changes.note(name, self._readers[name].values)
 
     def _own(self, name: str) -> str:
         """Return the name of a node of this namespace, or of its component, without that."""
@@ -162,7 +172,7 @@ class RecorderNode(Node):
 
     def _components(self) -> list[DiagnosticStatus]:
         listener, box = self._listener, self._black_box
-        trouble = box.trouble or (listener.error if listener else '')
+        trouble = box.trouble or (listener.error if listener else '') or self._changes.error
         return [diagnostic_status(
             'black box', 'error' if trouble else 'ok', trouble or box.outcome, {
                 **box.values(), **self._rejections.values(),
@@ -172,6 +182,7 @@ class RecorderNode(Node):
         """End when what is being written is written."""
         self._take()
         self._black_box.close()
+        self._changes.close()
         while self._queues:
             self._queues.pop()[0].close()
         if self._listener is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-import hashlib
 import re
 from typing import Any, TypeVar
 
@@ -24,6 +23,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.files import checksum
 from facade_manipulator.parameters import (
     check_value,
     METADATA_KEY,
@@ -102,7 +102,7 @@ def parameter_checksum(node: Node) -> str:
     values = sorted(
         (name, repr(one.value))  # type: ignore[union-attr]  # they are Parameters
         for name, one in node.get_parameters_by_prefix('').items())
-    return hashlib.sha256(repr(values).encode()).hexdigest()[:8]
+    return checksum(repr(values).encode())
 
 
 def _declare_one(

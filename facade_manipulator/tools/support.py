@@ -16,10 +16,11 @@ import time
 
 from facade_manipulator.errors import exit_status
 from facade_manipulator.files import atomic_write
-from facade_manipulator.resources import installed_versions, STATE_FOLDER
+from facade_manipulator.resources import installed_versions, PACKAGE, STATE_FOLDER, version
 
 DAY = 86_400.0  # s
 TIMEOUT = 60.0  # s, of a command
+LASTING = 'counters_', 'changes_'
 DOCTOR = sys.executable, '-m', 'facade_manipulator.tools.doctor'
 
 
@@ -39,7 +40,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _pack(options: argparse.Namespace) -> None:
     oldest = time.time() - options.days * DAY
-    files = [*options.parameters, *_files(options.folder, oldest), *_files(_logs(), oldest)]
+    journals = (path for one in options.parameters
+                for path in one.resolve().parent.glob(f'{one.stem}.journal.*'))
+    files = [*options.parameters, *journals, *_files(options.folder, oldest),
+             *_files(_logs(), oldest)]
     with atomic_write(options.output) as draft, tarfile.open(draft, 'w:gz') as archive:
         for path in files:
             archive.add(path, str(path.resolve()).lstrip('/'))
@@ -51,9 +55,9 @@ def _pack(options: argparse.Namespace) -> None:
 
 
 def _files(folder: Path, oldest: float) -> Iterator[Path]:
-    """Yield the files of a folder that are not older; counters, whatever their age."""
+    """Yield the files of a folder that are not older; lasting ones, whatever their age."""
     for path in sorted(folder.rglob('*')):
-        if path.is_file() and ('counters_' in path.name or path.stat().st_mtime >= oldest):
+        if path.is_file() and (path.name.startswith(LASTING) or path.stat().st_mtime >= oldest):
             yield path
 
 
@@ -63,8 +67,9 @@ def _logs() -> Path:
 
 
 def _versions() -> str:
+    installed = {**installed_versions(), PACKAGE.name: version()}
     return '\n'.join([platform.platform(), f'Python {platform.python_version()}', *sorted(
-        f'{name} {version}' for name, version in installed_versions().items())])
+        f'{name} {one}' for name, one in installed.items())])
 
 
 def _journal(oldest: float) -> str:

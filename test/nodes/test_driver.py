@@ -5,6 +5,7 @@ import math
 import os
 from pathlib import Path
 import platform
+import re
 import signal
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -31,6 +32,7 @@ from facade_manipulator.loop.channel import Channel, VERSION
 from facade_manipulator.loop.control_loop import pack_state, StreamStatus
 from facade_manipulator.loop.process import start_process
 from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.resources import version
 from facade_manipulator.ros.client import ManipulatorClient
 from facade_manipulator.ros.conversions import stamp
 from facade_manipulator.ros.diagnostics import DriverStatus
@@ -383,6 +385,9 @@ def test_two_publishers_of_one_software_stop_forbid_power(bench):
 def test_the_parameters_have_a_checksum_and_a_changed_limit_has_its_time_and_values(bench):
     before = bench.values()
     assert before['limits changed'] == ''
+    assert before['version'] == version()
+    assert re.fullmatch(
+        r'simulated.yaml [0-9a-f]{8}, cia402.eds [0-9a-f]{8}', before['profiles'])
     answer, = bench.node.set_parameters([Parameter('limits.speed', value=0.3)])
     assert answer.successful
     after = bench.values()

@@ -107,6 +107,13 @@ def test_without_a_namespace_each_gondola_has_its_line():
     assert 'camera' not in words(shown)
 
 
+@pytest.mark.parametrize('checksum', ['12e45678', '00000120', '1a2b3c4d'])
+def test_version_and_checksum_are_shown_whatever_number_they_look_like(checksum):
+    known = seen(('driver: operation', 'ok', 'active', {
+        'version': '0.2.0+g1a2b3c4', 'parameters': checksum}))
+    assert f'version 0.2.0+g1a2b3c4, parameters {checksum}' in words(lines(known, 200))
+
+
 def test_another_gondolas_components_are_not_shown():
     known = seen(('gondola_2/' + STOPPED[0], *STOPPED[1:]), ('driver: operation', 'ok', 'active'))
     assert 'stopped' not in words(lines(known))

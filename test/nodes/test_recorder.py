@@ -22,6 +22,7 @@ from std_srvs.srv import Trigger
 
 from facade_manipulator.blackbox.recording import segment_messages
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.maintenance import Journal
 from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.conversions import pose_stamped
 from facade_manipulator.ros.diagnostics import HOLD
@@ -93,6 +94,26 @@ def test_a_stop_makes_one_file_with_reason_goal_and_parameters(machine, state, l
     assert said[:2] == ['', 'q2: following error 8611h']
     machine.recorder.close()
     assert len(machine.files()) == 1
+
+
+def test_every_change_of_a_parameter_and_of_the_version_is_noted(machine):
+    journal = Journal(machine.folder / 'changes_gondola_1.jsonl')
+
+    def say(version):
+        machine.diagnostics.publish(DiagnosticArray(status=[DiagnosticStatus(
+            name='gondola_1/driver: operation', values=[
+                KeyValue(key='state', value='active'), KeyValue(key='version', value=version)])]))
+
+    machine.ros.until(lambda: journal.known('driver').get('q1.serial_number') == 4711, 'the start')
+    machine.node.set_parameters([Parameter('q1.serial_number', value=4712)])
+    say('1+ga')
+    machine.ros.until(lambda: journal.known('software') == {'version': '1+ga'}, 'the version')
+    say('1+gb')
+    machine.ros.until(lambda: journal.known('software') == {'version': '1+gb'}, 'the update')
+    machine.recorder.close()
+    changed = [entry['changed'] for entry in journal.entries()]
+    assert {'q1.serial_number': [4711, 4712]} in changed and changed[-1] == {
+        'version': ['1+ga', '1+gb']}
 
 
 def test_what_cannot_be_read_is_kept_counted_and_ends_nothing(machine):

@@ -13,9 +13,11 @@ def test_an_archive_has_files_counters_logs_parameters_and_versions(
         folder.mkdir()
     old, new = state / 'blackbox_000001_a.mcap', state / 'blackbox_000002_a.mcap'
     counters, log, parameters = state / 'counters_a.json', logs / 'x.log', tmp_path / 'a.yaml'
-    for path in (old, new, counters, log, parameters):
+    changes, steps = state / 'changes_a.jsonl', tmp_path / 'a.journal.jsonl'
+    kept = new, counters, changes, log, parameters, steps
+    for path in (old, *kept):
         path.write_text(path.name)
-    for path in (old, counters):
+    for path in (old, counters, changes):
         os.utime(path, (0, 0))
     monkeypatch.setenv('ROS_LOG_DIR', str(logs))
     output = tmp_path / 'out.tar.gz'
@@ -24,9 +26,8 @@ def test_an_archive_has_files_counters_logs_parameters_and_versions(
         texts = {name.rpartition('/')[2]: archive.extractfile(name).read().decode()
                  for name in archive.getnames()}
     assert texts.keys() == {
-        'versions.txt', 'journal.txt', 'doctor.txt', new.name, counters.name, log.name,
-        parameters.name}
-    assert all(texts[path.name] == path.name for path in (new, counters, log, parameters))
+        'versions.txt', 'journal.txt', 'doctor.txt', *(path.name for path in kept)}
+    assert all(texts[path.name] == path.name for path in kept)
     assert 'facade_manipulator ' in texts['versions.txt']
     assert all(text in texts['doctor.txt'] for text in ('versions', 'publishers', 'doctor: '))
 

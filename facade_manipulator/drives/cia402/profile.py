@@ -6,6 +6,7 @@ A further CiA 402 drive is one more file in ``config/drives``, not code.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +18,7 @@ from facade_manipulator.drives.canopen import Pdo, pdo
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.units import VELOCITY_UNITS
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.files import checksum
 from facade_manipulator.resources import config_path
 
 # what a profile may ask to be written; `controller.configuration.quantities` has each per axis
@@ -133,6 +135,20 @@ def load_profile(name: str, directory: str | Path | None = None) -> DriveProfile
     except (ValueError, TypeError, KeyError) as error:
         reason = f'{error.args[0]} is missing' if isinstance(error, KeyError) else error
         raise ParameterError(f'the drive profile {path} is not valid: {reason}') from None
+
+
+def profile_files(name: str) -> tuple[Path, Path]:
+    """Return the files of a profile: its own and its EDS; raises a ParameterError."""
+    return profile_path(name), load_profile(name).eds
+
+
+def profile_checksums(names: Iterable[str]) -> str:
+    """Return the files of profiles, each with its checksum or why there is none."""
+    try:
+        files = dict.fromkeys(path for name in names for path in profile_files(name))
+        return ', '.join(f'{path.name} {checksum(path.read_bytes())}' for path in files)
+    except (OSError, ParameterError) as error:
+        return str(error)
 
 
 def profile_path(name: str, directory: str | Path | None = None) -> Path:

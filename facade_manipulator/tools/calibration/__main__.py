@@ -14,6 +14,7 @@ import numpy as np
 from facade_manipulator.errors import CalibrationError, exit_status, file_errors
 from facade_manipulator.files import write_table
 from facade_manipulator.kinematics import Geometry
+from facade_manipulator.maintenance import journal_of
 from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.parameter_file import (
     ALL_NODES,
@@ -151,6 +152,9 @@ def _write(options: argparse.Namespace, *found: tuple[str, str, dict[str, Any]])
     for node, section, values in found:
         write_parameters(source, options.output, node, {section: values})
         source = options.output
+        with file_errors(options.output):
+            journal_of(source).step('calibrate', '; '.join(
+                f'{section}.{name}: {value}' for name, value in values.items()))
     print(f'{options.output} is written')
 
 

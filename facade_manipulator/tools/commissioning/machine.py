@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from datetime import datetime
 import os
 from pathlib import Path
 from typing import Any, TypeVar
-
-import yaml
 
 from facade_manipulator.drives.canopen import BusSettings
 from facade_manipulator.drives.cia402 import axis_defaults, AXIS_NAMES, AxisSettings, check_axes
 from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import file_errors, ParameterError
-from facade_manipulator.files import atomic_write
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.maintenance import ServiceSettings
+from facade_manipulator.maintenance import journal_of, ServiceSettings
 from facade_manipulator.parameter_file import (
     read_parameters,
     read_settings,
@@ -109,20 +105,13 @@ class Machine:
     @property
     def journal(self) -> list[dict[str, Any]]:
         """What was done and found, oldest first; raises a ParameterError."""
-        path = self.beside('.journal.yaml')
         try:
-            entries = yaml.safe_load(path.read_text(encoding='utf-8')) if path.exists() else []
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise ParameterError(f'{path} cannot be read: {error}; move it away') from error
-        if not isinstance(entries, list):
-            raise ParameterError(f'{path} is no journal of commissioning; move it away')
-        return entries
+            return journal_of(self.path).entries()
+        except (OSError, ValueError) as error:
+            raise ParameterError(f'{error}; move it away') from error
 
     def note(self, check: str, result: str, passed: bool = True, axis: str = '') -> None:
         """Add to the journal; raises a ParameterError where that cannot be written."""
-        entry = {'date': datetime.now().isoformat(' ', 'seconds'), 'check': check, 'axis': axis,
-                 'passed': passed, 'result': result}
-        text = yaml.safe_dump([*self.journal, entry], sort_keys=False, allow_unicode=True)
-        path = self.beside('.journal.yaml')
-        with file_errors(path), atomic_write(path) as draft:
-            draft.write_text(text, 'utf-8')
+        journal = journal_of(self.path)
+        with file_errors(journal.path):
+            journal.step(check, result, passed, axis)

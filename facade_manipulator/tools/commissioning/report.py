@@ -6,11 +6,17 @@ from collections.abc import Callable, Iterator
 from datetime import datetime
 from typing import Any
 
-from facade_manipulator.drives.cia402 import AXIS_NAMES, AxisSettings, load_profile
+from facade_manipulator.drives.cia402 import (
+    AXIS_NAMES,
+    AxisSettings,
+    load_profile,
+    profile_checksums,
+)
 from facade_manipulator.errors import BusError, file_errors
-from facade_manipulator.files import atomic_write
+from facade_manipulator.files import atomic_write, checksum
 from facade_manipulator.maintenance import kept_counters, ServiceSettings
 from facade_manipulator.parameters import parameter_fields
+from facade_manipulator.resources import version
 from facade_manipulator.tools.commissioning.context import Context
 from facade_manipulator.tools.commissioning.machine import Machine
 from facade_manipulator.tools.commissioning.scan import Node, scan
@@ -69,7 +75,10 @@ def run_report(context: Context) -> int:
 def page(machine: Machine, nodes: list[Node], absent: str) -> Iterator[str]:
     """Yield the lines of the page, in Markdown."""
     now = datetime.now().isoformat(' ', 'seconds')
-    yield from (f'# {machine.path.stem}', '', f'{now}, {machine.path.name}', '', '## Drives', '')
+    parameters = f'{machine.path.name} {checksum(machine.source.read_bytes())}'
+    profiles = profile_checksums(axis.profile for axis in machine.axes.values())
+    yield from (f'# {machine.path.stem}', '', f'{now}, version {version()}',
+                f'Checksums: {parameters}, {profiles}', '', '## Drives', '')
     yield from [f'The bus was not there: {absent}'] if absent else _table(
         ('node', 'serial number', 'name', 'firmware', 'profile'),
         [(node.node_id, ', '.join(map(str, node.serials)), node.name, node.firmware, node.profile)
@@ -78,8 +87,8 @@ def page(machine: Machine, nodes: list[Node], absent: str) -> Iterator[str]:
     yield from _table(('parameter', *AXIS_NAMES, 'origin'), list(_parameters(machine)))
     yield from ('', '## Checks', '')
     yield from _table(
-        ('date', 'check', 'axis', '', 'result'),
-        [(entry['date'], entry['check'], entry['axis'],
+        ('date', 'user', 'check', 'axis', '', 'result'),
+        [(entry['date'], entry['user'], entry['check'], entry['axis'],
           'passed' if entry['passed'] else '**open**', entry['result'])
          for entry in machine.journal])
     yield from ('', '## Counters', '')

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import datetime, timezone
-from importlib.metadata import version
 import math
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import numpy as np
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES
+from facade_manipulator.resources import version
 from facade_manipulator.tools.replay.parameters import off_default, unmatched
 from facade_manipulator.tools.replay.poses import Comparison, SETTLING, settling_of
 from facade_manipulator.tools.replay.stop import Stop, StopReplay
@@ -44,7 +44,7 @@ def page(
 
 
 def _about(run: RecordedRun, changes: Sequence[str]) -> Iterator[str]:
-    recorded, present = run.about.get('version', 'unknown'), version('facade_manipulator')
+    recorded, present = run.about.get('version', 'unknown'), version()
     yield f'From {_clock(run.begin)}, {run.end - run.begin:.1f} s. Written because of:'
     yield ''
     yield from (f'- {reason}' for reason in run.reasons)

@@ -12,6 +12,7 @@ from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
 from facade_manipulator.lab.gondola.bench.calibration import DRAWING, rms, try_machines
 from facade_manipulator.lab.gondola.machines import make_machine, measure_heads, ShopSettings
 from facade_manipulator.lab.gondola.practice import main as practise
+from facade_manipulator.maintenance import journal_of
 from facade_manipulator.parameter_file import (
     ALL_NODES,
     read_parameters,
@@ -205,6 +206,7 @@ def test_the_command_writes_a_copy_with_the_errors_and_every_comment(table, tmp_
     target, picture = tmp_path / 'calibrated.yaml', tmp_path / 'accuracy.png'
     assert main(
         ['geometry', str(table()), '--output', str(target), '--picture', str(picture)]) == 0
+    assert 'geometry.rail_angle: ' in journal_of(target).entries()[-1]['result']
     said = capsys.readouterr().out
     assert 'length of link 1' in said and 'held-out poses' in said
     before, after = (

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.maintenance import MachineCounters
 from facade_manipulator.maintenance.counters import AxisCounters, DriveCounters
+from facade_manipulator.resources import version
 from facade_manipulator.tools.commissioning import Machine
 
 
@@ -21,6 +23,8 @@ def test_a_machine_that_was_only_scanned_misses_all_the_rest(make_rig, capsys):
     assert 'q1: node 1 has serial number 1, the parameter file 0' in page
     assert 'Simulated CiA 402 drive' in page
     assert 'commission scan: never done' not in page
+    assert f'version {version()}' in page and re.search(
+        r'Checksums: machine.yaml [0-9a-f]{8}, simulated.yaml [0-9a-f]{8}, cia402.eds ', page)
 
 
 def test_measured_values_and_defaults_are_told_apart(make_rig):
@@ -65,7 +69,7 @@ def test_the_counters_of_the_machine_are_shown_with_what_is_due(make_rig):
 
 def test_a_journal_that_is_none_is_named_and_left_alone(make_rig, capsys):
     rig = make_rig().configured()
-    path = rig.folder / 'machine.journal.yaml'
+    path = rig.folder / 'machine.journal.jsonl'
     path.write_text('just words')
     assert rig.run('report') == 1
     assert 'is no journal' in capsys.readouterr().err
