@@ -75,10 +75,11 @@ def wandering(time: float) -> Pose:
 
 
 def record_estimator(
-    motion: Motion, settings: EstimatorSettings, geometry: Geometry, head: Motion = wandering
+    motion: Motion, settings: EstimatorSettings, geometry: Geometry, head: Motion = wandering,
+    late: float = 0.0,
 ) -> EstimatorRecording:
     """
-    Record a gondola that moves and a head that is measured on the wall.
+    Record a gondola that moves and a head that is measured on the wall, stamped late [s].
 
     The head moves in the rail's frame. Raises a LimitError if the machine cannot take a pose of
     the head.
@@ -91,6 +92,7 @@ def record_estimator(
               for time, pose in zip(times, heads, strict=True)]
     wall = np.array([(time, *compose(motion(time), pose))
                      for time, pose in zip(times, heads, strict=True)])
+    wall[:, 0] += late
     wall[:, 1:] += CAMERA_NOISE * random.standard_normal((len(times), 3))
     published = sorted(estimator.advance(DURATION + DRAIN), key=lambda delivery: delivery.stamp)
     return EstimatorRecording(
