@@ -136,17 +136,17 @@ class EstimateGate:
         return self._known
 
     def _kept(self, estimate: Estimate) -> Estimate:
-        """Return an estimate that has of the axes that are not known what was known last."""
-        before = self._known or Estimate(0.0, ZERO_POSE, Variances(*(
-            deviation ** 2 for deviation in self._noise)))
+        """Return an estimate that rests, along axes that are not known, where these were last."""
+        place = self._known.pose if self._known else ZERO_POSE
+        noise = [deviation ** 2 for deviation in self._noise]
 
-        def either(new: Sequence[float], old: Sequence[float]) -> Iterator[float]:
+        def either(new: Sequence[float], instead: Sequence[float]) -> Iterator[float]:
             return (a if known else b for known, a, b in zip(
-                estimate.known, new, old, strict=True))
+                estimate.known, new, instead, strict=True))
 
         return estimate._replace(
-            pose=Pose(*either(estimate.pose, before.pose)),
-            variances=Variances(*either(estimate.variances, before.variances)))
+            pose=Pose(*either(estimate.pose, place)),
+            variances=Variances(*either(estimate.variances, noise)))
 
     def displacement(self, place: Pose) -> Pose:
         """Return how far an estimator has moved of where it is itself, both along its axes."""
