@@ -26,7 +26,7 @@ MACHINE = {
     'diagnostics': {'interfaces'},
     'kinematics': BASE,
     'messages': BASE | {'kinematics'},
-    'estimation': BASE | {'kinematics'},
+    'estimation': BASE | {'kinematics', 'messages'},
     'prediction': BASE | {'kinematics'},
     'motion': BASE | {'kinematics'},
     'compensation': BASE | {'kinematics', 'prediction', 'motion'},

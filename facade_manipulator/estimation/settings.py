@@ -3,10 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol, TypeVar
 
 from facade_manipulator.parameters import inherited, parameter, settings
 
 PLACE = ('x', 'y', 'z')
+Settings = TypeVar('Settings')
+
+
+class Reader(Protocol):
+    """Reads settings from the parameters of the node, declared or recorded."""
+
+    def __call__(self, kind: type[Settings], prefix: str = '') -> Settings:
+        """Return those below a prefix."""
+        ...
+
+
+@settings
+class SensorNames:
+    """Which sensors there are; each name is that of a topic, and of the sensor's parameters."""
+
+    rate: float = parameter(
+        'Highest rate of estimates', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
+    distances: tuple[str, ...] = parameter(
+        'Topics of sensors of the distance of the wall', default=('range_1', 'range_2'))
+    fixes: tuple[str, ...] = parameter(
+        'Topics of sensors that see a feature of the wall', default=('fix_x',))
+    poses: tuple[str, ...] = parameter(
+        "Topics of estimators of the rail's pose", default=('fix_pose',))
 
 
 @settings
@@ -114,3 +138,19 @@ class EstimatorSetup:
     distances: dict[str, DistanceSettings] = field(default_factory=dict)
     fixes: dict[str, FixSettings] = field(default_factory=dict)
     poses: dict[str, PoseFixSettings] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, names: SensorNames, reader: Reader) -> EstimatorSetup:
+        """Read the settings of all sensors; an empty name stands for none."""
+        def each(chosen: tuple[str, ...], kind: type[Settings]) -> dict[str, Settings]:
+            return {name: reader(kind, name) for name in chosen if name}
+
+        return cls(reader(ImuSettings, 'imu'), reader(ProfileSettings, 'wall'),
+                   each(names.distances, DistanceSettings), each(names.fixes, FixSettings),
+                   each(names.poses, PoseFixSettings))
+
+    @property
+    def is_wall_known(self) -> bool:
+        """Return whether distance and features are given, not what they are at the start."""
+        return ((not self.distances or self.wall.distance > 0.0)
+                and all(fix.feature_known for fix in self.fixes.values()))

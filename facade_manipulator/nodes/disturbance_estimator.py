@@ -5,37 +5,26 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 import math
-from typing import Any, TypeVar
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
 import numpy as np
 from rclpy.node import Node
-from sensor_msgs.msg import Imu, Range
 
 from facade_manipulator import interfaces
-from facade_manipulator.errors import InputError
 from facade_manipulator.estimation import (
-    DistanceSettings,
+    add_fix,
+    add_imu,
+    add_pose,
+    add_range,
     DisturbanceEstimator,
     EstimatorSetup,
-    FixSettings,
-    ImuSettings,
-    PoseFixSettings,
-    ProfileSettings,
     RailMotion,
+    SensorNames,
     SensorRecord,
 )
-from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import (
-    estimate_numbers,
-    planar_numbers,
-    projected,
-    require_frame,
-    seconds,
-)
-from facade_manipulator.parameters import parameter, settings
+from facade_manipulator.messages import planar_numbers, require_frame
 from facade_manipulator.ros import (
     declare,
     diagnostic_status,
@@ -56,21 +45,6 @@ SILENT = 1.0  # s without a measurement of a sensor
 MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
 AXES = (0, 1, 5)  # of x, y and yaw among the six of a pose
 SCALES = (1e3, 1e3, math.degrees(1.0))  # mm and degrees of metres and radians
-Sensor = TypeVar('Sensor')
-
-
-@settings
-class SensorNames:
-    """Which sensors there are; each name is that of a topic, and of the sensor's parameters."""
-
-    rate: float = parameter(
-        'Highest rate of estimates', default=100.0, unit='Hz', minimum=10.0, maximum=1000.0)
-    distances: tuple[str, ...] = parameter(
-        'Topics of sensors of the distance of the wall', default=('range_1', 'range_2'))
-    fixes: tuple[str, ...] = parameter(
-        'Topics of sensors that see a feature of the wall', default=('fix_x',))
-    poses: tuple[str, ...] = parameter(
-        "Topics of estimators of the rail's pose", default=('fix_pose',))
 
 
 class DisturbanceEstimatorNode(Node):
@@ -80,11 +54,8 @@ class DisturbanceEstimatorNode(Node):
         super().__init__('disturbance_estimator', **kwargs)
         name_unknown_parameters(self)
         names = declare(self, SensorNames)
-        self._setup = EstimatorSetup(
-            declare(self, ImuSettings, 'imu'), declare(self, ProfileSettings, 'wall'),
-            self._declare(names.distances, DistanceSettings),
-            self._declare(names.fixes, FixSettings), self._declare(names.poses, PoseFixSettings))
-        self._estimator = DisturbanceEstimator(self._setup)
+        setup = EstimatorSetup.read(names, partial(declare, self))
+        self._estimator = DisturbanceEstimator(setup)
         self._period = 0.9 / names.rate  # a measurement that comes a little early counts
         self._published = -math.inf
         self._motion: RailMotion | None = None
@@ -95,56 +66,28 @@ class DisturbanceEstimatorNode(Node):
         self._codec = odometry_codec(
             'disturbance_odometry', self._frames.facade, self._frames.rail)
         self._odometry = publisher(self, interfaces.DISTURBANCE_ODOMETRY)
-        subscription(self, interfaces.IMU, self._receive_imu)
-        self._subscribe(interfaces.RANGE_1, self._setup.distances, self._receive_range)
-        self._subscribe(interfaces.FIX_X, self._setup.fixes, self._receive_fix)
-        self._subscribe(interfaces.FIX_POSE, self._setup.poses, self._receive_pose)
+        for topic, sensors, add in (
+                (interfaces.IMU, ('imu',), add_imu),
+                (interfaces.RANGE_1, setup.distances, add_range),
+                (interfaces.FIX_X, setup.fixes, add_fix),
+                (interfaces.FIX_POSE, setup.poses, self._add_pose)):
+            for name in sensors:
+                subscription(self, topic, partial(self._receive, add, name), name=name)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, WATCH_PERIOD, self._watch)
 
-    def _declare(self, names: tuple[str, ...], kind: type[Sensor]) -> dict[str, Sensor]:
-        """Declare the parameters of sensors; an empty name stands for none."""
-        return {name: declare(self, kind, name) for name in names if name}
+    def _receive(self, add: Callable[..., None], name: str, message: Any) -> None:
+        now = node_time(self)
+        with self._rejections:
+            add(self._estimator, name, now, message)
+        if add is add_imu:
+            self._publish(now)
 
-    def _subscribe(
-        self, topic: Topic, names: dict[str, Any], receive: Callable[[str, Any], None]
+    def _add_pose(
+        self, estimator: DisturbanceEstimator, name: str, now: float, message: Any
     ) -> None:
-        for name in names:
-            subscription(self, topic, partial(receive, name), name=name)
-
-    def _receive_imu(self, message: Imu) -> None:
-        now, rates, forces = (
-            node_time(self), message.angular_velocity, message.linear_acceleration)
-        with self._rejections:
-            self._estimator.add_imu(
-                now, seconds(message.header.stamp), (rates.x, rates.y, rates.z),
-                (forces.x, forces.y, forces.z))
-        self._publish(now)
-
-    def _receive_range(self, name: str, message: Range) -> None:
-        with self._rejections:
-            if not message.min_range <= message.range <= message.max_range:
-                raise InputError('range', f'{name} = {message.range:.4g} m is not between its '
-                                 f'{message.min_range:.4g} and {message.max_range:.4g} m')
-            self._estimator.add(
-                name, node_time(self), seconds(message.header.stamp), message.range)
-
-    def _receive_fix(self, name: str, message: PointStamped) -> None:
-        with self._rejections:
-            self._estimator.add(
-                name, node_time(self), seconds(message.header.stamp), message.point.x)
-
-    def _receive_pose(self, name: str, message: PoseWithCovarianceStamped) -> None:
-        """Take the axes whose variance is not negative; 0 is not known."""
-        with self._rejections:
-            require_frame(message.header.frame_id, self._frames.facade, name)
-            *numbers, x, y, yaw = estimate_numbers(message)
-            pose, _ = projected(numbers, name)
-            for axis, value, variance in zip(Pose._fields, pose, (x, y, yaw), strict=True):
-                if not variance < 0.0:
-                    self._estimator.add(
-                        f'{name}.{axis}', node_time(self), seconds(message.header.stamp), value,
-                        variance if 0.0 < variance < math.inf else None)
+        require_frame(message.header.frame_id, self._frames.facade, name)
+        add_pose(estimator, name, now, message)
 
     def _watch(self) -> None:
         """Go on without an inertial sensor; write down what has happened."""

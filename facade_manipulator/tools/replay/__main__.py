@@ -12,7 +12,8 @@ from facade_manipulator.errors import exit_status, RecordError
 from facade_manipulator.files import atomic_write, write_table
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import by_stamp, pose_numbers, projected
-from facade_manipulator.tools.replay.parameters import changed
+from facade_manipulator.tools.replay.estimates import replay_estimates
+from facade_manipulator.tools.replay.parameters import changed, ESTIMATOR
 from facade_manipulator.tools.replay.poses import (
     Comparison,
     replay_poses,
@@ -42,6 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _replay(options: argparse.Namespace) -> None:
     run = changed(read_recording(options.file), options.changes)
+    estimates = _compare(replay_estimates, run) if ESTIMATOR in run.parameters else None
     poses = _compare(replay_poses, run)
     with_poses = poses if options.changes and len(poses.times) else None
     setpoints = _compare(lambda one: replay_setpoints(one, with_poses), run)
@@ -51,7 +53,7 @@ def _replay(options: argparse.Namespace) -> None:
         stop = replay_stop(
             run, options.seconds, (options.changes and setpoints.setpoints) or None)
     options.output.mkdir(parents=True, exist_ok=True)
-    text = page(options.file, run, poses, setpoints, stop, options.changes)
+    text = page(options.file, run, poses, setpoints, stop, options.changes, estimates)
     for name, content in ((PAGE, text), *(
             (CYCLES, one.message.data) for one in run.topics['driver/last_cycles'][-1:])):
         with atomic_write(options.output / name) as draft:
@@ -71,7 +73,8 @@ def _compare(replay: Callable[[RecordedRun], Comparison], run: RecordedRun) -> C
 def _write_disturbance(options: argparse.Namespace) -> None:
     """Write the recorded disturbance as a scenario's recording."""
     run, path = read_recording(options.file), options.disturbance
-    rows = by_stamp((one.message for one in run.topics['disturbance']), _place)
+    estimates = run.topics['disturbance'] or run.topics['disturbance_odometry']
+    rows = by_stamp((one.message for one in estimates), _place)
     if len(rows) < 2:
         raise RecordError('the recording has no disturbance')
     write_table(path, ('time', *Pose._fields), (

@@ -13,11 +13,13 @@ from facade_manipulator.compensation import DEFAULTS
 from facade_manipulator.drives.cia402 import axis_defaults, AxisSettings
 from facade_manipulator.drives.controller import ControllerSettings
 from facade_manipulator.errors import ParameterError, RecordError
+from facade_manipulator.estimation import EstimatorSetup, SensorNames
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.motion import GoalSettings, MotionLimits, StreamSettings
 from facade_manipulator.parameters import as_fields, nearest, parameter_fields, settings_from
 
 NODES = ('compensator', 'ik_service', 'driver')
+ESTIMATOR = 'disturbance_estimator'
 
 
 class Section(NamedTuple):
@@ -33,10 +35,18 @@ class Section(NamedTuple):
                 for field in parameter_fields(type(self.defaults))}
 
 
+def _default(kind: type[Any], prefix: str = '') -> Any:
+    return kind()
+
+
+SENSORS = EstimatorSetup.read(SensorNames(), _default)
 SECTIONS = (
     *(Section(node, 'geometry', Geometry()) for node in NODES),
     *(Section('compensator', '' if part == 'compensation' else part, default)
       for part, default in DEFAULTS._asdict().items()),
+    *(Section(ESTIMATOR, name, default) for name, default in (
+        ('imu', SENSORS.imu), ('wall', SENSORS.wall), *SENSORS.distances.items(),
+        *SENSORS.fixes.items(), *SENSORS.poses.items())),
     Section('ik_service', '', GoalSettings()),
     Section('driver', 'controller', ControllerSettings()),
     Section('driver', 'stream', StreamSettings()),

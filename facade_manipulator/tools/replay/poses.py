@@ -90,7 +90,7 @@ def replay_poses(run: RecordedRun) -> Comparison:
     pairs = []
     for now, topic, message in _in_order(run, ticks):
         if topic:
-            with _noted(rejections):
+            with noted(rejections):
                 INPUTS[topic](compensator, now, message)
             continue
         corrected = compensator.update(now)
@@ -122,7 +122,7 @@ def replay_setpoints(run: RecordedRun, poses: Comparison | None = None) -> Compa
     pairs, setpoints = [], []
     for received, message in run.topics['corrected_pose']:
         time = seconds(message.header.stamp)
-        with _noted(rejections):
+        with noted(rejections):
             pose = _corrected(message) if replayed is None else Pose(*replayed[time])
             setpoint = stream.setpoint(time, pose)
             setpoints.append((received, setpoint))
@@ -166,7 +166,7 @@ def _in_order(
 
 
 @contextmanager
-def _noted(rejections: list[str]) -> Iterator[None]:
+def noted(rejections: list[str]) -> Iterator[None]:
     """Note what the block rejects, and go on after it."""
     try:
         yield

@@ -24,9 +24,9 @@ SAME_POSE = 1e-3  # m or rad: estimates came to the recorder and to the compensa
 
 def page(
     source: Path, run: RecordedRun, poses: Comparison, setpoints: Comparison,
-    stop: StopReplay | None, changes: Sequence[str] = (),
+    stop: StopReplay | None, changes: Sequence[str] = (), estimates: Comparison | None = None,
 ) -> str:
-    """Return the page as Markdown; `stop` is None where it was not replayed."""
+    """Return the page as Markdown; `stop` and `estimates` are None where not replayed."""
     return '\n'.join([
         f'# Replay of {source.name}', '',
         *_about(run, changes), '',
@@ -35,11 +35,14 @@ def page(
         *_listed('Parameters that are not the default', off_default(run)),
         '## Corrected poses and setpoints', '',
         '| replayed | compared | RMS error | greatest error | verdict |', '|---|---|---|---|---|',
+        *([_row('estimates', estimates, Pose._fields, SAME_POSE)] if estimates else []),
         _row('corrected poses', poses, Pose._fields, SAME_POSE),
         _row('setpoints', setpoints, CARRIAGES, SAME_SETPOINT), '',
         f'Corrected poses count from {settling_of(run):.1f} s after the beginning: what the '
         f'compensator had learnt before, it has to learn again, which takes up to {SETTLING:g} s.',
-        *_rejections('the replay rejected', [*poses.rejections, *setpoints.rejections]), '',
+        *_rejections('the replay rejected', [
+            *(estimates.rejections if estimates else ()), *poses.rejections,
+            *setpoints.rejections]), '',
         '## The stop', '', *_stop(run, stop, changes), ''])
 
 

@@ -1,0 +1,70 @@
+"""The estimator of the disturbance fed with the recorded sensors once more."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from heapq import merge
+from typing import Any
+
+import numpy as np
+
+from facade_manipulator.blackbox import RecordedRun
+from facade_manipulator.errors import RecordError
+from facade_manipulator.estimation import (
+    add_fix,
+    add_imu,
+    add_pose,
+    add_range,
+    DisturbanceEstimator,
+    EstimatorSetup,
+    SensorNames,
+)
+from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import estimate_numbers, projected, seconds
+from facade_manipulator.parameters import settings_from
+from facade_manipulator.tools.replay.parameters import ESTIMATOR
+from facade_manipulator.tools.replay.poses import Comparison, noted, settling_of
+
+ESTIMATES = 'disturbance_odometry'
+Add = Callable[[DisturbanceEstimator, str, float, Any], None]
+
+
+def replay_estimates(run: RecordedRun) -> Comparison:
+    """
+    Estimate the disturbance from the recorded sensors at the instants at which it was estimated.
+
+    Where the wall is not known from the parameters, constant offsets do not count: the rail was
+    at 0 where it was at the start.
+    """
+    if ESTIMATOR not in run.parameters:
+        raise RecordError(f'the parameters of {ESTIMATOR} are not in the recording')
+    read = partial(_settings, run.parameters[ESTIMATOR])
+    names = read(SensorNames)
+    setup = EstimatorSetup.read(names, read)
+    inputs: dict[str, Add] = {
+        'imu': add_imu, **dict.fromkeys(setup.distances, add_range),
+        **dict.fromkeys(setup.fixes, add_fix), **dict.fromkeys(setup.poses, add_pose)}
+    estimator = DisturbanceEstimator(setup)
+    rejections: list[str] = []
+    pairs = []
+    for now, topic, message in merge(*(
+            [(one.time, topic, one.message) for one in run.topics[topic]]
+            for topic in (*inputs, ESTIMATES)), key=lambda item: item[0]):
+        if topic in inputs:
+            with noted(rejections):
+                inputs[topic](estimator, topic, now, message)
+            continue
+        motion = estimator.advance(now)
+        if motion is not None:
+            stamp = seconds(message.header.stamp)
+            pairs.append((stamp, projected(estimate_numbers(message)[:7], topic)[0], Pose(*(
+                place + speed * (stamp - motion.stamp)  # the same instant, not a sample beside
+                for place, speed in zip(motion.pose, motion.velocity, strict=True)))))
+    compared = Comparison.of(pairs, run.begin + settling_of(run), rejections)
+    return compared if setup.is_wall_known or not len(compared.errors) else compared._replace(
+        replayed=compared.replayed - np.median(compared.errors, axis=0))
+
+
+def _settings(values: dict[str, Any], kind: type[Any], prefix: str = '') -> Any:
+    return settings_from(kind, values, prefix)

@@ -1,0 +1,88 @@
+"""Estimates of the disturbance come out of the recorded sensors once more."""
+
+import math
+from types import SimpleNamespace as Message
+
+from estimator_plant import arrivals, BETTER, Day, Imu, LASERS, move, START, Wall
+import numpy as np
+import pytest
+
+from facade_manipulator.blackbox import Received, RecordedRun
+from facade_manipulator.errors import RecordError
+from facade_manipulator.estimation import (
+    add_fix,
+    add_imu,
+    add_range,
+    DisturbanceEstimator,
+    EstimatorSetup,
+    SensorNames,
+)
+from facade_manipulator.parameters import settings_from
+from facade_manipulator.tools.replay import replay_estimates
+from facade_manipulator.tools.replay.parameters import changed
+
+pytestmark = pytest.mark.long
+
+DURATION = 30.0
+PARAMETERS = {'imu.mounting': (*Imu().place, 0.0, 0.0, 0.0), 'poses': ('',),
+              'range_1.mounting': (-0.5, 0.0, 0.0), 'range_2.mounting': (0.5, 0.0, 0.0),
+              'fix_x.mounting': BETTER.place}
+SENSORS = {'range_1': LASERS['left'], 'range_2': LASERS['right'], 'fix_x': BETTER}
+ADD = {'imu': add_imu, 'range_1': add_range, 'range_2': add_range, 'fix_x': add_fix}
+
+
+def vector(x, y=0.0, z=0.0, **more):
+    return Message(x=x, y=y, z=z, **more)
+
+
+def message(name, stamp, value):
+    header = Message(stamp=Message(sec=math.floor(stamp), nanosec=round(1e9 * (stamp % 1.0))))
+    if name == 'imu':
+        return Message(header=header, angular_velocity=vector(*value[0]),
+                       linear_acceleration=vector(*value[1]))
+    return Message(header=header, point=vector(value), range=value, min_range=0.1, max_range=2.0)
+
+
+def odometry(motion):
+    x, y, yaw = motion.pose
+    pose = Message(position=vector(x, y), orientation=vector(
+        0.0, z=math.sin(0.5 * yaw), w=math.cos(0.5 * yaw)))
+    return Message(header=message('fix_x', motion.stamp, 0.0).header,
+                   pose=Message(pose=pose, covariance=[0.0] * 36))
+
+
+@pytest.fixture(scope='module')
+def run():
+    """Return what the node would have published, beginning before the recording does."""
+    day, run = Day(DURATION + 5.0, 2), RecordedRun(begin=START + 5.0, end=START + DURATION)
+    run.parameters = {'disturbance_estimator': PARAMETERS}
+    estimator = DisturbanceEstimator(EstimatorSetup.read(
+        SensorNames(poses=('',)),
+        lambda kind, prefix='': settings_from(kind, PARAMETERS, prefix)))
+    events, _ = arrivals(day, move(day), SENSORS, Imu(), Wall(day.seed))
+    for arrival, name, stamp, value in events:
+        now = START + arrival
+        sent = message(name, START + stamp, value)
+        ADD[name](estimator, name, now, sent)
+        motion = estimator.advance(now) if name == 'imu' else None
+        for topic, one in ((name, sent), ('disturbance_odometry', motion and odometry(motion))):
+            if one is not None and run.begin <= now <= run.end:
+                run.topics[topic].append(Received(now + 1e-3, one))
+    return run
+
+
+def test_the_recorded_sensors_give_the_recorded_estimates(run):
+    compared = replay_estimates(run)
+    assert len(compared.errors) > 2000 and not compared.rejections
+    assert (np.sqrt((compared.errors ** 2).mean(axis=0)) < (5e-4, 1e-4, 2e-4)).all()
+
+
+@pytest.mark.parametrize('change', ['fix_x.delay=0.02', 'range_2.mounting=[0.45, 0.0, 0.0]'])
+def test_another_parameter_of_the_estimator_gives_others(run, change):
+    same, other = (replay_estimates(one).errors for one in (run, changed(run, [change])))
+    assert (other.std(axis=0) > 2.0 * same.std(axis=0)).any()
+
+
+def test_without_its_parameters_nothing_is_estimated():
+    with pytest.raises(RecordError, match='disturbance_estimator'):
+        replay_estimates(RecordedRun())
