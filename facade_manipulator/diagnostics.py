@@ -138,7 +138,8 @@ CORRECTION = DiagnosticComponent(
         'corrected disturbance': 'as predicted',
         'saturation error': 'what the limits of the workspace leave uncorrected',
         'tracking error': 'what the limits of motion leave uncorrected',
-        'standard deviation of the prediction': 'as it knows itself',
+        'standard deviation of the prediction':
+            'when the head gets there, and what the estimator adds by noise, rate and latency',
         **REJECTIONS,
     })
 CONTACT = DiagnosticComponent(

@@ -81,7 +81,7 @@ def reports(monkeypatch) -> list[DiagnosticStatus]:
         axes={'q1': AxisCounters()})
     lateral = replace(DEFAULTS.lateral, enabled=True)
     compensator = Compensator(Geometry(), DEFAULTS._replace(lateral=lateral))
-    monkeypatch.setattr(Correction, 'deviations', lambda _: (0.0, 0.0, 0.0))
+    monkeypatch.setattr(Correction, 'deviations', lambda *_: 2 * ((0.0, 0.0, 0.0),))
     of_the_compensator = CompensatorReport(compensator, HeldBack())
     of_the_compensator.out_of_plane = OutOfPlane(0.1, 0.1)
     of_the_compensator.newest = CorrectedPose(0.0, *[ZERO_POSE] * 6)

@@ -34,7 +34,6 @@ QUICKEST = 1e-3  # s, least time constant: no division by 0 where nothing remain
 DEAD_AFTER = 40.0  # time constants: 1e-16 of the remainder is left
 DECAYS = 6.0  # time constants in a fade: 2 % of the difference remain at its end
 LONGEST_PAUSE = 0.5  # s, a longer one means that the clock was set
-EVALUATION_HORIZON = 0.12  # s ahead, for which the prediction's standard deviation is published
 SETTLING_TIME = 0.5  # s, for which estimates must have come before the correction fades in
 SMOOTHING = 0.03  # s, time constant of what a new estimate changes: an estimator at 30 Hz
 SMOOTHING_ACCELERATION = 16.0  # of what a new estimate changed, by that of fading
@@ -237,11 +236,12 @@ class Correction:
         self._state = self._aim()
         return self._state
 
-    def deviations(self) -> tuple[float, ...] | None:
-        """Return the prediction's standard deviations one evaluation horizon ahead."""
+    def deviations(self, now: float, ahead: float) -> tuple[tuple[float, ...], ...] | None:
+        """Return the prediction's standard deviations some time ahead [s], and the estimator's."""
         if not self._has_estimates:
             return None
-        return self.predictor.deviations(self.predictor.stamp + EVALUATION_HORIZON)
+        return (self.predictor.deviations(now + ahead),
+                self.predictor.estimators_share(now + ahead, ahead))
 
     def age(self, now: float) -> float:
         """Return the age of the newest estimate [s], infinity before the first."""

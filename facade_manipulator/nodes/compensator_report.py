@@ -19,6 +19,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import OutOfPlane
 from facade_manipulator.ros import diagnostic_status
 
+UNITS, SCALES = ('mm', 'mm', 'deg'), (1e3, 1e3, math.degrees(1.0))
 LEVELS = {
     CorrectionMode.ACTIVE: 'ok',
     CorrectionMode.SETTLING: 'ok',
@@ -99,11 +100,14 @@ class CompensatorReport:
             values['corrected disturbance'] = millimetres(self.newest.disturbance)
             values['saturation error'] = millimetres(self.newest.saturation_error)
             values['tracking error'] = millimetres(self.newest.tracking_error)
-        deviations = correction.deviations()
+        deviations = correction.deviations(
+            now, self._compensator.settings.horizon + self._compensator.following.lag)
         if deviations is not None:
-            x, y, theta = deviations
-            values['standard deviation of the prediction'] = (
-                f'x {1e3 * x:.2f} mm, y {1e3 * y:.2f} mm, theta {math.degrees(theta):.3f} deg')
+            values['standard deviation of the prediction'] = '; '.join(
+                f'{axis} {scale * whole:.2f} {unit}, of which {scale * part:.2f} are '
+                "the estimator's"
+                for axis, scale, unit, whole, part in zip(
+                    Pose._fields, SCALES, UNITS, *deviations, strict=True))
         return values
 
     def _contact_values(self) -> dict[str, Any]:

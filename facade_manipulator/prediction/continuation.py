@@ -78,6 +78,8 @@ class Continuation:
     weights : numpy.ndarray, shape (axes, FEATURES, horizons)
     variances : numpy.ndarray, shape (axes, horizons)
         Of the predictions' errors.
+    noise : numpy.ndarray, shape (axes, horizons)
+        What of the variances the estimates' noise makes.
     trust : numpy.ndarray, shape (axes, horizons)
         Of the steps towards tones, that is right.
     share : numpy.ndarray, shape (axes, horizons)
@@ -167,7 +169,8 @@ class Continuation:
         self.trust = np.clip(
             self._scores[RIGHT] / (self._scores[STEP] + LEAST_STEP * noise[:, None]), 0.0, 1.0)
         gain = (1.0 - self.trust) ** 2 * self.noise_gain() + self.trust ** 2 * tones[:, None]
-        full, mean, self.variances = np.maximum(self._scores[:RIGHT], gain * noise[:, None])
+        self.noise = gain * noise[:, None]
+        full, mean, self.variances = np.maximum(self._scores[:RIGHT], self.noise)
         self.share = np.minimum(mean / full, 1.0)
 
     def noise_gain(self) -> np.ndarray:

@@ -134,6 +134,17 @@ class DisturbancePredictor:
         return tuple([
             math.sqrt(np.interp(ahead, HORIZONS, variances)) for variances in self._variances])
 
+    def estimators_share(self, time: float, ahead: float) -> tuple[float, ...]:
+        """
+        Return what the estimator adds to the standard deviations at a time [s] at least.
+
+        One without noise and latency would have to look ahead [s] alone.
+        """
+        rest = [math.sqrt(np.interp(ahead, HORIZONS, variances))
+                for variances in self._variances - self._noise]
+        return tuple([math.sqrt(max(whole ** 2 - part ** 2, 0.0)) for whole, part in zip(
+            self.deviations(time), rest, strict=True)])
+
     def _start(self, stamp: float, measured: np.ndarray, noise: np.ndarray) -> None:
         """Begin at rest where the gondola is, which is the origin of everything that is kept."""
         axes = len(measured)
@@ -219,9 +230,9 @@ class DisturbancePredictor:
         """Take what some groups of horizons have learnt, and how well they did."""
         for learner in learners:
             learner.solve(PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain)
-        self._weights, self._variances, self._share, self._trust = (
+        self._weights, self._variances, self._noise, self._share, self._trust = (
             np.concatenate([getattr(one, part) for one in self._continuations], axis=-1)
-            for part in ('weights', 'variances', 'share', 'trust'))
+            for part in ('weights', 'variances', 'noise', 'share', 'trust'))
 
     def _room(self, interval: float, full: np.ndarray) -> np.ndarray:
         """Return the share of a motion that bends sharply which is compensated, (axes, 1)."""

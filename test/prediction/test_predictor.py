@@ -208,6 +208,18 @@ def test_the_standard_deviation_is_that_of_the_errors_after_ten_minutes_of_tones
     assert (inside.mean(axis=0) > 0.93).all()
 
 
+@pytest.mark.parametrize(('rate', 'noise', 'least'), [(20.0, 3e-3, 0.5), (50.0, 1e-3, 0.5)])
+def test_what_the_estimator_adds_is_what_a_better_one_would_take_away(rate, noise, least):
+    motion, ahead = gusts(1), 0.06
+    run, better = Run(motion, 30.0, rate=rate, noise=noise, horizon=0.16), Run(
+        motion, 30.0, rate=100.0, noise=1e-4, horizon=ahead)
+    aim = run.predictor.stamp + 0.16
+    whole, part = np.array([
+        run.predictor.deviations(aim), run.predictor.estimators_share(aim, ahead)])
+    assert (least * whole < part).all() and (part <= whole).all()
+    assert (better.rms(20.0) ** 2 + part ** 2 < 1.1 * whole ** 2).all()
+
+
 @pytest.mark.long
 @pytest.mark.parametrize('rate', [15.0, 20.0, 100.0, 200.0])
 def test_estimates_may_come_at_any_rate(rate):
