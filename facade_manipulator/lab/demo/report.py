@@ -63,8 +63,7 @@ def _latency(client: ManipulatorClient) -> dict[str, float | None]:
 def summary_lines(summary: dict[str, Any], scenario: Scenario) -> list[str]:
     """Return the figures of a run, and which axes give way in its scenario."""
     lines = [f'{"":8}{"uncompensated":>16}{"compensated":>16}{"attenuation":>14}   (RMS)']
-    for axis, result in summary['axes'].items():
-        scale, unit = getattr(SCALES, axis), getattr(UNITS, axis)
+    for (axis, result), scale, unit in zip(summary['axes'].items(), SCALES, UNITS, strict=True):
         without, error, attenuation = result.values()
         lines.append(f'{axis:8}{_cell(scale * without, unit)}{_cell(scale * error, unit)}'
                      f'{decibels(attenuation):>14}')

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from facade_manipulator.compensation import Compensator, CorrectedPose
 from facade_manipulator.errors import ManipulatorError
@@ -138,7 +138,7 @@ class ClosedLoop:
             moved.append(new - steady - (last - actual - steady) * decay)
         self._actual, self._command = Carriages(*moved), command
 
-    def _attempt(self, take: Callable, *arguments) -> None:
+    def _attempt(self, take: Callable[..., object], *arguments: Any) -> None:
         try:
             take(*arguments)
         except ManipulatorError as error:

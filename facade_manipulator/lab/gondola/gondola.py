@@ -97,7 +97,7 @@ class Gondola:
         while len(self._poses) < index + 4:
             self._poses.extend(self._run_block())
         neighbours = self._poses[index:index + 4]
-        return Pose(*catmull_rom(*neighbours, position - index).tolist())
+        return Pose(*catmull_rom(neighbours, position - index).tolist())
 
     def _run_block(self) -> list[np.ndarray]:
         times = self._time + STEP * np.arange(BLOCK)
@@ -133,6 +133,10 @@ def wind_forces(settings: GondolaSettings, wind: WindSettings, gusts: np.ndarray
     return np.column_stack([horizontal, yaw, factor * speed * gusts[:, 2]])
 
 
+# positions, velocities and held acceleration of the modes to positions and velocities
+Advance = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
 class Modes(NamedTuple):
     """
     Six modes: two along the wall, two towards it, yaw, vertical.
@@ -147,7 +151,7 @@ class Modes(NamedTuple):
     participation: np.ndarray  #: shape (4, 6)
     output: np.ndarray  #: shape (3, 6)
 
-    def discrete(self, step: float) -> Callable:
+    def discrete(self, step: float) -> Advance:
         """Return the exact step [s] of (positions, velocities) under a held acceleration."""
         damped = self.frequencies * math.sqrt(1.0 - self.damping ** 2)
         decay = np.exp(-self.damping * self.frequencies * step)

@@ -6,7 +6,7 @@ What else is known at equidistant samples alone becomes a motion by `catmull_rom
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 import math
 from pathlib import Path
 
@@ -85,9 +85,10 @@ class Sway:
 
 
 def catmull_rom(
-    before: np.ndarray, here: np.ndarray, there: np.ndarray, after: np.ndarray, share: float
+    neighbours: Sequence[np.ndarray] | np.ndarray, share: float
 ) -> np.ndarray:
-    """Interpolate between the inner two of four points; `share` is 0 at `here`, 1 at `there`."""
+    """Interpolate between the inner two of four points, from the one to the other as `share`."""
+    before, here, there, after = neighbours
     slope, next_slope = 0.5 * (there - before), 0.5 * (after - here)
     chord = there - here
     square = 3.0 * chord - 2.0 * slope - next_slope
@@ -131,7 +132,7 @@ class Recording:
         position = abs(math.remainder(time / STEP, 2.0 * max(last, 1)))
         index = min(int(position), max(last - 1, 0))
         neighbours = self._poses[np.clip(np.arange(index - 1, index + 3), 0, last)]
-        return Pose(*catmull_rom(*neighbours, position - index).tolist())
+        return Pose(*catmull_rom(neighbours, position - index).tolist())
 
 
 def load_recording(path: Path) -> Recording:

@@ -21,6 +21,7 @@ References
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,7 @@ from facade_manipulator.lab.gondola.wind import (
     spectral_density,
     WindSettings,
 )
+from facade_manipulator.prediction import Variances
 
 WINDOW = 10.0  # s of estimates that count: in gusts 80 s make it better by less than 0.4 %
 FARTHEST = 1.5  # s
@@ -45,7 +47,7 @@ DIFFERENCE = 1e-3  # s, of which velocities are taken
 FREQUENCY_DEVIATION = 0.2  # Hz, of sways between 0.05 and 0.8 Hz, before anything is known
 
 
-def limits(scenario: Scenario, motion: Motion, origin: float = START) -> dict:
+def limits(scenario: Scenario, motion: Motion, origin: float = START) -> dict[str, Any]:
     """
     Return the best predictions of a scenario's motion that begins at the origin [s], by name.
 
@@ -90,13 +92,12 @@ class KnownDisturbance:
     """
 
     def __init__(self, motion: Motion, origin: float) -> None:
-        self.stamp: float | None = None
-        self.since: float | None = None
+        self.stamp = self.since = -math.inf
         self._motion, self._origin = motion, origin
 
-    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+    def update(self, stamp: float, values: Pose, variances: Variances) -> None:
         """Take an estimate."""
-        self.since = stamp if self.since is None else self.since
+        self.since = stamp if self.since == -math.inf else self.since
         self.stamp = stamp
 
     def predict(self, time: float) -> MotionState:
@@ -121,13 +122,13 @@ class GustsPrediction(KnownDisturbance):
         Mean square of the disturbance at each [m², m², rad²].
     interval : float
         Between two estimates [s].
-    variances : Pose
+    variances : Variances
         Of their noise.
 
     """
 
     def __init__(
-        self, frequencies: np.ndarray, power: np.ndarray, interval: float, variances: Pose
+        self, frequencies: np.ndarray, power: np.ndarray, interval: float, variances: Variances
     ) -> None:
         super().__init__(self._expected, 0.0)
         self._interval, self._variances = interval, np.array(variances)[:, None, None]
@@ -140,9 +141,10 @@ class GustsPrediction(KnownDisturbance):
                 self._size >> power for power in range(self._size.bit_length()))}
         self._values = np.zeros((0, 3))
 
-    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+    def update(self, stamp: float, values: Pose, variances: Variances) -> None:
         """Take an estimate; those that are missing become what is most likely by all others."""
-        missing = round((stamp - (self.stamp or stamp)) / self._interval) - 1
+        last = self.stamp if len(self._values) else stamp
+        missing = round((stamp - last) / self._interval) - 1
         super().update(stamp, values, variances)
         gap = np.full((min(max(missing, 0), self._size), 3), math.nan)
         self._values = np.concatenate(([values], gap, self._values))[:self._size]
@@ -194,7 +196,7 @@ class SinesPrediction(KnownDisturbance):
         self._information = np.stack([np.eye(3 * count)] * 3)
         self._weighted = np.tile(np.repeat((-math.sqrt(2.0), 0.0, 1.0), count), (3, 1))
 
-    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+    def update(self, stamp: float, values: Pose, variances: Variances) -> None:
         """Take an estimate."""
         super().update(stamp, values, variances)
         slopes, noise = self._slopes(stamp), np.array(variances)[:, None]

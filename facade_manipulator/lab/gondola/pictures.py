@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection
 import math
 from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -37,7 +38,7 @@ def new_figure(width: float, height: float, title: str, size: float = 12.0) -> F
 
 
 def time_courses(
-    course: Course, axes: dict[str, dict], giving_way: Collection[str], title: str = HOW_FAR
+    course: Course, axes: dict[str, Any], giving_way: Collection[str], title: str = HOW_FAR
 ) -> Figure:
     """
     Draw the error on the wall over the run, with and without, and alone on a scale of its own.
@@ -47,7 +48,7 @@ def time_courses(
     """
     figure = new_figure(13, 9, title, 13.0)
     panels = figure.subplots(3, 2, sharex=True, width_ratios=(1.2, 1.0))
-    without, errors = SCALES * course.uncompensated, SCALES * course.errors
+    without, errors = (np.multiply(SCALES, of) for of in (course.uncompensated, course.errors))
     for i, (pair, (axis, result)) in enumerate(zip(panels, axes.items(), strict=True)):
         pair[0].plot(course.times, without[:, i], color=WITHOUT, lw=1.0,
                      label='without compensation')
@@ -79,7 +80,7 @@ def spectrum(course: Course, giving_way: Collection[str]) -> Figure:
     used = np.interp(times, course.times, course.counts) >= 1.0  # no sample across an end of them
     figure = new_figure(13, 7, 'The disturbance, and what remains of it')
     panels = figure.subplots(2, 3, sharex=True, sharey='row')
-    without, errors = SCALES * course.uncompensated, SCALES * course.errors
+    without, errors = (np.multiply(SCALES, of) for of in (course.uncompensated, course.errors))
     for i, (axis, title) in enumerate(zip(AXES, TITLES, strict=True)):
         (frequencies, present), (_, before), (_, after) = (
             amplitudes(np.interp(times, course.times, values[:, i]), times[1] - times[0], counts)
@@ -112,7 +113,7 @@ def paths(course: Course) -> Figure:
             (course.goals + course.carried(course.goals), WITHOUT, 1, 'without compensation'),
             (course.heads, WITH, 1, 'head'),
             (np.unique(course.goals.round(6), axis=0), GOAL, 20, 'goals')):
-        wide.scatter(*(1e3 * places[:, :2].T), s=size, color=colour, label=text)
+        wide.scatter(1e3 * places[:, 0], 1e3 * places[:, 1], s=size, color=colour, label=text)
     wide.set_aspect('equal', adjustable='datalim')
     wide.legend(fontsize=8)
     label(wide, 'x on the wall [mm]', 'y [mm]')
@@ -139,7 +140,7 @@ def pressing(
         panel.axhline(desired, color=GOAL, ls='--', lw=1.0, label='desired')
     panel.set_ylim(bottom=0.0)
     label(panel, '', 'force [N]')
-    rails, yaw = SCALES * np.array(course.rails), gondola.twinx()
+    rails, yaw = np.multiply(SCALES, course.rails), gondola.twinx()
     for i, colour in enumerate((WITHOUT, WITH)):
         gondola.plot(course.times, rails[:, i], color=colour, lw=1.0, label='gondola ' + 'xy'[i])
     yaw.plot(course.times, rails[:, 2], color=GOAL, lw=1.0)
@@ -219,7 +220,8 @@ def attenuation(
         if present[inside].max() > LEAST_SHARE * present.max():
             ratio = np.sum(without[inside] ** 2) / np.sum(error[inside] ** 2)
             rows.append((frequencies[inside].mean(), 10.0 * math.log10(ratio)))
-    return tuple(np.array(rows).reshape(-1, 2).T)
+    found = np.array(rows).reshape(-1, 2)
+    return found[:, 0], found[:, 1]
 
 
 def label(panel: Axes, x: str, y: str) -> None:

@@ -201,7 +201,7 @@ def compensator_parameters(scenario: Scenario) -> dict[str, Any]:
         if getattr(asked, item.name) != getattr(getattr(DEFAULTS, part), item.name)}
 
 
-def _fill(defaults: NamedTuple, sections: Sections, where: str) -> Any:
+def _fill(defaults: Any, sections: Sections, where: str) -> Any:
     """Replace parts of a tuple of settings by what the sections say."""
     parts = {}
     for name, values in sections.items():

@@ -19,7 +19,7 @@ from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.parameters import parameter, settings
 
 AXES = Pose._fields
-UNITS = Pose('mm', 'mm', '°')  # in which people read an axis
+UNITS = 'mm', 'mm', '°'  # in which people read an axis
 SCALES = Pose(1e3, 1e3, math.degrees(1.0))  # from m and rad to them
 
 
@@ -45,7 +45,9 @@ class WallSample(NamedTuple):
     @property
     def lateral_offset(self) -> float | None:
         """Where along the wall the head should be, seen from it [m]; None while the goal moves."""
-        return -math.cos(self.head.theta) * self.error.x if self.settled else None
+        if self.error is None or not self.settled:
+            return None
+        return -math.cos(self.head.theta) * self.error.x
 
 
 class WallMeasurement:

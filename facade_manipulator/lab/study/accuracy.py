@@ -105,11 +105,15 @@ def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Wort
 def _amplification(mechanism: Mechanism, pose: Pose, inverse: np.ndarray) -> np.ndarray:
     """Return how the head moves with q1, q2, q3, l1, l2, b1 and b2, shape (3, 7)."""
     carriages, geometry = mechanism.inverse_kinematics(pose), mechanism.geometry
-    longer = [
-        mechanism_of(replace(geometry, **{
-            field: tuple(np.add(getattr(geometry, field), side).tolist())}))
-        for field in ('link_errors', 'platform_errors') for side in STEP * np.eye(2)]
-    wanted = [np.subtract(one.inverse_kinematics(pose), carriages) / STEP for one in longer]
+    l1, l2 = geometry.link_errors
+    b1, b2 = geometry.platform_errors
+    longer = (
+        replace(geometry, link_errors=(l1 + STEP, l2)),
+        replace(geometry, link_errors=(l1, l2 + STEP)),
+        replace(geometry, platform_errors=(b1 + STEP, b2)),
+        replace(geometry, platform_errors=(b1, b2 + STEP)))
+    wanted = [np.subtract(mechanism_of(one).inverse_kinematics(pose), carriages) / STEP
+              for one in longer]
     return np.hstack([inverse, -inverse @ np.array(wanted).T])
 
 

@@ -6,11 +6,13 @@ Only the figures import this module, and matplotlib is imported with it: the nod
 
 from __future__ import annotations
 
+from typing import Literal
+
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from facade_manipulator.kinematics import Geometry, JointPoints, joints, Pose
+from facade_manipulator.kinematics import Geometry, joints, Pose
 
 COLOUR_MAP = 'viridis'  # even in lightness, safe for the colour-blind, and in grey
 # Okabe and Ito's colours, distinct to every eye.
@@ -27,7 +29,9 @@ STYLE = {
 }
 
 
-def figure(width: float, height: float, title: str, layout: str = 'constrained') -> Figure:
+def figure(
+    width: float, height: float, title: str, layout: Literal['constrained'] | None = 'constrained'
+) -> Figure:
     """Return an empty figure of a size in inches under a title."""
     made = Figure(figsize=(width, height), layout=layout)
     made.suptitle(title, fontsize=11.0, fontweight='bold')
@@ -44,20 +48,20 @@ def label(axes: Axes, x: str, y: str, title: str = '', grid: bool = False) -> No
 def draw_mechanism(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     """Draw rail, carriages, links and platform of a pose in mm, names beside the joints."""
     at = _joints(geometry, pose)
-    reach = max(*(abs(joint[0] - pose.x) for joint in at), geometry.platform_half_length)
+    reach = max(*(abs(joint[0] - pose.x) for joint in at.values()), geometry.platform_half_length)
     axes.plot([-1.25 * reach * MILLIMETRES, 1.25 * reach * MILLIMETRES], [0.0, 0.0],
               color=PALE, linewidth=5.0, solid_capstyle='butt', zorder=1)
     for start, end, colour, width in (
-            (at.a1, at.b1, BLUE, 2.4), (at.a2, at.b2, BLUE, 2.4), (at.b1, at.b2, ORANGE, 4.0),
-            (at.a3, at.p, GREY, 1.2)):
-        axes.plot(*zip(start * MILLIMETRES, end * MILLIMETRES, strict=True),
+            ('a1', 'b1', BLUE, 2.4), ('a2', 'b2', BLUE, 2.4), ('b1', 'b2', ORANGE, 4.0),
+            ('a3', 'p', GREY, 1.2)):
+        axes.plot(*zip(at[start] * MILLIMETRES, at[end] * MILLIMETRES, strict=True),
                   color=colour, linewidth=width, solid_capstyle='round', zorder=2)
-    for name, place in at._asdict().items():
+    for name, place in at.items():
         on_rail = name.startswith('a')
         below = on_rail or place[1] < 0.0
         axes.plot(*(place * MILLIMETRES), 's' if on_rail else 'o', color=BLACK, markersize=4.5,
                   zorder=3)
-        axes.annotate(name.upper(), place * MILLIMETRES, xytext=(0, -15 if below else 8),
+        axes.annotate(name.upper(), tuple(place * MILLIMETRES), xytext=(0, -15 if below else 8),
                       textcoords='offset points', ha='center', fontsize=8.0)
     axes.set_aspect('equal', adjustable='datalim')
 
@@ -65,7 +69,7 @@ def draw_mechanism(axes: Axes, geometry: Geometry, pose: Pose) -> None:
 def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     """Draw the lines of both links and the rail's parallel through P, which meet where N = 0."""
     at = _joints(geometry, pose)
-    for joint, carriage in ((at.b1, at.a1), (at.b2, at.a2)):
+    for joint, carriage in ((at['b1'], at['a1']), (at['b2'], at['a2'])):
         share = (pose.y - carriage[1]) / (joint[1] - carriage[1])
         meeting = carriage + share * (joint - carriage)
         axes.plot(*zip(carriage * MILLIMETRES, meeting * MILLIMETRES, strict=True),
@@ -75,7 +79,8 @@ def draw_lines_of_force(axes: Axes, geometry: Geometry, pose: Pose) -> None:
     axes.plot(*(meeting * MILLIMETRES), 'o', color=GREEN, markersize=5.0, zorder=3)
 
 
-def _joints(geometry: Geometry, pose: Pose) -> JointPoints:
-    """Return the joints as arrays; the far edge from so near that no line moves by 1 µm."""
+def _joints(geometry: Geometry, pose: Pose) -> dict[str, np.ndarray]:
+    """Return the joints by name; the far edge from so near that no line moves by 1 µm."""
     inside = pose._replace(y=(1.0 - 1e-12) * pose.y)
-    return JointPoints(*map(np.array, joints(geometry, inside)))
+    return {name: np.array(point)
+            for name, point in joints(geometry, inside)._asdict().items()}

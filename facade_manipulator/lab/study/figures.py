@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -50,7 +51,7 @@ EVEN_LENGTH = 1.0  # m: with it weak poses show near the rail as well as at the 
 def figure_6(study: Study) -> Figure:
     """Draw the workspace of the paper's example and of the design."""
     # The constrained layout does not know the extent of 3-D axes.
-    made = figure(10.0, 4.6, 'Figure 6: workspace over x, y and θ', layout='none')
+    made = figure(10.0, 4.6, 'Figure 6: workspace over x, y and θ', layout=None)
     made.subplots_adjust(left=0.06, right=0.87, bottom=0.0, top=0.93, wspace=0.1)
     stroke = study.geometry.stroke
     example = Geometry(0.25, 0.45, stroke, 0.0)
@@ -212,7 +213,7 @@ def _draw_parallel_locus(axes: Axes) -> None:
     label(axes, THETA_LABEL, Y_LABEL, 'the locus N = 0 (orange)\nin the workspace of this design')
 
 
-def _draw_slices(axes, geometry: Geometry, scale: Normalize) -> None:
+def _draw_slices(axes: Any, geometry: Geometry, scale: Normalize) -> None:
     """Draw the slices of a workspace, strip by strip of y."""
     y = np.linspace(1e-6, geometry.link_length, ROWS + 1)
     end = np.nanmax(theta_bounds(geometry, y))
@@ -234,7 +235,7 @@ def _draw_slices(axes, geometry: Geometry, scale: Normalize) -> None:
     _frame(axes, geometry, end)
 
 
-def _frame(axes, geometry: Geometry, end: float) -> None:
+def _frame(axes: Any, geometry: Geometry, end: float) -> None:
     reach = geometry.stroke_length * 0.5 * MILLIMETRES
     axes.set(xlim=(-reach, reach), ylim=(0.0, geometry.link_length * MILLIMETRES),
              zlim=(-np.degrees(end), np.degrees(end)), xlabel='x [mm]', ylabel='y [mm]')

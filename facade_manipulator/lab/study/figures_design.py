@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from matplotlib.axes import Axes
@@ -74,7 +75,7 @@ def figure_optimum(study: Study) -> Figure:
     length = np.linspace(0.15, 0.4, 251)
     grid = made.subplots(2, 2, sharex=True)
     for axes, merit in zip(grid.flat, OBJECTIVES.values(), strict=True):
-        values = merit.evaluate(length, 0.7 - length, need)
+        values = merit.evaluate(np.stack([length, 0.7 - length]), need)
         best = int(np.argmax(values))
         axes.plot(length * MILLIMETRES, values, color=BLUE)
         peak = length[best] * MILLIMETRES, values[best]
@@ -117,7 +118,9 @@ def figure_accuracy(study: Study) -> Figure:
     return made
 
 
-def _draw_map(axes: Axes, poses: list[list[Worth]], value) -> None:
+def _draw_map(
+    axes: Axes, poses: list[list[Worth]], value: Callable[[Worth], float]
+) -> None:
     theta, y, values = (np.array([[of(at) for at in row] for row in poses]) for of in (
         lambda at: np.degrees(at.theta), lambda at: at.y * MILLIMETRES, value))
     mesh = axes.pcolormesh(theta, y, values, cmap=COLOUR_MAP, shading='gouraud',

@@ -12,7 +12,7 @@ named areas stand beside the paper's, tuned to nothing.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -128,7 +128,7 @@ def case_geometry(length: float, half: float, stroke_length: float = STROKE_LENG
     return Geometry(length, half, (-0.5 * stroke_length, 0.5 * stroke_length), 0.0)
 
 
-def table2(stroke_length: float = STROKE_LENGTH) -> list[dict]:
+def table2(stroke_length: float = STROKE_LENGTH) -> list[dict[str, Any]]:
     """
     Compute every row of Table 2 for a common Q [m], as JSON wants it: lengths in m, areas in m².
 
@@ -140,7 +140,7 @@ def table2(stroke_length: float = STROKE_LENGTH) -> list[dict]:
     return [_row(paper, stroke_length) for paper in PAPER]
 
 
-def _row(paper: PaperRow, stroke_length: float) -> dict:
+def _row(paper: PaperRow, stroke_length: float) -> dict[str, Any]:
     length, half = paper.link_length, paper.platform_half_length
     geometry = case_geometry(length, half, stroke_length)
     return {

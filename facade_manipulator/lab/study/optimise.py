@@ -43,20 +43,20 @@ class Objective(NamedTuple):
     description: str
     unit: str
     closed_form: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray] | None = None
-    merit: Callable[[Workspace], float] | None = None
+    merit: Callable[[Workspace], float] = lambda of: of.volume
 
     def evaluate(
-        self, length: np.ndarray, half: np.ndarray, need: Requirements,
-        tick: Tick = lambda count: None,
+        self, designs: np.ndarray, need: Requirements, tick: Tick = lambda count: None
     ) -> np.ndarray:
-        """Return the merit of every design, of their shape."""
+        """Return the merit of every design, of which l and b are the first dimension."""
+        length, half = designs
         if self.closed_form:
             tick(length.size)
             return self.closed_form(length, half, need)
         values = np.empty(length.shape)
         for place in np.ndindex(length.shape):
             values[place] = self.merit(measure(
-                need.geometry(length[place], half[place]), need.threshold,
+                need.geometry(float(length[place]), float(half[place])), need.threshold,
                 need.characteristic_length, THETA_NODES, Y_CELLS))
             tick(1)
         return values
@@ -107,18 +107,19 @@ def optimise(
     need = need or Requirements()
     merit = _objective(objective)
     designs = _designs(merit, need)
-    of = margins(*designs, need)
-    allowed = feasible(of, designs[0])
+    length, half = designs
+    of = margins(length, half, need)
+    allowed = feasible(of, length)
     if not allowed.any():
-        raise conflict(of, *designs, need)
+        raise conflict(of, length, half, need)
     values = np.full(allowed.shape, -np.inf)
-    values[allowed] = merit.evaluate(*designs[:, allowed], need, tick)
+    values[allowed] = merit.evaluate(designs[:, allowed], need, tick)
     best = np.argmax(values)
     design, value = _refine(merit, need, designs[:, best], float(values[best]))
     return Optimum(
-        objective, *design.tolist(), value,
-        {name: float(one.evaluate(*design, need)) for name, one in OBJECTIVES.items()},
-        _active(need, *design), values.size)
+        objective, float(design[0]), float(design[1]), value,
+        {name: float(one.evaluate(design, need)) for name, one in OBJECTIVES.items()},
+        _active(need, design), values.size)
 
 
 def _objective(name: str) -> Objective:
@@ -158,8 +159,8 @@ def _refine(
     from scipy.optimize import minimize, minimize_scalar
 
     def cost(design: np.ndarray) -> float:
-        lacking = sum(max(0.0, -float(margin)) for margin in margins(*design, need).values())
-        return lacking / 1e-3 * value - float(merit.evaluate(*design, need))
+        lacking = sum(max(0.0, -float(margin)) for margin in _margins(design, need).values())
+        return lacking / 1e-3 * value - float(merit.evaluate(design, need))
 
     def of_length(length: float) -> np.ndarray:
         return np.array([length, need.length_sum - length])
@@ -177,12 +178,19 @@ def _refine(
         found = minimize(cost, design, bounds=box, method='Nelder-Mead',
                          options={'xatol': 1e-6, 'fatol': 1e-12})
         refined = found.x
-    improved = -found.fun > value and feasible(margins(*refined, need), refined[0])
-    return (refined, float(merit.evaluate(*refined, need))) if improved else (design, value)
+    improved = -found.fun > value and feasible(_margins(refined, need), refined[0])
+    return (refined, float(merit.evaluate(refined, need))) if improved else (design, value)
 
 
-def _active(need: Requirements, length: np.float64, half: np.float64) -> tuple[str, ...]:
+def _margins(design: np.ndarray, need: Requirements) -> dict[str, np.ndarray]:
+    """Return the margins of one design."""
+    length, half = design
+    return margins(length, half, need)
+
+
+def _active(need: Requirements, design: np.ndarray) -> tuple[str, ...]:
     """Name what the optimum leans on."""
+    length, half = design
     edges = {
         f'l >= {need.link_range[0]:g} m': length - need.link_range[0],
         f'l <= {need.link_range[1]:g} m': need.link_range[1] - length,

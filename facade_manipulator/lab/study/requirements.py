@@ -100,12 +100,15 @@ def y_travel(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.nda
     return upper - lower
 
 
-def theta_peak(length: np.ndarray, half: np.ndarray, gap: float) -> np.ndarray:
+def theta_peak(
+    length: float | np.ndarray, half: float | np.ndarray, gap: float
+) -> np.ndarray:
     """Return the greatest |θ| that is reachable at some y before N = 0 [rad]."""
-    designs = np.stack([np.ravel(length), np.ravel(half)])[..., None]
+    lengths, halves = np.ravel(length)[:, None], np.ravel(half)[:, None]
+    blocks = [slice(start, start + _BLOCK) for start in range(0, len(lengths), _BLOCK)]
     return np.concatenate([
-        _theta_peak(*designs[:, start:start + _BLOCK], gap)
-        for start in range(0, designs.shape[1], _BLOCK)]).reshape(np.shape(length))
+        _theta_peak(lengths[block], halves[block], gap) for block in blocks
+    ]).reshape(np.shape(length))
 
 
 REQUIREMENTS = (

@@ -13,7 +13,6 @@ from dataclasses import asdict
 from pathlib import Path
 import sys
 
-import numpy as np
 from rich.console import Console
 
 from facade_manipulator.errors import exit_status, ParameterError
@@ -163,8 +162,9 @@ def _add_settings(group: argparse._ArgumentGroup, cls: type, *names: str) -> Non
     for name in names:
         item = parameter_fields(cls)[name]
         info, is_range = item.metadata[METADATA_KEY], isinstance(item.default, tuple)
+        defaults = item.default if isinstance(item.default, tuple) else (item.default,)
         unit = f' [{info.unit}]' if info.unit else ''
-        default = ' '.join(f'{value:g}' for value in np.atleast_1d(item.default))
+        default = ' '.join(f'{value:g}' for value in defaults)
         group.add_argument(
             '--' + OPTIONS.get(name, name.replace('_', '-')), dest=name, type=float,
             nargs=2 if is_range else None, default=argparse.SUPPRESS,

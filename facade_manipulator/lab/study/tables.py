@@ -73,7 +73,7 @@ def table_of_cases(study: Study, options: argparse.Namespace) -> Part:
          'section diff.', 'union diff.'), (_case(row, row['paper']) for row in rows), AREA_NOTE)
 
 
-def _case(row: dict, paper: dict) -> tuple[str, ...]:
+def _case(row: dict[str, Any], paper: dict[str, Any]) -> tuple[str, ...]:
     ratio, section, union = row['ratio'], row['area_section'], row['area_union']
     return (_mm(row['l']), _mm(row['b']), f'{ratio:.4f}', f'{paper["ratio"]:.3f}',
             f'{ratio - paper["ratio"]:+.4f}', f'{section:.4f}', f'{union:.4f}',
@@ -96,7 +96,7 @@ def summarise(
 
     Raises a ParameterError if the workspace is empty.
     """
-    design = _design(geometry)
+    design = length, half, *_ = _design(geometry)
     lower, upper = section_bounds(*design)
     of = measure(geometry, threshold, characteristic_length, theta_nodes=512, y_cells=256)
     if not of.volume > 0.0:
@@ -105,7 +105,7 @@ def summarise(
             f'{geometry.carriage_gap:g} m leave no pose')
     return {
         'y_min': float(lower), 'y_max': float(upper),
-        'theta_max': float(theta_peak(*design[:2], geometry.carriage_gap)),
+        'theta_max': float(theta_peak(length, half, geometry.carriage_gap)),
         'area_section': float(section_area(*design)),
         'good_area_section': float(section_area(*design, threshold, characteristic_length)),
         'area_union': union_area(geometry), 'volume': of.volume, 'good_volume': of.good,

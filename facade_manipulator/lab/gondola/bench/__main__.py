@@ -15,7 +15,7 @@ import json
 import math
 from pathlib import Path
 import sys
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, LoopStep, PER
 from facade_manipulator.lab.gondola.course import giving_way
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Motion, Sway, SwaySettings
-from facade_manipulator.lab.gondola.oracle import KnownDisturbance, limits
+from facade_manipulator.lab.gondola.oracle import limits
 from facade_manipulator.lab.gondola.pictures import TITLES
 from facade_manipulator.lab.gondola.scenario import load_scenario, Scenario, scenario_names
 from facade_manipulator.lab.gondola.wall import AXES, SCALES
@@ -58,7 +58,7 @@ class Run(NamedTuple):
 
     loop: ClosedLoop
     steps: list[LoopStep]
-    expected: dict[float, tuple]
+    expected: dict[float, tuple[float, ...]]
 
     def go_on(self, duration: float) -> None:
         """Run for a time [s]."""
@@ -83,11 +83,11 @@ class Run(NamedTuple):
 
 def run_scenario(
     scenario: Scenario, motion: Motion | None = None,
-    predictor: KnownDisturbance | HeldPrediction | None = None,
+    predictor: Any = None,
     geometry: Geometry | None = None, made: Geometry | None = None,
 ) -> Run:
     """
-    Run a scenario in a closed loop, without a clock, by its own predictor or another.
+    Run a scenario in a closed loop, without a clock, by its own predictor or what is like it.
 
     The machine is what the geometry says, or another that was made.
     """
@@ -127,7 +127,7 @@ def run_predictions(scenario: Scenario) -> dict[str, Run]:
             for name, predictor in ({LEARNT: None} | others).items()}
 
 
-def evaluate(scenario: Scenario, seeds: int = 1) -> tuple[dict, Run]:
+def evaluate(scenario: Scenario, seeds: int = 1) -> tuple[dict[str, Any], Run]:
     """
     Return what the report says of a scenario, over seeds, and the first run it is about.
 
@@ -150,14 +150,16 @@ def evaluate(scenario: Scenario, seeds: int = 1) -> tuple[dict, Run]:
     }, run
 
 
-def _together(reports: list[dict], name: str, free: Iterable[bool]) -> list[float | None]:
+def _together(
+    reports: list[dict[str, Any]], name: str, free: Iterable[bool]
+) -> list[float | None]:
     """Return the root mean squares of several reports along the axes that are free."""
     return [
         math.sqrt(sum(report[axis][name] ** 2 for report in reports) / len(reports))
         if counts else None for axis, counts in zip(AXES, free, strict=True)]
 
 
-def ratios_at(frequency: float) -> dict:
+def ratios_at(frequency: float) -> dict[str, Any]:
     """Return the ratio of residual and disturbance of each axis at a frequency [Hz]."""
     sines = {}
     for name, amplitude, phase in zip(
@@ -174,7 +176,7 @@ def ratios_at(frequency: float) -> dict:
     return {'frequency_hz': frequency, 'ratio': max(ratios.values()), **ratios}
 
 
-def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
+def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict[str, Any] | None:
     """Return the force on the wall and what it does to the gondola, from the first touch on."""
     if not scenario.facade.present:
         return None
@@ -192,7 +194,7 @@ def _contact(scenario: Scenario, steps: list[LoopStep]) -> dict | None:
             'most_yaw_deg': math.degrees(abs(rails[:, 2]).max())}
 
 
-def table(results: dict) -> Iterator[str]:
+def table(results: dict[str, Any]) -> Iterator[str]:
     """Yield the lines that a person reads."""
     yield f'Left of the disturbance in %, {" / ".join(AXES)}, RMS; errors within two deviations'
     yield from comparison(results['scenarios'], SCALES, in_percent=True)
@@ -209,7 +211,7 @@ def table(results: dict) -> Iterator[str]:
         f'{item["frequency_hz"]:g} Hz {100 * item["ratio"]:.0f}%' for item in results['sweep'])
 
 
-def _report(output: Path, name: str, scenario: Scenario, seeds: int) -> dict:
+def _report(output: Path, name: str, scenario: Scenario, seeds: int) -> dict[str, Any]:
     """Evaluate a scenario and draw it."""
     result, run = evaluate(scenario, seeds)
     title = f'{name}: {scenario.mission.description}'
@@ -231,7 +233,7 @@ def main(args: list[str] | None = None) -> int:
             name: load_scenario(name) for name in options.scenario or scenario_names()}
         output = options.output
         output.mkdir(parents=True, exist_ok=True)
-        results = {'scenarios': {
+        results: dict[str, Any] = {'scenarios': {
             name: _report(output, Path(name).stem, scenario, options.seeds)
             for name, scenario in scenarios.items()},
             'sweep': [ratios_at(frequency) for frequency in SWEEP]}

@@ -47,7 +47,7 @@ HELD_OUT = 60
 # errors as large as a machine has, all at once
 MADE = Geometry(link_errors=(5e-4, -5e-4), carriage_offsets=(1e-3, -1e-3, 0.0),
                 rail_angle=math.radians(0.2))
-MOUNTED = {'mounting': (0.5, 0.3, math.radians(0.5)), 'stamp_error': 0.02}
+MOUNTING, STAMP_ERROR = (0.5, 0.3, math.radians(0.5)), 0.02  # m, m, rad; s
 
 
 class Trial(NamedTuple):
@@ -81,7 +81,8 @@ def try_machines(machines: int) -> Trial:
             (found.values - values_of(made, UNKNOWNS)) / np.sqrt(np.diag(found.covariance)),
             rms(truth - heads(DRAWING, held)), rms(truth - heads(found.geometry, held)),
             rms(spread(found.geometry, UNKNOWNS, found.covariance, held))))
-    return Trial(*(np.array(column) for column in zip(*rows, strict=True)), blamed)
+    deviations, before, after, share = (np.array(column) for column in zip(*rows, strict=True))
+    return Trial(deviations, before, after, share, blamed)
 
 
 def rms(values: np.ndarray) -> np.ndarray:
@@ -137,7 +138,8 @@ def estimator_table(errors: np.ndarray) -> list[str]:
 def residuals() -> dict[str, list[float]]:
     """Return the RMS of the head on the wall in a breeze [m, m, rad], by what is known."""
     scenario, random = load_scenario('breeze'), np.random.default_rng(SEED)
-    mounted = scenario._replace(estimator=replace(scenario.estimator, **MOUNTED))
+    mounted = scenario._replace(estimator=replace(
+        scenario.estimator, mounting=MOUNTING, stamp_error=STAMP_ERROR))
     poses = plan(DRAWING, UNKNOWNS, POSES)
     known = identify(DRAWING, UNKNOWNS, Measurements(
         poses, measure_heads(MADE, poses, SHOP, random))).geometry

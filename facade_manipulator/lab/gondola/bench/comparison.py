@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from facade_manipulator.lab.gondola.pictures import (
     label,
@@ -31,7 +32,7 @@ PREDICTIONS = {  # as people read them, colour and mark in the picture, from wor
     'known': ('disturbance known', '#56b4e9', '+'),
 }
 Cells = Sequence[float | None]  # of the axes
-Cases = dict[str, dict]
+Cases = dict[str, dict[str, Any]]
 PERCENT = (100.0, 100.0, 100.0)
 
 
@@ -63,7 +64,7 @@ def comparison(cases: Cases, scales: Cells, in_percent: bool) -> Iterator[str]:
             figures(explained(case['rms']), PERCENT),
             figures(case['within_two_deviations'], PERCENT)))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    lines.insert(1, [width * '-' for width in widths])
+    lines.insert(1, tuple(width * '-' for width in widths))
     for line in lines:
         yield f'| {" | ".join(map(str.ljust, line, widths))} |'
 
@@ -73,16 +74,17 @@ def explained(rms: dict[str, Cells]) -> Cells | None:
     if not rms.keys() >= {LEARNT, 'bound', 'oracle'}:
         return None
     return [
-        None if learnt is None else (bound - oracle) / (learnt - oracle)
-        for learnt, bound, oracle in zip(
-            *(rms[name] for name in (LEARNT, 'bound', 'oracle')), strict=True)]
+        None if learnt is None or bound is None or oracle is None
+        else (bound - oracle) / (learnt - oracle) for learnt, bound, oracle in zip(
+            rms[LEARNT], rms['bound'], rms['oracle'], strict=True)]
 
 
 def figures(values: Cells | None, scales: Cells) -> str:
     """Return the values of the axes as people read them."""
     return '' if values is None else ' / '.join(
-        '–' if value is None else f'{scale * value:#.3g}' if scale * value < 99.95
-        else f'{scale * value:.0f}' for value, scale in zip(values, scales, strict=True))
+        '–' if value is None or scale is None else f'{scale * value:#.3g}'
+        if scale * value < 99.95 else f'{scale * value:.0f}'
+        for value, scale in zip(values, scales, strict=True))
 
 
 def draw_comparison(

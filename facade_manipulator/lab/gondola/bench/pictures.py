@@ -51,7 +51,7 @@ def draw_scenario(
              path.with_stem(f'{path.stem}_force'))
 
 
-def draw_sweep(path: Path, sweep: Sequence[dict]) -> None:
+def draw_sweep(path: Path, sweep: Sequence[dict[str, Any]]) -> None:
     """Draw the residual over the frequency as a share of the disturbance."""
     _draw_lines(
         path, 'Sines of one frequency along all axes', [item['frequency_hz'] for item in sweep],
@@ -62,7 +62,7 @@ def draw_sweep(path: Path, sweep: Sequence[dict]) -> None:
 
 def draw_forces(path: Path) -> None:
     """Draw the most that a gondola can press with against the length of its cables."""
-    lengths = np.geomspace(5.0, 150.0, 100)
+    lengths = np.geomspace(5.0, 150.0, 100).tolist()
     _draw_lines(
         path, f'500 kg: pushed back by {1e3 * PUSH_BACK:g} mm or turned by {YAW:g}° '
         f'at {1e3 * BESIDE:g} mm beside the middle', lengths,

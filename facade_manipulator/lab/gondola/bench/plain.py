@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
+from facade_manipulator.prediction import Variances
 
 HORIZON = 0.12  # s, by which the plainest comes late
 LONGEST_GAP = 3.0  # s without estimates, after which everything begins again
@@ -17,13 +20,12 @@ class AccelerationPrediction:
     """Position, velocity and acceleration of each axis, driven by white jerk."""
 
     def __init__(self) -> None:
-        self.stamp: float | None = None
-        self.since: float | None = None
+        self.stamp = self.since = -math.inf
 
-    def update(self, stamp: float, values: Pose, variances: Pose) -> None:
+    def update(self, stamp: float, values: Pose, variances: Variances) -> None:
         """Learn from an estimate of a stamp [s]."""
         last, self.stamp = self.stamp, stamp
-        if last is None or not 0.0 < stamp - last <= LONGEST_GAP:
+        if not 0.0 < stamp - last <= LONGEST_GAP:
             self.since = stamp
             self._states = np.column_stack([values, np.zeros((3, 2))])
             self._covariances = np.stack([np.diag(
