@@ -32,8 +32,8 @@ from facade_manipulator.drives.controller import (
     CycleStatistics,
     DriveController,
     MechanismChecks,
-    POWERED_STATES,
     Session,
+    WITH_POWER,
 )
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Geometry
@@ -52,7 +52,7 @@ from facade_manipulator.motion import (
 
 LOOK_PERIOD = 0.05  # s: how often the node's silence and a signal are looked at
 # drives that were stopped hold with power, too, until somebody clears the faults or cleans up
-HOLDING_STATES = POWERED_STATES | {ControllerState.STOPPED}
+HOLDING_STATES = WITH_POWER | {ControllerState.STOPPED}
 MARGINS_PERIOD = 1.0  # s: sorting a thousand of them at every cycle would be a waste
 _log = logging.getLogger(__name__)
 
@@ -209,7 +209,7 @@ class ControlLoop:
 
     def _lose_node(self, error: ChannelClosedError, snapshot: ControllerSnapshot) -> None:
         """End, whichever thread sees first that the node is gone."""
-        if not self._ends and snapshot.state in POWERED_STATES:
+        if not self._ends and snapshot.state in WITH_POWER:
             _log.error('%s: the carriages ramp down and the power goes off', error)
         self._ends = True
 

@@ -11,7 +11,13 @@ from contextlib import suppress
 import math
 
 from facade_manipulator.drives.canopen import Frame, pdo
-from facade_manipulator.drives.cia402 import AXIS_NAMES, Cause, DEFAULT_AXES, Group, Phase
+from facade_manipulator.drives.cia402 import (
+    AXIS_NAMES,
+    Cause,
+    ControllerState,
+    DEFAULT_AXES,
+    Group,
+)
 from facade_manipulator.drives.controller import AxisMonitor, ControllerSettings
 from facade_manipulator.drives.controller.cycle import SyncProducer
 from facade_manipulator.drives.controller.targets import Targets
@@ -135,9 +141,9 @@ class Plant:
             monitor.begin_supervision(0.0)
             monitor.encoder.end_homing(True)
         self.left = math.inf
-        while self.group.phase is not Phase.RUNNING:
+        while self.group.phase is not ControllerState.ACTIVE:
             self.turn()
-            if self.group.phase is Phase.OFF and self.group.is_settled:
+            if self.group.phase is ControllerState.INACTIVE and self.group.is_settled:
                 self.group.enable(self.now)
             assert self.cycle < 100, self.group.causes
 

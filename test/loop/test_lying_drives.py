@@ -7,7 +7,7 @@ import math
 from own_plant import Plant
 import pytest
 
-from facade_manipulator.drives.cia402 import Phase
+from facade_manipulator.drives.cia402 import ControllerState
 
 VICTIM, AHEAD = 1, 0.03
 LAG = 0.015  # s, as shipped
@@ -25,7 +25,7 @@ def moving(speed, lag=LAG, known=LAG):
 
     for _ in range(40):
         turn()
-    assert plant.group.phase is Phase.RUNNING, plant.group.causes
+    assert plant.group.phase is ControllerState.ACTIVE, plant.group.causes
     return plant, turn
 
 
@@ -34,7 +34,7 @@ def stop(plant, turn, how):
     plant.drives[VICTIM].fail(how)
     for _ in range(300):
         turn()
-        if plant.group.phase is not Phase.RUNNING:
+        if plant.group.phase is not ControllerState.ACTIVE:
             return abs(plant.follower.motion.position[VICTIM] - plant.drives[VICTIM].position)
     return math.inf
 

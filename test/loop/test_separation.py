@@ -9,7 +9,7 @@ import random
 from own_plant import Plant
 import pytest
 
-from facade_manipulator.drives.cia402 import Phase
+from facade_manipulator.drives.cia402 import ControllerState
 from facade_manipulator.motion import MotionLimits
 
 LAGS = (0.0, 0.005, 0.015, 0.025, 0.035)
@@ -66,12 +66,12 @@ def least_left(seed):
     victim, fails_at, begin = chance.randrange(3), chance.randrange(5, 90), plant.now
     for cycle in range(fails_at + WATCHED):
         if cycle == fails_at:
-            assert plant.group.phase is Phase.RUNNING, plant.group.causes
+            assert plant.group.phase is ControllerState.ACTIVE, plant.group.causes
             plant.left = math.inf
             plant.drives[victim].fail(failure)
         plant.stream(*at(plant.now - begin + AHEAD))
         plant.turn()
-        if plant.group.phase is Phase.STOPPED:
+        if plant.group.phase is ControllerState.STOPPED:
             break
     return plant.left, lag, failure, seed
 

@@ -16,14 +16,14 @@ from typing import NamedTuple
 from facade_manipulator.drives.cia402 import plans
 from facade_manipulator.drives.cia402.axis import AxisStepper, Feedback
 from facade_manipulator.drives.cia402.cause import Cause, NOT_RESPONDING_REMEDY
-from facade_manipulator.drives.cia402.homing import HomingSequence
-from facade_manipulator.drives.cia402.plans import (
-    FOLLOWING_PHASES,
-    Phase,
-    Plan,
-    POWERED_PHASES,
-    STOPPED_PHASES,
+from facade_manipulator.drives.cia402.controller_state import (
+    ControllerState,
+    FOLLOWING_STATES,
+    STOPPED_STATES,
+    WITH_POWER,
 )
+from facade_manipulator.drives.cia402.homing import HomingSequence
+from facade_manipulator.drives.cia402.plans import Plan
 from facade_manipulator.drives.cia402.states import Mode, Status
 from facade_manipulator.errors import DriveError, DriveFaultError, DriveStateError
 
@@ -75,7 +75,7 @@ class Group:
         self.not_responding: set[str] = set()
         self.is_settled = False
         self._mode = int(Mode.CYCLIC_SYNCHRONOUS_POSITION)
-        self._timeouts = {Phase.RAMPING: settings.ramp_timeout}
+        self._timeouts = {ControllerState.RAMPING: settings.ramp_timeout}
         self._step_timeout = settings.step_timeout
         self._max_resets = settings.max_resets
         self._resets: deque[float] = deque(maxlen=settings.max_resets)
@@ -88,12 +88,12 @@ class Group:
     @property
     def is_powered(self) -> bool:
         """Return whether the drives are meant to have power."""
-        return self.phase in POWERED_PHASES
+        return self.phase in WITH_POWER
 
     @property
     def is_stopped(self) -> bool:
         """Return whether something has stopped the drives and was not cleared yet."""
-        return self.cause is not None and self.phase in STOPPED_PHASES
+        return self.cause is not None and self.phase in STOPPED_STATES
 
     def enable(self, now: float) -> None:
         """
@@ -105,10 +105,10 @@ class Group:
             The drives are not switched off, or stopped.
 
         """
-        self._require('activate', Phase.OFF, Phase.HALTED)
+        self._require('activate', ControllerState.INACTIVE, ControllerState.HALTED)
         self._require_settled('activate')
         self.homing = HomingSequence(())
-        self._begin(plans.FOLLOW if self.phase is Phase.HALTED else self._enable, now)
+        self._begin(plans.FOLLOW if self.phase is ControllerState.HALTED else self._enable, now)
 
     def home(self, sequence: HomingSequence, now: float) -> None:
         """
@@ -120,7 +120,7 @@ class Group:
             The drives are not switched off, or stopped.
 
         """
-        self._require('home', Phase.OFF)
+        self._require('home', ControllerState.INACTIVE)
         self._require_settled('home')
         self.homing = sequence
         self._begin(plans.HOME, now)
@@ -135,7 +135,7 @@ class Group:
             The group is stopped, or busy powering on or off.
 
         """
-        self._require('deactivate', Phase.HOLDING, Phase.RUNNING, Phase.RAMPING, Phase.HALTED)
+        self._require('deactivate', *FOLLOWING_STATES)
         self._begin(plans.DISABLE, now)
 
     def halt(self, now: float) -> bool:
@@ -147,7 +147,7 @@ class Group:
         nothing: without power, and while the power goes off or all is stopping already.
         """
         plan = plans.HALTS.get(self.phase)
-        if self.phase is Phase.RUNNING and not self.is_settled:
+        if self.phase is ControllerState.ACTIVE and not self.is_settled:
             plan = plans.DISABLE
         if plan is not None:
             self._begin(plan, now)
@@ -163,7 +163,7 @@ class Group:
             The carriages have not stopped yet, or as `require_resettable` says.
 
         """
-        self._require('clear_faults', Phase.STOPPED)
+        self._require('clear_faults', ControllerState.STOPPED)
         self.require_resettable(now)
         self._resets.append(now)
         self._begin(plans.RESET, now)
@@ -179,7 +179,7 @@ class Group:
             many resets within a minute.
 
         """
-        self._require('clear_faults', Phase.STOPPING, Phase.STOPPED)
+        self._require('clear_faults', ControllerState.STOPPING, ControllerState.STOPPED)
         severest = self.severest_cause
         if severest is not None and severest.configure_again:
             raise DriveStateError(f'clear_faults is not enough: {severest.message}')
@@ -217,12 +217,12 @@ class Group:
             self.further_causes.append(cause)
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
             self._begin(plans.STOP_AND_CUT_POWER, now)
-        elif self.phase not in STOPPED_PHASES:
+        elif self.phase not in STOPPED_STATES:
             self._begin(plans.STOP, now)
 
     def cut_power(self, now: float) -> None:
         """Take the power off for good, but of nothing that moves; ends in stopped."""
-        is_off = self.phase is Phase.OFF
+        is_off = self.phase is ControllerState.INACTIVE
         self._begin(plans.CUT_POWER if is_off else plans.STOP_AND_CUT_POWER, now)
 
     def restart_step(self, now: float) -> None:
@@ -253,20 +253,21 @@ class Group:
         self.is_settled = done and not failures
         for number, failure in failures:
             self._fail(number, failure, now)
-        may_proceed = len(self._plan) > 1 and (phase is not Phase.HOMING or self.homing.done)
+        may_proceed = len(self._plan) > 1 and (
+            phase is not ControllerState.HOMING or self.homing.done)
         if self.is_settled and may_proceed:
             self._proceed(now)
         return self._commands(bits)
 
     def _proceed(self, now: float) -> None:
         self._begin(self._plan[1:], now)
-        if self.phase is Phase.OFF:
+        if self.phase is ControllerState.INACTIVE:
             self.cause = None
             self.further_causes.clear()
             self.not_responding.clear()
 
     def _commands(self, bits: list[int]) -> tuple[AxisCommand, ...]:
-        if self.phase is not Phase.HOMING:
+        if self.phase is not ControllerState.HOMING:
             return self.commands
         return tuple(
             command._replace(controlword=command.controlword | extra)
@@ -275,15 +276,15 @@ class Group:
     def _homing_bits(self, number: int, feedback: Feedback, now: float) -> int:
         if not self.homing.axes:
             return 0
-        if self.phase is not Phase.HOMING:
+        if self.phase is not ControllerState.HOMING:
             self.homing.axes[number].watch(feedback)
             return 0
         return self.homing.advance(number, feedback, now)
 
     def _require_following(self, number: int, feedback: Feedback) -> None:
-        if self.phase not in FOLLOWING_PHASES:
+        if self.phase not in FOLLOWING_STATES:
             return
-        fault = '' if self.phase is Phase.HOLDING else feedback.disobedience
+        fault = '' if self.phase is ControllerState.HOLDING else feedback.disobedience
         if feedback.statusword & Status.FOLLOWING_ERROR:
             fault = 'is farther behind its target than the following-error window, bit 13 is 1'
         if fault:
@@ -292,15 +293,15 @@ class Group:
 
     def _fail(self, number: int, error: DriveError, now: float) -> None:
         name = self._steppers[number].name
-        if self.phase not in STOPPED_PHASES:
+        if self.phase not in STOPPED_STATES:
             self.stop(Cause(str(error), axis=name, is_vague=True), now)
         elif name not in self.not_responding and (
-                self.phase is Phase.STOPPED or now > self._deadline):
+                self.phase is ControllerState.STOPPED or now > self._deadline):
             self.not_responding.add(name)
             self.stop(Cause(str(error), NOT_RESPONDING_REMEDY, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
 
-    def _require(self, request: str, *phases: Phase) -> None:
+    def _require(self, request: str, *phases: ControllerState) -> None:
         if self.phase in phases:
             return
         if self.cause is not None:

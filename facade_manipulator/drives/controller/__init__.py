@@ -5,6 +5,9 @@ In: an axis configuration, access to the bus, the mechanism that is moved, and a
 requests. Out: targets on the bus once per SYNC, and a snapshot of one cycle for whoever asks.
 """
 
+from ..cia402 import ACTIVE_STATES as ACTIVE_STATES
+from ..cia402 import ControllerState as ControllerState
+from ..cia402 import WITH_POWER as WITH_POWER
 from .commissioning import Finding as Finding
 from .configuration import check_identity as check_identity
 from .configuration import compare_objects as compare_objects
@@ -26,9 +29,6 @@ from .realtime import request_realtime as request_realtime
 from .session import BusAccess as BusAccess
 from .session import Session as Session
 from .settings import ControllerSettings as ControllerSettings
-from .snapshot import ACTIVE_STATES as ACTIVE_STATES
 from .snapshot import AxisSnapshot as AxisSnapshot
 from .snapshot import ControllerSnapshot as ControllerSnapshot
-from .snapshot import ControllerState as ControllerState
-from .snapshot import POWERED_STATES as POWERED_STATES
 from .targets import MechanismChecks as MechanismChecks

@@ -19,7 +19,7 @@ import threading
 import time
 from typing import Any
 
-from facade_manipulator.drives.cia402 import Cause, CLEAR_REMEDY, Phase
+from facade_manipulator.drives.cia402 import Cause, CLEAR_REMEDY, ControllerState
 from facade_manipulator.drives.controller import motion_operations, service_operations
 from facade_manipulator.drives.controller.operation import Operation
 from facade_manipulator.drives.controller.realtime import (
@@ -29,17 +29,16 @@ from facade_manipulator.drives.controller.realtime import (
 )
 from facade_manipulator.drives.controller.service_operations import CLOSING_TIMEOUT
 from facade_manipulator.drives.controller.session import Session
-from facade_manipulator.drives.controller.snapshot import ControllerSnapshot, ControllerState
+from facade_manipulator.drives.controller.snapshot import ControllerSnapshot
 from facade_manipulator.drives.controller.targets import allow_anything
 from facade_manipulator.errors import BusError, DriveError, DriveStateError, ManipulatorError
 
 IDLE_WAIT = 1.0  # s: a request wakes it
-_PARTS = {  # of a state; any other phase is one, by its name
-    Phase.HOLDING: ControllerState.ACTIVATING,
-    Phase.RAMPING: ControllerState.DEACTIVATING,
-    Phase.STOPPING: ControllerState.STOPPED,
+_SHOWN = {  # what a state of the group alone is called
+    ControllerState.HOLDING: ControllerState.ACTIVATING,
+    ControllerState.RAMPING: ControllerState.DEACTIVATING,
+    ControllerState.STOPPING: ControllerState.STOPPED,
 }
-_STATES = {phase: _PARTS.get(phase) or ControllerState(phase.value) for phase in Phase}
 AT_DRIVE = 'put that right at the drive, then '  # configure alone would say the same again
 FORBIDDEN_REMEDY = 'let software_stop be false'
 NEXT_STEPS = {
@@ -311,7 +310,7 @@ class DriveController:
             return ControllerState.BUS_LOST
         if session.group is None:
             return ControllerState.UNCONFIGURED
-        return _STATES[session.group.phase]
+        return _SHOWN.get(session.group.phase, session.group.phase)
 
     def _next_step(self, state: ControllerState) -> str:
         """Return what the operator does so that the drives follow setpoints, '' if they do."""

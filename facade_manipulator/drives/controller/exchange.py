@@ -30,11 +30,11 @@ from facade_manipulator.drives.cia402 import (
     BUS_REMEDY,
     Cause,
     COMPUTER_REMEDY,
-    FOLLOWING_PHASES,
+    ControllerState,
+    FOLLOWING_STATES,
     Group,
     OTHER_MASTER_REMEDY,
-    Phase,
-    STOPPED_PHASES,
+    STOPPED_STATES,
 )
 from facade_manipulator.drives.controller.cycle import CycleClock, SyncConsumer, SyncProducer
 from facade_manipulator.drives.controller.monitor import AxisMonitor
@@ -200,7 +200,7 @@ class CyclicExchange:
             return
         before = self.group.phase
         self.group.stop(cause, time.monotonic())
-        if before not in STOPPED_PHASES:
+        if before not in STOPPED_STATES:
             self._send_commands(self.group.commands)
 
     # --- the cycle
@@ -305,14 +305,14 @@ class CyclicExchange:
         monitors, targets = self._monitors, self._targets
         feedback = tuple([one.end_cycle(self.clock.sync_time) for one in monitors])
         targets.supervise(group, monitors, now)
-        if group.phase not in STOPPED_PHASES:
+        if group.phase not in STOPPED_STATES:
             for cause in (*self._silences(), *self.clock.causes(
                     self._settings.max_missed_cycles, group.is_powered)):
                 group.stop(cause, now)
-        if group.phase is Phase.RAMPING and not targets.at_rest:
+        if group.phase is ControllerState.RAMPING and not targets.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
         commands = group.step(feedback, now)
-        if in_time or group.phase not in FOLLOWING_PHASES:
+        if in_time or group.phase not in FOLLOWING_STATES:
             actual = tuple([one.encoder.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
         if group.not_responding != self._taken_out:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from facade_manipulator.drives.cia402 import (
     AXIS_NAMES,
     AxisHoming,
+    ControllerState,
     HomingSequence,
-    Phase,
 )
 from facade_manipulator.drives.controller.operation import Operation, Steps
-from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import require_inside
 from facade_manipulator.errors import DriveFaultError, DriveStateError, ManipulatorError
 
@@ -23,10 +22,10 @@ class Activate(Operation):
         """Check that the carriages may be powered where they are; power them."""
         group = self.group
         self.require_allowed()
-        if group.phase is Phase.OFF:
+        if group.phase is ControllerState.INACTIVE:
             self._require_ready()
         group.enable(now)
-        yield from self.until(Phase.RUNNING)
+        yield from self.until(ControllerState.ACTIVE)
         return 'The drives are powered and follow setpoints.'
 
     def _require_ready(self) -> None:
@@ -53,7 +52,7 @@ class Deactivate(Operation):
     def run(self, now: float) -> Steps:
         """Ramp down and wait until the power is off."""
         self.group.disable(now)
-        yield from self.until(Phase.OFF)
+        yield from self.until(ControllerState.INACTIVE)
         return 'The carriages stand still.'
 
 
@@ -65,11 +64,11 @@ class Halt(Operation):
 
     def run(self, now: float) -> Steps:
         """Ramp down; where nothing is commanded to move, nothing is cancelled."""
-        given_up = 'Homing' if self.group.phase is Phase.HOMING else 'The activation'
+        given_up = 'Homing' if self.group.phase is ControllerState.HOMING else 'The activation'
         self.interrupts = self.group.halt(now)
         if not self.interrupts:
             return 'Nothing moves on.'
-        yield from self.until(Phase.HALTED, Phase.OFF)
+        yield from self.until(ControllerState.HALTED, ControllerState.INACTIVE)
         if self.session.is_off:
             return f'{given_up} is given up.'
         return 'The carriages stand still and hold.'

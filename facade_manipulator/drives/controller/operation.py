@@ -6,12 +6,11 @@ from collections.abc import Generator
 from concurrent.futures import Future
 from typing import Any, ClassVar, TypeVar
 
-from facade_manipulator.drives.cia402 import Group, Phase
+from facade_manipulator.drives.cia402 import ControllerState, Group
 from facade_manipulator.drives.controller.commissioning import Commissioning
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.monitor import require_dead_master_stop
 from facade_manipulator.drives.controller.session import Session
-from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
     BusError,
     DriveError,
@@ -126,7 +125,7 @@ class Operation:
             raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}; '
                                   'wait until whoever set it takes it back')
 
-    def until(self, *phases: Phase) -> Steps:
+    def until(self, *phases: ControllerState) -> Steps:
         """
         Wait until all drives are where one of some phases wants them.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 
 from facade_manipulator.drives.canopen import Condition
-from facade_manipulator.drives.cia402 import Cause, CONFIGURE_REMEDY, Group, Phase
+from facade_manipulator.drives.cia402 import Cause, CONFIGURE_REMEDY, ControllerState, Group
 from facade_manipulator.drives.controller.commissioning import Finding
 from facade_manipulator.drives.controller.exchange import CyclicExchange
 from facade_manipulator.drives.controller.operation import (
@@ -15,7 +15,6 @@ from facade_manipulator.drives.controller.operation import (
     Steps,
 )
 from facade_manipulator.drives.controller.session import Session
-from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.errors import (
     DriveError,
     DriveFaultError,
@@ -106,7 +105,7 @@ class ClearFaults(Operation):
         """Let the worker prove that the drives are still as they were configured, then reset."""
         session, group = self.session, self.group
         cause = group.cause
-        if group.phase is Phase.HALTED:
+        if group.phase is ControllerState.HALTED:
             group.enable(now)
             return 'The halt is ended; the drives follow setpoints.'
         if cause is None:
@@ -114,7 +113,7 @@ class ClearFaults(Operation):
         _, commissioning = self.open_bus
         group.require_resettable(now)
         job = session.worker.submit(commissioning.check_again)
-        while not (job.done() and group.phase is Phase.STOPPED):
+        while not (job.done() and group.phase is ControllerState.STOPPED):
             now = yield
         try:
             result_of(job)
@@ -199,7 +198,7 @@ class Close(Operation):
             except DriveStateError:
                 group.stop(Cause('the drive controller is being closed'), now)
         while session.lost is None and now <= end and (
-                group.phase not in (Phase.OFF, Phase.STOPPED)):
+                group.phase not in (ControllerState.INACTIVE, ControllerState.STOPPED)):
             now = yield
         try:
             return (yield from _cut_power_and_close(session, group, now))

@@ -29,9 +29,9 @@ from facade_manipulator.drives.cia402 import (
     BUS_REMEDY,
     Cause,
     check_axes,
+    ControllerState,
     Group,
     load_profile,
-    Phase,
     Power,
     Triple,
 )
@@ -170,14 +170,14 @@ class Session:
     @property
     def is_off(self) -> bool:
         """Return whether all drives have confirmed that they have no power."""
-        return self.has_done(Phase.OFF)
+        return self.has_done(ControllerState.INACTIVE)
 
     def watch_stop(self) -> None:
         """Let the worker ask the drives for their errors, once, when they stand still."""
         if self.group is None or not self.group.is_stopped:
             self._asked = None
         elif (self._asked is None and self.commissioning is not None
-              and self.group.phase is Phase.STOPPED):
+              and self.group.phase is ControllerState.STOPPED):
             self._asked = self.worker.submit(self.commissioning.errors)
 
     @property
@@ -193,7 +193,7 @@ class Session:
         return [one for one in self.monitors if one.answers.newest <= since
                 or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
 
-    def has_done(self, phase: Phase) -> bool:
+    def has_done(self, phase: ControllerState) -> bool:
         """Return whether all drives are where a phase wants them."""
         return self.group is not None and self.group.phase is phase and self.group.is_settled
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from enum import Enum
 from typing import Any, NamedTuple
 
 from facade_manipulator.drives.canopen import BusStatistics, describe
 from facade_manipulator.drives.cia402 import (
     Cause,
+    ControllerState,
     decode_state,
     Power,
     State,
@@ -16,34 +16,6 @@ from facade_manipulator.drives.cia402 import (
 )
 from facade_manipulator.drives.controller.cycle import CycleStatistics
 from facade_manipulator.errors import DriveStateError
-
-
-class ControllerState(Enum):
-    """What the controller is doing."""
-
-    UNCONFIGURED = 'unconfigured'
-    CONFIGURING = 'configuring'
-    INACTIVE = 'inactive'
-    HOMING = 'homing'
-    ACTIVATING = 'activating'
-    ACTIVE = 'active'
-    HALTING = 'halting'
-    HALTED = 'halted'
-    DEACTIVATING = 'deactivating'
-    STOPPED = 'stopped'
-    CLEARING = 'clearing faults'
-    TESTING = 'testing itself'
-    BUS_LOST = 'bus lost'
-    CLEANING_UP = 'cleaning up'
-    CLOSED = 'closed'
-    LOST = 'control loop lost'
-
-
-ACTIVE_STATES = frozenset({
-    ControllerState.ACTIVATING, ControllerState.ACTIVE, ControllerState.HALTING,
-    ControllerState.HALTED, ControllerState.DEACTIVATING,
-})
-POWERED_STATES = ACTIVE_STATES | {ControllerState.HOMING}
 
 
 class JointStates(NamedTuple):

@@ -19,11 +19,11 @@ from facade_manipulator.drives.cia402 import (
     AxisCommand,
     AxisSettings,
     Cause,
+    ControllerState,
     Controlword,
-    FOLLOWING_PHASES,
+    FOLLOWING_STATES,
     Group,
     Mode,
-    Phase,
     TARGET_REMEDY,
     TRACKING_REMEDY,
     Triple,
@@ -39,7 +39,7 @@ from facade_manipulator.errors import (
     StrokeLimitError,
 )
 
-_AT_REST = frozenset({Phase.RAMPING, Phase.HALTED})
+_AT_REST = frozenset({ControllerState.RAMPING, ControllerState.HALTED})
 ROUNDING = 1e-9  # m
 LIMITED = '; it says that it limits its motion (bit 11)'
 STEP_MARGIN = 1.1  # of max_speed, by which a target may step in a cycle
@@ -127,7 +127,7 @@ class Targets:
         self._age = 1.0 + settings.drive_lag / settings.period
         self._latched: deque[Triple] = deque(
             maxlen=math.ceil(self._age) + settings.max_missed_cycles + 2)
-        self._phase = Phase.OFF
+        self._phase = ControllerState.INACTIVE
 
     @property
     def at_rest(self) -> bool:
@@ -136,14 +136,14 @@ class Targets:
 
     def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
         """Stop where the carriages are not what was commanded: nobody else sees all three."""
-        if group.phase is not Phase.HOMING and group.phase not in FOLLOWING_PHASES:
+        if group.phase is not ControllerState.HOMING and group.phase not in FOLLOWING_STATES:
             return
         try:
             actual = positions_of(monitors)
         except DriveStateError as error:
             group.stop(Cause(str(error)), now)
             return
-        if group.phase is Phase.HOMING:
+        if group.phase is ControllerState.HOMING:
             self._supervise_homing(group, actual, now)
         else:
             self._supervise_following(group, monitors, actual, now)
@@ -219,14 +219,15 @@ class Targets:
         return group.commands
 
     def choose(
-        self, phase: Phase, command: AxisCommand, actual: tuple[int, ...], latch_time: float
+        self, phase: ControllerState, command: AxisCommand, actual: tuple[int, ...],
+        latch_time: float,
     ) -> None:
         """
         Choose the targets of a cycle; they are the carriages until the drives are enabled.
 
         Parameters
         ----------
-        phase : Phase
+        phase : ControllerState
             What the group is doing.
         command : AxisCommand
             What is commanded along with the targets.
@@ -242,15 +243,15 @@ class Targets:
 
         """
         before, self._phase, held = self._phase, phase, self.positions
-        if phase not in FOLLOWING_PHASES:
+        if phase not in FOLLOWING_STATES:
             self.positions = None
             enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
             if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
                 self.counts = actual
             return
-        if held is None or (before, phase) == (Phase.HALTED, Phase.RUNNING):
+        if held is None or (before, phase) == (ControllerState.HALTED, ControllerState.ACTIVE):
             held = self._initialise(actual)
-        if phase is Phase.HOLDING:
+        if phase is ControllerState.HOLDING:
             return
         if phase in _AT_REST:
             self.mechanism.source.hold()

@@ -24,18 +24,17 @@ from facade_manipulator.drives.cia402 import (
     AxisSettings,
     Cause,
     CONFIGURE_REMEDY,
+    ControllerState,
     Controlword,
-    FOLLOWING_PHASES,
+    FOLLOWING_STATES,
     Group,
     load_profile,
-    Phase,
     State,
 )
 from facade_manipulator.drives.controller import (
     AxisMonitor,
     ControllerSettings,
     ControllerSnapshot,
-    ControllerState,
     CycleClock,
     CyclicExchange,
     require_dead_master_stop,
@@ -141,7 +140,7 @@ class _Displacement:
         clock: CycleClock, now: float,
     ) -> tuple[AxisCommand, ...]:
         """Choose the targets of a cycle; return the commands to send along with them."""
-        if group.phase not in FOLLOWING_PHASES and not self.value:  # not once they have moved
+        if group.phase not in FOLLOWING_STATES and not self.value:  # not once they have moved
             for one, counts in zip(self._carriages, actual, strict=True):
                 one.start = counts
         self.counts = tuple(
@@ -197,19 +196,19 @@ class Motion:
                 self._bus.hand_over(), self._carriages, SETTINGS, self._targets)
             self._exchange.transmits = True
             self._exchange.start(self._group, time.monotonic())
-            self._run_until(Phase.OFF)
+            self._run_until(ControllerState.INACTIVE)
             self._group.enable(time.monotonic())
-            self._run_until(Phase.RUNNING)
+            self._run_until(ControllerState.ACTIVE)
         except BaseException:
             self._stop()
             raise
         return self
 
     def __exit__(self, kind: type | None, *details: object) -> None:
-        if kind is None and self._group.phase is Phase.RUNNING:
+        if kind is None and self._group.phase is ControllerState.ACTIVE:
             with suppress(BusError, CommissioningError):
                 self._group.disable(time.monotonic())
-                self._run_until(Phase.OFF)
+                self._run_until(ControllerState.INACTIVE)
         self._stop()
 
     def _configure(self, carriage: _Carriage) -> None:
@@ -223,7 +222,7 @@ class Motion:
         _, carriage.stops_without_master = write_drive(drive, profile, limited, _OF_DRIVES)
         self._bus.start(node_id)
 
-    def _run_until(self, phase: Phase) -> None:
+    def _run_until(self, phase: ControllerState) -> None:
         if not self._cycle_for(_READY_TIME, phase):
             names = ', '.join(carriage.name for carriage in self._carriages)
             raise CommissioningError(f'{names} did not reach: {phase.value}')
@@ -325,14 +324,14 @@ class Motion:
         try:
             if self._exchange is not None:
                 self._group.cut_power(time.monotonic())
-                self._cycle_for(0.6, Phase.STOPPED)
+                self._cycle_for(0.6, ControllerState.STOPPED)
                 self._exchange.stop()
             for carriage in self._carriages:
                 self._bus.command(NmtCommand.ENTER_PRE_OPERATIONAL, carriage.axis.node_id)
         except BusError:
             return
 
-    def _cycle_for(self, longest: float, phase: Phase) -> bool:
+    def _cycle_for(self, longest: float, phase: ControllerState) -> bool:
         """Go on until a phase is reached, for a time at most [s]; return whether it is."""
         end = time.monotonic() + longest
         while not (is_reached := self._group.phase is phase and self._group.is_settled) and (

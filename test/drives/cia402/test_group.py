@@ -10,9 +10,9 @@ import pytest
 from facade_manipulator.drives.cia402 import plans
 from facade_manipulator.drives.cia402.axis import Feedback
 from facade_manipulator.drives.cia402.cause import Cause
+from facade_manipulator.drives.cia402.controller_state import ControllerState, WITH_POWER
 from facade_manipulator.drives.cia402.group import Group, GroupSettings
 from facade_manipulator.drives.cia402.homing import AxisHoming, HomingSequence
-from facade_manipulator.drives.cia402.plans import Phase, POWERED_PHASES
 from facade_manipulator.drives.cia402.states import Controlword, Mode, State, Status, STATUSWORDS
 from facade_manipulator.errors import DriveStateError
 from facade_manipulator.lab.drives.automaton import decode_command, DeviceCommand, TRANSITIONS
@@ -59,7 +59,7 @@ class Drives:
         key = self.states[number], decode_command(command.controlword)
         self.states[number] = TRANSITIONS.get(key, self.states[number])
 
-    def until(self, *phases: Phase, cycles: int = 1000) -> None:
+    def until(self, *phases: ControllerState, cycles: int = 1000) -> None:
         for _ in range(cycles):
             if self.group.phase in phases:
                 return
@@ -87,7 +87,7 @@ def switched_off(**details) -> Drives:
 
 
 def running() -> Drives:
-    drives = on_the_way_to(Phase.RUNNING)
+    drives = on_the_way_to(ControllerState.ACTIVE)
     drives.cycle()
     return drives
 
@@ -95,11 +95,11 @@ def running() -> Drives:
 def halted() -> Drives:
     drives = running()
     drives.group.halt(drives.now)
-    drives.until(Phase.HALTED)
+    drives.until(ControllerState.HALTED)
     return drives
 
 
-def on_the_way_to(phase: Phase) -> Drives:
+def on_the_way_to(phase: ControllerState) -> Drives:
     drives = switched_off()
     drives.group.enable(drives.now)
     drives.cycle(3)
@@ -112,7 +112,7 @@ def ramping() -> Drives:
     drives.at_rest = False
     drives.group.disable(drives.now)
     drives.cycle()
-    assert drives.group.phase is Phase.RAMPING
+    assert drives.group.phase is ControllerState.RAMPING
     return drives
 
 
@@ -120,14 +120,14 @@ def homing(ranks=(1, 1, 1)) -> Drives:
     drives = switched_off()
     drives.group.home(HomingSequence(tuple(
         AxisHoming(name, 1.0, rank) for name, rank in zip(NAMES, ranks, strict=True))), drives.now)
-    drives.until(Phase.HOMING)
+    drives.until(ControllerState.HOMING)
     drives.cycle()
     return drives
 
 
 SITUATIONS = {
-    'off': switched_off, 'enabling': partial(on_the_way_to, Phase.ENABLING),
-    'holding': partial(on_the_way_to, Phase.HOLDING), 'running': running,
+    'off': switched_off, 'enabling': partial(on_the_way_to, ControllerState.ACTIVATING),
+    'holding': partial(on_the_way_to, ControllerState.HOLDING), 'running': running,
     'ramping': ramping, 'halted': halted, 'homing': homing,
 }
 situations = pytest.mark.parametrize('situation', SITUATIONS)
@@ -139,25 +139,25 @@ def test_no_drive_is_enabled_before_all_are_switched_on():
     drives = switched_off()
     drives.deaf = {1}
     drives.group.enable(drives.now)
-    drives.until(Phase.STOPPED)
+    drives.until(ControllerState.STOPPED)
     assert not any(is_enabling(command) for cycle in drives.history for command in cycle)
     assert 'q2' in drives.group.cause.message
 
 
 def test_the_drives_hold_before_they_follow():
-    drives = on_the_way_to(Phase.HOLDING)
+    drives = on_the_way_to(ControllerState.HOLDING)
     before = len(drives.history)
-    drives.until(Phase.RUNNING)
+    drives.until(ControllerState.ACTIVE)
     assert len(drives.history) - before >= 20
 
 
 def test_powering_off_waits_until_the_carriages_stand_still():
     drives = ramping()
     drives.cycle(50)
-    assert drives.group.phase is Phase.RAMPING
+    assert drives.group.phase is ControllerState.RAMPING
     assert all(map(is_enabling, drives.commands))
     drives.at_rest = True
-    drives.until(Phase.OFF)
+    drives.until(ControllerState.INACTIVE)
     drives.cycle(3)
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
     assert drives.group.is_settled
@@ -165,7 +165,7 @@ def test_powering_off_waits_until_the_carriages_stand_still():
 
 def test_carriages_that_do_not_come_to_rest_are_stopped():
     drives = ramping()
-    drives.until(Phase.STOPPING)
+    drives.until(ControllerState.STOPPING)
     assert 'still moving' in drives.group.cause.message
 
 
@@ -174,7 +174,7 @@ def test_after_a_halt_the_drives_follow_again_without_powering_off():
     drives.cycle(2)
     drives.group.enable(drives.now)
     drives.cycle()
-    assert drives.group.phase is Phase.RUNNING
+    assert drives.group.phase is ControllerState.ACTIVE
     assert drives.states == [State.OPERATION_ENABLED] * 3
 
 
@@ -209,11 +209,11 @@ def test_homing_powers_on_in_mode_6_and_off_again():
     assert [command.mode for command in drives.commands] == [Mode.HOMING] * 3
     assert all(command.controlword & Controlword.HOMING_START for command in drives.commands)
     drives.bits = [Status.HOMING_ATTAINED | Status.TARGET_REACHED] * 3
-    drives.until(Phase.DISABLING)
+    drives.until(ControllerState.DEACTIVATING)
     assert not any(
         command.controlword & Controlword.HOMING_START for command in drives.group.commands)
     drives.bits = [0] * 3
-    drives.until(Phase.OFF)
+    drives.until(ControllerState.INACTIVE)
     drives.cycle(2)
     assert drives.group.cause is None
     assert drives.modes == [CSP] * 3
@@ -229,7 +229,7 @@ def test_homing_in_order_moves_one_rank_at_a_time():
 def test_a_homing_error_of_one_axis_stops_all():
     drives = homing()
     drives.bits[1] = Status.HOMING_ERROR
-    drives.until(Phase.STOPPING)
+    drives.until(ControllerState.STOPPING)
     assert 'q2: homing failed' in drives.group.cause.message
     assert not any(map(is_enabling, drives.commands))
 
@@ -243,7 +243,7 @@ def test_a_halt_is_always_accepted_and_nothing_moves_after_it(situation):
     drives.group.halt(drives.now)
     drives.cycle(50)
     is_held = situation in ('running', 'ramping', 'halted')
-    assert drives.group.phase is (Phase.HALTED if is_held else Phase.OFF)
+    assert drives.group.phase is (ControllerState.HALTED if is_held else ControllerState.INACTIVE)
     assert drives.group.is_settled and drives.group.cause is None
     assert drives.states == [
         State.OPERATION_ENABLED if is_held else State.SWITCH_ON_DISABLED] * 3
@@ -258,11 +258,11 @@ def test_a_halt_in_any_cycle_of_an_activation_powers_off_or_finds_it_done(cycles
     drives.underway.extend([drives.commands] * later)
     drives.group.enable(drives.now)
     drives.cycle(cycles)
-    was_done = drives.group.phase is Phase.RUNNING and drives.group.is_settled
+    was_done = drives.group.phase is ControllerState.ACTIVE and drives.group.is_settled
     drives.group.halt(drives.now)
     drives.cycle(20)
     assert drives.group.cause is None
-    assert drives.group.phase is (Phase.HALTED if was_done else Phase.OFF)
+    assert drives.group.phase is (ControllerState.HALTED if was_done else ControllerState.INACTIVE)
 
 
 @pytest.mark.parametrize('stop', [
@@ -270,7 +270,7 @@ def test_a_halt_in_any_cycle_of_an_activation_powers_off_or_finds_it_done(cycles
 def test_a_halt_changes_nothing_of_a_stop_or_a_reset(stop):
     drives = running()
     drives.group.stop(Cause('first'), drives.now)
-    drives.until(Phase.STOPPED)
+    drives.until(ControllerState.STOPPED)
     stop(drives.group, drives.now)
     before = drives.group.phase
     drives.group.halt(drives.now)
@@ -286,11 +286,11 @@ def test_a_fault_of_one_drive_stops_all_three_in_the_same_step(situation, axis, 
     drives = SITUATIONS[situation]()
     drives.states[axis] = state
     drives.cycle()
-    assert drives.group.phase in (Phase.STOPPING, Phase.STOPPED)
+    assert drives.group.phase in (ControllerState.STOPPING, ControllerState.STOPPED)
     assert not any(map(is_enabling, drives.commands))
     assert drives.group.cause.axis == NAMES[axis]
     drives.cycle(300)
-    assert drives.group.phase is Phase.STOPPED
+    assert drives.group.phase is ControllerState.STOPPED
     assert State.OPERATION_ENABLED not in drives.states
 
 
@@ -301,7 +301,7 @@ def test_a_drive_that_leaves_operation_by_itself_stops_all(situation, state):
     drives = SITUATIONS[situation]()
     drives.states[2] = state
     drives.cycle()
-    assert drives.group.phase in (Phase.STOPPING, Phase.STOPPED)
+    assert drives.group.phase in (ControllerState.STOPPING, ControllerState.STOPPED)
     assert 'q3' in drives.group.cause.message
 
 
@@ -316,7 +316,7 @@ def test_a_drive_that_changes_its_mode_stops_all():
     drives = running()
     drives.deaf = {0}
     drives.modes[0] = Mode.HOMING
-    drives.until(Phase.STOPPING, Phase.STOPPED)
+    drives.until(ControllerState.STOPPING, ControllerState.STOPPED)
     assert 'in mode 6 instead of 8' in drives.group.cause.message
 
 
@@ -325,7 +325,7 @@ def test_a_stop_from_outside_lasts_until_the_reset(situation):
     drives = SITUATIONS[situation]()
     drives.group.stop(Cause('the operator said so'), drives.now)
     drives.cycle(400)
-    assert drives.group.phase is Phase.STOPPED
+    assert drives.group.phase is ControllerState.STOPPED
     assert str(drives.group.cause).startswith('the operator said so; next: ')
     assert not any(map(is_enabling, drives.commands))
     with pytest.raises(DriveStateError, match='the operator said so'):
@@ -348,7 +348,7 @@ def test_a_cause_that_asks_for_it_cuts_the_power_once_the_carriages_stand():
     drives.at_rest = True
     drives.cycle(5)
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
-    assert drives.group.phase is Phase.STOPPED
+    assert drives.group.phase is ControllerState.STOPPED
 
 
 @pytest.mark.parametrize('is_stopping', [True, False])
@@ -362,7 +362,7 @@ def test_the_power_is_never_cut_before_the_carriages_stand(is_stopping):
     drives.cycle(5)
     assert drives.states == [State.QUICK_STOP_ACTIVE] * 3
     drives.at_rest = True
-    drives.until(Phase.STOPPED)
+    drives.until(ControllerState.STOPPED)
     drives.cycle(5)
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
     assert drives.group.is_settled
@@ -431,7 +431,7 @@ def test_the_next_step_is_that_of_the_cause_that_clearing_does_not_mend():
     assert drives.group.severest_cause is drives.group.cause
     drives.group.stop(RESTART, drives.now)
     assert drives.group.severest_cause is RESTART
-    drives.until(Phase.STOPPED)
+    drives.until(ControllerState.STOPPED)
     with pytest.raises(DriveStateError, match='not enough: q2 has restarted'):
         drives.group.reset(drives.now)
 
@@ -444,12 +444,12 @@ def test_a_reset_leads_every_stopped_drive_to_switched_off_and_no_further(states
     drives = running()
     drives.states = list(states)
     drives.group.stop(Cause('enough'), drives.now)
-    drives.until(Phase.STOPPED)
+    drives.until(ControllerState.STOPPED)
     drives.history.clear()
     drives.group.reset(drives.now)
-    drives.until(Phase.OFF)
+    drives.until(ControllerState.INACTIVE)
     drives.cycle(100)
-    assert drives.group.phase is Phase.OFF
+    assert drives.group.phase is ControllerState.INACTIVE
     assert drives.group.cause is None
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
     words = [cycle[0].controlword for cycle in drives.history]
@@ -462,10 +462,10 @@ def test_a_fault_that_persists_leaves_the_group_stopped():
     drives.states[1] = State.FAULT
     drives.deaf = {1}
     drives.cycle(3)
-    drives.until(Phase.STOPPED)
+    drives.until(ControllerState.STOPPED)
     drives.group.reset(drives.now)
     drives.cycle(300)
-    assert drives.group.phase is Phase.STOPPED
+    assert drives.group.phase is ControllerState.STOPPED
     assert 'q2 did not leave the fault' in drives.group.further_causes[-1].message
 
 
@@ -473,16 +473,16 @@ def test_a_fourth_reset_within_a_minute_is_rejected_and_possible_after_it():
     drives = switched_off()
     for _ in range(3):
         drives.group.stop(Cause('again'), drives.now)
-        drives.until(Phase.STOPPED)
+        drives.until(ControllerState.STOPPED)
         drives.group.reset(drives.now)
-        drives.until(Phase.OFF)
+        drives.until(ControllerState.INACTIVE)
     drives.group.stop(Cause('again'), drives.now)
-    drives.until(Phase.STOPPED)
+    drives.until(ControllerState.STOPPED)
     with pytest.raises(DriveStateError, match=r'3 fault resets within 60 s.*again.*in \d+ s'):
         drives.group.reset(drives.now)
     drives.now += 60.0
     drives.group.reset(drives.now)
-    drives.until(Phase.OFF)
+    drives.until(ControllerState.INACTIVE)
 
 
 # --- whatever the drives do
@@ -522,7 +522,7 @@ def test_no_sequence_of_statuswords_enables_what_was_not_asked_for(cycles):
         if request is not None:
             allowed = ask(group, request, now) or allowed
         commands = group.step(feedback, now)
-        allowed = allowed and group.phase in POWERED_PHASES
+        allowed = allowed and group.phase in WITH_POWER
         assert len({command.controlword & 0xEF for command in commands}) == 1
         assert allowed or not any(map(is_enabling, commands))
 
@@ -552,6 +552,6 @@ def test_a_drive_in_any_state_at_any_rung_of_powering_on_never_leaves_another_en
     drives.deaf = {axis}
     drives.cycle(400)
     others = [drives.states[number] for number in range(3) if number != axis]
-    if state is State.OPERATION_ENABLED and drives.group.phase is Phase.RUNNING:
+    if state is State.OPERATION_ENABLED and drives.group.phase is ControllerState.ACTIVE:
         return
     assert State.OPERATION_ENABLED not in others

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 import pytest
 from support import wait_until
 
+from facade_manipulator.drives.cia402 import ACTIVE_STATES, ControllerState
 from facade_manipulator.drives.cia402.states import State
-from facade_manipulator.drives.controller.snapshot import ACTIVE_STATES, ControllerState
 
 REQUESTS = ('configure', 'home', 'activate', 'deactivate', 'halt', 'clear_faults', 'cleanup')
 MEANING = {'activate': True, 'deactivate': False, 'cleanup': False, 'stop': False}

@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from facade_manipulator.drives.cia402.controller_state import ControllerState, FOLLOWING_STATES
 from facade_manipulator.drives.cia402.group import AxisCommand, Group
-from facade_manipulator.drives.cia402.plans import FOLLOWING_PHASES, Phase
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Mode
 from facade_manipulator.drives.cia402.units import Measured
@@ -40,13 +40,13 @@ def targets(source=None, check=lambda positions: None) -> Targets:
 
 def following(source=None, **details) -> Targets:
     one = targets(source, **details)
-    one.choose(Phase.ENABLING, AxisCommand(0x07, CSP), HERE, 0.0)
-    one.choose(Phase.HOLDING, ON, HERE, 0.0)
-    one.choose(Phase.RUNNING, ON, HERE, 0.0)
+    one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)
+    one.choose(ControllerState.HOLDING, ON, HERE, 0.0)
+    one.choose(ControllerState.ACTIVE, ON, HERE, 0.0)
     return one
 
 
-def supervised(phase: Phase, position: float | None) -> Group:
+def supervised(phase: ControllerState, position: float | None) -> Group:
     """Return a group in a phase, supervised once although nothing was commanded yet."""
     group = Group(('q1', 'q2', 'q3'))
     group.phase = phase
@@ -65,22 +65,22 @@ def elsewhere(counts: int) -> tuple[int, ...]:
 def test_without_power_the_targets_are_where_the_carriages_are():
     one = targets()
     for counts in (0, 500, -900):
-        one.choose(Phase.OFF, OFF, elsewhere(counts), 0.0)
+        one.choose(ControllerState.INACTIVE, OFF, elsewhere(counts), 0.0)
         assert one.counts == elsewhere(counts)
         assert one.positions is None
 
 
 def test_the_targets_stay_where_the_power_found_the_carriages():
     one = targets()
-    one.choose(Phase.ENABLING, AxisCommand(0x07, CSP), HERE, 0.0)
-    one.choose(Phase.ENABLING, ON, elsewhere(30), 0.0)
-    one.choose(Phase.HOLDING, ON, elsewhere(30), 0.0)
+    one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)
+    one.choose(ControllerState.ACTIVATING, ON, elsewhere(30), 0.0)
+    one.choose(ControllerState.HOLDING, ON, elsewhere(30), 0.0)
     assert one.counts == HERE
 
 
 def test_while_homing_the_targets_follow_the_carriages_though_they_have_power():
     one = targets()
-    one.choose(Phase.HOMING, HOMING, elsewhere(777), 0.0)
+    one.choose(ControllerState.HOMING, HOMING, elsewhere(777), 0.0)
     assert one.counts == elsewhere(777)
 
 
@@ -92,12 +92,12 @@ def test_the_source_begins_where_the_drives_hold():
 
 def test_a_carriage_that_is_elsewhere_when_power_has_come_is_a_doubt():
     one = targets()
-    one.choose(Phase.ENABLING, AxisCommand(0x07, CSP), HERE, 0.0)
+    one.choose(ControllerState.ACTIVATING, AxisCommand(0x07, CSP), HERE, 0.0)
     with pytest.raises(SetpointLimitError, match='distance of q1 from its target'):
-        one.choose(Phase.HOLDING, ON, elsewhere(round(1.1 * MAX_SLIP * 430_000)), 0.0)
+        one.choose(ControllerState.HOLDING, ON, elsewhere(round(1.1 * MAX_SLIP * 430_000)), 0.0)
 
 
-@pytest.mark.parametrize('phase', [Phase.RAMPING, Phase.HALTED])
+@pytest.mark.parametrize('phase', [ControllerState.RAMPING, ControllerState.HALTED])
 def test_the_source_is_told_to_hold_as_long_as_the_carriages_shall_rest(phase):
     source = Source()
     one = following(source)
@@ -109,9 +109,9 @@ def test_the_source_is_told_to_hold_as_long_as_the_carriages_shall_rest(phase):
 def test_after_a_halt_the_source_begins_anew():
     source = Source()
     one = following(source)
-    one.choose(Phase.HALTED, ON, HERE, 0.0)
+    one.choose(ControllerState.HALTED, ON, HERE, 0.0)
     source.positions = None
-    one.choose(Phase.RUNNING, ON, HERE, 0.0)
+    one.choose(ControllerState.ACTIVE, ON, HERE, 0.0)
     assert source.start == pytest.approx((-0.1, 0.1, 0.0))
 
 
@@ -125,15 +125,15 @@ AT_END = tuple(axis.to_counts(0.499) for axis in DEFAULT_AXES)
 def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(here, wanted, error):
     source = Source()
     one = targets(source)
-    one.choose(Phase.OFF, OFF, here, 0.0)
-    one.choose(Phase.HOLDING, ON, here, 0.0)
+    one.choose(ControllerState.INACTIVE, OFF, here, 0.0)
+    one.choose(ControllerState.HOLDING, ON, here, 0.0)
     source.distort = lambda positions: wanted
     with pytest.raises(error):
-        one.choose(Phase.RUNNING, ON, here, 0.0)
+        one.choose(ControllerState.ACTIVE, ON, here, 0.0)
     assert one.counts == here
 
 
-phases = st.sampled_from(sorted(Phase, key=str))
+phases = st.sampled_from(sorted(ControllerState, key=str))
 numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 
 
@@ -141,16 +141,16 @@ numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 def test_whatever_the_source_says_no_step_to_the_drives_is_too_large(cycles):
     source = Source()
     one = targets(source)
-    one.choose(Phase.OFF, OFF, HERE, 0.0)
+    one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
     for phase, wanted in cycles:
         source.distort = lambda positions, wanted=wanted: wanted
         before = one.counts
-        command = ON if phase in FOLLOWING_PHASES else OFF
+        command = ON if phase in FOLLOWING_STATES else OFF
         try:
             one.choose(phase, command, HERE, 0.0)
         except ManipulatorError:
             assert one.counts == before
-            one.choose(Phase.STOPPING, AxisCommand(0x02, CSP), HERE, 0.0)
+            one.choose(ControllerState.STOPPING, AxisCommand(0x02, CSP), HERE, 0.0)
             continue
         if command is ON:
             largest = LARGEST_STEP * DEFAULT_AXES[0].counts_per_metre + 1
@@ -164,9 +164,9 @@ def test_carriages_beyond_the_stroke_and_its_margin_are_named():
 
 
 def test_holding_whose_first_command_came_too_late_to_be_sent_stops_nothing():
-    assert supervised(Phase.HOLDING, 0.1).cause is None
+    assert supervised(ControllerState.HOLDING, 0.1).cause is None
 
 
-@pytest.mark.parametrize('phase', [Phase.HOMING, *sorted(FOLLOWING_PHASES, key=str)])
+@pytest.mark.parametrize('phase', [ControllerState.HOMING, *sorted(FOLLOWING_STATES, key=str)])
 def test_a_carriage_whose_position_is_unknown_stops_all(phase):
     assert 'has sent its position' in supervised(phase, None).cause.message
