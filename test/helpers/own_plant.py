@@ -141,9 +141,9 @@ class Plant:
             monitor.begin_supervision(0.0)
             monitor.encoder.end_homing(True)
         self.left = math.inf
-        while self.group.phase is not ControllerState.ACTIVE:
+        while self.group.state is not ControllerState.ACTIVE:
             self.turn()
-            if self.group.phase is ControllerState.INACTIVE and self.group.is_settled:
+            if self.group.state is ControllerState.INACTIVE and self.group.is_settled:
                 self.group.enable(self.now)
             assert self.cycle < 100, self.group.causes
 

@@ -25,7 +25,7 @@ def moving(speed, lag=LAG, known=LAG):
 
     for _ in range(40):
         turn()
-    assert plant.group.phase is ControllerState.ACTIVE, plant.group.causes
+    assert plant.group.state is ControllerState.ACTIVE, plant.group.causes
     return plant, turn
 
 
@@ -34,7 +34,7 @@ def stop(plant, turn, how):
     plant.drives[VICTIM].fail(how)
     for _ in range(300):
         turn()
-        if plant.group.phase is not ControllerState.ACTIVE:
+        if plant.group.state is not ControllerState.ACTIVE:
             return abs(plant.follower.motion.position[VICTIM] - plant.drives[VICTIM].position)
     return math.inf
 

@@ -28,9 +28,9 @@ def swing(chance, start):
     def at(time):
         position, velocity = list(start), [0.0] * 3
         for number, one in enumerate(own):
-            for scale, (size, rate, phase) in ((apart, one), (2.0, common)):
-                angle = rate * time + phase
-                position[number] += scale * size * (math.sin(angle) - math.sin(phase))
+            for scale, (size, rate, state) in ((apart, one), (2.0, common)):
+                angle = rate * time + state
+                position[number] += scale * size * (math.sin(angle) - math.sin(state))
                 velocity[number] += scale * size * rate * math.cos(angle)
         return position, velocity
     return at
@@ -66,12 +66,12 @@ def least_left(seed):
     victim, fails_at, begin = chance.randrange(3), chance.randrange(5, 90), plant.now
     for cycle in range(fails_at + WATCHED):
         if cycle == fails_at:
-            assert plant.group.phase is ControllerState.ACTIVE, plant.group.causes
+            assert plant.group.state is ControllerState.ACTIVE, plant.group.causes
             plant.left = math.inf
             plant.drives[victim].fail(failure)
         plant.stream(*at(plant.now - begin + AHEAD))
         plant.turn()
-        if plant.group.phase is ControllerState.STOPPED:
+        if plant.group.state is ControllerState.STOPPED:
             break
     return plant.left, lag, failure, seed
 

@@ -52,7 +52,7 @@ class Group:
     """
     State machine of the three axes.
 
-    `phase` is what it is doing, `commands` what to command now (`step` may add bits to it),
+    `state` is what it is doing, `commands` what to command now (`step` may add bits to it),
     `cause` why it stopped, `is_settled` whether all drives have done the present step, `homing`
     the last homing, `not_responding` which axes did not respond to a quick stop.
 
@@ -88,12 +88,12 @@ class Group:
     @property
     def is_powered(self) -> bool:
         """Return whether the drives are meant to have power."""
-        return self.phase in WITH_POWER
+        return self.state in WITH_POWER
 
     @property
     def is_stopped(self) -> bool:
         """Return whether something has stopped the drives and was not cleared yet."""
-        return self.cause is not None and self.phase in STOPPED_STATES
+        return self.cause is not None and self.state in STOPPED_STATES
 
     def enable(self, now: float) -> None:
         """
@@ -108,7 +108,7 @@ class Group:
         self._require('activate', ControllerState.INACTIVE, ControllerState.HALTED)
         self._require_settled('activate')
         self.homing = HomingSequence(())
-        self._begin(plans.FOLLOW if self.phase is ControllerState.HALTED else self._enable, now)
+        self._begin(plans.FOLLOW if self.state is ControllerState.HALTED else self._enable, now)
 
     def home(self, sequence: HomingSequence, now: float) -> None:
         """
@@ -146,8 +146,8 @@ class Group:
         that it was cancelled, so that no power may stay on. Returns False where this changes
         nothing: without power, and while the power goes off or all is stopping already.
         """
-        plan = plans.HALTS.get(self.phase)
-        if self.phase is ControllerState.ACTIVE and not self.is_settled:
+        plan = plans.HALTS.get(self.state)
+        if self.state is ControllerState.ACTIVE and not self.is_settled:
             plan = plans.DISABLE
         if plan is not None:
             self._begin(plan, now)
@@ -217,12 +217,12 @@ class Group:
             self.further_causes.append(cause)
         if cause.cut_power and self._plan[-1] != plans.CUT_POWER[-1]:
             self._begin(plans.STOP_AND_CUT_POWER, now)
-        elif self.phase not in STOPPED_STATES:
+        elif self.state not in STOPPED_STATES:
             self._begin(plans.STOP, now)
 
     def cut_power(self, now: float) -> None:
         """Take the power off for good, but of nothing that moves; ends in stopped."""
-        is_off = self.phase is ControllerState.INACTIVE
+        is_off = self.state is ControllerState.INACTIVE
         self._begin(plans.CUT_POWER if is_off else plans.STOP_AND_CUT_POWER, now)
 
     def restart_step(self, now: float) -> None:
@@ -242,7 +242,7 @@ class Group:
         if self.is_settled and len(self._plan) == 1 and shown == self._last_shown:
             return self.commands
         self._last_shown = shown
-        phase, bits, failures, done = self.phase, [], [], True
+        state, bits, failures, done = self.state, [], [], True
         for number, one in enumerate(feedback):
             try:
                 self._require_following(number, one)
@@ -254,20 +254,20 @@ class Group:
         for number, failure in failures:
             self._fail(number, failure, now)
         may_proceed = len(self._plan) > 1 and (
-            phase is not ControllerState.HOMING or self.homing.done)
+            state is not ControllerState.HOMING or self.homing.done)
         if self.is_settled and may_proceed:
             self._proceed(now)
         return self._commands(bits)
 
     def _proceed(self, now: float) -> None:
         self._begin(self._plan[1:], now)
-        if self.phase is ControllerState.INACTIVE:
+        if self.state is ControllerState.INACTIVE:
             self.cause = None
             self.further_causes.clear()
             self.not_responding.clear()
 
     def _commands(self, bits: list[int]) -> tuple[AxisCommand, ...]:
-        if self.phase is not ControllerState.HOMING:
+        if self.state is not ControllerState.HOMING:
             return self.commands
         return tuple(
             command._replace(controlword=command.controlword | extra)
@@ -276,15 +276,15 @@ class Group:
     def _homing_bits(self, number: int, feedback: Feedback, now: float) -> int:
         if not self.homing.axes:
             return 0
-        if self.phase is not ControllerState.HOMING:
+        if self.state is not ControllerState.HOMING:
             self.homing.axes[number].watch(feedback)
             return 0
         return self.homing.advance(number, feedback, now)
 
     def _require_following(self, number: int, feedback: Feedback) -> None:
-        if self.phase not in FOLLOWING_STATES:
+        if self.state not in FOLLOWING_STATES:
             return
-        fault = '' if self.phase is ControllerState.HOLDING else feedback.disobedience
+        fault = '' if self.state is ControllerState.HOLDING else feedback.disobedience
         if feedback.statusword & Status.FOLLOWING_ERROR:
             fault = 'is farther behind its target than the following-error window, bit 13 is 1'
         if fault:
@@ -293,36 +293,36 @@ class Group:
 
     def _fail(self, number: int, error: DriveError, now: float) -> None:
         name = self._steppers[number].name
-        if self.phase not in STOPPED_STATES:
+        if self.state not in STOPPED_STATES:
             self.stop(Cause(str(error), axis=name, is_vague=True), now)
         elif name not in self.not_responding and (
-                self.phase is ControllerState.STOPPED or now > self._deadline):
+                self.state is ControllerState.STOPPED or now > self._deadline):
             self.not_responding.add(name)
             self.stop(Cause(str(error), NOT_RESPONDING_REMEDY, name, configure_again=True), now)
             self._begin(plans.CUT_POWER, now)
 
-    def _require(self, request: str, *phases: ControllerState) -> None:
-        if self.phase in phases:
+    def _require(self, request: str, *states: ControllerState) -> None:
+        if self.state in states:
             return
         if self.cause is not None:
             raise DriveStateError(
-                f'{request} is not possible, the drives are {self.phase.value}: '
+                f'{request} is not possible, the drives are {self.state.value}: '
                 f'{self.cause.message}')
         raise DriveStateError(
-            f'{request} is not possible while the drives are {self.phase.value}')
+            f'{request} is not possible while the drives are {self.state.value}')
 
     def _require_settled(self, request: str) -> None:
         if not self.is_settled:
             raise DriveStateError(
                 f'{request} is not possible yet, not every drive has confirmed that it is '
-                f'{self.phase.value}: try again')
+                f'{self.state.value}: try again')
 
     def _begin(self, plan: Plan, now: float) -> None:
         self._plan = plan
         self.is_settled = False
-        self.phase, step = plan[0]
+        self.state, step = plan[0]
         self._mode = self._mode if step.mode is None else step.mode
         self.commands = (AxisCommand(step.controlword, self._mode),) * len(self._steppers)
-        self._deadline = now + self._timeouts.get(self.phase, self._step_timeout)
+        self._deadline = now + self._timeouts.get(self.state, self._step_timeout)
         for stepper in self._steppers:
             stepper.begin(step, self._deadline)

@@ -15,7 +15,7 @@ Plan = tuple[tuple[Doing, Step], ...]
 
 
 def _plan(*parts: tuple[Doing, tuple[Step, ...]]) -> Plan:
-    return tuple((phase, step) for phase, steps_ in parts for step in steps_)
+    return tuple((state, step) for state, steps_ in parts for step in steps_)
 
 
 _CSP = Mode.CYCLIC_SYNCHRONOUS_POSITION
@@ -33,7 +33,7 @@ STOP = _plan((Doing.STOPPING, (steps.QUICK_STOP,)), (Doing.STOPPED, (steps.STAY_
 CUT_POWER = _plan((Doing.STOPPED, (steps.CUT_POWER,)))
 STOP_AND_CUT_POWER = _plan((Doing.STOPPING, (steps.QUICK_STOP, steps.CUT_POWER))) + CUT_POWER
 RESET = _plan((Doing.CLEARING, steps.RESET_FAULT)) + OFF
-# what a halt begins in each phase; in the others nothing is commanded to move
+# what a halt begins in each state; in the others nothing is commanded to move
 HALTS = {
     Doing.ACTIVATING: GIVE_UP_ENABLING,
     Doing.HOLDING: DISABLE,

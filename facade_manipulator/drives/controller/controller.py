@@ -310,7 +310,7 @@ class DriveController:
             return ControllerState.BUS_LOST
         if session.group is None:
             return ControllerState.UNCONFIGURED
-        return _SHOWN.get(session.group.phase, session.group.phase)
+        return _SHOWN.get(session.group.state, session.group.state)
 
     def _next_step(self, state: ControllerState) -> str:
         """Return what the operator does so that the drives follow setpoints, '' if they do."""

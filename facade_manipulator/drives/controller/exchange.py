@@ -198,7 +198,7 @@ class CyclicExchange:
         """Stop, and say so on the bus at once rather than at the end of the cycle."""
         if self.group is None:
             return
-        before = self.group.phase
+        before = self.group.state
         self.group.stop(cause, time.monotonic())
         if before not in STOPPED_STATES:
             self._send_commands(self.group.commands)
@@ -305,14 +305,14 @@ class CyclicExchange:
         monitors, targets = self._monitors, self._targets
         feedback = tuple([one.end_cycle(self.clock.sync_time) for one in monitors])
         targets.supervise(group, monitors, now)
-        if group.phase not in STOPPED_STATES:
+        if group.state not in STOPPED_STATES:
             for cause in (*self._silences(), *self.clock.causes(
                     self._settings.max_missed_cycles, group.is_powered)):
                 group.stop(cause, now)
-        if group.phase is ControllerState.RAMPING and not targets.at_rest:
+        if group.state is ControllerState.RAMPING and not targets.at_rest:
             feedback = tuple(one._replace(at_rest=False) for one in feedback)
         commands = group.step(feedback, now)
-        if in_time or group.phase not in FOLLOWING_STATES:
+        if in_time or group.state not in FOLLOWING_STATES:
             actual = tuple([one.encoder.counts or 0 for one in monitors])
             self._send_commands(targets.command(group, commands, actual, self.clock, now))
         if group.not_responding != self._taken_out:

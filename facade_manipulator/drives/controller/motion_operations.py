@@ -22,7 +22,7 @@ class Activate(Operation):
         """Check that the carriages may be powered where they are; power them."""
         group = self.group
         self.require_allowed()
-        if group.phase is ControllerState.INACTIVE:
+        if group.state is ControllerState.INACTIVE:
             self._require_ready()
         group.enable(now)
         yield from self.until(ControllerState.ACTIVE)
@@ -64,7 +64,7 @@ class Halt(Operation):
 
     def run(self, now: float) -> Steps:
         """Ramp down; where nothing is commanded to move, nothing is cancelled."""
-        given_up = 'Homing' if self.group.phase is ControllerState.HOMING else 'The activation'
+        given_up = 'Homing' if self.group.state is ControllerState.HOMING else 'The activation'
         self.interrupts = self.group.halt(now)
         if not self.interrupts:
             return 'Nothing moves on.'

@@ -125,9 +125,9 @@ class Operation:
             raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}; '
                                   'wait until whoever set it takes it back')
 
-    def until(self, *phases: ControllerState) -> Steps:
+    def until(self, *states: ControllerState) -> Steps:
         """
-        Wait until all drives are where one of some phases wants them.
+        Wait until all drives are where one of some states wants them.
 
         Raises
         ------
@@ -135,7 +135,7 @@ class Operation:
             Why they were stopped meanwhile.
 
         """
-        while not any(map(self.session.has_done, phases)):
+        while not any(map(self.session.has_done, states)):
             yield
             if self.session.is_stopped:
                 raise DriveFaultError(self.group.reason)

@@ -105,7 +105,7 @@ class ClearFaults(Operation):
         """Let the worker prove that the drives are still as they were configured, then reset."""
         session, group = self.session, self.group
         cause = group.cause
-        if group.phase is ControllerState.HALTED:
+        if group.state is ControllerState.HALTED:
             group.enable(now)
             return 'The halt is ended; the drives follow setpoints.'
         if cause is None:
@@ -113,7 +113,7 @@ class ClearFaults(Operation):
         _, commissioning = self.open_bus
         group.require_resettable(now)
         job = session.worker.submit(commissioning.check_again)
-        while not (job.done() and group.phase is ControllerState.STOPPED):
+        while not (job.done() and group.state is ControllerState.STOPPED):
             now = yield
         try:
             result_of(job)
@@ -198,7 +198,7 @@ class Close(Operation):
             except DriveStateError:
                 group.stop(Cause('the drive controller is being closed'), now)
         while session.lost is None and now <= end and (
-                group.phase not in (ControllerState.INACTIVE, ControllerState.STOPPED)):
+                group.state not in (ControllerState.INACTIVE, ControllerState.STOPPED)):
             now = yield
         try:
             return (yield from _cut_power_and_close(session, group, now))

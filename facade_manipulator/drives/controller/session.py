@@ -177,7 +177,7 @@ class Session:
         if self.group is None or not self.group.is_stopped:
             self._asked = None
         elif (self._asked is None and self.commissioning is not None
-              and self.group.phase is ControllerState.STOPPED):
+              and self.group.state is ControllerState.STOPPED):
             self._asked = self.worker.submit(self.commissioning.errors)
 
     @property
@@ -193,9 +193,9 @@ class Session:
         return [one for one in self.monitors if one.answers.newest <= since
                 or one.snapshot(None, since).power is not Power.CONFIRMED_OFF]
 
-    def has_done(self, phase: ControllerState) -> bool:
-        """Return whether all drives are where a phase wants them."""
-        return self.group is not None and self.group.phase is phase and self.group.is_settled
+    def has_done(self, state: ControllerState) -> bool:
+        """Return whether all drives are where a state wants them."""
+        return self.group is not None and self.group.state is state and self.group.is_settled
 
     # --- the bus: opened, lost, back, closed
 

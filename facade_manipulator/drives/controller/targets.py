@@ -127,7 +127,7 @@ class Targets:
         self._age = 1.0 + settings.drive_lag / settings.period
         self._latched: deque[Triple] = deque(
             maxlen=math.ceil(self._age) + settings.max_missed_cycles + 2)
-        self._phase = ControllerState.INACTIVE
+        self._state = ControllerState.INACTIVE
 
     @property
     def at_rest(self) -> bool:
@@ -136,14 +136,14 @@ class Targets:
 
     def supervise(self, group: Group, monitors: tuple[AxisMonitor, ...], now: float) -> None:
         """Stop where the carriages are not what was commanded: nobody else sees all three."""
-        if group.phase is not ControllerState.HOMING and group.phase not in FOLLOWING_STATES:
+        if group.state is not ControllerState.HOMING and group.state not in FOLLOWING_STATES:
             return
         try:
             actual = positions_of(monitors)
         except DriveStateError as error:
             group.stop(Cause(str(error)), now)
             return
-        if group.phase is ControllerState.HOMING:
+        if group.state is ControllerState.HOMING:
             self._supervise_homing(group, actual, now)
         else:
             self._supervise_following(group, monitors, actual, now)
@@ -206,7 +206,7 @@ class Targets:
         try:
             if clock.held:
                 self.mechanism.source.wait(clock.held)
-            self.choose(group.phase, commands[0], actual, latch_time)
+            self.choose(group.state, commands[0], actual, latch_time)
         except ManipulatorError as error:
             group.stop(Cause(f'a target was rejected: {error}', TARGET_REMEDY), now)
         except Exception as error:  # a source of targets may be anybody's code
@@ -215,11 +215,11 @@ class Targets:
                 TARGET_REMEDY), now)
         else:
             return commands
-        self.choose(group.phase, group.commands[0], actual, latch_time)
+        self.choose(group.state, group.commands[0], actual, latch_time)
         return group.commands
 
     def choose(
-        self, phase: ControllerState, command: AxisCommand, actual: tuple[int, ...],
+        self, state: ControllerState, command: AxisCommand, actual: tuple[int, ...],
         latch_time: float,
     ) -> None:
         """
@@ -227,7 +227,7 @@ class Targets:
 
         Parameters
         ----------
-        phase : ControllerState
+        state : ControllerState
             What the group is doing.
         command : AxisCommand
             What is commanded along with the targets.
@@ -242,18 +242,18 @@ class Targets:
             The source has failed, or a target must not go to the drives.
 
         """
-        before, self._phase, held = self._phase, phase, self.positions
-        if phase not in FOLLOWING_STATES:
+        before, self._state, held = self._state, state, self.positions
+        if state not in FOLLOWING_STATES:
             self.positions = None
             enabled = command.controlword & 0x0F == Controlword.ENABLE_OPERATION
             if not (enabled and command.mode == Mode.CYCLIC_SYNCHRONOUS_POSITION):
                 self.counts = actual
             return
-        if held is None or (before, phase) == (ControllerState.HALTED, ControllerState.ACTIVE):
+        if held is None or (before, state) == (ControllerState.HALTED, ControllerState.ACTIVE):
             held = self._initialise(actual)
-        if phase is ControllerState.HOLDING:
+        if state is ControllerState.HOLDING:
             return
-        if phase in _AT_REST:
+        if state in _AT_REST:
             self.mechanism.source.hold()
         self._set(held, self.mechanism.source.sample(latch_time))
 

@@ -140,7 +140,7 @@ class _Displacement:
         clock: CycleClock, now: float,
     ) -> tuple[AxisCommand, ...]:
         """Choose the targets of a cycle; return the commands to send along with them."""
-        if group.phase not in FOLLOWING_STATES and not self.value:  # not once they have moved
+        if group.state not in FOLLOWING_STATES and not self.value:  # not once they have moved
             for one, counts in zip(self._carriages, actual, strict=True):
                 one.start = counts
         self.counts = tuple(
@@ -205,7 +205,7 @@ class Motion:
         return self
 
     def __exit__(self, kind: type | None, *details: object) -> None:
-        if kind is None and self._group.phase is ControllerState.ACTIVE:
+        if kind is None and self._group.state is ControllerState.ACTIVE:
             with suppress(BusError, CommissioningError):
                 self._group.disable(time.monotonic())
                 self._run_until(ControllerState.INACTIVE)
@@ -222,10 +222,10 @@ class Motion:
         _, carriage.stops_without_master = write_drive(drive, profile, limited, _OF_DRIVES)
         self._bus.start(node_id)
 
-    def _run_until(self, phase: ControllerState) -> None:
-        if not self._cycle_for(_READY_TIME, phase):
+    def _run_until(self, state: ControllerState) -> None:
+        if not self._cycle_for(_READY_TIME, state):
             names = ', '.join(carriage.name for carriage in self._carriages)
-            raise CommissioningError(f'{names} did not reach: {phase.value}')
+            raise CommissioningError(f'{names} did not reach: {state.value}')
 
     @property
     def power(self) -> str:
@@ -331,10 +331,10 @@ class Motion:
         except BusError:
             return
 
-    def _cycle_for(self, longest: float, phase: ControllerState) -> bool:
-        """Go on until a phase is reached, for a time at most [s]; return whether it is."""
+    def _cycle_for(self, longest: float, state: ControllerState) -> bool:
+        """Go on until a state is reached, for a time at most [s]; return whether it is."""
         end = time.monotonic() + longest
-        while not (is_reached := self._group.phase is phase and self._group.is_settled) and (
+        while not (is_reached := self._group.state is state and self._group.is_settled) and (
                 time.monotonic() < end):
             self._cycle()
         return is_reached

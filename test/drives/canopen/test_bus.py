@@ -85,6 +85,14 @@ def test_a_time_stamp_of_a_clock_that_was_set_does_not_move_the_frame(pair):
         assert before <= bus.receive(1.0).time <= time.monotonic()
 
 
+@pytest.mark.parametrize(('age', 'is_kept'), [(8.0, True), (12.0, False)])
+def test_a_frame_that_waited_keeps_its_age_unless_no_frame_waits_so_long(pair, age, is_kept):
+    bus, other = pair
+    other.preserve_timestamps = True
+    other.send(can.Message(arbitration_id=1, is_extended_id=False, timestamp=time.time() - age))
+    assert (time.monotonic() - bus.receive(1.0).time > 0.9 * age) == is_kept
+
+
 def test_a_system_clock_that_is_set_back_makes_no_wait_longer(monkeypatch):
     waits = []
 

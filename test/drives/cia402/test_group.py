@@ -59,12 +59,12 @@ class Drives:
         key = self.states[number], decode_command(command.controlword)
         self.states[number] = TRANSITIONS.get(key, self.states[number])
 
-    def until(self, *phases: ControllerState, cycles: int = 1000) -> None:
+    def until(self, *states: ControllerState, cycles: int = 1000) -> None:
         for _ in range(cycles):
-            if self.group.phase in phases:
+            if self.group.state in states:
                 return
             self.cycle()
-        raise AssertionError(f'{self.group.phase} after {cycles} cycles, not {phases}')
+        raise AssertionError(f'{self.group.state} after {cycles} cycles, not {states}')
 
 
 @pytest.mark.parametrize('plan', [
@@ -99,11 +99,11 @@ def halted() -> Drives:
     return drives
 
 
-def on_the_way_to(phase: ControllerState) -> Drives:
+def on_the_way_to(state: ControllerState) -> Drives:
     drives = switched_off()
     drives.group.enable(drives.now)
     drives.cycle(3)
-    drives.until(phase)
+    drives.until(state)
     return drives
 
 
@@ -112,7 +112,7 @@ def ramping() -> Drives:
     drives.at_rest = False
     drives.group.disable(drives.now)
     drives.cycle()
-    assert drives.group.phase is ControllerState.RAMPING
+    assert drives.group.state is ControllerState.RAMPING
     return drives
 
 
@@ -154,7 +154,7 @@ def test_the_drives_hold_before_they_follow():
 def test_powering_off_waits_until_the_carriages_stand_still():
     drives = ramping()
     drives.cycle(50)
-    assert drives.group.phase is ControllerState.RAMPING
+    assert drives.group.state is ControllerState.RAMPING
     assert all(map(is_enabling, drives.commands))
     drives.at_rest = True
     drives.until(ControllerState.INACTIVE)
@@ -174,7 +174,7 @@ def test_after_a_halt_the_drives_follow_again_without_powering_off():
     drives.cycle(2)
     drives.group.enable(drives.now)
     drives.cycle()
-    assert drives.group.phase is ControllerState.ACTIVE
+    assert drives.group.state is ControllerState.ACTIVE
     assert drives.states == [State.OPERATION_ENABLED] * 3
 
 
@@ -182,18 +182,18 @@ def test_after_a_halt_the_drives_follow_again_without_powering_off():
 def test_requests_that_do_not_fit_are_rejected_and_change_nothing(situation):
     drives = SITUATIONS[situation]()
     group = drives.group
-    before = group.phase
+    before = group.state
     rejected = 0
     for request in (group.enable, group.disable, group.halt, group.reset,
                     lambda now: group.home(HomingSequence(()), now)):
-        phase = group.phase
+        state = group.state
         try:
             request(drives.now)
         except DriveStateError as error:
             rejected += 1
             assert 'not possible' in str(error)
-            assert group.phase is phase
-    assert rejected or before is not group.phase
+            assert group.state is state
+    assert rejected or before is not group.state
 
 
 def test_enabling_waits_for_every_drive_to_have_confirmed_that_it_is_off():
@@ -243,7 +243,7 @@ def test_a_halt_is_always_accepted_and_nothing_moves_after_it(situation):
     drives.group.halt(drives.now)
     drives.cycle(50)
     is_held = situation in ('running', 'ramping', 'halted')
-    assert drives.group.phase is (ControllerState.HALTED if is_held else ControllerState.INACTIVE)
+    assert drives.group.state is (ControllerState.HALTED if is_held else ControllerState.INACTIVE)
     assert drives.group.is_settled and drives.group.cause is None
     assert drives.states == [
         State.OPERATION_ENABLED if is_held else State.SWITCH_ON_DISABLED] * 3
@@ -258,11 +258,11 @@ def test_a_halt_in_any_cycle_of_an_activation_powers_off_or_finds_it_done(cycles
     drives.underway.extend([drives.commands] * later)
     drives.group.enable(drives.now)
     drives.cycle(cycles)
-    was_done = drives.group.phase is ControllerState.ACTIVE and drives.group.is_settled
+    was_done = drives.group.state is ControllerState.ACTIVE and drives.group.is_settled
     drives.group.halt(drives.now)
     drives.cycle(20)
     assert drives.group.cause is None
-    assert drives.group.phase is (ControllerState.HALTED if was_done else ControllerState.INACTIVE)
+    assert drives.group.state is (ControllerState.HALTED if was_done else ControllerState.INACTIVE)
 
 
 @pytest.mark.parametrize('stop', [
@@ -272,9 +272,9 @@ def test_a_halt_changes_nothing_of_a_stop_or_a_reset(stop):
     drives.group.stop(Cause('first'), drives.now)
     drives.until(ControllerState.STOPPED)
     stop(drives.group, drives.now)
-    before = drives.group.phase
+    before = drives.group.state
     drives.group.halt(drives.now)
-    assert drives.group.phase is before
+    assert drives.group.state is before
 
 
 # --- any doubt about one stops all
@@ -286,11 +286,11 @@ def test_a_fault_of_one_drive_stops_all_three_in_the_same_step(situation, axis, 
     drives = SITUATIONS[situation]()
     drives.states[axis] = state
     drives.cycle()
-    assert drives.group.phase in (ControllerState.STOPPING, ControllerState.STOPPED)
+    assert drives.group.state in (ControllerState.STOPPING, ControllerState.STOPPED)
     assert not any(map(is_enabling, drives.commands))
     assert drives.group.cause.axis == NAMES[axis]
     drives.cycle(300)
-    assert drives.group.phase is ControllerState.STOPPED
+    assert drives.group.state is ControllerState.STOPPED
     assert State.OPERATION_ENABLED not in drives.states
 
 
@@ -301,7 +301,7 @@ def test_a_drive_that_leaves_operation_by_itself_stops_all(situation, state):
     drives = SITUATIONS[situation]()
     drives.states[2] = state
     drives.cycle()
-    assert drives.group.phase in (ControllerState.STOPPING, ControllerState.STOPPED)
+    assert drives.group.state in (ControllerState.STOPPING, ControllerState.STOPPED)
     assert 'q3' in drives.group.cause.message
 
 
@@ -325,7 +325,7 @@ def test_a_stop_from_outside_lasts_until_the_reset(situation):
     drives = SITUATIONS[situation]()
     drives.group.stop(Cause('the operator said so'), drives.now)
     drives.cycle(400)
-    assert drives.group.phase is ControllerState.STOPPED
+    assert drives.group.state is ControllerState.STOPPED
     assert str(drives.group.cause).startswith('the operator said so; next: ')
     assert not any(map(is_enabling, drives.commands))
     with pytest.raises(DriveStateError, match='the operator said so'):
@@ -348,7 +348,7 @@ def test_a_cause_that_asks_for_it_cuts_the_power_once_the_carriages_stand():
     drives.at_rest = True
     drives.cycle(5)
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
-    assert drives.group.phase is ControllerState.STOPPED
+    assert drives.group.state is ControllerState.STOPPED
 
 
 @pytest.mark.parametrize('is_stopping', [True, False])
@@ -449,7 +449,7 @@ def test_a_reset_leads_every_stopped_drive_to_switched_off_and_no_further(states
     drives.group.reset(drives.now)
     drives.until(ControllerState.INACTIVE)
     drives.cycle(100)
-    assert drives.group.phase is ControllerState.INACTIVE
+    assert drives.group.state is ControllerState.INACTIVE
     assert drives.group.cause is None
     assert drives.states == [State.SWITCH_ON_DISABLED] * 3
     words = [cycle[0].controlword for cycle in drives.history]
@@ -465,7 +465,7 @@ def test_a_fault_that_persists_leaves_the_group_stopped():
     drives.until(ControllerState.STOPPED)
     drives.group.reset(drives.now)
     drives.cycle(300)
-    assert drives.group.phase is ControllerState.STOPPED
+    assert drives.group.state is ControllerState.STOPPED
     assert 'q2 did not leave the fault' in drives.group.further_causes[-1].message
 
 
@@ -522,7 +522,7 @@ def test_no_sequence_of_statuswords_enables_what_was_not_asked_for(cycles):
         if request is not None:
             allowed = ask(group, request, now) or allowed
         commands = group.step(feedback, now)
-        allowed = allowed and group.phase in WITH_POWER
+        allowed = allowed and group.state in WITH_POWER
         assert len({command.controlword & 0xEF for command in commands}) == 1
         assert allowed or not any(map(is_enabling, commands))
 
@@ -552,6 +552,6 @@ def test_a_drive_in_any_state_at_any_rung_of_powering_on_never_leaves_another_en
     drives.deaf = {axis}
     drives.cycle(400)
     others = [drives.states[number] for number in range(3) if number != axis]
-    if state is State.OPERATION_ENABLED and drives.group.phase is ControllerState.ACTIVE:
+    if state is State.OPERATION_ENABLED and drives.group.state is ControllerState.ACTIVE:
         return
     assert State.OPERATION_ENABLED not in others

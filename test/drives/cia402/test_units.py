@@ -17,6 +17,18 @@ SCALES = st.builds(
 FINITE = st.floats(-1.0, 1.0)
 
 
+# CiA 402-2, 60A9h: prefix, unit, per what
+COUNTED, SECONDS = {0x01: 'metre', 0xB4: 'revolution', 0xB5: 'count'}, {0x03: 1.0, 0x47: 60.0}
+
+
+@pytest.mark.parametrize('unit', VELOCITY_UNITS.values(), ids=VELOCITY_UNITS)
+def test_the_code_of_a_unit_says_how_large_it_is(unit):
+    code = unit.velocity.to_bytes(4, 'big')
+    prefix = int.from_bytes(code[:1], 'big', signed=True)
+    assert unit.counted == COUNTED[code[1]]
+    assert unit.factor == pytest.approx(SECONDS[code[2]] * 10.0 ** -prefix)
+
+
 @given(SCALES, FINITE)
 def test_a_position_survives_counting_to_half_a_count(scale, position):
     back = scale.to_metres(scale.to_counts(position))

@@ -46,10 +46,10 @@ def following(source=None, **details) -> Targets:
     return one
 
 
-def supervised(phase: ControllerState, position: float | None) -> Group:
-    """Return a group in a phase, supervised once although nothing was commanded yet."""
+def supervised(state: ControllerState, position: float | None) -> Group:
+    """Return a group in a state, supervised once although nothing was commanded yet."""
     group = Group(('q1', 'q2', 'q3'))
-    group.phase = phase
+    group.state = state
     monitors = tuple(AxisMonitor(name, axis, SETTINGS) for name, axis in zip(
         ('q1', 'q2', 'q3'), DEFAULT_AXES, strict=True))
     for one in monitors:
@@ -97,12 +97,12 @@ def test_a_carriage_that_is_elsewhere_when_power_has_come_is_a_doubt():
         one.choose(ControllerState.HOLDING, ON, elsewhere(round(1.1 * MAX_SLIP * 430_000)), 0.0)
 
 
-@pytest.mark.parametrize('phase', [ControllerState.RAMPING, ControllerState.HALTED])
-def test_the_source_is_told_to_hold_as_long_as_the_carriages_shall_rest(phase):
+@pytest.mark.parametrize('state', [ControllerState.RAMPING, ControllerState.HALTED])
+def test_the_source_is_told_to_hold_as_long_as_the_carriages_shall_rest(state):
     source = Source()
     one = following(source)
     source.held = False
-    one.choose(phase, ON, HERE, 0.0)
+    one.choose(state, ON, HERE, 0.0)
     assert source.held
 
 
@@ -133,21 +133,21 @@ def test_a_target_that_is_no_step_away_is_rejected_and_the_last_one_kept(here, w
     assert one.counts == here
 
 
-phases = st.sampled_from(sorted(ControllerState, key=str))
+states = st.sampled_from(sorted(ControllerState, key=str))
 numbers = st.one_of(st.floats(-0.6, 0.6), st.floats())
 
 
-@given(st.lists(st.tuples(phases, st.tuples(numbers, numbers, numbers)), max_size=30))
+@given(st.lists(st.tuples(states, st.tuples(numbers, numbers, numbers)), max_size=30))
 def test_whatever_the_source_says_no_step_to_the_drives_is_too_large(cycles):
     source = Source()
     one = targets(source)
     one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
-    for phase, wanted in cycles:
+    for state, wanted in cycles:
         source.distort = lambda positions, wanted=wanted: wanted
         before = one.counts
-        command = ON if phase in FOLLOWING_STATES else OFF
+        command = ON if state in FOLLOWING_STATES else OFF
         try:
-            one.choose(phase, command, HERE, 0.0)
+            one.choose(state, command, HERE, 0.0)
         except ManipulatorError:
             assert one.counts == before
             one.choose(ControllerState.STOPPING, AxisCommand(0x02, CSP), HERE, 0.0)
@@ -167,6 +167,6 @@ def test_holding_whose_first_command_came_too_late_to_be_sent_stops_nothing():
     assert supervised(ControllerState.HOLDING, 0.1).cause is None
 
 
-@pytest.mark.parametrize('phase', [ControllerState.HOMING, *sorted(FOLLOWING_STATES, key=str)])
-def test_a_carriage_whose_position_is_unknown_stops_all(phase):
-    assert 'has sent its position' in supervised(phase, None).cause.message
+@pytest.mark.parametrize('state', [ControllerState.HOMING, *sorted(FOLLOWING_STATES, key=str)])
+def test_a_carriage_whose_position_is_unknown_stops_all(state):
+    assert 'has sent its position' in supervised(state, None).cause.message
