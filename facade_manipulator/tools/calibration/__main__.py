@@ -51,9 +51,11 @@ from facade_manipulator.tools.calibration.unknowns import (
     AXES,
     BACKLASH,
     heads,
+    INSTRUMENT,
     screw_unknowns,
     UNKNOWNS,
     unknowns_named,
+    with_instrument,
     with_screw_tables,
 )
 from facade_manipulator.tools.calibration.wall_fit import (
@@ -90,6 +92,8 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
     if options.screws is not None:
         geometry = with_screw_tables(geometry, options.screws)
         unknowns += screw_unknowns(geometry)
+    if options.frame:
+        geometry, unknowns = with_instrument(geometry, unknowns)
     noise = Noise(position=options.noise[0] * 1e-3, angle=np.deg2rad(options.noise[1]))
     if options.plan is not None:
         measured = [name in options.measure for name in AXES]
@@ -105,7 +109,8 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
         with file_errors(options.picture):
             draw_accuracy(options.picture, geometry, found)
     _write(options, (ALL_NODES, 'geometry', {
-        unknown.field: getattr(found.geometry, unknown.field) for unknown in unknowns}))
+        unknown.field: getattr(found.geometry, unknown.field) for unknown in unknowns
+        if unknown not in INSTRUMENT}))
 
 
 def calibrate_estimator(options: argparse.Namespace) -> None:
@@ -219,13 +224,15 @@ def _measurements(path: Path | None) -> Measurements:
 def _write_plan(path: Path, geometry: Geometry, carriages: np.ndarray) -> None:
     """Write where to measure, with empty cells for what is measured."""
     directions = ['direction'] * (carriages.shape[1] - len(CARRIAGES))
+    carriages = np.vstack([carriages, carriages[:1]])  # shows whether the instrument moved
     poses = np.hstack([carriages, heads(geometry, carriages)])
     _require_unmeasured(path)
     with file_errors(path):
         write_table(
             path, [*CARRIAGES, *directions, *(f'goal_{name}' for name in AXES), *AXES],
             ([f'{value:.6f}' for value in pose] + [''] * len(AXES) for pose in poses))
-    print(f'{path} has {len(carriages)} poses; fill in x, y and theta, or what you measure')
+    print(f'{path} has {len(carriages)} poses, the first once more at the end; fill in x, y and '
+          'theta, or what you measure')
 
 
 def _require_unmeasured(path: Path) -> None:
@@ -277,6 +284,9 @@ def _add_geometry(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         '--find', nargs='+', default=(), metavar='NAME',
         help=f'what to look for (default all): {", ".join(u.name for u in UNKNOWNS)}')
+    command.add_argument('--frame', action='store_true',
+                         help="look for x, y and angle of the instrument's frame too: frame rail "
+                              'is then where the carriages show it')
     command.add_argument('--backlash', action='store_true',
                          help='look for the backlash of the screws too; the poses to plan say in '
                               'which direction to arrive')

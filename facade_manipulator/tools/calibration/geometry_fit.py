@@ -8,6 +8,7 @@ defined however little is measured, and what the measurements add is the ratio o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,6 +21,7 @@ from facade_manipulator.tools.calibration.robust_fit import FAR, rms, robust_fit
 from facade_manipulator.tools.calibration.unknowns import (
     AXES,
     heads,
+    MeasuredGeometry,
     require_closed,
     UNITS,
     Unknown,
@@ -30,6 +32,8 @@ from facade_manipulator.tools.calibration.unknowns import (
 EXPLAINED = np.array([0.05, 0.05, 0.1])  # m, m, rad: errors of a machine explain no more
 OUTLIER = 4.5  # standard deviations
 MOST_OUTLIERS = 0.2
+KNOCKED = 0.25  # of the squares left: what all the rest of a knock comes to
+LEAST_ROWS = 3  # before and after a knock; fewer are outliers
 MOST_SCATTER = 5.0  # times the noise stated
 IDENTIFIED = 0.5  # of its tolerance: an unknown known no better is not shown by the data
 LEAST_SHARE, LINKED = 0.15, 0.5  # of an unknown in what is not identified, of two in each other
@@ -111,6 +115,7 @@ def identify(
     fit = _MachineFit(geometry, unknowns, measurements, noise or Noise())
     used = np.isfinite(measurements.heads)
     values = fit.solve(used)
+    fit.check_knock(used, values)
     misses = fit.misses(values)
     outlying = used & (np.abs(misses) > OUTLIER * max(1.0, float(robust_scatter(misses[used]))))
     if outlying.sum() > MOST_OUTLIERS * used.sum():
@@ -155,6 +160,35 @@ class _MachineFit(NamedTuple):
         machine = with_values(self.geometry, self.unknowns, values)
         carriages, measured = self.measurements
         return (measured - heads(machine, carriages)) / self.noise.deviations
+
+    def check_knock(self, used: np.ndarray, values: np.ndarray) -> None:
+        """Raise a CalibrationError if from one row on all the heads stand elsewhere together."""
+        machine = with_values(self.geometry, self.unknowns, values)
+        try:
+            rates = information(machine, self.unknowns, self.measurements.carriages, self.noise)
+        except ParameterError:  # at the bounds of what any machine is: another one altogether
+            return
+        x, y = self.measurements.heads.T[:2, :, None]
+        apart = (np.eye(3) + np.dstack([np.zeros((*rates.shape[:2], 2)), np.hstack(
+            [-y, x, 0.0 * x])])) / self.noise.deviations[:, None]
+        misses, drawn = self.misses(values)[used], np.eye(len(values), len(values) + 3)
+
+        def moved(row: int) -> tuple[float, np.ndarray]:
+            later = apart * (np.arange(len(apart)) >= row)[:, None, None]
+            table = np.vstack([np.dstack([rates, np.nan_to_num(later)])[used], drawn])
+            wanted = np.append(misses, np.zeros(len(drawn)))
+            found = np.linalg.lstsq(table, wanted, rcond=None)[0]
+            return float(((wanted - table @ found) ** 2).sum()), found[-3:]
+
+        without, last = moved(len(apart))[0], len(apart) - LEAST_ROWS
+        left, row = min(((moved(row)[0], row) for row in range(LEAST_ROWS, last + 1)),
+                        default=(without, 0))
+        if left < KNOCKED * without and without > 4.0 * len(misses):
+            where = ', '.join(f'{value * factor:.2g} {unit}' for value, (unit, factor) in zip(
+                moved(row)[1], UNITS, strict=True))
+            raise CalibrationError(
+                f'from row {row + 1} on the head is elsewhere by {where}: was the instrument '
+                'knocked? Measure these rows, or those before, again')
 
     def identification(
         self, used: np.ndarray, values: np.ndarray, outliers: list[tuple[int, int]]
@@ -270,8 +304,10 @@ def draw_accuracy(path: Path, drawing: Geometry, found: Identification) -> None:
     """Draw how far the head was off, and how well it is known now, over the workspace."""
     from matplotlib.figure import Figure
 
-    permitted = candidates(found.geometry)
-    now = heads(found.geometry, permitted)
+    permitted, machine = candidates(found.geometry), found.geometry
+    if isinstance(machine, MeasuredGeometry):
+        machine = replace(machine, instrument=(0.0, 0.0, 0.0))
+    now = heads(machine, permitted)
     off = now - heads(drawing, permitted)
     left = spread(found.geometry, found.unknowns, found.covariance, permitted)
     figure = Figure(figsize=(8.0, 5.5), layout='constrained')

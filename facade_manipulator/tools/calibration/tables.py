@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 import csv
 import math
 from pathlib import Path
@@ -21,8 +21,9 @@ def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()
     """
     Read columns of a CSV file, ``-`` for what is typed; others are passed over.
 
-    A column is named plainly, in m, rad or s, or with its unit: ``x_mm``, ``theta_deg``. Between
-    columns is a comma, or a semicolon as some spreadsheets write it, with decimal commas then.
+    What begins like a column but has another unit is rejected by its name. A column is
+    named plainly, in m, rad or s, or with its unit: ``x_mm``, ``theta_deg``. Between columns is a
+    comma, or a semicolon as some spreadsheets write it, with decimal commas then.
 
     Returns SI units, shape (n, len(required) + len(optional)), NaN where nothing is written: cells
     of optional columns may be empty. Raises a CalibrationError that names file, line and column.
@@ -54,11 +55,24 @@ def _parse(
     header = [column.strip() for column in next(filled, [])]
     columns = [_column(name, header, column, column in required)
                for column in (*required, *optional)]
-    rows = [[_cell(name, reader.line_num, dict(zip(header, row, strict=False)), column,
-                   k < len(required)) for k, column in enumerate(columns)] for row in filled]
+    _check_titles(name, header, (*required, *optional), dict(filter(None, columns)))
+    rows = [[_cell(name, f'row {number} (line {reader.line_num})',
+                   dict(zip(header, row, strict=False)), column, k < len(required))
+             for k, column in enumerate(columns)] for number, row in enumerate(filled, 1)]
     if not rows:
         raise CalibrationError(f'{name} has no rows below its header')
     return np.array(rows, float)
+
+
+def _check_titles(
+    name: str, header: list[str], wanted: Sequence[str], read: Container[str]
+) -> None:
+    for title in header:
+        meant = title.lower().partition('_')[0]
+        if title not in read and (title.lower() in wanted or meant in wanted):
+            raise CalibrationError(
+                f'{name}: column {title} is not understood; {meant} is named {meant}'
+                f'{", ".join(f" or {meant}{unit}" for unit in UNITS if unit)}')
 
 
 def _column(name: str, header: list[str], column: str, required: bool) -> tuple[str, float] | None:
@@ -73,7 +87,7 @@ def _column(name: str, header: list[str], column: str, required: bool) -> tuple[
 
 
 def _cell(
-    name: str, line: int, row: dict[str, Any], column: tuple[str, float] | None, required: bool
+    name: str, line: str, row: dict[str, Any], column: tuple[str, float] | None, required: bool
 ) -> float:
     if column is None:
         return math.nan
@@ -87,6 +101,6 @@ def _cell(
         value = math.nan
     if not math.isfinite(value):
         raise CalibrationError(
-            f'{name}, line {line}: {title} = {text!r} is not a number' if text else
-            f'{name}, line {line}: {title} is missing')
+            f'{name}, {line}: {title} = {text!r} is not a number' if text else
+            f'{name}, {line}: {title} is missing')
     return value

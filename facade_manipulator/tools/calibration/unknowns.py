@@ -10,8 +10,15 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
-from facade_manipulator.kinematics import Carriages, Geometry, Mechanism, mechanism_of, Pose
-from facade_manipulator.parameters import as_fields
+from facade_manipulator.kinematics import (
+    Carriages,
+    compose,
+    Geometry,
+    Mechanism,
+    mechanism_of,
+    Pose,
+)
+from facade_manipulator.parameters import as_fields, parameter, settings
 
 STEP = 1e-6
 AXES = ('x', 'y', 'theta')  # of the head
@@ -73,7 +80,22 @@ UNKNOWNS = (
 BACKLASH = tuple(
     Unknown('backlash', k, f'backlash of the screw of {name}', 2e-4, least=0.0)
     for k, name in enumerate(Carriages._fields))
+INSTRUMENT = (
+    Unknown('instrument', 0, "x of the rail in the instrument's frame", 0.02),
+    Unknown('instrument', 1, "y of the rail in the instrument's frame", 0.02),
+    Unknown('instrument', 2, "angle of the rail in the instrument's frame", 0.05, DEG),
+)
+OF_FRAME = 'rail_angle', 'carriage_offsets.2'  # by these the carriages differ from frame rail
 SCREW_TOLERANCE = 2e-4  # m
+
+
+@settings
+class MeasuredGeometry(Geometry):
+    """A machine in the frame of the instrument that measures its head."""
+
+    instrument: tuple[float, ...] = parameter(
+        'x, y and angle of the rail in the frame of the instrument', default=(0.0, 0.0, 0.0),
+        unit='m, m, rad', minimum=-0.5, maximum=0.5)
 
 
 def screw_unknowns(geometry: Geometry) -> tuple[Unknown, ...]:
@@ -135,6 +157,20 @@ def with_values(
     return replace(settings, **as_fields(fields))  # type: ignore[type-var]  # a dataclass
 
 
+def with_instrument(
+    geometry: Geometry, unknowns: Iterable[Unknown]
+) -> tuple[Geometry, tuple[Unknown, ...]]:
+    """
+    Return a machine and its unknowns for an instrument that stands somewhere.
+
+    Frame rail is then that of the carriages: q3 shows its x, the line of their joints its angle.
+    Where the head stands is known in the frame of the instrument; of frame rail alone the middle
+    of the platform says where it is, to a millimetre.
+    """
+    return MeasuredGeometry(**vars(geometry)), (
+        *(one for one in unknowns if one.name not in OF_FRAME), *INSTRUMENT)
+
+
 def head_at(
     mechanism: Mechanism, q1: float, q2: float, q3: float, direction: float = 0.0
 ) -> Pose:
@@ -153,12 +189,14 @@ def heads(geometry: Geometry, carriages: np.ndarray) -> np.ndarray:
     """
     Return where the head stands, shape (n, 3); NaN where the links cannot be joined.
 
-    Carriages have the shape (n, 3) or (n, 4): positions [m], and the direction of `head_at`.
+    It stands in frame rail, or in that of the instrument of a MeasuredGeometry. Carriages have
+    the shape (n, 3) or (n, 4): positions [m], and the direction of `head_at`.
     """
     mechanism, out = mechanism_of(geometry), np.full((len(carriages), 3), np.nan)
+    frame = Pose(*(geometry.instrument if isinstance(geometry, MeasuredGeometry) else (0.0,) * 3))
     for row, station in enumerate(carriages.tolist()):
         try:
-            out[row] = head_at(mechanism, *station)
+            out[row] = compose(frame, head_at(mechanism, *station))
         except LimitError:
             continue
     return out

@@ -47,8 +47,8 @@ def test_columns_may_name_their_units(tmp_path):
     ('time,x,y\n0,0,0\n', 'no column theta'),
     ('', 'no column time'),
     ('time,x,y,theta\n0,0,0,0\n', '2 samples'),
-    ('time,x,y,theta\n0,0,0,0\n1,a,0,0\n', r'line 3: x = .a. is not a number'),
-    ('time,x,y,theta\n0,0,0,0\n1,nan,0,0\n', r'line 3: x = .nan. is not a number'),
+    ('time,x,y,theta\n0,0,0,0\n1,a,0,0\n', r'row 2 \(line 3\): x = .a. is not a number'),
+    ('time,x,y,theta\n0,0,0,0\n1,nan,0,0\n', r'row 2 \(line 3\): x = .nan. is not a number'),
     ('time,x,y,theta\n0,0,0,0\n1,0,0,0\n1,0,0,0\n', 'must ascend'),
 ])
 def test_a_file_that_is_no_recording_is_rejected(tmp_path, text, message):

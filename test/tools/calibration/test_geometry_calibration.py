@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
-from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of
+from facade_manipulator.kinematics import Carriages, compose, Geometry, mechanism_of, Pose
 from facade_manipulator.lab.gondola.bench.calibration import DRAWING, rms, try_machines
 from facade_manipulator.lab.gondola.machines import make_machine, measure_heads, ShopSettings
 from facade_manipulator.lab.gondola.practice import main as practise
@@ -37,6 +37,7 @@ from facade_manipulator.tools.calibration.design import choose, information
 from facade_manipulator.tools.calibration.unknowns import (
     BACKLASH,
     screw_unknowns,
+    with_instrument,
     with_screw_tables,
     with_values,
 )
@@ -103,6 +104,36 @@ def test_one_number_of_a_dial_gauge_or_two_of_a_camera_are_enough_for_less(colum
     off = (found.values - values_of(made, unknowns)) / np.sqrt(np.diag(found.covariance))
     assert np.abs(off).max() < 3.5
     assert heads(found.geometry, POSES)[:, 1] == pytest.approx(heads(made, POSES)[:, 1], abs=2e-4)
+
+
+STANDS = Pose(0.005, -0.003, np.deg2rad(0.3))
+
+
+def in_frame(poses, frame):
+    return np.array([compose(frame, Pose(*pose)) for pose in poses])
+
+
+def test_an_instrument_that_stands_somewhere_is_found_with_the_machine():
+    made = replace(MADE, rail_angle=0.0, carriage_offsets=(*MADE.carriage_offsets[:2], 0.0))
+    true = measure_heads(made, POSES, SHOP, np.random.default_rng(6))
+    seen = Measurements(POSES, in_frame(true, STANDS))
+    found = identify(*with_instrument(DRAWING, UNKNOWNS), seen)
+    off = found.values[-3:] - STANDS
+    assert (np.abs(off) < 3.5 * np.sqrt(np.diag(found.covariance))[-3:]).all()
+    everywhere, taken = candidates(DRAWING), identify(DRAWING, UNKNOWNS, seen).geometry
+    truth = in_frame(heads(made, everywhere), STANDS)
+    error, worse = (rms(heads(machine, everywhere) - truth) for machine in (
+        found.geometry, taken))
+    assert (error < [1e-4, 1e-4, 3e-4]).all()
+    assert worse[1] > 2.0 * error[1]
+
+
+@pytest.mark.parametrize('row', [4, 12, 20])
+def test_a_knocked_instrument_is_named_and_no_good_row(row):
+    spoilt = measured()
+    spoilt[row:] = in_frame(spoilt[row:], Pose(0.002, -0.001, 0.002))
+    with pytest.raises(CalibrationError, match=f'from row {row + 1} on .* instrument knocked'):
+        identify(DRAWING, UNKNOWNS, Measurements(POSES, spoilt))
 
 
 def test_planned_poses_show_more_than_as_many_at_random():
@@ -218,6 +249,16 @@ def test_the_command_writes_a_copy_with_the_errors_and_every_comment(table, tmp_
     assert picture.read_bytes().startswith(b'\x89PNG')
 
 
+def test_the_command_finds_the_frame_of_the_instrument_and_writes_none_of_it(
+        table, tmp_path, capsys):
+    target = tmp_path / 'calibrated.yaml'
+    assert main(['geometry', str(table()), '--frame', '--output', str(target)]) == 0
+    assert "angle of the rail in the instrument's frame" in capsys.readouterr().out
+    assert 'instrument' not in target.read_text()
+    assert geometry_in(target).rail_angle == 0.0 != geometry_in(target).tool[1]
+    assert main(['geometry', '--frame', '--plan', str(tmp_path / 'p.csv'), '--count', '9']) == 0
+
+
 def test_the_command_reads_what_is_typed_into_its_plan(tmp_path, monkeypatch, capsys):
     path = tmp_path / 'poses.csv'
     assert main(['geometry', '--plan', str(path), '--count', '12']) == 0
@@ -230,7 +271,8 @@ def test_the_command_reads_what_is_typed_into_its_plan(tmp_path, monkeypatch, ca
     typed = [list(rows[0]), *(map(str, row.values()) for row in rows)]
     monkeypatch.setattr(sys, 'stdin', [','.join(line) + '\n' for line in typed])
     assert main(['geometry', '-']) == 0
-    assert len(rows) == 12 and 'scatter' in capsys.readouterr().out
+    assert len(rows) == 13 and rows[0]['q1'] == rows[-1]['q1']
+    assert 'scatter' in capsys.readouterr().out
 
 
 def test_a_dial_gauge_is_enough_for_what_it_shows(table, tmp_path):
@@ -295,13 +337,16 @@ def cell(row, column, value):
 
 
 @pytest.mark.parametrize(('change', 'message'), [
-    (cell(4, 1, ''), 'line 5: q2 is missing'),
-    (cell(4, 4, 'about 250'), "line 5: y_mm = 'about 250' is not a number"),
+    (cell(4, 1, ''), 'row 4 (line 5): q2 is missing'),
+    (cell(4, 4, 'about 250'), "row 4 (line 5): y_mm = 'about 250' is not a number"),
     (cell(0, 4, 'y'), 'if it is in mm, name the column y_mm'),
     (cell(0, 5, 'theta'), 'if it is in deg, name the column theta_deg'),
     (cell(0, 3, 'x'), 'if it is in mm, name the column x_mm'),
     (cell(0, 4, 'x'), 'has x in two units'),
-    (lambda rows: [['# a'], *rows[:2], [], *cell(3, 1, '')(rows)[2:]], 'line 6: q2 is missing'),
+    (cell(0, 5, 'theta_degrees'), 'theta_degrees is not understood; theta is named'),
+    (cell(0, 3, 'X'), 'column X is not understood'),
+    (lambda rows: [['# a'], *rows[:2], [], *cell(3, 1, '')(rows)[2:]],
+     'row 3 (line 6): q2 is missing'),
     (lambda rows: [rows[0], *([*row[:4], row[4] / 1e3, row[5]] for row in rows[1:])],
      'if it is in m, name the column y_m'),
     (cell(0, 2, 'Q'), 'has no column q3'),
@@ -309,7 +354,7 @@ def cell(row, column, value):
     (lambda rows: [*rows[:5], [*rows[5][:3], '', '', ''], *rows[6:]], 'row 5 has no measurement'),
     (lambda rows: [rows[0]] + rows[1:3] * 8, 'poses that cannot show enough'),
     (lambda rows: cell(9, 4, rows[9][4] + 2.0)(rows), 'some measurements contradict the rest'),
-], ids=range(13))
+], ids=range(15))
 def test_bad_input_is_named_and_nothing_is_written(table, tmp_path, capsys, change, message):
     target = tmp_path / 'calibrated.yaml'
     assert main(['geometry', str(table(change)), '--output', str(target)]) == 1
