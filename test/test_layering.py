@@ -48,6 +48,7 @@ TOOLS = {
     'tools.support': BASE | {'files', 'resources'},
     'tools.replay': ALL_OF_IT | {'lab.drives'},  # which move as they were told
     'tools.doctor': ALL_OF_IT,
+    'tools.panel': ALL_OF_IT | {'tools.doctor'},
     'tools.emergency_stop': ALL_OF_IT,
     'tools.stopping': ALL_OF_IT | {'tools.emergency_stop'},
 }
@@ -61,7 +62,7 @@ LAB = {
 }
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms
-ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor'}
+ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor', 'tools.panel'}
 PURE_ROOMS = {'errors', 'parameters', 'interfaces', 'diagnostics', 'kinematics', 'messages',
               'estimation',
               'prediction', 'motion', 'compensation', 'lab.gondola'}

@@ -26,6 +26,7 @@ EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
     'demo', 'monitor', 'workspace_study', 'calibrate', 'disturbance_estimator',
     'commission', 'install', 'recorder', 'replay', 'stopping', 'support', 'doctor', 'policies',
+    'panel',
 }
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',
@@ -124,7 +125,8 @@ def test_the_ament_index_finds_the_package(keywords):
 
 
 def test_what_is_imported_is_declared(keywords):
-    declared = [*keywords['install_requires'], *keywords['extras_require']['study']]
+    declared = [*keywords['install_requires'], *(
+        one for extra in ('study', 'panel') for one in keywords['extras_require'][extra])]
     names = {re.split(r'[<>=\[]', line)[0].lower() for line in declared}
     packages = {element.text for element in MANIFEST.iter('exec_depend')}
     known = {*sys.stdlib_module_names, 'facade_manipulator', *packages}

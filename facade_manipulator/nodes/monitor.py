@@ -10,6 +10,7 @@ import math
 import re
 import sys
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -41,15 +42,19 @@ class Observer:
     """
     Keep the newest of everything a person wants to see, by subscriptions of a client's node.
 
-    The client's `spin` keeps them going.
+    The client's `spin` keeps them going; of what came since only the newest is taken. It is the
+    client's manipulator, or that of another namespace.
     """
 
-    def __init__(self, client: ManipulatorClient) -> None:
-        self.seen = Seen(client.namespace, client.gondolas)
-        for topic in POSES.keys() - {interfaces.GOAL_STATUS}:
-            subscription(client.node, topic, partial(self._receive_pose, topic))
-        subscription(client.node, interfaces.GOAL_STATUS, self._receive_goal)
-        subscription(client.node, interfaces.JOINT_STATES, self._receive_joints)
+    def __init__(self, client: ManipulatorClient, namespace: str | None = None) -> None:
+        self.seen = Seen(client.namespace if namespace is None else namespace, client.gondolas)
+        receivers: dict[Topic, Callable[[Any], None]] = {
+            **{topic: partial(self._receive_pose, topic) for topic in POSES},
+            interfaces.GOAL_STATUS: self._receive_goal,
+            interfaces.JOINT_STATES: self._receive_joints}
+        for topic, receive in receivers.items():
+            name = f'/{self.seen.namespace}/{topic.name}'.replace('//', '/')
+            subscription(client.node, topic, receive, name=name, depth=1)
 
     def overview(self) -> Overview:
         """Return what is to be seen at this moment."""

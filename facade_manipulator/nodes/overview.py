@@ -7,18 +7,25 @@ nothing old or new.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 import math
 from typing import Any, Protocol
 
 from facade_manipulator import diagnostics, interfaces
 from facade_manipulator.diagnostics import REJECTED
+from facade_manipulator.errors import InputError
 from facade_manipulator.interfaces import Topic
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import CARRIAGES, status_level, status_values
+from facade_manipulator.messages import (
+    CARRIAGES,
+    carriages_from,
+    status_level,
+    status_values,
+)
 
-SILENT_AFTER = 2.5  # s without diagnostics of a component, which come once a second
+# s without diagnostics of a component, which come once a second: a person sees it within 2 s
+SILENT_AFTER = 1.8
 OLD_AFTER = 1.0  # s after which a pose is no longer shown
 OPERATION, RECORDER = str(diagnostics.OPERATION), str(diagnostics.BLACK_BOX)
 LEVEL_WORDS = {'ok': '', 'warn': 'warning: ', 'error': 'ERROR: ', 'stale': 'stale: '}
@@ -39,7 +46,8 @@ DETAILS = {str(component): {component.key(key): text for key, text in shown.item
         'cycles': '{} cycles', 'missed cycles': '{} missed',
         'worst lateness [ms]': '≤ {} ms late', 'worst-case load [%]': '{} % load'}),
     (diagnostics.CORRECTION, {
-        REJECTED: '{} rejected', 'age of the estimate [ms]': 'estimate {} ms old'}),
+        REJECTED: '{} rejected', 'age of the estimate [ms]': 'estimate {} ms old',
+        'saturation error': 'saturation {}'}),
     (diagnostics.GOAL, {'setpoints': '{} setpoints', REJECTED: '{} goals rejected'}),
     (diagnostics.BLACK_BOX, {'kept [s]': '{} s kept', 'files written': '{} files written'}))}
 OTHER_DETAILS = {REJECTED: '{} rejected'}
@@ -83,6 +91,29 @@ class Seen:
         """Return those of the namespace itself."""
         return self.gondolas.get(self.namespace, {})
 
+    def pose(self, topic: Topic, now: float, oldest: float = OLD_AFTER) -> Pose | None:
+        """Return a pose that is not old."""
+        received, pose = self.poses.get(topic, (-math.inf, None))
+        return pose if now - received <= oldest else None
+
+    def carriages(
+        self, now: float, oldest: float = OLD_AFTER
+    ) -> tuple[dict[str, float], ...]:
+        """Return positions [mm], speeds [mm/s] and forces [N] by carriage: what is not old."""
+        received, joints = self.joints
+        if now - received > oldest:
+            return {}, {}, {}
+        return tuple(_of_carriages(joints.name, values, scale) for values, scale in (
+            (joints.position, 1e3), (joints.velocity, 1e3), (joints.effort, 1.0)))
+
+
+def _of_carriages(names: Sequence[str], values: Sequence[float], scale: float) -> dict[str, float]:
+    try:
+        known = carriages_from(names, values, 'joint state')
+    except InputError:
+        return {}  # ik_service rejects it, too, and says why
+    return {name: scale * value for name, value in zip(CARRIAGES, known, strict=True)}
+
 
 @dataclass(frozen=True)
 class Words:
@@ -116,6 +147,11 @@ def overview(seen: Seen, now: float) -> Overview:
              if OPERATION in components}
     if not seen.namespace and fleet.keys() - {''}:
         return _fleet(fleet, now)
+    return of_one(seen, now)
+
+
+def of_one(seen: Seen, now: float) -> Overview:
+    """Return what is to be seen of the gondola of the namespace, be it named or not."""
     components = seen.components
     state = _said(components, OPERATION, now, STATE)
     return Overview(
@@ -179,44 +215,45 @@ def _words(level: str, text: str) -> Words:
 
 
 def _pose_table(seen: Seen, now: float) -> Table:
-    shown = ((title, *seen.poses.get(topic, (now, None))) for topic, title in POSES.items())
     return _table(('pose', '>x [mm]', '>y [mm]', '>θ [°]'), (
         (title, f'{1e3 * pose.x:+.1f}', f'{1e3 * pose.y:+.1f}', f'{math.degrees(pose.theta):+.2f}')
-        for title, received, pose in shown
-        if pose is not None and now - received <= OLD_AFTER), 4)
+        for topic, title in POSES.items() if (pose := seen.pose(topic, now)) is not None), 4)
 
 
 def _carriage_table(seen: Seen, now: float) -> Table:
     return _table(
         ('carriage', 'drive', '>position [mm]', '>speed [mm/s]', '>force [N]', '>lag [mm]'),
         ((name, _brief(_said(seen.components, f'driver: {name}', now)), *_motion(seen, name, now),
-          _lag(seen.components.get(f'driver: {name}'))) for name in CARRIAGES), 3)
+          _lag(_values(seen.components, f'driver: {name}', now))) for name in CARRIAGES), 3)
 
 
-def _lag(report: Report | None) -> str:
-    lag = _number(status_values(report.status).get(LAG)) if report else None
+def _values(components: Components, name: str, now: float) -> dict[str, str]:
+    """Return the values of a component, none of one that is silent."""
+    report = components.get(name)
+    return {} if report is None or _silence(report, now) else status_values(report.status)
+
+
+def _lag(values: dict[str, str]) -> str:
+    lag = _number(values.get(LAG))
     return '-' if lag is None else f'{1e3 * lag:+.2f}'
 
 
-def _motion(seen: Seen, name: str, now: float) -> tuple[str, str, str]:
-    received, joints = seen.joints
-    if now - received > OLD_AFTER or name not in joints.name:
-        return ('-', '-', '-')
-    index = joints.name.index(name)
-    return (f'{1e3 * joints.position[index]:+.2f}', f'{1e3 * joints.velocity[index]:+.1f}',
-            f'{joints.effort[index]:+.1f}')
+def _motion(seen: Seen, name: str, now: float) -> tuple[str, ...]:
+    columns = seen.carriages(now)
+    return tuple(form.format(column[name]) if name in column else '-' for form, column in zip(
+        ('{:+.2f}', '{:+.1f}', '{:+.1f}'), columns, strict=True))
 
 
 def _component_table(components: Components, now: float) -> Table:
     names = dict.fromkeys((*DETAILS, *sorted(components)))
     return _table(('component', 'state', 'so far'), (
-        (name, _brief(_said(components, name, now)), _details(name, components))
+        (name, _brief(_said(components, name, now)),
+         _details(name, _values(components, name, now)))
         for name in names if name in {*components, *MISSING}
         and name.removeprefix('driver: ') not in CARRIAGES), 2)
 
 
-def _details(name: str, components: Components) -> str:
-    values = status_values(components[name].status) if name in components else {}
+def _details(name: str, values: dict[str, str]) -> str:
     return ', '.join(text.format(_short(values[key]))
                      for key, text in DETAILS.get(name, OTHER_DETAILS).items()
                      if values.get(key, 'inf') != 'inf')

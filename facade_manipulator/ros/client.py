@@ -15,7 +15,7 @@ Every call has a deadline, and what a node rejects is raised with the node's own
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
+from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
@@ -52,6 +52,8 @@ STANDS_WITHIN, STANDS_FOR = 2e-4, 1.0  # m or rad, s
 SENDINGS, SEND_AGAIN = 5, 0.3  # of a goal of which compensator/goal_status says nothing yet, s
 KEPT = interfaces.REJECTIONS.quality.depth  # statuses, in which one looks for those of a goal
 SPIN_STEP = 0.02  # s, after which a waiting call looks at its condition again
+# of what /diagnostics brings, whoever publishes: namespaces, components of each, characters of one
+GONDOLAS, COMPONENTS, LONGEST = 32, 64, 20_000
 
 Value = TypeVar('Value')
 
@@ -82,6 +84,8 @@ class ManipulatorClient:
     node_name : str
     check : callable, optional
         Called every few milliseconds while a call waits; what it raises ends the waiting.
+    **node_options
+        Of rclpy's Node.
 
     Notes
     -----
@@ -91,14 +95,14 @@ class ManipulatorClient:
 
     def __init__(
         self, namespace: str = '', node_name: str = 'supervisor',
-        check: Callable[[], None] = lambda: None,
+        check: Callable[[], None] = lambda: None, **node_options: Any,
     ) -> None:
         self._check = check
-        self.node = Node(node_name, namespace=namespace)
+        self.node = Node(node_name, namespace=namespace, **node_options)
         self.namespace = self.node.get_namespace().strip('/')
         self._frames = frames(self.node)
         #: of every namespace, by it and the name without it
-        self.gondolas: dict[str, dict[str, Component]] = defaultdict(dict)
+        self.gondolas: dict[str, dict[str, Component]] = {}
         self.head_in_rail: Pose | None = None
         self.goal: Pose | None = None
         self.goal_status: DiagnosticStatus | None = None
@@ -132,7 +136,7 @@ class ManipulatorClient:
 
     def component(self, name: str) -> Component | None:
         """Return what /diagnostics last said of a component of this manipulator."""
-        return self.gondolas[self.namespace].get(name)
+        return self.gondolas.get(self.namespace, {}).get(name)
 
     def value(self, component: DiagnosticComponent, key: str) -> str | None:
         """Return one value of a component's diagnostics, None before one came."""
@@ -408,14 +412,31 @@ class ManipulatorClient:
     def _receive_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
         waited = max(0.0, time.time() - 1e-9 * info['received_timestamp'])  # until it was taken
         for status in message.status:
+            if _length(status) > LONGEST:
+                continue  # none of ours: who needs it hears that its component is silent
             namespace, _, name = status.name.rpartition('/')
-            self.gondolas[namespace][name] = Component(time.monotonic() - waited, status)
+            gondola = self.gondolas.get(namespace, {})
+            _keep(gondola, name, Component(time.monotonic() - waited, status), COMPONENTS)
+            _keep(self.gondolas, namespace, gondola, GONDOLAS)
 
     def _receive_head(self, message: PoseStamped) -> None:
         try:
             self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
         except ManipulatorError:
             self.head_in_rail = None  # the compensator rejects it too, and says why
+
+
+def _length(status: DiagnosticStatus) -> int:
+    return len(status.name) + len(status.message) + len(status.hardware_id) + sum(
+        len(item.key) + len(item.value) for item in status.values)
+
+
+def _keep(known: dict[str, Value], key: str, value: Value, most: int) -> None:
+    """Put a value last; of too many the one goes that was put there the longest ago."""
+    known.pop(key, None)
+    known[key] = value
+    if len(known) > most:
+        del known[next(iter(known))]
 
 
 def _newest(statuses: Sequence[DiagnosticStatus], stamp: str) -> DiagnosticStatus | None:

@@ -19,6 +19,7 @@ from facade_manipulator.interfaces import (
     DRIVER,
     IK,
     MONITOR,
+    PANEL,
     RECORDER,
     ROLES,
     SERVICES,
@@ -27,7 +28,9 @@ from facade_manipulator.interfaces import (
 )
 from facade_manipulator.parameter_file import read_parameters
 
-ENCLAVES = {COMPENSATOR: 'manipulator', IK: 'manipulator', MONITOR: 'viewer'}  # else the role
+VIEWER = 'viewer'
+# else the role
+ENCLAVES = {COMPENSATOR: 'manipulator', IK: 'manipulator', MONITOR: VIEWER, PANEL: VIEWER}
 Parameters = Mapping[str, Sequence[str]]
 
 
@@ -77,8 +80,8 @@ def rights(role: str, parameters: Parameters) -> Iterator[tuple[str, str, list[s
 
 
 def may_subscribe(role: str, topic: Topic) -> bool:
-    """Return whether a role may subscribe: the monitor always, the recorder to what it keeps."""
-    return role in topic.subscribers or role == MONITOR or (
+    """Return whether a role may subscribe: a viewer always, the recorder to what it keeps."""
+    return role in topic.subscribers or ENCLAVES.get(role) == VIEWER or (
         role == RECORDER and bool(topic.recorded))
 
 

@@ -23,13 +23,13 @@ def who_may(kind: str, verb: str, name: str) -> set[str]:
 
 def test_each_enclave_has_the_rights_of_its_nodes_once():
     root = ElementTree.fromstring(policies('gondola_2'))
-    assert len(root.findall('enclaves/enclave')) == len(ROLES) - 1
+    assert len(root.findall('enclaves/enclave')) == len(ROLES) - 2
     profiles = {(enclave.get('path'), one.get('node')): one
                 for enclave in root.iter('enclave') for one in enclave.iter('profile')}
     assert {node for _, node in profiles} == {*ROLES}
     for (path, node), profile in profiles.items():
         expected = {'compensator': 'manipulator', 'ik_service': 'manipulator',
-                    'monitor': 'viewer'}.get(node, node)
+                    'monitor': 'viewer', 'panel': 'viewer'}.get(node, node)
         assert path == f'/gondola_2/{expected}' and profile.get('ns') == '/gondola_2'
         found = [(group.tag, *group.attrib.items(), [one.text for one in group])
                  for group in profile]
@@ -76,7 +76,7 @@ def test_a_second_stop_has_its_topic_for_driver_and_supervisor(tmp_path, capsys)
     assert main(['gondola_1', '--params-file', str(tmp_path / 'file.yaml')]) == 0
     printed = capsys.readouterr().out
     assert printed.count('<topic>watchdog/stop</topic>') == printed.count(
-        '<topic>software_stop</topic>') == 4  # driver, supervisor, recorder, viewer
+        '<topic>software_stop</topic>') == 5  # driver, supervisor, recorder, monitor, panel
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path, capsys):

@@ -1,0 +1,140 @@
+"""Show manipulators in a browser, read only, until Ctrl-C."""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+import signal
+import sys
+import time
+from typing import Any
+
+from aiohttp import web
+import rclpy
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+from facade_manipulator.blackbox import BlackBoxSettings
+from facade_manipulator.errors import exit_status
+from facade_manipulator.interfaces import IK, PANEL
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.nodes.linkage import LinkageSettings
+from facade_manipulator.nodes.monitor import Observer
+from facade_manipulator.nodes.overview import Seen
+from facade_manipulator.parameter_file import ALL_NODES, read_settings
+from facade_manipulator.resources import config_path
+from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
+from facade_manipulator.tools.doctor import computer, rivals
+from facade_manipulator.tools.panel.server import Access, Server
+from facade_manipulator.tools.panel.view import gondolas, PERIOD, recordings, View
+
+TAKING = 0.02  # s of a period in which what came is taken
+EXAMINING = 10.0  # s between looks at computer and folder of the black box
+
+
+class Panel:
+    """Look at all gondolas there are, or at those that are asked for."""
+
+    def __init__(self, client: ManipulatorClient, options: argparse.Namespace) -> None:
+        self._client, self._options = client, options
+        self._views: dict[str, View] = {}
+        self._slow: dict[str, Any] = {'doctor': [], 'files': []}  # what is looked up now and then
+        folder = read_settings(options.parameters, 'recorder', '', BlackBoxSettings).folder
+        self._folder = Path(folder).expanduser()
+        self._server = Server(
+            Access(options.host, _token(options.token_file)),
+            lambda: recordings(self._folder),
+            lambda: {name or '/': one.past for name, one in self._views.items()})
+
+    async def run(self) -> None:
+        """Serve until cancelled."""
+        runner = web.AppRunner(self._server.application(), access_log=None, shutdown_timeout=1.0)
+        await runner.setup()
+        examining = asyncio.create_task(self._examine())
+        try:
+            await web.TCPSite(runner, self._options.host, self._options.port).start()
+            print(f'panel: http://{self._options.host}:{self._options.port}/', flush=True)
+            while True:
+                self._look()
+                await asyncio.sleep(PERIOD - TAKING)
+        finally:
+            examining.cancel()
+            await runner.cleanup()
+
+    def _look(self) -> None:
+        """Take what came and show it."""
+        self._client.spin(TAKING)
+        names, more = gondolas(self._client.gondolas, self._options.namespace)
+        self._views = {name: self._views.get(name) or self._view(name) for name in names}
+        now = time.monotonic()
+        self._server.show({**self._slow, 'more': more,
+                           'gondolas': [one.look(now) for one in self._views.values()]})
+
+    def _view(self, name: str) -> View:
+        try:
+            seen = Observer(self._client, name).seen
+        except InvalidTopicNameException:  # whoever publishes its diagnostics is no node of ours
+            seen = Seen(name, self._client.gondolas)
+        files, full = self._options.parameters, f'/{name}'
+        return View(seen, read_settings(files, ALL_NODES, 'geometry', Geometry, full),
+                    read_settings(files, IK, 'linkage', LinkageSettings, full).wall_distance)
+
+    async def _examine(self) -> None:
+        """Look at computer and files now and then; none of it holds the view up."""
+        while True:
+            self._slow = await asyncio.to_thread(self._examined)
+            await asyncio.sleep(EXAMINING)
+
+    def _examined(self) -> dict[str, Any]:
+        found = [*computer(self._options.parameters), ('publishers', rivals(self._client.node))]
+        return {'doctor': found, 'files': [
+            (name, path.stat().st_size) for name, path in recordings(self._folder).items()]}
+
+
+def _token(path: Path | None) -> str:
+    return path.read_text('utf-8').strip() if path else ''
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Serve the page until Ctrl-C; return the exit status."""
+    words = remove_ros_args(args=sys.argv if arguments is None else ['panel', *arguments])[1:]
+    parser = argparse.ArgumentParser(prog='panel', description=__doc__.strip())
+    parser.add_argument('--namespace', action='append', default=[], type=lambda it: it.strip('/'),
+                        help='of a gondola, again for more; without it all there are')
+    parser.add_argument('--host', default='127.0.0.1', help='address to be reached at')
+    parser.add_argument('--port', type=int, default=8088)
+    parser.add_argument('--token-file', type=Path,
+                        help='with the password, which an address of the network needs')
+    parser.add_argument('--params-file', type=Path, action='append', dest='parameters',
+                        help='parameter file of the machine')
+    options = parser.parse_args(words)
+    options.parameters = options.parameters or [config_path('manipulator.yaml')]
+    return exit_status('panel', lambda: _serve(options, arguments), USAGE_ERROR)
+
+
+def _serve(options: argparse.Namespace, arguments: Sequence[str] | None) -> None:
+    rclpy.init(args=None if arguments is None else list(arguments),
+               signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        named = options.namespace[0] if len(options.namespace) == 1 else ''
+        with ManipulatorClient(named, PANEL, enable_rosout=False,
+                               start_parameter_services=False) as client:
+            asyncio.run(_until_signal(Panel(client, options)))
+    finally:
+        rclpy.try_shutdown()
+
+
+async def _until_signal(panel: Panel) -> None:
+    task = asyncio.ensure_future(panel.run())
+    for number in (signal.SIGINT, signal.SIGTERM):
+        asyncio.get_running_loop().add_signal_handler(number, task.cancel)
+    with suppress(asyncio.CancelledError):
+        await task
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())
