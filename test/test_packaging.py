@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 from importlib.metadata import distribution, PackageNotFoundError
+import os
 from pathlib import Path
 import re
 import subprocess
@@ -32,6 +33,15 @@ DISTRIBUTION_OF = {
     'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',
     'PIL': 'pillow', 'yaml': 'pyyaml',
     'typing_extensions': 'typing-extensions'}
+# what rosdep has for Ubuntu 24.04 as a package of apt of that name, and what Jazzy has:
+# read in ros/rosdistro (rosdep/python.yaml, jazzy/distribution.yaml) at 8468e88 of 2026-08-22
+ROSDEP = {f'python3-{name}' for name in (
+    'can', 'hypothesis', 'matplotlib', 'numpy', 'packaging', 'pil', 'pytest', 'rich', 'scipy',
+    'typing-extensions', 'yaml')}
+JAZZY = {'rclpy', 'ament_index_python', 'builtin_interfaces', 'launch', 'launch_ros',
+         'rcl_interfaces', 'std_srvs', *(f'{name}_msgs' for name in (
+             'action', 'diagnostic', 'geometry', 'lifecycle', 'nav', 'sensor', 'std',
+             'visualization'))}
 MANIFEST = ElementTree.parse(TOP / 'package.xml').getroot()
 
 
@@ -122,6 +132,32 @@ def test_the_ament_index_finds_the_package(keywords):
     assert ('share/ament_index/resource_index/packages',
             ['resource/facade_manipulator']) in keywords['data_files']
     assert (TOP / 'resource' / 'facade_manipulator').is_file()
+
+
+def test_rosdep_has_every_key_of_the_manifest_and_the_debian_package_asks_for_each():
+    keys = {one.text for one in MANIFEST if one.tag.endswith('depend')}
+    assert keys <= ROSDEP | JAZZY
+    (program,) = re.findall(
+        r"<<'END'\n(import sys.*?)^END", (TOP / '.ci/deb').read_text(), re.DOTALL | re.MULTILINE)
+    done = subprocess.run([sys.executable, '-c', program, '3.12'], cwd=TOP, text=True,
+                          capture_output=True, check=True).stdout
+    needed = {one.split()[0] for one in done.split(', ')}
+    executed = {one.text for one in MANIFEST.findall('exec_depend')}
+    assert needed >= executed & ROSDEP
+    assert needed >= {f'ros-jazzy-{name.replace("_", "-")}' for name in executed & JAZZY}
+
+
+def test_the_manifest_is_what_bloom_and_colcon_accept():
+    paths = [TOP / '.venv/colcon', *map(Path, sys.path)]  # make test puts it there
+    if not any((path / 'catkin_pkg').is_dir() for path in paths):
+        pytest.skip('catkin_pkg is not installed')
+    done = subprocess.run(
+        [sys.executable, '-c', 'from catkin_pkg.package import parse_package as parse\n'
+         'warnings = []\nparse("package.xml", warnings=warnings).validate(warnings=warnings)\n'
+         'print(*warnings)'],
+        cwd=TOP, text=True, capture_output=True,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(map(str, paths))})
+    assert (done.returncode, done.stdout.strip()) == (0, ''), done.stderr
 
 
 def test_what_is_imported_is_declared(keywords):
