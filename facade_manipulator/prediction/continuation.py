@@ -36,7 +36,12 @@ from typing import NamedTuple
 import numpy as np
 
 from facade_manipulator.prediction.filters import FEATURES
-from facade_manipulator.prediction.prior import HORIZONS, noise_moments, sway_moments
+from facade_manipulator.prediction.prior import (
+    coloured_moments,
+    HORIZONS,
+    noise_moments,
+    sway_moments,
+)
 
 PRIOR_TIME = 4.0  # s after which as much was learnt as the prior says
 PRIOR_POWER = 1.5  # with which its share falls
@@ -47,6 +52,7 @@ SCORE_TIME = 3.0  # s, time constant with which errors are forgotten
 UNKNOWN = 1.0  # m² or rad², of errors of which nothing is known yet
 LEAST_STEP = 0.1  # 1/s, squares of steps by the density of noise, below which none counts
 LONGEST_STEP = 0.15  # s between estimates, beyond which the motion between is not known
+CORRELATIONS = np.array((0.05, 0.1, 0.2, 0.4, 0.8, 1.6))  # s, of noise
 FULL, MEAN, FINAL, RIGHT, STEP = range(5)  # what is scored: errors, and steps towards tones
 
 
@@ -144,7 +150,10 @@ class Continuation:
         self._scores += known / min(SCORE_TIME, self._elapsed) * (
             np.einsum('c,kach->kah', weights / known, scores) - self._scores)
 
-    def solve(self, strength: np.ndarray, noise: np.ndarray, tones: np.ndarray) -> None:
+    def solve(
+        self, strength: np.ndarray, noise: np.ndarray, tones: np.ndarray, variance: np.ndarray,
+        correlation: np.ndarray,
+    ) -> None:
         """
         Find the weights, and how good they are.
 
@@ -156,6 +165,8 @@ class Continuation:
             Density of the estimates' noise, variance times interval [m² s].
         tones : numpy.ndarray, shape (axes,)
             Variance of the tones by that density [1/s].
+        variance, correlation : numpy.ndarray, shape (axes,)
+            Variance of the estimates' noise [m²], and the time over which it is correlated [s].
 
         """
         sway, white = sway_moments(), noise_moments()
@@ -172,6 +183,23 @@ class Continuation:
         self.noise = gain * noise[:, None]
         full, mean, self.variances = np.maximum(self._scores[:RIGHT], self.noise)
         self.share = np.minimum(mean / full, 1.0)
+        for axis in np.flatnonzero(correlation * variance > noise):  # longer than an interval
+            time = CORRELATIONS[np.argmin(abs(np.log(correlation[axis] / CORRELATIONS)))]
+            gained, hidden = variance[axis] * self._coloured(int(axis), float(time))
+            self.variances[axis] = np.maximum(self._scores[FINAL, axis] + hidden, gained)
+
+    def _coloured(self, axis: int, time: float) -> np.ndarray:
+        """
+        Return variances of predictions by that of noise correlated over a time [s], (2, horizons).
+
+        Of what the noise makes of them, and of what the scores miss, since the noise of the
+        estimates that they are compared with is in part the same.
+        """
+        gain, later, level = coloured_moments(time)
+        weights = self.weights[axis]
+        crossed = gain.features @ weights - 2.0 * gain.moves[:, self.chosen]
+        same = level[self.chosen] + (weights * later[:, self.chosen]).sum(axis=0)
+        return np.stack((gain.level + (weights * crossed).sum(axis=0), 2.0 * same))
 
     def noise_gain(self) -> np.ndarray:
         """Return the variance of predictions by the density of noise [1/s], (axes, horizons)."""

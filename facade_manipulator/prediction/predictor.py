@@ -38,6 +38,7 @@ BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
 OUTLIER = 8.0  # standard deviations
 DISBELIEF = 0.25  # s: for as long outliers are an error of the estimator's, then it has stepped
+ROUGH_TIME = 10.0  # s, over which the noise is seen to be correlated
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
 NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones soon and often
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
@@ -49,7 +50,8 @@ _POWERS = np.arange(4.0)  # of a cubic
 # natural cubic: from its values to its coefficients
 _SPLINE = np.linalg.inv(np.hstack([
     HORIZONS[:, None] ** _POWERS, np.maximum(HORIZONS[:, None] - _KNOTS, 0.0) ** 3])).T
-_BEND = np.array((1.0, -2.0, 1.0)) / HORIZONS[0] ** 2  # acceleration, by the first positions
+_SECOND = np.array((1.0, -2.0, 1.0))  # difference
+_BEND = _SECOND / HORIZONS[0] ** 2  # acceleration, by the first positions
 
 
 @settings
@@ -157,6 +159,7 @@ class DisturbancePredictor:
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
         self._tones = Tones(axes)
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
+        self._past, self._rough = np.tile(measured, (3, 1)), np.ones(axes)
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
 
@@ -187,6 +190,9 @@ class DisturbancePredictor:
         self._values = expected + error
         self._bank.update(interval / steps, self._values)
         self._tones.add(stamp, self._values)
+        self._past = np.vstack((self._past[1:], self._values))
+        self._rough += min(interval / ROUGH_TIME, 1.0) * (
+            (_SECOND @ self._past) ** 2 / (_SECOND @ _SECOND * noise) - self._rough)
 
     def _go_on(self, interval: float, noise: np.ndarray) -> None:
         """Predict from the filters as they are, and keep what to learn from."""
@@ -229,10 +235,21 @@ class DisturbancePredictor:
     def _solve(self, learners: Iterable[Continuation], noise: np.ndarray) -> None:
         """Take what some groups of horizons have learnt, and how well they did."""
         for learner in learners:
-            learner.solve(PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain)
+            learner.solve(PEAK_SHARE * self._peak, noise * self._interval, self._tones.noise_gain,
+                          noise, self._correlation())
         self._weights, self._variances, self._noise, self._share, self._trust = (
             np.concatenate([getattr(one, part) for one in self._continuations], axis=-1)
             for part in ('weights', 'variances', 'noise', 'share', 'trust'))
+
+    def _correlation(self) -> np.ndarray:
+        """
+        Return the time over which the noise is correlated [s], (axes,).
+
+        White noise of variance 1 has second differences of 6, one that is correlated by r from
+        one estimate to the next 6 − 8 r + 2 r²; those of the motion are small beside that.
+        """
+        alike = np.clip(2.0 - np.sqrt(1.0 + 3.0 * self._rough), 1e-3, 0.999)
+        return -self._interval / np.log(alike)
 
     def _room(self, interval: float, full: np.ndarray) -> np.ndarray:
         """Return the share of a motion that bends sharply which is compensated, (axes, 1)."""

@@ -208,6 +208,23 @@ def test_the_standard_deviation_is_that_of_the_errors_after_ten_minutes_of_tones
     assert (inside.mean(axis=0) > 0.93).all()
 
 
+@pytest.mark.parametrize('time', [0.2, pytest.param(0.5, marks=pytest.mark.long),
+                                  pytest.param(1.0, marks=pytest.mark.long)])
+@pytest.mark.parametrize('motion', [gusts(3), sines(BREEZE)])
+def test_the_standard_deviation_is_that_of_the_errors_where_noise_is_correlated(motion, time):
+    alike, noise = math.exp(-0.02 / time), np.zeros(3)
+
+    def filtered(_, values, random):
+        nonlocal noise
+        noise = alike * noise + math.sqrt(1.0 - alike ** 2) * random.standard_normal(3)
+        return values + NOISE * noise
+
+    run = Run(motion, 50.0, noise=0.0, published=NOISE, spoil=filtered)
+    within = (abs(run.errors[1000:]) < 2.0 * run.deviations[1000:]).mean(axis=0)
+    assert (within > 0.88).all()
+    assert (abs(run.errors[1000:]) < run.deviations[1000:]).mean() < 0.9
+
+
 @pytest.mark.parametrize(('rate', 'noise', 'least'), [(20.0, 3e-3, 0.5), (50.0, 1e-3, 0.5)])
 def test_what_the_estimator_adds_is_what_a_better_one_would_take_away(rate, noise, least):
     motion, ahead = gusts(1), 0.06

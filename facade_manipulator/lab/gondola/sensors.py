@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 import heapq
+import math
 
 import numpy as np
 
@@ -30,6 +31,9 @@ class EstimatorSettings:
         'Standard deviation of x and y', default=1e-3, unit='m', minimum=0.0, maximum=1.0)
     yaw_noise: float = parameter(
         'Standard deviation of the yaw', default=1.7453e-3, unit='rad', minimum=0.0, maximum=1.0)
+    correlation: float = parameter(
+        'Time over which the noise is correlated, as a filter makes it', default=0.0, unit='s',
+        minimum=0.0, maximum=10.0)
     drift: float = parameter(
         'Speed at which the estimate of x wanders off', default=0.0, unit='m/s', minimum=-0.1,
         maximum=0.1)
@@ -64,6 +68,7 @@ class SimulatedEstimator:
         self._taken = 0
         self._random = np.random.default_rng(settings.seed)
         self._deviation = np.sqrt(np.array(settings.variances()))
+        self._noise = np.zeros(len(Pose._fields))
         self._under_way: list[tuple[float, float, np.ndarray]] = []
 
     def advance(self, now: float) -> list[Estimate]:
@@ -83,7 +88,11 @@ class SimulatedEstimator:
 
     def _receive(self, stamp: float) -> None:
         settings = self._settings
-        noise = self._deviation * self._random.standard_normal(len(Pose._fields))
+        fresh, alike = self._random.standard_normal(len(Pose._fields)), 0.0
+        if settings.correlation:
+            alike = math.exp(-1.0 / (settings.rate * settings.correlation))
+        self._noise = alike * self._noise + math.sqrt(1.0 - alike ** 2) * fresh
+        noise = self._deviation * self._noise
         delay = settings.latency + settings.jitter * self._random.uniform(-1.0, 1.0)
         lost = self._random.random() < settings.loss
         silent = 0.0 <= stamp - self._start - settings.silent_from < settings.silent_for
