@@ -60,6 +60,24 @@ def test_a_loop_that_is_late_at_full_speed_leaves_no_carriage_behind(world, phas
     assert world.follower.activity.value == 'following'
 
 
+@pytest.mark.parametrize('every', [2, 7, 31])
+def test_each_request_is_answered_though_the_loop_is_late_again_and_again(every):
+    world, pauses = World(), itertools.cycle([0.04, *[0.0] * (every - 1)])
+
+    def be_late() -> None:
+        world._pause = next(pauses)
+
+    try:
+        for request, state in (
+                ('configure', 'inactive'), ('self_test', 'inactive'), ('home', 'inactive'),
+                ('activate', 'active'), ('halt', 'halted'), ('clear_faults', 'active'),
+                ('deactivate', 'inactive'), ('cleanup', 'unconfigured')):
+            world.finish(world.controller.request(request), 60.0, be_late)
+            assert world.controller.snapshot().state.value == state
+    finally:
+        world.close()
+
+
 @pytest.mark.parametrize('before', ['receive', 'send'])
 def test_a_simulated_drive_that_is_starved_says_where_it_was_at_the_sync(rig, before):
     rig.source.speed = 0.75 * FAST
