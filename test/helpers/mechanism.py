@@ -12,7 +12,6 @@ from facade_manipulator.kinematics import (
     Carriages,
     Geometry,
     local_conditioning_index,
-    parallel_singularity,
     Pose,
 )
 from facade_manipulator.lab.study import theta_max, x_interval, y_range
@@ -62,8 +61,3 @@ def reachable_poses(draw) -> Pose:
     theta = draw(st.floats(-math.pi, math.pi))
     reach = DESIGN.link_length - DESIGN.platform_half_length * abs(math.sin(theta))
     return Pose(draw(st.floats(-1.0, 1.0)), draw(_signed_fractions) * reach, theta)
-
-
-def on_branch(geometry: Geometry, pose: Pose, least: float) -> bool:
-    """Whether N exceeds `least` [m²]."""
-    return parallel_singularity(geometry, pose) > least

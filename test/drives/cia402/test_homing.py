@@ -5,9 +5,11 @@ import pytest
 from facade_manipulator.drives.cia402.axis import Feedback
 from facade_manipulator.drives.cia402.homing import (
     AxisHoming,
+    home_error,
     HomingSequence,
     SETTLING_CYCLES,
 )
+from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Controlword, Status
 from facade_manipulator.errors import DriveFaultError, DriveTimeoutError, ManipulatorError
 
@@ -106,3 +108,13 @@ def test_no_sequence_of_statuswords_counts_as_homed_without_the_bit_seen_clear(w
         assert False in attained
         assert any(word & (SUCCESS & ~0x27 | Status.HOMING_ERROR) == SUCCESS & ~0x27
                    for word in words)
+
+
+@pytest.mark.parametrize(('beyond', 'is_home'), [(8e-4, True), (1.2e-3, False)])
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_a_drive_is_home_where_it_came_to_rest_after_its_switch(beyond, is_home, side):
+    axis, period = AxisSettings(homing_method=17), 0.01
+    speed = axis.homing_zero_speed
+    rest = beyond + speed * period + speed ** 2 / (2.0 * axis.homing_acceleration)
+    counts = axis.to_counts(axis.home_position + side * rest)
+    assert (home_error(axis, counts, period) == 0.0) == is_home
