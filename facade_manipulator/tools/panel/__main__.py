@@ -33,7 +33,7 @@ from facade_manipulator.tools.panel.server import Access, Server
 from facade_manipulator.tools.panel.view import gondolas, PERIOD, recordings, View
 
 TAKING = 0.02  # s of a period in which what came is taken
-EXAMINING = 10.0  # s between looks at computer and folder of the black box
+LISTING, EXAMINING = 5.0, 60.0  # s between looks at the black box's folder, at the computer
 
 
 class Panel:
@@ -41,6 +41,7 @@ class Panel:
 
     def __init__(self, client: ManipulatorClient, options: argparse.Namespace) -> None:
         self._client, self._options = client, options
+        self._names: list[str] = []
         self._views: dict[str, View] = {}
         self._slow: dict[str, Any] = {'doctor': [], 'files': []}  # what is looked up now and then
         folder = read_settings(options.parameters, 'recorder', '', BlackBoxSettings).folder
@@ -68,8 +69,9 @@ class Panel:
     def _look(self) -> None:
         """Take what came and show it."""
         self._client.spin(TAKING)
-        names, more = gondolas(self._client.gondolas, self._options.namespace)
-        self._views = {name: self._views.get(name) or self._view(name) for name in names}
+        self._names, more = gondolas(self._client.gondolas, self._options.namespace, self._names)
+        self._views = {name: self._views.get(name) or self._view(name)
+                       for name in self._names or ['']}
         now = time.monotonic()
         self._server.show({**self._slow, 'more': more,
                            'gondolas': [one.look(now) for one in self._views.values()]})
@@ -86,13 +88,13 @@ class Panel:
     async def _examine(self) -> None:
         """Look at computer and files now and then; none of it holds the view up."""
         while True:
-            self._slow = await asyncio.to_thread(self._examined)
-            await asyncio.sleep(EXAMINING)
-
-    def _examined(self) -> dict[str, Any]:
-        found = [*computer(self._options.parameters), ('publishers', rivals(self._client.node))]
-        return {'doctor': found, 'files': [
-            (name, path.stat().st_size) for name, path in recordings(self._folder).items()]}
+            found = await asyncio.to_thread(lambda: [*computer(self._options.parameters)])
+            for _ in range(round(EXAMINING / LISTING)):
+                self._slow = {
+                    'doctor': [*found, ('publishers', rivals(self._client.node))],
+                    'files': [(name, path.stat().st_size)
+                              for name, path in recordings(self._folder).items()]}
+                await asyncio.sleep(LISTING)
 
 
 def _token(path: Path | None) -> str:

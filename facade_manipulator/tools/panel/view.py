@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import math
 from pathlib import Path
@@ -83,10 +83,17 @@ def _millimetres(*lengths: float) -> list[float]:
     return [round(1e3 * one, 1) for one in lengths]
 
 
-def gondolas(known: Mapping[str, Mapping[str, Any]], asked: list[str]) -> tuple[list[str], int]:
-    """Return the namespaces to show in full, and how many more there are; never none."""
-    found = asked or [name for name, components in known.items() if OPERATION in components]
-    return sorted(found[:MOST_GONDOLAS]) or [''], max(0, len(found) - MOST_GONDOLAS)
+def gondolas(
+    known: Mapping[str, Mapping[str, Any]], asked: Sequence[str], shown: Sequence[str],
+) -> tuple[list[str], int]:
+    """
+    Return the namespaces to show in full, and how many more there are.
+
+    Who is shown stays, silent or not: each costs subscriptions, and names may come without end.
+    """
+    found = asked or [*shown, *(name for name, components in known.items()
+                                if OPERATION in components and name not in shown)]
+    return sorted(found[:MOST_GONDOLAS]), max(0, len(found) - MOST_GONDOLAS)
 
 
 def recordings(folder: Path) -> dict[str, Path]:

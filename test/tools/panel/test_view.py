@@ -75,12 +75,20 @@ def test_the_wall_is_at_its_distance_from_the_rail_as_the_goal_has_moved(x, y, t
         (1e3 * middle.x, 1e3 * middle.y), abs=0.2)
 
 
-def test_gondolas_in_full_are_bounded_and_never_none():
-    speaking = {f'g{k}': {OPERATION: None} for k in range(100)}
-    assert gondolas(speaking | {'camera': {}}, []) == (
-        [f'g{k}' for k in range(MOST_GONDOLAS)], 100 - MOST_GONDOLAS)
-    assert gondolas({}, []) == ([''], 0)
-    assert gondolas(speaking, ['b', 'a']) == (['a', 'b'], 0)
+@given(st.lists(st.sets(st.sampled_from([f'g{k}' for k in range(40)]), max_size=20), max_size=9))
+def test_however_names_come_and_go_those_shown_are_bounded_and_stay(rounds):
+    shown, ever = [], set()
+    for names in rounds:
+        before = shown
+        shown, more = gondolas({name: {OPERATION: None} for name in names} | {
+            'camera': {}}, [], shown)
+        ever |= {*shown}
+        assert {*before} <= {*shown} and shown == sorted(shown)
+        assert len(ever) <= MOST_GONDOLAS and more == len({*before} | names) - len(shown)
+
+
+def test_those_that_are_asked_for_are_shown_alone():
+    assert gondolas({'c': {OPERATION: None}}, ['b', 'a'], []) == (['a', 'b'], 0)
 
 
 def test_a_head_where_the_mechanism_cannot_be_is_not_drawn(machine):
