@@ -117,7 +117,9 @@ class EstimateGate:
 
         """
         stamp -= self.settings.delay
-        _check_values(pose)
+        known = tuple(not largest ** 2 < variance < math.inf for largest, variance in zip(
+            self.settings.largest_deviation, variances, strict=True))
+        _check_values(pose, known)
         if tilt > self.settings.tilt:
             raise InputError(
                 'out_of_plane', f'disturbance is tilted by {tilt:.4g} rad out of the plane, bound '
@@ -125,8 +127,6 @@ class EstimateGate:
         require_recent('disturbance', now - stamp, OLDEST_ESTIMATE, FUTURE_TOLERANCE)
         if self._last is not None and self._last.stamp - now > FUTURE_TOLERANCE:
             self._last = None  # the clock was set back: its stamps mean nothing any more
-        known = tuple(not largest ** 2 < variance < math.inf for largest, variance in zip(
-            self.settings.largest_deviation, variances, strict=True))
         if self._last is not None:
             _check_step(stamp - self._last.stamp, self._last.pose, pose, [
                 now and before for now, before in zip(known, self._last.known, strict=True)])
@@ -176,11 +176,13 @@ def _meaning(settings: EstimateSettings) -> tuple[Any, ...]:
     return settings.mounting, settings.axes, settings.delay
 
 
-def _check_values(pose: Pose) -> None:
-    for name, value, bound, unit in zip(Pose._fields, pose, LARGEST, UNITS, strict=True):
+def _check_values(pose: Pose, known: Sequence[bool]) -> None:
+    """Reject what is not finite, or beyond where a gondola can be along axes that are known."""
+    for name, value, bound, unit, is_known in zip(
+            Pose._fields, pose, LARGEST, UNITS, known, strict=True):
         if not math.isfinite(value):
             raise InputError.not_finite(f'disturbance {name}', value)
-        if abs(value) > bound:
+        if is_known and abs(value) > bound:
             raise InputError(
                 'range', f'disturbance {name} = {value:.4g} {unit} is beyond ±{bound:g} {unit}')
 

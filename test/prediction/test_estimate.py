@@ -55,6 +55,16 @@ def test_an_axis_that_is_not_known_keeps_its_last_value_and_is_found_again_anywh
         gate.check(NOW + 0.05, NOW + 0.05, Pose(0.4, 0.1, 0.0), LOST)
 
 
+def test_an_axis_that_is_not_known_may_be_anywhere_without_the_others_being_rejected():
+    gate = EstimateGate(EstimateSettings())
+    assert gate.check(NOW, NOW, Pose(7.0, 0.01, 0.0), LOST).pose == (0.0, 0.01, 0.0)
+    with pytest.raises(InputError, match='disturbance x = 7'):
+        gate.check(NOW + 0.1, NOW + 0.1, Pose(7.0, 0.01, 0.0), (1e-6, 1e-6, 1e-6))
+    with pytest.raises(InputError) as rejected:
+        gate.check(NOW + 0.1, NOW + 0.1, Pose(math.nan, 0.01, 0.0), LOST)
+    assert rejected.value.reason == 'not_finite'
+
+
 @pytest.mark.parametrize(('settings', 'known'), [
     ({}, (True, True, False)),
     ({'mounting': (0.5, 0.0, 0.0)}, (True, False, False)),
