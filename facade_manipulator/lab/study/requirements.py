@@ -19,6 +19,7 @@ from facade_manipulator.parameters import parameter, settings
 
 _SAMPLES = 64  # of y, to find the peaks of θ_max
 _NEAR, _REFINEMENTS = 15, 5  # of y about a peak, five times as close at each refinement
+ROUNDING = 1e-9  # m
 _BLOCK = 512  # designs at once
 
 
@@ -46,6 +47,9 @@ class Requirements:
         maximum=1.6)
     min_conditioning: float = parameter(
         'Least index over the range of y asked for', default=0.0, minimum=0.0, maximum=1.0)
+    min_difference: float = parameter(
+        'Least l - b: at 0 nothing of the workspace lies beyond N = 0; -1 leaves it free',
+        default=0.0, unit='m', minimum=-1.0, maximum=100.0)
     threshold: float = parameter(
         'Least index of a good pose', default=0.001, minimum=0.0, maximum=1.0)
     characteristic_length: float = parameter(
@@ -80,6 +84,7 @@ class Requirement(NamedTuple):
     reached: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray]
     tolerance: float  # a margin below it is active
     beside: tuple[str, ...] = ()  # what else makes it hard to meet, and alone asks for it
+    off: float = 0.0  # what asks for nothing
 
     def asked(self, need: Requirements) -> float:
         """Return the least that a design must reach."""
@@ -89,7 +94,8 @@ class Requirement(NamedTuple):
         """Say what is asked for; empty where nothing is."""
         units = {self.name: self.unit, **dict.fromkeys(self.beside, '')}
         return ' with '.join(f'{name} = {getattr(need, name):.4g} {unit}'.rstrip()
-                             for name, unit in units.items() if getattr(need, name))
+                             for name, unit in units.items()
+                             if getattr(need, name) != (self.off if name == self.name else 0.0))
 
 
 def y_travel(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.ndarray:
@@ -115,6 +121,8 @@ REQUIREMENTS = (
     Requirement('min_y_travel', 'm', y_travel, 1e-4, beside=('min_conditioning',)),
     Requirement('min_theta', 'rad', lambda length, half, need: theta_peak(
         length, half, need.carriage_gap), 1e-3),
+    Requirement('min_difference', 'm', lambda length, half, need: length - half + ROUNDING, 1e-4,
+                off=-1.0),
 )
 
 

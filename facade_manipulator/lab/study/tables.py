@@ -187,7 +187,8 @@ def optimum(study: Study, options: argparse.Namespace) -> Part:
     for objective in options.optimise or OBJECTIVES:
         with progress_bar(f'optimise {objective}', sweep_size(objective, study.need)) as tick:
             optima.append(optimise(objective, study.need, tick))
-    return 'optimum', [asdict(one) for one in optima], _table(
+    need = {'requirements': asdict(study.need)}
+    return 'optimum', [asdict(one) | need for one in optima], _table(
         'Optimum', ('objective', 'l [mm]', 'b [mm]', 'value', 'unit', 'designs', 'active'),
         ((one.objective, f'{one.link_length * 1e3:.2f}', f'{one.platform_half_length * 1e3:.2f}',
           f'{one.value:.4f}', OBJECTIVES[one.objective].unit, f'{one.designs}',

@@ -62,6 +62,7 @@ def test_the_optimum_says_what_holds_it(tmp_path, capsys):
     (optimum,) = numbers(tmp_path, '--optimise', 'area')['optimum']
     assert optimum['link_length'] == pytest.approx(0.35, abs=2e-5)
     assert 'l + b = 0.7 m' in optimum['active']
+    assert optimum['requirements']['min_difference'] == 0.0
     assert 'l + b = 0.7 m' in capsys.readouterr().out
 
 
