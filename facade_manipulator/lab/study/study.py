@@ -153,7 +153,7 @@ def _parser() -> argparse.ArgumentParser:
                   *parameter_fields(DriveTrain))
     _add_settings(parser.add_argument_group('what --optimise requires'), Requirements,
                   'length_sum', 'link_range', 'platform_range', 'min_y_travel', 'min_theta',
-                  'min_conditioning')
+                  'min_conditioning', 'min_difference')
     return parser
 
 
