@@ -69,7 +69,8 @@ def test_the_aggregator_sums_up_every_component_once(node, namespace):
 def test_the_container_does_what_the_documents_say():
     lines = config_path('deploy/Dockerfile').read_text().replace('\\\n', '').splitlines()
     steps = dict(line.split(' ', 1) for line in lines if not line.startswith('#'))
-    assert list(steps) == ['FROM', 'RUN', 'WORKDIR', 'COPY', 'CMD'] and steps['COPY'] == '. .'
+    assert list(steps) == ['FROM', 'RUN', 'USER', 'WORKDIR', 'COPY', 'CMD']
+    assert steps['USER'] == 'facade' and steps['COPY'] == '--chown=facade . .'  # not as root
     assert json.loads(steps['CMD']) == ['make', 'demo']
     documents = (TOP / 'docs/development.md').read_text()
     commands = [line[1:].strip() for line in lines if line.startswith('#   ')]
