@@ -19,6 +19,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import OutOfPlane
 from facade_manipulator.ros import diagnostic_status
 
+# of SI units, as they are shown
 UNITS, SCALES = ('mm', 'mm', 'deg'), (1e3, 1e3, math.degrees(1.0))
 LEVELS = {
     CorrectionMode.ACTIVE: 'ok',
