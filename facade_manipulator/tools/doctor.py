@@ -66,21 +66,26 @@ def _report(files: Sequence[Path], arguments: Sequence[str] | None) -> int:
 
 
 def _findings(files: Sequence[Path], arguments: Sequence[str] | None) -> Findings:
-    yield from computer(files)
+    yield from computer()
     with ros_errors():
         received = _nodes(arguments)
     yield from received.items()
+    yield from folders(files)
     if not any(name.endswith(str(BUS)) for name in received):  # which knows the driver's own
         yield 'real-time rights', realtime(
             read_settings(files, 'driver', 'controller', ControllerSettings))
 
 
-def computer(files: Sequence[Path]) -> Findings:
-    """Yield what is known of this computer without its nodes."""
+def computer() -> Findings:
+    """Yield what is known of this computer without its nodes and their parameters."""
     yield 'versions', versions()
     yield 'clock', clock()
     yield 'enclaves', enclaves()
     yield 'middleware', middleware(rclpy.get_rmw_implementation_identifier())
+
+
+def folders(files: Sequence[Path]) -> Findings:
+    """Yield which folders of the nodes' parameters can be written to."""
     for folder in {read_settings(files, 'driver', 'service', ServiceSettings).folder,
                    read_settings(files, 'recorder', '', BlackBoxSettings).folder} - {''}:
         yield folder, unwritable(Path(folder).expanduser())

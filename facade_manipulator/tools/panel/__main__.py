@@ -28,7 +28,7 @@ from facade_manipulator.nodes.overview import Seen
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.resources import config_path
 from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
-from facade_manipulator.tools.doctor import computer, rivals
+from facade_manipulator.tools.doctor import computer, folders, rivals
 from facade_manipulator.tools.panel.server import Access, Server
 from facade_manipulator.tools.panel.view import gondolas, PERIOD, recordings, View
 
@@ -88,7 +88,8 @@ class Panel:
     async def _examine(self) -> None:
         """Look at computer and files now and then; none of it holds the view up."""
         while True:
-            found = await asyncio.to_thread(lambda: [*computer(self._options.parameters)])
+            found = await asyncio.to_thread(lambda: [
+                *computer(), *folders(self._options.parameters)])
             for _ in range(round(EXAMINING / LISTING)):
                 self._slow = {
                     'doctor': [*found, ('publishers', rivals(self._client.node))],
