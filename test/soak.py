@@ -30,8 +30,11 @@ from hypothesis.stateful import run_state_machine_as_test  # noqa: E402
 from simulated_time import SimulatedTime  # noqa: E402
 from walk import Walk  # noqa: E402
 
-from facade_manipulator.drives.controller.settings import ControllerSettings  # noqa: E402
-from facade_manipulator.drives.controller.snapshot import ControllerState, CycleStatistics  # noqa: E402
+from facade_manipulator.drives.controller import (  # noqa: E402
+    ControllerSettings,
+    ControllerState,
+    CycleStatistics,
+)
 
 MOST_GROWTH = 5.0  # MB
 WARM_UP = 60.0  # s: rings and caches fill

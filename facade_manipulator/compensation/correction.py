@@ -183,8 +183,9 @@ class Correction:
 
     def predicted(self, estimate: Estimate) -> Pose:
         """Return what was predicted for an estimate, itself where nothing was."""
-        predictor = self.predictor
-        return predictor.predict(estimate.stamp).position if self._has_estimates else estimate.pose
+        if not self._has_estimates:
+            return estimate.pose
+        return self.predictor.predict(estimate.stamp).position
 
     def change_prediction(self, settings: PredictionSettings) -> None:
         """Learn again by other settings; meanwhile the correction fades out, and in again."""

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import math
 from typing import Any
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
+from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import estimate_numbers, projected, seconds
+
+Add = Callable[[DisturbanceEstimator, str, float, Any], None]
+
+
+def inputs(setup: EstimatorSetup) -> dict[str, Add]:
+    """Return how the messages of each sensor are taken, by its name, that of its topic."""
+    return {'imu': add_imu, **dict.fromkeys(setup.distances, add_range),
+            **dict.fromkeys(setup.fixes, add_fix), **dict.fromkeys(setup.poses, add_pose)}
 
 
 def add_imu(estimator: DisturbanceEstimator, _: str, now: float, message: Any) -> None:

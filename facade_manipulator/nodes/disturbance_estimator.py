@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 import math
 from typing import Any
@@ -13,12 +12,14 @@ from rclpy.node import Node
 
 from facade_manipulator import interfaces
 from facade_manipulator.estimation import (
+    Add,
     add_fix,
     add_imu,
     add_pose,
     add_range,
     DisturbanceEstimator,
     EstimatorSetup,
+    inputs,
     RailMotion,
     SensorNames,
     SensorRecord,
@@ -44,6 +45,9 @@ WATCH_PERIOD = 0.01  # s, in which what no measurement brings about is done
 SILENT = 1.0  # s without a measurement of a sensor
 MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
 AXES = (0, 1, 5)  # of x, y and yaw among the six of a pose
+INTERFACES: dict[Add, interfaces.Topic] = {
+    add_imu: interfaces.IMU, add_range: interfaces.RANGE_1, add_fix: interfaces.FIX_X,
+    add_pose: interfaces.FIX_POSE}
 SCALES = (1e3, 1e3, math.degrees(1.0))  # mm and degrees of metres and radians
 
 
@@ -66,28 +70,19 @@ class DisturbanceEstimatorNode(Node):
         self._codec = odometry_codec(
             'disturbance_odometry', self._frames.facade, self._frames.rail)
         self._odometry = publisher(self, interfaces.DISTURBANCE_ODOMETRY)
-        for topic, sensors, add in (
-                (interfaces.IMU, ('imu',), add_imu),
-                (interfaces.RANGE_1, setup.distances, add_range),
-                (interfaces.FIX_X, setup.fixes, add_fix),
-                (interfaces.FIX_POSE, setup.poses, self._add_pose)):
-            for name in sensors:
-                subscription(self, topic, partial(self._receive, add, name), name=name)
+        for name, add in inputs(setup).items():
+            subscription(self, INTERFACES[add], partial(self._receive, add, name), name=name)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, WATCH_PERIOD, self._watch)
 
-    def _receive(self, add: Callable[..., None], name: str, message: Any) -> None:
+    def _receive(self, add: Add, name: str, message: Any) -> None:
         now = node_time(self)
         with self._rejections:
+            if add is add_pose:
+                require_frame(message.header.frame_id, self._frames.facade, name)
             add(self._estimator, name, now, message)
         if add is add_imu:
             self._publish(now)
-
-    def _add_pose(
-        self, estimator: DisturbanceEstimator, name: str, now: float, message: Any
-    ) -> None:
-        require_frame(message.header.frame_id, self._frames.facade, name)
-        add_pose(estimator, name, now, message)
 
     def _watch(self) -> None:
         """Go on without an inertial sensor; write down what has happened."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from heapq import merge
 from typing import Any
@@ -12,12 +11,9 @@ import numpy as np
 from facade_manipulator.blackbox import RecordedRun
 from facade_manipulator.errors import RecordError
 from facade_manipulator.estimation import (
-    add_fix,
-    add_imu,
-    add_pose,
-    add_range,
     DisturbanceEstimator,
     EstimatorSetup,
+    inputs,
     SensorNames,
 )
 from facade_manipulator.kinematics import Pose
@@ -27,7 +23,6 @@ from facade_manipulator.tools.replay.parameters import ESTIMATOR
 from facade_manipulator.tools.replay.poses import Comparison, noted, settling_of
 
 ESTIMATES = 'disturbance_odometry'
-Add = Callable[[DisturbanceEstimator, str, float, Any], None]
 
 
 def replay_estimates(run: RecordedRun) -> Comparison:
@@ -42,18 +37,16 @@ def replay_estimates(run: RecordedRun) -> Comparison:
     read = partial(_settings, run.parameters[ESTIMATOR])
     names = read(SensorNames)
     setup = EstimatorSetup.read(names, read)
-    inputs: dict[str, Add] = {
-        'imu': add_imu, **dict.fromkeys(setup.distances, add_range),
-        **dict.fromkeys(setup.fixes, add_fix), **dict.fromkeys(setup.poses, add_pose)}
+    adders = inputs(setup)
     estimator = DisturbanceEstimator(setup)
     rejections: list[str] = []
     pairs = []
     for now, topic, message in merge(*(
             [(one.time, topic, one.message) for one in run.topics[topic]]
-            for topic in (*inputs, ESTIMATES)), key=lambda item: item[0]):
-        if topic in inputs:
+            for topic in (*adders, ESTIMATES)), key=lambda item: item[0]):
+        if topic in adders:
             with noted(rejections):
-                inputs[topic](estimator, topic, now, message)
+                adders[topic](estimator, topic, now, message)
             continue
         motion = estimator.advance(now)
         if motion is not None:

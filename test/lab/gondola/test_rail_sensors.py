@@ -116,6 +116,6 @@ def test_while_the_fix_is_lost_x_alone_sways_and_it_is_found_again(errors):
     before, meanwhile, after = (
         found[part].std(axis=0) for part in (
             slice(1000, 2000), slice(2000, 3500), slice(4300, None)))
-    assert abs(found[2000:3500, 0]).max() < 0.15  # it is not led astray by what nobody knows
+    assert abs(found[2000:3500, 0]).max() < 0.15  # what nobody knows does not displace it
     assert 0.02 < meanwhile[0] < 0.08  # the sway itself
     assert (meanwhile[1:] < 1.5 * before[1:]).all() and (after < 1.5 * before).all()

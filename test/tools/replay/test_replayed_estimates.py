@@ -10,11 +10,9 @@ import pytest
 from facade_manipulator.blackbox import Received, RecordedRun
 from facade_manipulator.errors import RecordError
 from facade_manipulator.estimation import (
-    add_fix,
-    add_imu,
-    add_range,
     DisturbanceEstimator,
     EstimatorSetup,
+    inputs,
     SensorNames,
 )
 from facade_manipulator.parameters import settings_from
@@ -28,7 +26,6 @@ PARAMETERS = {'imu.mounting': (*Imu().place, 0.0, 0.0, 0.0), 'poses': ('',),
               'range_1.mounting': (-0.5, 0.0, 0.0), 'range_2.mounting': (0.5, 0.0, 0.0),
               'fix_x.mounting': BETTER.place}
 SENSORS = {'range_1': LASERS['left'], 'range_2': LASERS['right'], 'fix_x': BETTER}
-ADD = {'imu': add_imu, 'range_1': add_range, 'range_2': add_range, 'fix_x': add_fix}
 
 
 def vector(x, y=0.0, z=0.0, **more):
@@ -56,14 +53,14 @@ def run():
     """Return what the node would have published, beginning before the recording does."""
     day, run = Day(DURATION + 5.0, 2), RecordedRun(begin=START + 5.0, end=START + DURATION)
     run.parameters = {'disturbance_estimator': PARAMETERS}
-    estimator = DisturbanceEstimator(EstimatorSetup.read(
-        SensorNames(poses=('',)),
-        lambda kind, prefix='': settings_from(kind, PARAMETERS, prefix)))
+    setup = EstimatorSetup.read(
+        SensorNames(poses=('',)), lambda kind, prefix='': settings_from(kind, PARAMETERS, prefix))
+    estimator, adders = DisturbanceEstimator(setup), inputs(setup)
     events, _ = arrivals(day, move(day), SENSORS, Imu(), Wall(day.seed))
     for arrival, name, stamp, value in events:
         now = START + arrival
         sent = message(name, START + stamp, value)
-        ADD[name](estimator, name, now, sent)
+        adders[name](estimator, name, now, sent)
         motion = estimator.advance(now) if name == 'imu' else None
         for topic, one in ((name, sent), ('disturbance_odometry', motion and odometry(motion))):
             if one is not None and run.begin <= now <= run.end:
