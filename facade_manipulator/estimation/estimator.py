@@ -260,7 +260,7 @@ class DisturbanceEstimator:
         rate = direction[X] * mean[VX] + direction[Y] * mean[VY] + direction[YAW] * turning
         residual = measurement.value - expected - rate * (measurement.stamp - stamp)
         gain = covariance @ direction
-        variance = float(gain @ direction) + measurement.variance
+        variance = max(float(gain @ direction), 0.0) + measurement.variance
         if measurement.level is None:
             self._decide(measurement, sensor.name, residual, math.sqrt(variance),
                          GATE if inertial.measured else COASTING_GATE)

@@ -118,6 +118,7 @@ class Process:
         mean[SENSORS:] *= kept
         diagonal(transition)[SENSORS:] = kept
         covariance: np.ndarray = transition @ state.covariance @ transition.T
+        covariance = 0.5 * (covariance + covariance.T)  # what differs would grow without bound
         noise = self._walk[inertial.measured] * step
         noise[SENSORS:] = self._own * (1.0 - kept * kept)
         diagonal(covariance)[:] += noise

@@ -92,6 +92,8 @@ def test_transoms_that_pass_are_a_level():
         day=day(hoisting=0.2, duration=60.0), wall=Wall(2, transom=0.03))
     assert (found < (0.5, 0.3, 0.02)).all() and worst[1] < 2.0
     assert outcome.estimator.records['left'].counts['other level'] > 50
+    covariances = np.array(outcome.covariances)  # a part that is not symmetric grows without end
+    assert np.allclose(covariances, covariances.transpose(0, 2, 1), rtol=1e-9, atol=1e-20)
 
 
 def test_without_an_imu_it_is_worse_and_a_push_does_not_end_it():
