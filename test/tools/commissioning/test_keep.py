@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import _thread
 import re
+import signal
 import time
 
 from canopen import SdoAbortedError
@@ -129,6 +130,7 @@ def test_what_ends_a_restore_says_what_is_written_and_what_to_do(rig, capsys, ke
     change(rig, 0, RAMP, 77)
     change(rig, 0, (0x6083, 0), 77)
     rig.drives[0].objects.writers[key] = act or (lambda _: rig.drives[0].reboot())
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a job of the background
     assert rig.run('restore', 'q1', str(rig.folder / 'machine.q1.dcf')) == 1
     assert reason in capsys.readouterr().err
 
