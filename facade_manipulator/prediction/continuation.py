@@ -131,6 +131,8 @@ class Continuation:
         self._elapsed += duration
         weights = intervals * (steps <= LONGEST_STEP).all(axis=1)
         self._score(weights, came, spread, forecasts.transpose(1, 2, 0, 3)[..., self.chosen])
+        # estimates that were better than they said are no credit for others that are better
+        self._scores[:RIGHT] = np.maximum(self._scores[:RIGHT], -noise[:, None])
         kept = math.exp(-duration / min(START_SHARE * self._elapsed, self._memory))
         features = features.swapaxes(0, 1)
         weighted = (features * weights[:, None]).swapaxes(1, 2)

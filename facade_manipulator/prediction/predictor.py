@@ -153,12 +153,14 @@ class DisturbancePredictor:
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
         self._origin = measured
         self._suspected_since = np.full(axes, math.inf)
+        self._believed = np.full(axes, stamp)
         self._bank = FilterBank(axes)
         near, far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
         self._tones = Tones(axes)
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
+        self._forecast = np.zeros((axes, len(_SPLINE.T)))
         self._past, self._rough = np.tile(measured, (3, 1)), np.ones(axes)
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
@@ -172,10 +174,10 @@ class DisturbancePredictor:
         Outliers are taken for what was predicted. Those that last are true: not the gondola has
         jumped, but what the estimator measures from, and all that is kept with it.
         """
-        ahead = min(interval, HORIZONS[-1])
-        expected = self._full @ _basis(ahead)
+        expected = self._expected(stamp)
         error = measured - self._origin - expected
-        known = self._variances[:, np.searchsorted(HORIZONS, ahead)]
+        known = self._variances[range(len(error)), np.searchsorted(
+            HORIZONS[:-1], stamp - self._believed)]
         suspected = (error ** 2 > OUTLIER ** 2 * (known + noise)) & (interval <= HORIZONS[-1])
         self._suspected_since = np.where(
             suspected, np.minimum(self._suspected_since, stamp), math.inf)
@@ -185,14 +187,24 @@ class DisturbancePredictor:
         error[suspected] = 0.0
         steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
         for share in np.arange(1, steps) / steps:
-            between = self._full @ _basis(min(share * interval, HORIZONS[-1]))
+            between = self._expected(stamp - (1.0 - share) * interval)
             self._bank.update(interval / steps, between + share ** 2 * error)
+        self._believed[~suspected | stepped] = stamp
         self._values = expected + error
         self._bank.update(interval / steps, self._values)
         self._tones.add(stamp, self._values)
         self._past = np.vstack((self._past[1:], self._values))
         self._rough += min(interval / ROUGH_TIME, 1.0) * (
             (_SECOND @ self._past) ** 2 / (_SECOND @ _SECOND * noise) - self._rough)
+
+    def _expected(self, time: float) -> np.ndarray:
+        """
+        Return the positions at a time [s] by the last estimates that were believed.
+
+        What was predicted from a prediction would grow with every step.
+        """
+        ahead = np.minimum(time - self._believed, HORIZONS[-1])
+        return (self._forecast * _basis(ahead[:, None])).sum(axis=1)
 
     def _go_on(self, interval: float, noise: np.ndarray) -> None:
         """Predict from the filters as they are, and keep what to learn from."""
@@ -212,7 +224,8 @@ class DisturbancePredictor:
         step = np.clip(self._tones.at(self.stamp, HORIZONS) - continued, -most, most)
         full = continued + self._trust * step
         mean = np.repeat(self._mean[:, None], len(HORIZONS), axis=1)
-        self._full = full @ _SPLINE
+        believed = self._believed == self.stamp
+        self._forecast = np.where(believed[:, None], full @ _SPLINE, self._forecast)
         final = mean + self._room(interval, full) * self._share * (full - mean)
         self._final = final @ _SPLINE
         sample = Sample(
@@ -259,9 +272,9 @@ class DisturbancePredictor:
         return (room * np.minimum(room / LEAST_ROOM, 1.0))[:, None]
 
 
-def _basis(ahead: float) -> np.ndarray:
-    """Return what a spline's coefficients are to be multiplied by at a time [s]."""
-    return np.concatenate((ahead ** _POWERS, np.maximum(ahead - _KNOTS, 0.0) ** 3))
+def _basis(ahead: float | np.ndarray) -> np.ndarray:
+    """Return what a spline's coefficients are to be multiplied by at times [s]."""
+    return np.concatenate((ahead ** _POWERS, np.maximum(ahead - _KNOTS, 0.0) ** 3), axis=-1)
 
 
 def _slopes(ahead: float) -> np.ndarray:

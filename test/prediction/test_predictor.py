@@ -328,6 +328,30 @@ def test_a_sway_that_begins_after_rest_is_not_exaggerated(noise, bound):
 
 
 @pytest.mark.long
+@pytest.mark.parametrize('begin', [24.0, 28.0])
+@pytest.mark.parametrize(('deviation', 'settling', 'left'), [
+    (3e-4, 2.0, 0.004), (1e-3, 2.0, 0.004), (3e-3, 2.0, 0.004), (0.01, 2.0, 0.004),
+    (0.1, 6.0, 0.015)])
+def test_a_motion_that_comes_back_after_the_estimator_rested_is_not_exaggerated(
+        deviation, settling, left, begin):
+    """What is held for 13 s says nothing; what comes then is better, and elsewhere."""
+    sway, end, predictor = sines(BREEZE), begin + 13.0, DisturbancePredictor(SETTINGS)
+    random, errors = np.random.default_rng(1), []
+    for time in np.arange(0.0, end + 10.0, 0.02).tolist():
+        is_held = begin <= time < end
+        values = sway(begin if is_held else time) + 3e-4 * random.standard_normal(3) * (
+            not is_held)
+        variances = Pose(*3 * [(deviation if is_held else 3e-4) ** 2])
+        predictor.update(1000.0 + time, Pose(*values.tolist()), variances)
+        errors.append(np.subtract(
+            predictor.predict(1000.0 + time + HORIZON).position, sway(time + HORIZON)))
+    jump = np.abs(np.subtract(sway(end), sway(begin)))
+    after = np.abs(errors[round(50.0 * end):])
+    assert (after < 1.5 * jump + 0.012).all()
+    assert (after[round(50.0 * settling):] < left).all()
+
+
+@pytest.mark.long
 @pytest.mark.parametrize('published', [2e-4, 5e-3])
 def test_a_wrong_variance_does_no_great_harm(published):
     assert (Run(gusts(1), 60.0, published=published).rms(20.0) < 1.1 * NOISE).all()
