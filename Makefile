@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation bench-calibration demo check test test-page test-next soak soak-prediction stopping study docs lint mutate package clean
+.PHONY: help setup bench bench-vcan bench-compensation bench-calibration demo check test test-page test-next soak soak-prediction soak-estimator stopping study docs lint mutate package clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
@@ -37,6 +37,9 @@ soak: setup  ## Run the drives, fuzz them, let anything happen in any order: 2 h
 
 soak-prediction: setup  ## Predict an hour of every motion that nobody tuned for (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/prediction_soak.py $(SOAK_ARGS)
+
+soak-estimator: setup  ## Hoist past transoms for an hour on raw sensors (SOAK_ARGS=…)
+	@$(IN_VENV) exec python test/estimation_soak.py $(SOAK_ARGS)
 
 mutate: setup  ## Change the machine's code at random places and see what the tests notice (MUTATE_ARGS=…)
 	@$(IN_VENV) exec python test/mutate.py $(MUTATE_ARGS)

@@ -187,6 +187,7 @@ SENSOR = DiagnosticComponent(
         'rate [Hz]': 'of its measurements',
         'age when it comes [ms]': 'by its stamps',
         'normalised innovation squared': 'mean; 1 where its noise is as the parameters say',
+        'delay found [ms]': 'how late its stamps are, and the standard deviation; of a fix alone',
         'measurements: *': 'by what became of them: used, other level, outlier, …',
     })
 COMPONENTS = (

@@ -237,6 +237,13 @@ class DisturbanceEstimator:
         step = self._history.newest
         return self._motion(step.stamp, step.state, step.inertial)
 
+    def delays(self) -> dict[str, tuple[float, float]]:
+        """Return how late the stamps of each fix are, as found, and the deviation of that [s]."""
+        mean, covariance = self._history.newest.state
+        return {sensor.name: (sensor.delay + float(mean[sensor.first + 1]),
+                              math.sqrt(covariance[sensor.first + 1, sensor.first + 1]))
+                for sensor in self._sensors if isinstance(sensor, FeatureSensor)}
+
     def _coast(self, now: float) -> None:
         """Go on to the present without the inertial sensor if that is silent."""
         silent = now - self._imu_came  # by what comes: who is late would be overtaken each time

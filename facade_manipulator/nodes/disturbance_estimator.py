@@ -104,8 +104,10 @@ class DisturbanceEstimatorNode(Node):
 
     def _components(self) -> list[DiagnosticStatus]:
         now = node_time(self)
+        delays = self._estimator.delays() if self._estimator.started else {}
         return [self._summary(), *(
-            self._sensor(name, record, now) for name, record in self._estimator.records.items())]
+            self._sensor(name, record, now, delays.get(name))
+            for name, record in self._estimator.records.items())]
 
     def _summary(self) -> DiagnosticStatus:
         estimator, motion = self._estimator, self._motion
@@ -127,7 +129,9 @@ class DisturbanceEstimatorNode(Node):
                 'motion', 'warn', 'without an inertial sensor: constant acceleration', values)
         return diagnostic_status('motion', 'ok', 'estimating', values)
 
-    def _sensor(self, name: str, record: SensorRecord, now: float) -> DiagnosticStatus:
+    def _sensor(
+        self, name: str, record: SensorRecord, now: float, delay: tuple[float, float] | None
+    ) -> DiagnosticStatus:
         counts = record.counts
         used, outliers = counts['used'] + counts['other level'], counts['outlier']
         before = self._seen.get(name, (0, 0))
@@ -143,6 +147,8 @@ class DisturbanceEstimatorNode(Node):
             'rate [Hz]': 1.0 / record.period if record.period else math.nan,
             'age when it comes [ms]': 1e3 * record.age,
             'normalised innovation squared': record.square,
+            **({} if delay is None else {
+                'delay found [ms]': f'{1e3 * delay[0]:.1f} +- {1e3 * delay[1]:.1f}'}),
             **{f'measurements: {kind}': count for kind, count in sorted(counts.items())}})
 
 
