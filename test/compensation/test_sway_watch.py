@@ -28,11 +28,11 @@ def test_the_envelope_holds_the_greatest_sway_of_either_sign(x, theta):
 @given(st.floats(0.001, 0.1))
 def test_a_gondola_pushed_off_the_wall_is_further_off_than_before_the_touch(back):
     watch = noted(*[Pose(0.0, 0.0, 0.0)] * 10)
-    for _ in range(10_000):
-        watch.note(0.01, Pose(0.0, -back, 0.0), True)
+    for _ in range(100):
+        watch.note(1.0, Pose(0.0, -back, 0.0), True)
     assert watch.push_back == pytest.approx(back, rel=0.01)
-    for _ in range(10_000):
-        watch.note(0.01, Pose(0.0, -back, 0.0), False)
+    for _ in range(100):
+        watch.note(1.0, Pose(0.0, -back, 0.0), False)
     assert watch.push_back == pytest.approx(0.0, abs=1e-12)
 
 
