@@ -1,6 +1,6 @@
 # Everything sets itself up: `make demo` and `make test` work on a fresh checkout.
 .DEFAULT_GOAL := help
-.PHONY: help setup bench bench-vcan bench-compensation bench-calibration demo check test test-page test-next soak soak-prediction soak-estimator stopping study docs lint mutate package clean
+.PHONY: help setup bench bench-vcan bench-compensation bench-calibration demo check test test-page test-next soak soak-prediction soak-tests soak-estimator stopping study docs lint mutate package clean
 
 export ROS_AUTOMATIC_DISCOVERY_RANGE := LOCALHOST
 unexport PYTHONDONTWRITEBYTECODE  # or each of a hundred processes would compile all again
@@ -40,6 +40,10 @@ soak-prediction: setup  ## Predict an hour of every motion that nobody tuned for
 
 soak-estimator: setup  ## Hoist past transoms for an hour on raw sensors (SOAK_ARGS=…)
 	@$(IN_VENV) exec python test/estimation_soak.py $(SOAK_ARGS)
+
+soak-tests: setup  ## Run the pure tests with 20 times as many seeds and random examples (SOAK=…)
+	@$(IN_VENV) SOAK=$(or $(SOAK),20) exec python -m pytest -q test -m 'not realtime' -n auto \
+	  --dist=worksteal $(PYTEST_ARGS)
 
 mutate: setup  ## Change the machine's code at random places and see what the tests notice (MUTATE_ARGS=…)
 	@$(IN_VENV) exec python test/mutate.py $(MUTATE_ARGS)

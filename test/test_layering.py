@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from support import syntax
 
 import facade_manipulator
 
@@ -88,10 +89,10 @@ def room_of_module(module: Path) -> str:
     return room_of(module.with_suffix('').parts)
 
 
-def imports(source: str, package: tuple[str, ...]) -> set[tuple[str, ...]]:
+def imports(tree: ast.Module, package: tuple[str, ...]) -> set[tuple[str, ...]]:
     """Return every imported name, relative ones resolved, as parts."""
     found = set()
-    for node in ast.walk(ast.parse(source)):
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             found |= {tuple(alias.name.split('.')) for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -103,7 +104,7 @@ def imports(source: str, package: tuple[str, ...]) -> set[tuple[str, ...]]:
 
 @cache
 def imports_of(module: Path) -> set[tuple[str, ...]]:
-    return imports((PACKAGE / module).read_text(), (NAME, *module.parent.parts))
+    return imports(syntax(PACKAGE / module), (NAME, *module.parent.parts))
 
 
 def rooms_imported(names: set[tuple[str, ...]]) -> set[str]:
@@ -148,14 +149,14 @@ def on_the_face(name: tuple[str, ...], room: str, face: set[str]) -> bool:
 
 def test_no_class_name_has_two_meanings():
     names = [node.name for module in MODULES
-             for node in ast.parse((PACKAGE / module).read_text()).body
+             for node in syntax(PACKAGE / module).body
              if isinstance(node, ast.ClassDef)]
     assert {name for name in names if names.count(name) > 1} == set()
 
 
 def test_every_room_says_what_comes_in_and_goes_out():
     wordless = [module for module in MODULES if module.name == '__init__.py'
-                and not ast.get_docstring(ast.parse((PACKAGE / module).read_text()))]
+                and not ast.get_docstring(syntax(PACKAGE / module))]
     assert not wordless
 
 
@@ -185,7 +186,7 @@ def private_names(tree: ast.AST) -> tuple[set[str], set[str]]:
 
 
 def test_private_names_of_other_libraries_are_used_in_one_place_each():
-    names = {module.as_posix(): private_names(ast.parse((PACKAGE / module).read_text()))
+    names = {module.as_posix(): private_names(syntax(PACKAGE / module))
              for module in MODULES if module.parts[0] not in ('tools', 'lab')}
     ours = PUBLIC.union(*(defined for defined, _ in names.values()))
     foreign = {module: used - ours for module, (_, used) in names.items()}
@@ -210,4 +211,4 @@ def test_every_room_has_its_rule():
     ('from facade_manipulator import config_path\nimport math', set()),
 ])
 def test_every_form_of_import_is_seen(source, rooms):
-    assert rooms_imported(imports(source, (NAME, 'kinematics'))) == rooms
+    assert rooms_imported(imports(ast.parse(source), (NAME, 'kinematics'))) == rooms

@@ -13,6 +13,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
+from support import syntax
 
 import facade_manipulator
 from facade_manipulator import config_path, resources
@@ -204,7 +205,7 @@ for module in {nodes}:
 def third_party_imports() -> set[str]:
     found = set()
     for path in Path(facade_manipulator.__file__).parent.rglob('*.py'):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(syntax(path)):
             if isinstance(node, ast.Import):
                 found |= {alias.name.split('.')[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:

@@ -126,6 +126,7 @@ def test_a_tare_without_a_fresh_estimate_is_rejected(heard, message):
         run.correction.tare(run.now)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('lost', range(3))
 def test_an_axis_that_is_not_known_fades_alone_and_comes_back_alone(lost):
     known = tuple(axis != lost for axis in range(3))

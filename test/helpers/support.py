@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
+import os
 from pathlib import Path
 import signal
 import socket
@@ -12,10 +15,18 @@ import warnings
 
 import pytest
 
+#: how many times as many seeds and random examples as in make test
+SOAK = int(os.environ.get('SOAK', 1))
 DEADLINE = 20.0
 SO_RCVBUFFORCE = 33
 MUCH = 8 << 20  # bytes
 second_tries: list[str] = []  # of the test that is running, and why
+
+
+@cache
+def syntax(path: Path) -> ast.Module:
+    """Return what a file says; several tests read the whole package."""
+    return ast.parse(path.read_text())
 
 
 class HangingTestError(pytest.fail.Exception):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-import os
 import random
 
 from own_plant import Plant
 import pytest
+from support import SOAK
 
 from facade_manipulator.drives.cia402 import ControllerState
 from facade_manipulator.motion import MotionLimits
@@ -15,7 +15,6 @@ from facade_manipulator.motion import MotionLimits
 LAGS = (0.0, 0.005, 0.015, 0.025, 0.035)
 FAILURES = ('dead', 'seized', 'brakes')
 AHEAD, WATCHED = 0.03, 80  # s; cycles
-MOTIONS = int(os.environ.get('MOTIONS', 500))
 
 
 def swing(chance, start):
@@ -83,6 +82,6 @@ def test_no_carriage_touches_a_neighbour_that_fails(part):
 
 @pytest.mark.long
 def test_in_many_more_motions_no_carriage_touches_a_neighbour_that_fails():
-    worst = min(map(least_left, range(100, 100 + MOTIONS)))
+    worst = min(map(least_left, range(100, 100 + 200 * SOAK)))
     print(f'least distance {1e3 * worst[0]:.2f} mm: lag, failure, seed {worst[1:]}')
     assert worst[0] > 0.0

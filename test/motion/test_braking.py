@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 import math
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
@@ -76,7 +76,6 @@ def stop_alone(speed: float, brake: Brake, time: float) -> float:
 
 
 @pytest.mark.long
-@settings(max_examples=500)
 @given(st.tuples(shares, shares, shares), st.tuples(shares, shares, shares),
        st.floats(3.0, 12.0), st.floats(0.0, 0.03))
 def test_no_motion_inside_the_limits_comes_nearer_than_the_bound(

@@ -8,10 +8,10 @@ from functools import cache
 import math
 
 from hypothesis import given
-from hypothesis import settings as tried
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from support import SOAK
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
@@ -147,7 +147,6 @@ intervals = st.one_of(st.floats(1e-3, 0.1), st.floats(0.1, 5.0), st.floats(-1.0,
 
 
 @pytest.mark.long
-@tried(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(intervals, bounded), min_size=1, max_size=60), st.floats(1e-4, 0.1))
 def test_bounded_estimates_give_a_bounded_prediction(estimates, deviation):
     predictor, stamp = DisturbancePredictor(SETTINGS), 1000.0
@@ -171,7 +170,7 @@ def test_whatever_was_learnt_a_prediction_is_bounded():
 
 
 @pytest.mark.long
-@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('seed', range(SOAK))
 def test_after_minutes_of_anything_a_prediction_is_bounded(seed):
     """Random walks between bounds, jumps and sines that start and stop: it never runs away."""
     random, predictor = np.random.default_rng(seed), DisturbancePredictor(SETTINGS)
@@ -230,8 +229,8 @@ def test_the_standard_deviation_is_that_of_the_errors_after_five_minutes_of_tone
     assert (inside.mean(axis=0) > 0.93).all()
 
 
-@pytest.mark.parametrize('time', [0.2, pytest.param(0.5, marks=pytest.mark.long),
-                                  pytest.param(1.0, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize('time', [0.2, 0.5, 1.0])
 @pytest.mark.parametrize('motion', [gusts(3), BREEZE])
 def test_the_standard_deviation_is_that_of_the_errors_where_noise_is_correlated(motion, time):
     alike, noise = math.exp(-0.02 / time), np.zeros(3)
@@ -247,6 +246,7 @@ def test_the_standard_deviation_is_that_of_the_errors_where_noise_is_correlated(
     assert (errors < deviations).mean() < 0.9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(('rate', 'noise', 'least'), [(20.0, 3e-3, 0.5), (50.0, 1e-3, 0.5)])
 def test_what_the_estimator_adds_is_what_a_better_one_would_take_away(rate, noise, least):
     motion, ahead = gusts(1), 0.06

@@ -7,6 +7,7 @@ from pathlib import Path
 import re
 
 import pytest
+from support import syntax
 
 import facade_manipulator
 from facade_manipulator.compensation.correction import CorrectionMode
@@ -37,7 +38,7 @@ def first_arguments(*names: str) -> set[str]:
     found = set()
     tool = set((PACKAGE / 'tools' / 'commissioning').glob('*.py'))
     for path in set(PACKAGE.rglob('*.py')) - tool:
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(syntax(path)):
             if isinstance(node, ast.Call) and node.args:
                 called = getattr(node.func, 'id', getattr(node.func, 'attr', ''))
                 if called in names:
@@ -79,7 +80,7 @@ def test_every_cause_of_a_stop_is_documented_and_no_other():
     missing = {cause for cause in causes if not any(code in cause for code in documented)}
     assert not missing
     said = {text(node) for path in PACKAGE.rglob('*.py')
-            for node in ast.walk(ast.parse(path.read_text()))}
+            for node in ast.walk(syntax(path))}
     assert documented == set().union(*(may_be(one, documented) for one in said))
 
 

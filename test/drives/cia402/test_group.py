@@ -3,7 +3,7 @@ from dataclasses import replace
 from functools import partial
 import itertools
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
@@ -510,7 +510,6 @@ def ask(group: Group, request: str, now: float) -> bool:
 
 
 @pytest.mark.long
-@settings(max_examples=300)
 @given(st.lists(st.tuples(
     st.sampled_from([None] * 8 + list(REQUESTS)), st.tuples(feedbacks, feedbacks, feedbacks)),
     max_size=60))
@@ -528,7 +527,6 @@ def test_no_sequence_of_statuswords_enables_what_was_not_asked_for(cycles):
 
 
 @pytest.mark.long
-@settings(max_examples=200)
 @given(st.sampled_from(sorted(SITUATIONS)), st.integers(0, 2), st.sampled_from(FAULTS),
        st.lists(st.tuples(feedbacks, feedbacks, feedbacks), max_size=20))
 def test_after_a_fault_nothing_but_a_reset_and_a_request_enables_again(
@@ -541,7 +539,6 @@ def test_after_a_fault_nothing_but_a_reset_and_a_request_enables_again(
         assert not any(map(is_enabling, drives.group.step(feedback, drives.now)))
 
 
-@settings(max_examples=50)
 @given(st.sampled_from(STATES), st.integers(0, 2), st.integers(0, 3))
 def test_a_drive_in_any_state_at_any_rung_of_powering_on_never_leaves_another_enabled(
         state, axis, cycles):

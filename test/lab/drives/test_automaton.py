@@ -1,3 +1,4 @@
+from functools import cache
 import itertools
 
 from facade_manipulator.drives.cia402.states import State
@@ -34,8 +35,8 @@ QUICK_STOP_IS_DISABLE = ((State.READY_TO_SWITCH_ON, 7), (State.SWITCHED_ON, 10))
 TWO_STEPS = (State.READY_TO_SWITCH_ON, DeviceCommand.ENABLE_OPERATION)  # transitions 3 and 4
 
 
-def standard_command(controlword):
-    bits = ''.join(str(controlword >> bit & 1) for bit in (7, 3, 2, 1, 0))
+@cache
+def standard_command(bits):
     matches = {command for pattern, command in COMMAND_BITS
                if all(p in ('x', b) for p, b in zip(pattern, bits, strict=True))}
     assert len(matches) == 1
@@ -53,7 +54,8 @@ def standard_table():
 def test_every_controlword_gives_one_command_and_it_is_the_standards():
     for word in range(0x10000):
         matches = [c for c, (mask, value) in CONTROLWORDS.items() if word & mask == value]
-        assert matches == [decode_command(word)] == [standard_command(word)]
+        bits = tuple(str(word >> bit & 1) for bit in (7, 3, 2, 1, 0))
+        assert matches == [decode_command(word)] == [standard_command(bits)]
 
 
 def test_all_states_and_all_commands_go_where_the_standard_says():

@@ -12,7 +12,7 @@ from drive_bench import (
     NMT_STOP,
 )
 from frames import encode_rpdo1
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
@@ -383,7 +383,6 @@ FRAMES = st.lists(
     min_size=1, max_size=60)
 
 
-@settings(max_examples=150)
 @given(FRAMES, st.booleans())
 def test_a_drive_survives_any_frames_and_stays_on_its_rail(frames, enabled):
     bench = Bench().configure()
@@ -404,7 +403,6 @@ def test_a_drive_survives_any_frames_and_stays_on_its_rail(frames, enabled):
     bench.configure().enable()  # and it works afterwards
 
 
-@settings(max_examples=60)
 @given(st.lists(st.binary(min_size=8, max_size=8), min_size=1, max_size=80))
 def test_random_sdo_requests_get_one_answer_or_none_each(requests):
     bench = Bench().boot()

@@ -106,7 +106,7 @@ def errors():
 
 @pytest.mark.long
 def test_the_loop_on_raw_sensors_is_better_than_on_the_default_estimates(errors):
-    raw, default = (errors(name, 40.0)[1500:].std(axis=0) for name in ('sensors', 'gusty'))
+    raw, default = (errors(name, 30.0)[1500:].std(axis=0) for name in ('sensors', 'gusty'))
     assert (raw < 0.8 * default).all()
 
 
