@@ -26,7 +26,7 @@ os.environ['ROS_HOME'] = tempfile.mkdtemp(prefix='facade_manipulator_home_')
 os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='facade_manipulator_log_'))
 
 settings.register_profile(
-    'project', deadline=None, derandomize=SOAK == 1, max_examples=100 * SOAK,
+    'project', deadline=None, derandomize=SOAK == 1, max_examples=50 * SOAK,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much])
 settings.register_profile('quick', settings.get_profile('project'), max_examples=25)
 settings.load_profile('project')

@@ -38,7 +38,7 @@ def sound(_, force):
 
 
 def press(
-    stiffness, duration=35.0, settings=SETTINGS, wall=lambda time: WALL, sensor=sound,
+    stiffness, duration=25.0, settings=SETTINGS, wall=lambda time: WALL, sensor=sound,
     around=lambda time: Surroundings(), pressing=None, seed=1, noise=NOISE,
 ):
     """Press on a wall; `sensor` takes time and force, returns what it tells or None."""

@@ -19,6 +19,7 @@ from estimator_plant import (
 )
 import numpy as np
 import pytest
+from support import SOAK
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.estimation import DisturbanceEstimator
@@ -46,7 +47,7 @@ def result(sensors=SENSORS, since=10.0, until=math.inf, **options):
 
 
 @pytest.mark.parametrize(('fix', 'bound'), [(CAMERA, 0.75), (BETTER, 0.5), (LINE, 0.27)])
-@pytest.mark.parametrize('seed', [1, 2])
+@pytest.mark.parametrize('seed', range(1, 1 + SOAK))
 def test_gusts_are_estimated_well_and_honestly(fix, bound, seed):
     _, found, _, inside = result({**LASERS, 'fix': fix}, day=day(seed))
     assert (found < (bound, 0.2, 0.02)).all()
@@ -58,14 +59,14 @@ def test_a_platform_that_tilts_with_its_cables_is_estimated_as_well():
     assert (found < (0.5, 0.2, 0.02)).all()
 
 
-@pytest.mark.parametrize(('duration', 'worst'), [(0.5, 2.0), (2.0, 12.0), (5.0, 60.0)])
-def test_without_a_fix_x_gets_worse_and_says_so_and_y_does_not(duration, worst):
-    lost = replace(BETTER, lost=((25.0, 25.0 + duration),))
-    outcome, *_ = result({**LASERS, 'fix': lost})
-    errors, deviations = outcome.errors(25.0, 25.3 + duration)
-    assert np.abs(errors[:, 0]).max() < worst
-    assert (np.abs(errors) < 4.0 * deviations).all()
-    assert rms(errors)[1] < 0.2 and rms(outcome.errors(27.0 + duration)[0])[0] < 0.5
+def test_without_a_fix_x_gets_worse_and_says_so_and_y_does_not():
+    gaps = {(20.0, 20.5): 2.0, (25.0, 27.0): 12.0, (32.0, 37.0): 60.0}  # s: mm at worst
+    outcome, *_ = result({**LASERS, 'fix': replace(BETTER, lost=(*gaps,))})
+    for (begin, end), worst in gaps.items():
+        errors, deviations = outcome.errors(begin, end + 0.3)
+        assert np.abs(errors[:, 0]).max() < worst
+        assert (np.abs(errors) < 4.0 * deviations).all()
+        assert rms(errors)[1] < 0.2 and rms(outcome.errors(end + 2.0, end + 4.5)[0])[0] < 0.5
 
 
 def test_x_that_is_lost_for_good_is_given_up_and_found_again():
@@ -87,7 +88,7 @@ def test_a_sensor_that_fails_is_no_catastrophe(changes, bounds):
     assert (found < bounds).all()
 
 
-@pytest.mark.parametrize('late', [-0.01, 0.0, 0.02])
+@pytest.mark.parametrize('late', [-0.01, 0.02])
 def test_pushes_show_how_late_the_stamps_of_a_fix_are(late):
     sensors = {**LASERS, 'fix': replace(BETTER, stamp_error=late)}
     setup = setup_of(sensors, Imu())

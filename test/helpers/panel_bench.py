@@ -40,12 +40,12 @@ def status(level, message, values):
 class Machine:
     """What is seen of a gondola, at moments that the test chooses."""
 
-    def __init__(self, name='gondola_1'):
+    def __init__(self, name='gondola_1', past=SPAN):
         self.known = {}
         self.seen = Seen(name, {name: self.known})
         self.view = View(self.seen, Geometry(), 0.3)
-        begin = time.monotonic() - SPAN
-        for k in range(round(SPAN / PERIOD)):
+        begin = time.monotonic() - past
+        for k in range(round(past / PERIOD)):
             self.speak(begin + PERIOD * k)
             self.view.look(begin + PERIOD * k)
 

@@ -57,7 +57,7 @@ def test_the_past_is_a_minute(machine):
 @given(st.lists(st.floats(), max_size=5), st.lists(st.text(max_size=3), max_size=5), st.floats(),
        st.floats())
 def test_whatever_is_published_is_json_that_a_browser_reads(numbers, names, x, y):
-    machine = Machine()
+    machine = Machine(past=PERIOD)
     machine.speak(NOW, {**HEALTHY, OPERATION: ('error', str(x), {'state': str(y)})})
     machine.seen.joints = NOW, SimpleNamespace(
         name=names, position=numbers, velocity=[], effort=numbers)
