@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import rule, RuleBasedStateMachine
 from virtual_world import World
 
-from facade_manipulator.drives.cia402 import AXIS_NAMES, State
+from facade_manipulator.drives.cia402 import ACTIVE_STATES, AXIS_NAMES, State
 from facade_manipulator.drives.controller import ControllerState
 from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.motion import MotionLimits, Setpoint
@@ -27,6 +27,7 @@ from facade_manipulator.motion import MotionLimits, Setpoint
 REQUESTS = ('configure', 'cleanup', 'activate', 'deactivate', 'home', 'halt', 'clear_faults',
             'self_test')
 POWERING = ('activate', 'home')
+LIFECYCLE = {'activate': True, 'deactivate': False, 'cleanup': False}  # is the node active then?
 ANSWER_BOUND = 70.0  # s: the time-out of homing is 60 s
 STEPS_TO_ACTIVE = 16
 MOST_STEPS = 5  # cycles in which all three are told to stop when one has left operation
@@ -94,6 +95,7 @@ class Walk(RuleBasedStateMachine):
         self.world = World()
         self.log = CommandLog(self.world.settings.period)
         self.jobs: list[tuple[str, Future, float]] = []
+        self.is_active = False
         self.course = (0.0, 1.0)
         self.cycle = 0
         self.next_cycle = self.next_silence = 0.0
@@ -242,7 +244,12 @@ class Walk(RuleBasedStateMachine):
     def _check_answers(self) -> None:
         for name, job, since in self.jobs:
             assert job.done() or self.world.time.now - since < ANSWER_BOUND, f'{name}: no answer'
+            if job.done() and job.exception() is None:
+                self.is_active = LIFECYCLE.get(name, self.is_active)
         self.jobs = [one for one in self.jobs if not one[1].done()]
+        self.is_active &= self.state in ACTIVE_STATES
+        assert self.jobs or self.is_active == (self.state in ACTIVE_STATES), (
+            f'{self.state}, and the node is {"active" if self.is_active else "inactive"}')
 
     def teardown(self) -> None:
         """However it ended: the steps that are named lead to drives that follow setpoints."""
