@@ -49,9 +49,11 @@ def main() -> int:
         f'{part.mean():.2f}' for part in np.array_split(squares, 6)), 'by sixths')
     restarts = [event for event in outcome.estimator.events
                 if event.stamp > 1000.0 + SETTLED and 'start' in event.reason]
-    print(f'{len(restarts)} restarts', *restarts)
+    delay, deviation = outcome.estimator.delays()['fix']
+    print(f'{len(restarts)} restarts', *restarts,
+          f'; delay of the fix found {1e3 * delay:.1f} +- {1e3 * deviation:.1f} ms, true 0')
     low, high = INSIDE
-    return int(bool(restarts) or normalised.max() > MOST
+    return int(bool(restarts) or normalised.max() > MOST or abs(delay) > 3.0 * deviation
                or not (low < inside.min() and inside.max() < high))
 
 

@@ -26,6 +26,10 @@ from facade_manipulator.estimation.state import (
 )
 from facade_manipulator.kinematics import Pose
 
+# s, over which the delay of stamps is about the same: of one that is never forgotten the filter
+# becomes ever more certain, though what the model lacks looks like one
+DELAY_TIME = 60.0
+
 
 class Wall:
     """Where the wall and its features are, once that is known: by the settings or by the start."""
@@ -104,7 +108,7 @@ class FeatureSensor:
         self.mounting = settings.mounting
         self.first = first
         self.states = [SensorState(settings.place_noise, wall.settings.cell),
-                       SensorState(settings.delay_error, math.inf)]
+                       SensorState(settings.delay_error, math.inf, DELAY_TIME)]
         #: its place on the wall [m], known from the start on
         self.feature = settings.feature if settings.feature_known else None
         self._wall = wall

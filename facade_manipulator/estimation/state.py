@@ -65,7 +65,8 @@ class SensorState(NamedTuple):
     """A state of a sensor of the wall: the error of a place, or what is not known of a delay."""
 
     deviation: float
-    cell: float  #: over which it is about the same [m]; infinite for what is constant
+    cell: float  #: over which it is about the same [m]
+    time: float = math.inf  #: likewise [s]
 
 
 class Process:
@@ -76,6 +77,7 @@ class Process:
         self.size = SENSORS + len(sensors)
         self._own = np.array([sensor.deviation for sensor in sensors]) ** 2
         self._cells = np.array([1.0 / sensor.cell for sensor in sensors])
+        self._times = np.array([1.0 / sensor.time for sensor in sensors])
         self._identity = np.eye(self.size)
         self._walk = {True: self._measured_walk(imu), False: self._coasting_walk()}
         self._offset_variances = np.array(
@@ -114,7 +116,7 @@ class Process:
     def advanced(self, state: FilterState, inertial: InertialInput, step: float) -> FilterState:
         """Return the state a time [s] later."""
         mean, transition = self._motion(state.mean, inertial, step)
-        kept = np.exp(-step * math.hypot(mean[VX], mean[VY]) * self._cells)
+        kept = np.exp(-step * (math.hypot(mean[VX], mean[VY]) * self._cells + self._times))
         mean[SENSORS:] *= kept
         diagonal(transition)[SENSORS:] = kept
         covariance: np.ndarray = transition @ state.covariance @ transition.T

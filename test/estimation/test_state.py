@@ -97,6 +97,15 @@ def test_a_body_that_turns_about_a_point_stays_there():
     assert state.mean[YAW] == pytest.approx(turning * 10.0)
 
 
+def test_what_is_about_the_same_for_a_time_is_forgotten_in_it():
+    moved = Process(ImuSettings(), [SensorState(1e-3, math.inf, 10.0)])
+    state = FilterState(np.full(13, 1e-3), np.zeros((13, 13)))
+    for _ in range(2000):
+        state = moved.advanced(state, COASTING, STEP)
+    assert state.mean[SENSORS] == pytest.approx(1e-3 * math.exp(-1.0))
+    assert state.covariance[SENSORS, SENSORS] == pytest.approx(1e-6 * (1.0 - math.exp(-2.0)))
+
+
 def test_gravity_of_a_tilt_is_no_acceleration():
     moved, mean = process(), np.zeros(15)
     mean[TILT_Y] = 0.01
