@@ -77,11 +77,6 @@ def test_the_exit_status_and_the_output_come_out_of_the_guest(run, capfd):
     assert capfd.readouterr().out == 'hello\n'
 
 
-def test_the_guest_finds_its_order(run, guest):
-    assert run(BANNER + 'grep -q \'"command": \\["true"\\]\' "$folder/command.json" && '
-               'grep -q guest_init "$folder/init" && printf 0 >"$folder/status"')[1] == 0
-
-
 def test_a_guest_that_dies_in_the_middle_is_an_error_with_its_console(run, guest):
     with pytest.raises(guest.GuestError, match='(?s)died.*exit status 9.*Kernel panic'):
         run(FIRST_WORD + 'echo "Kernel panic - not syncing"; exit 9')
@@ -103,12 +98,6 @@ def test_a_guest_that_starts_only_when_it_is_traced_is_traced(run):
     assert run(dies + FIRST_WORD + 'printf 5 >"$folder/status"') == ('7.2.7', 5)
 
 
-def test_a_guest_that_dies_in_the_middle_is_not_started_again(run, guest):
-    dies = '[ -z "$quick" ] || exit 1\n'
-    with pytest.raises(guest.GuestError, match='exit status 1'):
-        run(FIRST_WORD + dies + 'printf 0 >"$folder/status"')
-
-
 def test_a_guest_that_stands_still_is_stopped(run, guest):
     with pytest.raises(guest.GuestError, match='(?s)nothing for 1.5 s.*Linux version'):
         run(FIRST_WORD + 'echo hello >/proc/self/fd/$line; sleep 600', silence=1.5)
@@ -119,21 +108,10 @@ def test_a_guest_that_talks_may_take_its_time(run):
     assert run(FIRST_WORD + talk + 'printf 0 >"$folder/status"', silence=2.0)[1] == 0
 
 
-def test_a_guest_that_cannot_run_the_command_says_why(run, guest):
-    with pytest.raises(guest.GuestError, match='no such program'):
-        run(FIRST_WORD + 'echo no such program >"$folder/error"')
-
-
 def test_a_machine_without_apt_has_no_guest(monkeypatch, guest):
     monkeypatch.setattr('shutil.which', lambda tool: None)
     with pytest.raises(guest.GuestUnavailableError, match='apt-get is not on this system'):
         guest.run_in_guest(['true'])
-
-
-def test_a_machine_with_no_room_has_no_guest(monkeypatch, run, guest):
-    monkeypatch.setattr(guest, 'MEMORY', 1 << 60)
-    with pytest.raises(guest.GuestUnavailableError, match='takes the 1099511627776 MB'):
-        run('exit 0')
 
 
 def test_the_tests_run_without_a_vcan_and_are_told_why(run_tests, capfd):
@@ -152,10 +130,6 @@ def test_where_every_test_must_run_no_vcan_is_a_failure(monkeypatch, run_tests):
 def test_a_guest_that_dies_in_the_middle_of_tests_is_no_reason_to_skip_them(run_tests, guest):
     with pytest.raises(guest.GuestError, match='exit status 1'):
         run_tests(FIRST_WORD + 'exit 1')
-
-
-def test_the_totals_name_the_kernel_that_the_guest_ran(run_tests):
-    assert run_tests(FIRST_WORD + 'printf 0 >"$folder/status"') == ('user-mode Linux 7.2.7', 0)
 
 
 @pytest.fixture

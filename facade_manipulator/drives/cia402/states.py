@@ -63,7 +63,6 @@ class Controlword(IntEnum):
     ENABLE_OPERATION = 0x000F
     HOMING_START = 0x0010
     FAULT_RESET = 0x0080
-    HALT = 0x0100
 
 
 class Mode(IntEnum):

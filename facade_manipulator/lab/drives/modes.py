@@ -98,12 +98,10 @@ class Homing(SimulatedMode):
     def enter(self) -> None:
         """Begin where the carriage is, at rest."""
         self._search: Search | None = None
-        self._halted = False
         self._demand = SpeedRamp(self._motor.position, 0.0, 1.0)
 
     def control(self, before: int, controlword: int) -> None:
-        """Start, interrupt or halt the search."""
-        self._halted = bool(controlword & Controlword.HALT)
+        """Start or interrupt the search."""
         start = controlword & Controlword.HOMING_START
         if start and not before & Controlword.HOMING_START:
             self._start()
@@ -131,7 +129,7 @@ class Homing(SimulatedMode):
 
     def step(self, step: float) -> tuple[float, float]:
         """Return demand position and speed after `step` seconds."""
-        if self._halted or self._search is None:
+        if self._search is None:
             self._demand.goal = 0.0
         else:
             self._continue(self._search)
@@ -160,7 +158,6 @@ class Homing(SimulatedMode):
 
     def status(self) -> int:
         """Return the mode's bits of the statusword."""
-        rests = ((self._search is None or self._halted)
-                 and abs(self._motor.velocity) < STANDSTILL)
+        rests = self._search is None and abs(self._motor.velocity) < STANDSTILL
         return (Status.TARGET_REACHED * rests | Status.HOMING_ATTAINED * self.attained
                 | Status.HOMING_ERROR * self._failed)

@@ -73,8 +73,8 @@ class SimulatedNode:
         Its state.
     now : float
         Until when it has lived [s].
-    is_silent, is_deaf : bool
-        Fault injection: it sends nothing; it receives nothing.
+    is_silent : bool
+        Fault injection: it sends nothing.
 
     """
 
@@ -94,7 +94,7 @@ class SimulatedNode:
         self._boots_operational = quirks.boots_operational
         self._outbox: list[Frame] = []
         self.now = 0.0
-        self.is_silent = self.is_deaf = False
+        self.is_silent = False
         self._sdo = ObjectServer(node_id, objects, self)
         self._pdo = ProcessData(
             objects, self.send_message, lambda: report(PDO_TOO_SHORT))
@@ -129,7 +129,7 @@ class SimulatedNode:
         if route is None:
             return []
         self.now = max(now, self.now)
-        if not self.is_deaf and self._boot_at == math.inf:
+        if self._boot_at == math.inf:
             self.axis.advance(self.now)
             route(cob_id, data)
         return self.advance(now)

@@ -68,12 +68,6 @@ def test_commands_for_others_or_of_wrong_length_are_not_obeyed():
     assert bench.wait(0.021) == [(0x702, b'\x7f')]
 
 
-def test_heartbeats_keep_their_rate():
-    bench = Bench().boot()
-    bench.write(0x1017, 0, 50)
-    assert sum(cob_id == 0x702 for cob_id, _ in bench.wait(10.001)) == 200
-
-
 @pytest.mark.parametrize('command, reaction', [(NMT_RESET, 1), (NMT_RESET_COMMUNICATION, 3)])
 def test_a_reset_boots_again_and_a_communication_reset_keeps_the_application(command, reaction):
     bench = Bench().configure()
@@ -89,14 +83,6 @@ def test_a_stopped_node_answers_nothing_but_nmt():
     assert bench.send(0x80) == []
     bench.nmt(NMT_START)
     assert bench.read(0x1000) == 0x00020192
-
-
-def test_nothing_is_heard_while_booting():
-    bench = Bench()
-    bench.wait(0.01)
-    assert bench.nmt(NMT_START) == []
-    assert bench.wait(0.1) == [(0x702, b'\x00')]
-    assert bench.send(0x80) == []
 
 
 def test_a_dead_master_makes_a_quick_stop_within_150_ms():
@@ -225,16 +211,6 @@ def test_tpdos_answer_the_sync_as_often_as_their_type_says():
     assert all(len(a[0x182]) == 7 and len(a[0x282]) == 8 for a in answers)
 
 
-def test_a_switched_off_pdo_is_neither_sent_nor_heard():
-    bench = Bench().configure()
-    bench.nmt(NMT_PREOP)
-    bench.write(0x1800, 1, 0xC0000182)
-    bench.write(0x1400, 1, 0x80000202)
-    bench.nmt(NMT_START)
-    bench.send(0x202, encode_rpdo1(6, 8, 0))
-    assert set(bench.sync()) == {0x282} and bench.drive.state is State.SWITCH_ON_DISABLED
-
-
 def test_there_are_no_pdos_outside_operational():
     bench = Bench().configure()
     bench.nmt(NMT_PREOP)
@@ -279,11 +255,6 @@ def test_a_mode_that_the_drive_lacks_is_not_taken_from_an_rpdo():
     bench.mode = 8
     bench.cycle(2)
     assert bench.status.mode == 8
-
-
-def test_a_sync_with_data_is_none():
-    bench = Bench().configure()
-    assert bench.send(0x80, b'\x01') == []
 
 
 # --- the state machine over the bus

@@ -83,16 +83,6 @@ def test_a_persistent_fault_rejects_the_reset_until_its_cause_is_gone():
     assert bench.state is State.SWITCH_ON_DISABLED
 
 
-def test_of_two_faults_the_persistent_one_stays():
-    bench = moving()
-    bench.drive.inject_fault(0x3220, persistent=True)
-    bench.drive.inject_fault(0x2310)
-    assert bench.read(0x603F) == 0x2310
-    reset(bench)
-    assert bench.state is State.FAULT and bench.read(0x603F) == 0x3220
-    assert bench.emergencies()[-1].code == 0x3220
-
-
 def test_safe_torque_off_cuts_the_power_and_survives_a_reboot():
     bench = moving()
     bench.drive.open_safe_torque_off()
@@ -132,16 +122,6 @@ def test_a_silent_drive_hears_but_says_nothing():
     assert bench.wait(0.06)[0] == (0x702, b'\x05')
 
 
-def test_a_deaf_drive_goes_on_beating():
-    bench = moving()
-    bench.drive.is_deaf = True
-    bench.controlword = Controlword.QUICK_STOP
-    bench.sent.clear()
-    bench.cycle(20)
-    assert bench.drive.state is State.OPERATION_ENABLED
-    assert set(bench.sent) == {(0x702, b'\x05')}
-
-
 def test_a_reboot_shows_as_a_boot_up_message_and_power_off():
     bench = moving()
     position = bench.drive.motor.carriage_position
@@ -157,4 +137,3 @@ def test_a_swapped_drive_boots_with_its_own_identity():
     bench.drive.set_identity(SimulatedIdentity(5, 6, 7, 8))
     assert (0x702, b'\x00') in bench.wait(0.2)
     assert [bench.read(0x1018, n) for n in range(1, 5)] == [5, 6, 7, 8]
-

@@ -1,5 +1,7 @@
 """Homing of the simulated drive over the bus, method by method, from wherever the carriage is."""
 
+import itertools
+
 from drive_bench import Bench, CPM
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -9,6 +11,7 @@ from facade_manipulator.drives.cia402.states import Controlword, Mode, State, St
 from facade_manipulator.drives.cia402.units import AxisScale
 
 DONE = Status.HOMING_ATTAINED | Status.TARGET_REACHED
+ON_SWITCHES = (-0.56, -0.55, -0.005, 0.004, 0.55, 0.56)  # m
 BITS = DONE | Status.HOMING_ERROR
 TURN = AxisScale().counts_per_revolution
 LOWER, UPPER, STOP, HOME_HALF = -0.545, 0.545, 0.56, 0.005  # m, the settings' defaults
@@ -54,8 +57,9 @@ def run(bench, cycles=5000):
         DONE, Status.HOMING_ERROR | Status.TARGET_REACHED), cycles)
 
 
-@pytest.mark.parametrize('method', sorted(PLACES))
-@pytest.mark.parametrize('start', [-0.3, 0.0, 0.3])
+@pytest.mark.parametrize(('method', 'start'), [
+    *itertools.product(sorted(PLACES), (-0.3, 0.0, 0.3)),
+    *itertools.product((17, 23, 18, 27, -4, -3), ON_SWITCHES)])
 def test_a_method_finds_its_place_from_anywhere(method, start):
     bench = run(homing(method, start))
     assert bits(bench) == DONE
@@ -63,15 +67,6 @@ def test_a_method_finds_its_place_from_anywhere(method, start):
     found = from_middle - (bench.status.position_counts - 12345)
     assert found == pytest.approx(PLACES[method], abs=1.0)
     assert bench.emergencies() == []
-
-
-@pytest.mark.parametrize('method', [17, 23, 18, 27, -4, -3])  # the others go on from there
-@pytest.mark.parametrize('start', [-0.56, -0.55, -0.005, 0.004, 0.55, 0.56])
-def test_a_method_finds_its_place_when_it_begins_on_a_switch(method, start):
-    bench = run(homing(method, start))
-    assert bits(bench) == DONE
-    found = bench.drive.motor.carriage_position * CPM - (bench.status.position_counts - 12345)
-    assert found == pytest.approx(PLACES[method], abs=1.0)
 
 
 @settings(max_examples=20)
@@ -121,17 +116,6 @@ def test_taking_the_start_bit_back_interrupts():
     bench.command()
     bench.cycle(50)
     assert bench.motion.velocity == 0 and bits(bench) == Status.TARGET_REACHED
-
-
-def test_halt_pauses_and_homing_goes_on():
-    bench = homing(17, 0.3)
-    bench.command(Controlword.HOMING_START)
-    bench.cycle(20)
-    bench.command(Controlword.HOMING_START, Controlword.HALT)
-    bench.cycle(50)
-    assert bench.motion.velocity == 0 and not bits(bench) & Status.HOMING_ATTAINED
-    bench.command(Controlword.HOMING_START)
-    bench.until(lambda: bits(bench) == DONE)
 
 
 def test_a_method_not_set_is_an_error():
