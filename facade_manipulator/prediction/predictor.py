@@ -45,13 +45,14 @@ ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
     ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
 
 # A cubic spline through the moves: 1, t, t², t³ and a cubic from each inner horizon but the outer
-_KNOTS = HORIZONS[2:-2]
-_POWERS = np.arange(4.0)  # of a cubic
+_FROM = np.concatenate((np.zeros(4), HORIZONS[2:-2]))  # s, where each begins
+_POWERS = np.minimum(np.arange(len(_FROM)), 3.0)
+_LESS = np.maximum(_POWERS - 1.0, 0.0)  # of the derivative
 # natural cubic: from its values to its coefficients
-_SPLINE = np.linalg.inv(np.hstack([
-    HORIZONS[:, None] ** _POWERS, np.maximum(HORIZONS[:, None] - _KNOTS, 0.0) ** 3])).T
+_SPLINE = np.linalg.inv(np.maximum(HORIZONS[:, None] - _FROM, 0.0) ** _POWERS).T
 _SECOND = np.array((1.0, -2.0, 1.0))  # difference
 _BEND = _SECOND / HORIZONS[0] ** 2  # acceleration, by the first positions
+_LATER = HORIZONS[:-1]
 
 
 @settings
@@ -162,6 +163,7 @@ class DisturbancePredictor:
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
         self._forecast = np.zeros((axes, len(_SPLINE.T)))
         self._past, self._rough = np.tile(measured, (3, 1)), np.ones(axes)
+        self._axes = np.arange(axes)
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
 
@@ -176,8 +178,7 @@ class DisturbancePredictor:
         """
         expected = self._expected(stamp)
         error = measured - self._origin - expected
-        known = self._variances[range(len(error)), np.searchsorted(
-            HORIZONS[:-1], stamp - self._believed)]
+        known = self._variances[self._axes, _LATER.searchsorted(stamp - self._believed)]
         suspected = (error ** 2 > OUTLIER ** 2 * (known + noise)) & (interval <= HORIZONS[-1])
         self._suspected_since = np.where(
             suspected, np.minimum(self._suspected_since, stamp), math.inf)
@@ -186,7 +187,7 @@ class DisturbancePredictor:
         self._suspected_since[stepped] = math.inf
         error[suspected] = 0.0
         steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
-        for share in np.arange(1, steps) / steps:
+        for share in [step / steps for step in range(1, steps)]:
             between = self._expected(stamp - (1.0 - share) * interval)
             self._bank.update(interval / steps, between + share ** 2 * error)
         self._believed[~suspected | stepped] = stamp
@@ -221,7 +222,8 @@ class DisturbancePredictor:
         moves = (seen[:, None] @ self._weights)[:, 0]
         continued = level[:, None] + np.minimum(np.maximum(moves, -self._reach), self._reach)
         most = np.sqrt(noise)[:, None]
-        step = np.clip(self._tones.at(self.stamp, HORIZONS) - continued, -most, most)
+        step = np.minimum(np.maximum(
+            self._tones.at(self.stamp, HORIZONS) - continued, -most), most)
         full = continued + self._trust * step
         mean = np.repeat(self._mean[:, None], len(HORIZONS), axis=1)
         believed = self._believed == self.stamp
@@ -274,10 +276,9 @@ class DisturbancePredictor:
 
 def _basis(ahead: float | np.ndarray) -> np.ndarray:
     """Return what a spline's coefficients are to be multiplied by at times [s]."""
-    return np.concatenate((ahead ** _POWERS, np.maximum(ahead - _KNOTS, 0.0) ** 3), axis=-1)
+    return np.maximum(ahead - _FROM, 0.0) ** _POWERS
 
 
 def _slopes(ahead: float) -> np.ndarray:
     """Return the derivative of the basis [1/s]."""
-    return np.concatenate((
-        (0.0, 1.0, 2.0 * ahead, 3.0 * ahead ** 2), 3.0 * np.maximum(ahead - _KNOTS, 0.0) ** 2))
+    return _POWERS * np.maximum(ahead - _FROM, 0.0) ** _LESS

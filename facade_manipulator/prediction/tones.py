@@ -16,6 +16,7 @@ https://doi.org/10.1002/j.1538-7305.1976.tb02941.x.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ import numpy as np
 BLOCK = 0.095  # s at least, of which estimates are averaged
 BLOCKS = 600
 SHORTEST = 3.0  # s, below which nothing is fitted
+STALE = 0.01  # of the time that was fitted: from its end to the next fit at least
 MOST = 5  # tones of an axis
 FASTEST = 12.0  # rad/s
 SIGNIFICANT = 20.0  # power of a tone in the periodogram, by that of noise
@@ -48,7 +50,7 @@ class Tones:
 
     def __init__(self, axes: int) -> None:
         self.noise_gain = np.full(axes, 5.0 / SHORTEST)
-        self._block: list[tuple[float, ...]] = []
+        self._first, self._sum = math.inf, np.zeros(axes + 2)
         self._blocks = np.zeros((0, axes + 2))  # stamp, values, estimates
         self._frequencies = np.zeros((axes, MOST))
         self._amplitudes = np.zeros((axes, MOST), complex)
@@ -56,11 +58,13 @@ class Tones:
 
     def add(self, stamp: float, values: np.ndarray) -> None:
         """Keep an estimate at a stamp [s]: one position for each axis [m or rad]."""
-        if self._block and stamp - self._block[0][0] > BLOCK:
-            mean = np.append(np.mean(self._block, axis=0), len(self._block))
+        if stamp - self._first > BLOCK:
+            *sums, count = self._sum
+            mean = (*(one / count for one in sums), count)
             self._blocks = np.vstack((self._blocks[1 - BLOCKS:], mean))
-            self._block.clear()
-        self._block.append((stamp, *values))
+            self._first, self._sum = math.inf, 0.0 * self._sum
+        self._first = min(self._first, stamp)
+        self._sum += (stamp, *values.tolist(), 1.0)
 
     def at(self, stamp: float, ahead: np.ndarray) -> np.ndarray:
         """Return the positions at times after a stamp [s], shape (axes, times)."""
@@ -71,7 +75,8 @@ class Tones:
     def fit(self, axis: int, variance: float) -> None:
         """Improve the fit of an axis by one step, given the variance of an estimate's noise."""
         stamps, values, sizes = self._blocks[:, (0, 1 + axis, -1)].T
-        if not len(stamps) or stamps[-1] - stamps[0] < SHORTEST:
+        span = np.ptp(stamps) if len(stamps) else 0.0
+        if span < SHORTEST or stamps[-1] - self._stamps[axis] < STALE * span:
             return
         window = _Window(stamps - stamps[-1], values, variance / sizes.mean())
         known = self._amplitudes[axis] != 0.0
@@ -82,7 +87,7 @@ class Tones:
         self._amplitudes[axis], self._stamps[axis] = 0.0, stamps[-1]
         self._amplitudes[axis, :len(amplitudes)] = amplitudes
         self._frequencies[axis, :len(amplitudes)] = frequencies
-        self.noise_gain[axis] = 5.0 * (len(amplitudes) + 1) / (stamps[-1] - stamps[0])
+        self.noise_gain[axis] = 5.0 * (len(amplitudes) + 1) / span
 
 
 class _Window(NamedTuple):
@@ -109,7 +114,8 @@ class _Window(NamedTuple):
         return frequencies, amplitudes, constant
 
     def _waves(self, frequencies: np.ndarray) -> np.ndarray:
-        return np.exp(1j * np.outer(self.times, frequencies))
+        phases = np.outer(self.times, frequencies)
+        return np.cos(phases) + 1j * np.sin(phases)  # the same as exp(), sooner
 
     def _solve(
         self, frequencies: np.ndarray, amplitudes: np.ndarray | None = None

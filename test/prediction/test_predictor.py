@@ -349,7 +349,7 @@ def test_a_sway_that_begins_after_rest_is_not_exaggerated(noise, bound):
 def test_a_motion_that_comes_back_after_the_estimator_rested_is_not_exaggerated(
         deviation, settling, left, begin):
     """What is held for 13 s says nothing; what comes then is better, and elsewhere."""
-    sway, end, predictor = sines(BREEZE), begin + 13.0, DisturbancePredictor(SETTINGS)
+    sway, end, predictor = BREEZE, begin + 13.0, DisturbancePredictor(SETTINGS)
     random, errors = np.random.default_rng(1), []
     for time in np.arange(0.0, end + 10.0, 0.02).tolist():
         is_held = begin <= time < end

@@ -44,6 +44,16 @@ def test_tones_are_known_as_well_as_anybody_can_know_them(motion, count):
     assert np.sqrt(np.square(errors).mean()) < 2.0 * bound
 
 
+def test_the_longer_tones_have_been_averaged_the_less_often_they_are_fitted():
+    tones, gains = Tones(1), {}
+    for stamp in np.arange(0.0, 50.0, 0.02).tolist():
+        tones.add(stamp, TWO(stamp) * np.ones(1))
+        tones.fit(0, NOISE ** 2)
+        gains.setdefault(int(stamp), set()).add(*tones.noise_gain)
+    assert len(gains[9]) == pytest.approx(10, abs=1)  # as often as a mean of 0.1 s has come
+    assert [len(gains[second]) for second in range(43, 48)] == pytest.approx([3] * 5, abs=1)
+
+
 def test_what_is_no_tone_is_taken_for_none():
     tones, stamp = fitted(lambda time: 0.3, 30.0)
     assert tones.at(stamp, AHEAD) == pytest.approx(np.full((1, 3), 0.3), abs=0.2 * NOISE)
