@@ -18,21 +18,24 @@ import table
 
 ROUNDS = {'quick': 3, 'full': 7}
 SECTIONS = {
-    'kinematics': sections.kinematics, 'maps': sections.maps, 'bus': sections.bus,
-    'ros': ros.nodes, 'footprint': ros.footprint,
+    'kinematics': sections.kinematics, 'maps': sections.maps,
+    'prediction': sections.prediction, 'bus': sections.bus, 'ros': ros.nodes,
+    'footprint': ros.footprint,
 }
 
 
 def main() -> int:
     """Run the sections asked for; what fails costs its rows and the exit status."""
     parser = argparse.ArgumentParser(prog='make bench', description=__doc__)
-    parser.add_argument('--quick', action='store_true', help='under a minute, fewer rounds')
+    parser.add_argument('--quick', action='store_true', help='about a minute, fewer rounds')
     parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS))
     parser.add_argument('--output', type=Path, default=Path('bench_report'))
+    parser.add_argument('--before', type=Path, help='an earlier bench.json, to put beside')
     parser.add_argument('--rounds', type=int, help='rounds of each comparison')
     parser.add_argument('--can', default='virtual:bench', help='bus of the section bus')
     parser.add_argument('--can-rate', default='500', help='cycles per second on it')
     options = parser.parse_args()
+    before = table.ratios(options.before) if options.before else {}
     os.environ |= {'BENCH_CAN': options.can, 'BENCH_CAN_RATE': options.can_rate}
     rounds = options.rounds or ROUNDS['quick' if options.quick else 'full']
     options.output.mkdir(parents=True, exist_ok=True)
@@ -48,7 +51,7 @@ def main() -> int:
         print(f'{name}: {time.monotonic() - begin:.0f} s', flush=True)
         rows += found
         table.write(rows, options.output)
-    table.show(rows)
+    table.show(rows, before)
     path = table.write(rows, options.output)
     table.draw(rows, path.with_suffix('.png'))
     print(f'\n{path} and {path.with_suffix(".png")} written')

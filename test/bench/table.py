@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 import json
 from pathlib import Path
@@ -73,10 +73,17 @@ def fulfils(value: float, goal: str) -> bool:
     return value >= float(bound) if sign == '>=' else value <= float(bound)
 
 
-def show(rows: list[Row], say: Callable[[str], None] = print) -> None:
-    """Print the table."""
+def show(
+    rows: list[Row], before: Mapping[str, float] | None = None,
+    say: Callable[[str], None] = print,
+) -> None:
+    """Print the table, with the ratios of an earlier one in a column of their own."""
     lines = [GOAL_HEADS, *(_cells(row) for row in rows)]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(GOAL_HEADS))]
+    if before:
+        lines = [(*lines[0], 'before'), *(
+            (*line, f'{before[row.name]:.3g}' if row.name in before else '')
+            for line, row in zip(lines[1:], rows, strict=True))]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     for line in lines:
         cells = [line[0].ljust(widths[0])]
         cells += [cell.rjust(width) for cell, width in zip(line[1:], widths[1:], strict=True)]
@@ -97,6 +104,12 @@ def write(rows: list[Row], folder: Path) -> Path:
     with atomic_write(path) as draft:
         draft.write_text(json.dumps([asdict(row) for row in rows], indent=2) + '\n')
     return path
+
+
+def ratios(path: Path) -> dict[str, float]:
+    """Return the ratios of a bench.json by their rows' names, figures where there are none."""
+    return {row['name']: row['ours'] if row['ratio'] is None else row['ratio']
+            for row in json.loads(path.read_text())}
 
 
 def draw(rows: list[Row], path: Path) -> None:

@@ -42,11 +42,11 @@ def serve(measure) -> None:
 
 
 def seconds(run, calls: int) -> float:
-    """Return how long some calls take."""
-    begin = time.perf_counter()
+    """Return how much of the processor some calls take: who else wants it, does not count."""
+    begin = time.process_time()
     for _ in range(calls):
         run()
-    return time.perf_counter() - begin
+    return time.process_time() - begin
 
 
 def say(**content) -> None:
