@@ -83,6 +83,9 @@ class Neighbours:
                     return item.value
         return None
 
+    def until_rejected(self, reason):
+        self.ros.until(lambda: self.value(f'rejected: {reason}') == '1', reason)
+
     def message(self):
         return self.diagnostics[-1].status[0].message if self.diagnostics else ''
 
@@ -136,35 +139,27 @@ def test_without_an_estimate_the_goal_is_the_corrected_pose_and_diagnostics_say_
     neighbours.ros.until(lambda: 'no estimate' in neighbours.message(), 'the diagnosis')
 
 
-@pytest.mark.parametrize(('pose', 'frame', 'reason'), [
-    (Pose(math.nan, 0.25, 0.0), 'facade', 'not_finite'),
-    (GOAL, 'rail', 'frame'),
-    (Pose(0.0, 0.5, 0.0), 'facade', 'unreachable'),
-    (Pose(0.49, 0.25, 0.0), 'facade', 'stroke'),
-    (Pose(0.0, 0.06, 0.0), 'facade', 'carriage_gap'),
-])
-def test_a_bad_goal_is_rejected_counted_and_changes_nothing(neighbours, pose, frame, reason):
+def test_a_bad_goal_is_rejected_counted_and_changes_nothing(neighbours):
     neighbours.send_goal()
     neighbours.until_corrected(lambda pose: near(pose, GOAL, 1e-6), 'the good goal')
-    neighbours.send_goal(pose, frame)
-    neighbours.ros.until(
-        lambda: neighbours.value(f'rejected: {reason}') == '1', 'the count of the rejection')
-    assert 'bound' in neighbours.value('last rejection') or reason in ('not_finite', 'frame')
-    assert near(planar_pose(neighbours.corrected[-1].pose, 'pose'), GOAL, 1e-6)
+    for reason, pose, *frame in (
+            ('not_finite', Pose(math.nan, 0.25, 0.0)), ('frame', GOAL, 'rail'),
+            ('unreachable', Pose(0.0, 0.5, 0.0)), ('stroke', Pose(0.49, 0.25, 0.0)),
+            ('carriage_gap', Pose(0.0, 0.06, 0.0))):
+        neighbours.send_goal(pose, *frame)
+        neighbours.until_rejected(reason)
+        assert 'bound' in neighbours.value('last rejection') or reason in ('not_finite', 'frame')
+        assert near(planar_pose(neighbours.corrected[-1].pose, 'pose'), GOAL, 1e-6)
 
 
-@pytest.mark.parametrize(('arguments', 'reason'), [
-    ({'pose': Pose(math.inf, 0.0, 0.0)}, 'not_finite'),
-    ({'frame': 'map'}, 'frame'),
-    ({'age': 1.0}, 'stale'),
-    ({'age': -1.0}, 'future'),
-    ({'pose': Pose(5.0, 0.0, 0.0)}, 'range'),
-])
-def test_a_bad_estimate_is_rejected_and_counted(neighbours, arguments, reason):
-    neighbours.estimate(**arguments)
-    neighbours.ros.until(
-        lambda: neighbours.value(f'rejected: {reason}') == '1', 'the count of the rejection')
-    assert 'no estimate' in neighbours.message()
+def test_a_bad_estimate_is_rejected_and_counted(neighbours):
+    for reason, arguments in {
+            'not_finite': {'pose': Pose(math.inf, 0.0, 0.0)}, 'frame': {'frame': 'map'},
+            'stale': {'age': 1.0}, 'future': {'age': -1.0},
+            'range': {'pose': Pose(5.0, 0.0, 0.0)}}.items():
+        neighbours.estimate(**arguments)
+        neighbours.until_rejected(reason)
+        assert 'no estimate' in neighbours.message()
 
 
 def odometry(time, child, x=0.0, tilt=0.0):
@@ -192,7 +187,7 @@ def test_odometry_of_the_rail_or_of_the_estimator_is_an_estimate(ros, child, pla
     for message, reason in ((odometry(neighbours.now(), child, place, tilt=0.06), 'out_of_plane'),
                             (odometry(neighbours.now(), '', place), 'frame')):
         estimates.publish(message)
-        neighbours.ros.until(lambda r=reason: neighbours.value(f'rejected: {r}') == '1', reason)
+        neighbours.until_rejected(reason)
 
 
 def test_an_estimator_that_falls_silent_is_reported_and_the_correction_fades(neighbours):
@@ -234,8 +229,7 @@ def test_a_tare_makes_the_present_place_nominal(neighbours):
 def test_a_head_that_is_no_message_is_rejected_and_counted(neighbours):
     """The middleware would drop it without a word."""
     neighbours.heads.publish(b'\0\1\0\0' + bytes(8))
-    neighbours.ros.until(
-        lambda: neighbours.value('rejected: malformed') == '1', 'the rejection')
+    neighbours.until_rejected('malformed')
 
 
 def test_a_tare_without_an_estimate_is_rejected(neighbours):
@@ -372,15 +366,14 @@ def test_the_slip_on_the_wall_is_brought_back(ros):
     neighbours.until_corrected(lambda pose: abs(pose.x - GOAL.x - 0.02) < 1e-3, 'the slip')
 
 
-@pytest.mark.parametrize(('arguments', 'reason'), [
-    ({'frame': 'rail'}, 'frame'), ({'force': math.nan}, 'not_finite'), ({'age': 2.0}, 'stale')])
-def test_a_bad_wrench_is_rejected_and_counted(neighbours, arguments, reason):
+def test_a_bad_wrench_is_rejected_and_counted(neighbours):
     sensor = neighbours.node.create_publisher(
         WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
     neighbours.ros.until(lambda: sensor.get_subscription_count() == 1, 'the compensator')
-    sensor.publish(wrench(neighbours.now() - arguments.pop('age', 0.0), **arguments))
-    neighbours.ros.until(
-        lambda: neighbours.value(f'rejected: {reason}') == '1', 'the count of the rejection')
+    for reason, age, wrong in (('frame', 0.0, {'frame': 'rail'}), ('stale', 2.0, {}),
+                               ('not_finite', 0.0, {'force': math.nan})):
+        sensor.publish(wrench(neighbours.now() - age, **wrong))
+        neighbours.until_rejected(reason)
 
 
 def test_the_process_ends_cleanly_on_a_signal(start_process, ros):
