@@ -232,7 +232,7 @@ def soak(case: Case, seconds: float, seed: int, beside: bool) -> Found:
             others.update(estimate, outliers)
         averaged = mean.add(estimate)
         if averaged is not None:
-            predictor.update(*averaged)
+            predictor.update(*averaged[:3])
         if stamp > aims:
             aims += PERIOD
             aim = stamp + case.latency + 0.07

@@ -42,7 +42,7 @@ class WallPlace:
 
     def forget(self) -> None:
         """Forget the wall: the head does not press on it."""
-        self._variance = math.inf
+        self._variance, self._stamp = math.inf, -math.inf
 
     def fused(
         self, stamp: float, estimate: float, variance: float, seen: float, noise: float
@@ -58,7 +58,8 @@ class WallPlace:
             By the wall if that were at 0, and its standard deviation.
 
         """
-        interval, self._stamp = max(stamp - self._stamp, 0.0), stamp
+        interval = max(stamp - self._stamp, 0.0)
+        self._stamp = max(self._stamp, stamp)
         error, both = estimate - seen - self._place, variance + noise ** 2
         total = self._variance + both
         if not error ** 2 < CHANGED * total < math.inf:

@@ -113,7 +113,8 @@ class EstimateGate:
         InputError
             With reason ``'not_finite'``, ``'range'``, ``'out_of_plane'``, ``'stale'``,
             ``'future'``, ``'out_of_order'`` or ``'jump'``. A jump that lasts is accepted as soon
-            as the fastest gondola could have got there.
+            as the fastest gondola could have got there; what a newer one has overtaken by less
+            than a learning period is in time for the mean.
 
         """
         stamp -= self.settings.delay
@@ -130,9 +131,11 @@ class EstimateGate:
         if self._last is not None:
             _check_step(stamp - self._last.stamp, self._last.pose, pose, [
                 now and before for now, before in zip(known, self._last.known, strict=True)])
-        self._last = Estimate(
+        estimate = Estimate(
             stamp, pose, Variances(*map(_variance, variances, self._noise)), known)
-        self._known = self._kept(self._of_rail(self._last))
+        if self._last is None or stamp > self._last.stamp:
+            self._last = estimate
+        self._known = self._kept(self._of_rail(estimate))
         return self._known
 
     def _kept(self, estimate: Estimate) -> Estimate:
@@ -189,11 +192,11 @@ def _check_values(pose: Pose, known: Sequence[bool]) -> None:
 
 def _check_step(elapsed: float, before: Pose, pose: Pose, known: Sequence[bool]) -> None:
     """Reject what a gondola cannot have moved in a time [s] along the axes that are known."""
-    if elapsed <= 0.0:
+    if elapsed <= -LEARNING_PERIOD or elapsed == 0.0:
         raise InputError.out_of_order('disturbance', -elapsed)
     for name, last, value, bound, unit, is_known in zip(
             Pose._fields, before, pose, JUMP, UNITS, known, strict=True):
-        change, allowed = abs(value - last), bound + FASTEST * elapsed
+        change, allowed = abs(value - last), bound + FASTEST * abs(elapsed)
         if is_known and change > allowed:
             raise InputError(
                 'jump', f'disturbance {name} jumps by {change:.4g} {unit} in {elapsed:.3f} s, '
@@ -210,31 +213,32 @@ class EstimateMean:
     Average estimates that come faster than there is anything to learn from each.
 
     Learning costs many times what averaging does. An estimate that comes a `LEARNING_PERIOD` or
-    more after the last one goes through as it is.
+    more after the last one goes through as it is; of faster ones their order does not matter.
     """
 
     def __init__(self) -> None:
         self._kept: list[Estimate] = []
-        self._begin = -math.inf
+        self._newest = -math.inf  # stamp of what went through, or was in a mean
 
     def add(self, estimate: Estimate) -> Estimate | None:
         """
-        Return the mean of the estimates of a period at its end, else None.
+        Return the mean of the estimates of a period at its end, later than the last; else None.
 
         Their noise is taken to be independent and of about the same variance.
         """
         if self._kept and not (
-                0.0 <= estimate.stamp - self._kept[-1].stamp < 2.0 * LEARNING_PERIOD):
+                abs(estimate.stamp - self._kept[-1].stamp) < 2.0 * LEARNING_PERIOD):
             self._kept.clear()  # too old by now, or the clock was set back
         self._kept.append(estimate)
-        if 0.0 <= estimate.stamp - self._begin < LEARNING_PERIOD:
-            return None
-        self._begin = estimate.stamp
         stamps, poses, variances, _ = zip(*self._kept, strict=True)
-        self._kept.clear()
         first, count = stamps[0], len(stamps)
+        stamp = first + sum(stamp - first for stamp in stamps) / count
+        if abs(estimate.stamp - self._newest) < LEARNING_PERIOD or (
+                -LEARNING_PERIOD < stamp - self._newest <= 0.0):
+            return None
+        self._newest = max(stamps)
+        self._kept.clear()
         return Estimate(
-            first + sum(stamp - first for stamp in stamps) / count,
-            Pose(*(sum(axis) / count for axis in zip(*poses, strict=True))),
+            stamp, Pose(*(sum(axis) / count for axis in zip(*poses, strict=True))),
             Variances(*(sum(axis) / count ** 2 for axis in zip(*variances, strict=True))),
             estimate.known)

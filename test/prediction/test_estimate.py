@@ -6,6 +6,7 @@ import math
 
 from hypothesis import given
 from hypothesis import strategies as st
+import numpy as np
 import pytest
 
 from facade_manipulator.errors import InputError
@@ -124,6 +125,15 @@ def test_a_jump_is_rejected_and_what_follows_on_the_old_course_passes(pose):
     gate.check(NOW + 0.04, NOW + 0.04, STILL)
 
 
+def test_an_estimate_that_is_late_by_less_than_a_period_of_learning_counts():
+    gate = EstimateGate(SETTINGS)
+    gate.check(NOW, NOW, STILL)
+    for late in (0.005, 0.01, 0.014):  # the newest alone says what is late
+        assert gate.check(NOW, NOW - late, STILL, VARIANCES).stamp == NOW - late
+    assert rejection(gate, NOW, NOW - 0.004, Pose(0.04, 0.0, 0.0)).reason == 'jump'
+    assert rejection(gate, NOW, NOW - 0.016, STILL).reason == 'out_of_order'
+
+
 def test_a_jump_that_lasts_is_accepted_once_the_gondola_could_be_there():
     gate = EstimateGate(SETTINGS)
     gate.check(NOW, NOW, STILL)
@@ -194,6 +204,21 @@ def test_of_faster_estimates_the_mean_is_learnt():
     assert second.stamp == pytest.approx(NOW + 0.010)
     assert second.pose == pytest.approx((2.5, 0.0, -2.5))
     assert second.variances == pytest.approx([v / 4 for v in VARIANCES])
+
+
+@given(st.lists(st.floats(-0.01, 0.01), min_size=400, max_size=400))
+def test_of_200_hz_that_come_10_ms_sooner_or_later_none_is_lost(jitter):
+    stamps = [k / 200.0 for k in range(len(jitter))]
+    gate, mean, used, last = EstimateGate(SETTINGS), EstimateMean(), 0, -math.inf
+    for arrival, stamp in sorted(zip(np.add(stamps, jitter), stamps, strict=True)):
+        try:
+            one = mean.add(gate.check(NOW + arrival, NOW + stamp, STILL, VARIANCES))
+        except InputError:
+            continue
+        if one is not None:
+            assert one.stamp > last
+            used, last = used + round(VARIANCES[0] / one.variances[0]), one.stamp
+    assert used > 0.95 * len(stamps)
 
 
 @given(st.lists(st.floats(0.001, 0.1), min_size=1, max_size=60))
