@@ -225,7 +225,7 @@ class LoopProcess:
             message = self._states.popleft()
             self._taken += 1
             if self._taken % every == 0:
-                taken.append(unpack_state(*message.content)[0])
+                taken.append(self._state(message)[0])
         return taken
 
     def last_cycles(self) -> list[ControllerSnapshot]:
@@ -233,13 +233,14 @@ class LoopProcess:
         return [unpack_state(*message.content)[0] for message in self._past]
 
     def _read_latest(self) -> LoopState:
-        """Decode the newest state, once; more come than are ever looked at."""
-        if self._lost is not None:
-            return self._lost
-        latest, (decoded, state) = self._latest, self._decoded
-        if latest is not None and latest is not decoded:
-            state = unpack_state(*latest.content)
-            self._decoded = latest, state
+        return self._lost or self._state(self._latest)
+
+    def _state(self, message: Message | None) -> LoopState:
+        """Decode a state, once, None for the first; more come than are ever looked at."""
+        decoded, state = self._decoded
+        if message is not None and message is not decoded:
+            state = unpack_state(*message.content)
+            self._decoded = message, state
         return state
 
     def read(self) -> None:
