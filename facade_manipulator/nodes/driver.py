@@ -63,6 +63,7 @@ from facade_manipulator.ros import (
     declare,
     Deferred,
     DiagnosticsPublisher,
+    frames,
     ManagedNode,
     name_unknown_parameters,
     offer_trigger,
@@ -136,7 +137,8 @@ class DriverNode(ManagedNode):
         self._published_outcome: tuple[Any, ...] = ()
         self._status = StatusPublisher(self)
         self._cycles = CycleTable(self, self._loop)
-        self._setpoint_codec, self._states_codec = setpoint_codec(), states_codec()
+        self._setpoint_codec, self._states_codec = (
+            setpoint_codec(frames(self).rail), states_codec())
         self._offer()
         self.get_logger().info(f'version: {version()}; parameters: {parameter_checksum(self)}; '
                                f'profiles: {self._profiles}')

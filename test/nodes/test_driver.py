@@ -34,6 +34,7 @@ from facade_manipulator.loop.process import start_process
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.resources import version
 from facade_manipulator.ros.client import ManipulatorClient
+from facade_manipulator.ros.codec import setpoint_codec
 from facade_manipulator.ros.conversions import stamp
 from facade_manipulator.ros.diagnostics import DriverStatus
 
@@ -552,3 +553,11 @@ def test_a_second_driver_in_the_namespace_gets_no_power_and_the_first_names_it(b
         error = second.transition_jobs()[transition]().exception(1.0)
         assert str(error) == f'{request} is not possible, {reason}, then {request}'
     assert bench.node.state_label == 'active'
+
+
+def test_usual_setpoints_are_read_without_rclpy_in_a_namespace_too(ros, monkeypatch):
+    node = ros.add(DriverNode(namespace='gondola_1', parameter_overrides=[*SIMULATED]))
+    monkeypatch.delattr('facade_manipulator.ros.codec.message_from')
+    numbers = [0.1, 0.2, 0.3, 0.0, 0.0, 0.0]
+    data = setpoint_codec('gondola_1/rail').write(1.0, numbers)
+    assert node._setpoint_codec.read(data) == (1.0, numbers)
