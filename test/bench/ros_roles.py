@@ -26,7 +26,7 @@ from std_msgs.msg import Header
 
 from facade_manipulator import interfaces
 from facade_manipulator.kinematics import Geometry, inverse_kinematics, Pose
-from facade_manipulator.messages import CARRIAGES, seconds
+from facade_manipulator.messages import CARRIAGES, Frames, seconds
 from facade_manipulator.ros import publisher, subscription
 from facade_manipulator.ros.codec import setpoint_codec
 from facade_manipulator.ros.conversions import frames, pose_stamped, stamp
@@ -214,7 +214,7 @@ ROLES = {
     'hear_poses': lambda _: Listener(interfaces.CORRECTED_POSE),
     'hear_setpoints': lambda _: Listener(interfaces.JOINT_SETPOINTS),
     'hear_as_the_driver': lambda _: Listener(
-        interfaces.JOINT_SETPOINTS, setpoint_codec().read),
+        interfaces.JOINT_SETPOINTS, setpoint_codec(Frames.of('bench').rail).read),
 }
 
 

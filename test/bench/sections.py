@@ -52,7 +52,7 @@ CYCLE_NAMES = (
 
 def kinematics(rounds: int, quick: bool) -> list[Row]:
     """K1."""
-    return _compared('scalar_makers', SCALAR, max(rounds, FAST_ROUNDS), quick)
+    return _compared('scalar_makers', SCALAR, rounds if quick else max(rounds, FAST_ROUNDS), quick)
 
 
 def maps(rounds: int, quick: bool) -> list[Row]:
