@@ -130,7 +130,10 @@ def test_supervisor_and_monitor_do_no_more_than_they_may(context, name, look):
 
 
 def declarations(module: Path) -> set[str]:
-    return {getattr(node.func, 'attr', '') for node in ast.walk(ast.parse(module.read_text()))
+    source = module.read_text()
+    if not any(name in source for name in DECLARING):
+        return set()
+    return {getattr(node.func, 'attr', '') for node in ast.walk(ast.parse(source))
             if isinstance(node, ast.Call)} & DECLARING
 
 

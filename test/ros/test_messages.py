@@ -38,6 +38,8 @@ def first_arguments(*names: str) -> set[str]:
     found = set()
     tool = set((PACKAGE / 'tools' / 'commissioning').glob('*.py'))
     for path in set(PACKAGE.rglob('*.py')) - tool:
+        if not any(name in path.read_text() for name in names):
+            continue
         for node in ast.walk(syntax(path)):
             if isinstance(node, ast.Call) and node.args:
                 called = getattr(node.func, 'id', getattr(node.func, 'attr', ''))
