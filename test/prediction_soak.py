@@ -48,7 +48,7 @@ from facade_manipulator.prediction import (  # noqa: E402
 DEVIATIONS = np.array((1e-3, 1e-3, 1.75e-3))  # m, m, rad: of the estimates' noise
 STARTS = 20.0  # s
 FLOOR = 0.5  # of the noise, that may be passed on whatever comes
-INSIDE = (0.90, 0.995)  # share of errors within two standard deviations
+MOST_INSIDE = 0.995  # share of errors within two standard deviations
 HIDDEN = 0.2  # of the noise, below which it hides for long how small the errors are
 STEP = 0.01  # s
 PERIOD = 0.09  # s, in which errors change little
@@ -69,6 +69,7 @@ class Case(NamedTuple):
     jitter: float = 0.0  # s
     dropouts: float = 0.0  # s, every 5 s
     outliers: float = 0.0  # share, of 30 mm
+    inside: float = 0.9  # share of errors within two standard deviations, at least
     settings: PredictionSettings = PredictionSettings()
 
 
@@ -149,6 +150,7 @@ CASES = {
     'two tones': Case(tones((0.11, 0.3)), 0.6),
     'three tones': Case(tones((0.12, 0.31, 0.83)), 0.8),
     'five tones': Case(tones((0.1, 0.23, 0.41, 0.77, 1.3)), 2.0),
+    'seven tones': Case(tones((0.1, 0.17, 0.29, 0.41, 0.6, 0.83, 1.2)), 2.0),
     'gusts': Case(gusts(4.0), 0.8),
     'a light wind': Case(gusts(1.5), 0.5),
     'a long cable': Case(gusts(4.0, 100.0), 0.8),
@@ -158,8 +160,8 @@ CASES = {
            (5.0, 1.2, PredictionSettings()), (10.0, 2.2, UNBOUNDED), (15.0, 3.0, UNBOUNDED))
        for cable in (10.0, 30.0, 100.0)},
     'cable of 10 to 70 m': Case(winch, 1.0),
-    'bumps': Case(blows, 2.5),
-    'steps': Case(steps, 8.0),
+    'bumps': Case(blows, 3.0),
+    'steps': Case(steps, 8.0, inside=0.85),  # for a quarter of a second nobody believes them
     'a bias that creeps': Case(creep, 0.8),
     'estimator of 20 Hz': Case(gusts(4.0), 1.0, rate=20.0, latency=0.1, noise=3.0),
     'estimator of 200 Hz': Case(gusts(4.0), 0.8, rate=200.0, latency=0.03),
@@ -249,9 +251,9 @@ def soak(case: Case, seconds: float, seed: int, beside: bool) -> Found:
 def is_good(case: Case, found: Found) -> bool:
     """Return whether it is as it should be."""
     learnt, without = found.squares[LEARNT], found.squares[WITHOUT_ANY]
-    most = INSIDE[1] if (learnt > HIDDEN ** 2).any() else 1.0
+    most = MOST_INSIDE if (learnt > HIDDEN ** 2).any() else 1.0
     return bool((learnt < case.allowed ** 2).all() and (learnt < without + FLOOR ** 2).all()
-                and INSIDE[0] < found.inside.mean() <= most)
+                and case.inside < found.inside.mean() <= most)
 
 
 def judge(name: str, options: argparse.Namespace) -> dict:

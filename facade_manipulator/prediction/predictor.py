@@ -39,6 +39,7 @@ MOST_STEPS = 100  # over a gap
 OUTLIER = 8.0  # standard deviations
 DISBELIEF = 0.25  # s: for as long outliers are an error of the estimator's, then it has stepped
 ROUGH_TIME = 10.0  # s, over which the noise is seen to be correlated
+LARGEST_STEP = 3.0  # standard deviations, towards tones that are trusted; 1 where they are not
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
 NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones soon and often
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
@@ -221,7 +222,7 @@ class DisturbancePredictor:
             self._values - self._mean)
         moves = (seen[:, None] @ self._weights)[:, 0]
         continued = level[:, None] + np.minimum(np.maximum(moves, -self._reach), self._reach)
-        most = np.sqrt(noise)[:, None]
+        most = np.sqrt(noise)[:, None] * (1.0 + (LARGEST_STEP - 1.0) * self._trust)
         step = np.minimum(np.maximum(
             self._tones.at(self.stamp, HORIZONS) - continued, -most), most)
         full = continued + self._trust * step

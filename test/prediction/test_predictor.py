@@ -48,6 +48,9 @@ THREE_TONES = sines(
     ((0.012, 0.173, 0.5), (0.005, 0.412, 2.1), (0.001, 0.91, 0.8)),
     ((0.03, 0.15, 0.0), (0.008, 0.37, 1.3), (0.0015, 0.7, 2.6)))
 
+SEVEN_TONES = sines(*3 * [[(0.08 * (0.1 / frequency) ** 1.5, frequency, 2.0 * frequency)
+                          for frequency in (0.1, 0.17, 0.29, 0.41, 0.6, 0.83, 1.2)]])
+
 
 def as_measured(stamp, values, random):
     return values
@@ -99,6 +102,7 @@ def gone_on(motion, spoil=as_measured, learnt=None):
 @pytest.mark.parametrize(('motion', 'early', 'late'), [
     (BREEZE, (2.0, 1.0, 1.0), (0.3, 0.25, 0.25)),
     (THREE_TONES, (2.5, 1.5, 1.5), (0.4, 0.35, 0.35)),
+    (SEVEN_TONES, (4.0, 4.0, 4.0), (1.2, 0.9, 0.9)),
     (gusts(1), (1.2, 0.8, 0.6), (0.75, 0.6, 0.6)),
     (gusts(2, cable=100.0), (1.2, 0.8, 0.6), (0.75, 0.6, 0.6))])
 def test_sways_are_predicted_to_a_part_of_the_noise(motion, early, late):

@@ -71,7 +71,7 @@ def test_tones_that_ended_are_forgotten_after_the_window():
     def ended(time):
         return TWO(time) if time < 20.0 else 0.3
 
-    tones, stamp = fitted(ended, 25.0 + 0.1 * BLOCKS)
+    tones, stamp = fitted(ended, 28.0 + 0.1 * BLOCKS)
     assert tones.at(stamp, AHEAD) == pytest.approx(np.full((1, 3), 0.3), abs=0.2 * NOISE)
 
 
