@@ -11,11 +11,12 @@ from .estimator import DisturbanceEstimator as DisturbanceEstimator
 from .estimator import EstimatorEvent as EstimatorEvent
 from .estimator import RailMotion as RailMotion
 from .messages import Add as Add
-from .messages import add_fix as add_fix
-from .messages import add_imu as add_imu
-from .messages import add_pose as add_pose
-from .messages import add_range as add_range
+from .messages import FIX as FIX
+from .messages import IMU as IMU
+from .messages import Input as Input
 from .messages import inputs as inputs
+from .messages import POSE as POSE
+from .messages import RANGE as RANGE
 from .settings import DistanceSettings as DistanceSettings
 from .settings import EstimatorSetup as EstimatorSetup
 from .settings import FixSettings as FixSettings

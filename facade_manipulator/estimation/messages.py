@@ -2,50 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from facade_manipulator.errors import InputError
 from facade_manipulator.estimation.estimator import DisturbanceEstimator
 from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import estimate_numbers, projected, seconds
+from facade_manipulator.messages import estimate_numbers, projected
 
-Add = Callable[[DisturbanceEstimator, str, float, Any], None]
-
-
-def inputs(setup: EstimatorSetup) -> dict[str, Add]:
-    """Return how the messages of each sensor are taken, by its name, that of its topic."""
-    return {'imu': add_imu, **dict.fromkeys(setup.distances, add_range),
-            **dict.fromkeys(setup.fixes, add_fix), **dict.fromkeys(setup.poses, add_pose)}
+Add = Callable[[DisturbanceEstimator, str, float, float, Sequence[float]], None]
 
 
-def add_imu(estimator: DisturbanceEstimator, _: str, now: float, message: Any) -> None:
-    """Take a sensor_msgs/Imu; its orientation is not read."""
+class Input(NamedTuple):
+    """How a kind of message is taken: what is read of it, and what adds that to an estimator."""
+
+    numbers_of: Callable[[Any], Sequence[float]]
+    add: Add  #: by the sensor's name, the present time and the stamp [s], and the numbers
+
+
+def imu_numbers(message: Any) -> tuple[float, ...]:
+    """Return rates and forces of a sensor_msgs/Imu; its orientation is not read."""
     rates, forces = message.angular_velocity, message.linear_acceleration
-    estimator.add_imu(now, seconds(message.header.stamp), (rates.x, rates.y, rates.z),
-                      (forces.x, forces.y, forces.z))
+    return rates.x, rates.y, rates.z, forces.x, forces.y, forces.z
 
 
-def add_range(estimator: DisturbanceEstimator, name: str, now: float, message: Any) -> None:
-    """Take a sensor_msgs/Range that is within its own bounds."""
-    if not message.min_range <= message.range <= message.max_range:
-        raise InputError('range', f'{name} = {message.range:.4g} m is not between its '
-                         f'{message.min_range:.4g} and {message.max_range:.4g} m')
-    estimator.add(name, now, seconds(message.header.stamp), message.range)
+def range_numbers(message: Any) -> tuple[float, ...]:
+    """Return the bounds of a sensor_msgs/Range, then what it measured."""
+    return message.min_range, message.max_range, message.range
 
 
-def add_fix(estimator: DisturbanceEstimator, name: str, now: float, message: Any) -> None:
-    """Take a geometry_msgs/PointStamped: a feature as the sensor sees it."""
-    estimator.add(name, now, seconds(message.header.stamp), message.point.x)
+def fix_numbers(message: Any) -> tuple[float, ...]:
+    """Return where a geometry_msgs/PointStamped has a feature, as the sensor sees it."""
+    return message.point.x,
 
 
-def add_pose(estimator: DisturbanceEstimator, name: str, now: float, message: Any) -> None:
+def _add_imu(estimator: DisturbanceEstimator, _: str, now: float, stamp: float,
+             numbers: Sequence[float]) -> None:
+    estimator.add_imu(now, stamp, numbers[:3], numbers[3:])
+
+
+def _add_range(estimator: DisturbanceEstimator, name: str, now: float, stamp: float,
+               numbers: Sequence[float]) -> None:
+    least, most, measured = numbers
+    if not least <= measured <= most:
+        raise InputError('range', f'{name} = {measured:.4g} m is not between its '
+                         f'{least:.4g} and {most:.4g} m')
+    estimator.add(name, now, stamp, measured)
+
+
+def _add_fix(estimator: DisturbanceEstimator, name: str, now: float, stamp: float,
+             numbers: Sequence[float]) -> None:
+    estimator.add(name, now, stamp, numbers[0])
+
+
+def _add_pose(estimator: DisturbanceEstimator, name: str, now: float, stamp: float,
+              numbers: Sequence[float]) -> None:
     """Take the axes of a pose whose variance is not negative; 0 is not known."""
-    *numbers, x, y, yaw = estimate_numbers(message)
+    *numbers, x, y, yaw = numbers
     pose, _ = projected(numbers, name)
     for axis, value, variance in zip(Pose._fields, pose, (x, y, yaw), strict=True):
         if not variance < 0.0:
-            estimator.add(f'{name}.{axis}', now, seconds(message.header.stamp), value,
+            estimator.add(f'{name}.{axis}', now, stamp, value,
                           variance if 0.0 < variance < math.inf else None)
+
+
+IMU, RANGE, FIX, POSE = (
+    Input(imu_numbers, _add_imu), Input(range_numbers, _add_range), Input(fix_numbers, _add_fix),
+    Input(estimate_numbers, _add_pose))
+
+
+def inputs(setup: EstimatorSetup) -> dict[str, Input]:
+    """Return how the messages of each sensor are taken, by its name, that of its topic."""
+    return {'imu': IMU, **dict.fromkeys(setup.distances, RANGE),
+            **dict.fromkeys(setup.fixes, FIX), **dict.fromkeys(setup.poses, POSE)}

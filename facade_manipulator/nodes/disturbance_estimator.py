@@ -12,31 +12,38 @@ from rclpy.node import Node
 
 from facade_manipulator import interfaces
 from facade_manipulator.estimation import (
-    Add,
-    add_fix,
-    add_imu,
-    add_pose,
-    add_range,
     DisturbanceEstimator,
     EstimatorSetup,
+    FIX,
+    IMU,
+    Input,
     inputs,
+    POSE,
     RailMotion,
+    RANGE,
     SensorNames,
     SensorRecord,
 )
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.messages import planar_numbers, require_frame
+from facade_manipulator.messages import planar_numbers
 from facade_manipulator.ros import (
+    class_of,
+    Codec,
     declare,
     diagnostic_status,
     DiagnosticsPublisher,
+    estimate_codec,
     frames,
+    IMU_FIELDS,
     name_unknown_parameters,
     node_time,
     odometry_codec,
+    POINT_FIELDS,
     publisher,
+    RANGE_FIELDS,
     Rejections,
     run,
+    SensorReader,
     steady_timer,
     subscription,
 )
@@ -45,9 +52,10 @@ WATCH_PERIOD = 0.01  # s, in which what no measurement brings about is done
 SILENT = 1.0  # s without a measurement of a sensor
 MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
 AXES = (0, 1, 5)  # of x, y and yaw among the six of a pose
-INTERFACES: dict[Add, interfaces.Topic] = {
-    add_imu: interfaces.IMU, add_range: interfaces.RANGE_1, add_fix: interfaces.FIX_X,
-    add_pose: interfaces.FIX_POSE}
+INTERFACES: dict[Input, interfaces.Topic] = {
+    IMU: interfaces.IMU, RANGE: interfaces.RANGE_1, FIX: interfaces.FIX_X,
+    POSE: interfaces.FIX_POSE}
+FIELDS = {IMU: IMU_FIELDS, RANGE: RANGE_FIELDS, FIX: POINT_FIELDS}
 SCALES = (1e3, 1e3, math.degrees(1.0))  # mm and degrees of metres and radians
 
 
@@ -70,18 +78,23 @@ class DisturbanceEstimatorNode(Node):
         self._codec = odometry_codec(
             'disturbance_odometry', self._frames.facade, self._frames.rail)
         self._odometry = publisher(self, interfaces.DISTURBANCE_ODOMETRY)
-        for name, add in inputs(setup).items():
-            subscription(self, INTERFACES[add], partial(self._receive, add, name), name=name)
+        for name, taken in inputs(setup).items():
+            subscription(self, INTERFACES[taken], partial(
+                self._receive, taken, name, self._reader(taken, name)), name=name, raw=True)
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, WATCH_PERIOD, self._watch)
 
-    def _receive(self, add: Add, name: str, message: Any) -> None:
+    def _reader(self, taken: Input, name: str) -> Codec | SensorReader:
+        return estimate_codec(name, self._frames.facade) if taken is POSE else SensorReader(
+            class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
+
+    def _receive(
+        self, taken: Input, name: str, reader: Codec | SensorReader, data: bytes
+    ) -> None:
         now = node_time(self)
         with self._rejections:
-            if add is add_pose:
-                require_frame(message.header.frame_id, self._frames.facade, name)
-            add(self._estimator, name, now, message)
-        if add is add_imu:
+            taken.add(self._estimator, name, now, *reader.read(data))
+        if taken is IMU:
             self._publish(now)
 
     def _watch(self) -> None:

@@ -7,10 +7,15 @@ Everything that rclpy offers beyond its public interface is used in this package
 from .client import Component as Component
 from .client import ManipulatorClient as ManipulatorClient
 from .clocks import steady_timer as steady_timer
+from .codec import Codec as Codec
 from .codec import estimate_codec as estimate_codec
+from .codec import IMU_FIELDS as IMU_FIELDS
 from .codec import message_from as message_from
 from .codec import odometry_codec as odometry_codec
+from .codec import POINT_FIELDS as POINT_FIELDS
 from .codec import pose_codec as pose_codec
+from .codec import RANGE_FIELDS as RANGE_FIELDS
+from .codec import SensorReader as SensorReader
 from .codec import setpoint_codec as setpoint_codec
 from .codec import states_codec as states_codec
 from .conversions import frames as frames

@@ -76,6 +76,12 @@ def array(count: int) -> Field:
     return Field(f'I{count}d' if count else 'I', (count, *(NUMBER,) * count))
 
 
+# of a sensor's message what follows the frame
+IMU_FIELDS = (doubles(0, unread=13), doubles(3, unread=9), doubles(3, unread=9))
+RANGE_FIELDS = (Field('x0f4x3f', (NUMBER,) * 3),)  # after kind and field of view
+POINT_FIELDS = (doubles(1, unread=2),)
+
+
 class Codec:
     """
     Reads and writes the messages of a topic.
@@ -178,6 +184,30 @@ def estimate_codec(topic: str, frame_id: str) -> Codec:
     return _codec_in_frame(PoseWithCovarianceStamped, topic, frame_id, estimate_numbers, (
         doubles(1, unread=end - begin - 1)
         for begin, end in pairwise((*VARIANCES, COVARIANCE_SIZE))))
+
+
+class SensorReader:
+    """
+    Read the messages of a sensor whose driver names a frame of its own, as `Codec.read` does.
+
+    The frame of the first message is the usual one. Parameters as those of a `Codec`, without it.
+    """
+
+    def __init__(
+        self, message_type: type, fields: Iterable[Field],
+        numbers_of: Callable[[Any], Sequence[float]], what: str,
+    ) -> None:
+        self._type, self._what = message_type, what
+        self._codec_of = lambda frame_id: Codec(
+            message_type, (text(frame_id), *fields), numbers_of, what)
+        self._codec: Codec | None = None
+
+    def read(self, data: bytes) -> tuple[float, Sequence[float]]:
+        """Return stamp [s] and numbers."""
+        if self._codec is None:
+            frame_id = message_from(data, self._type, self._what).header.frame_id
+            self._codec = self._codec_of(frame_id)
+        return self._codec.read(data)
 
 
 def odometry_codec(topic: str, frame_id: str, child_frame_id: str) -> Codec:

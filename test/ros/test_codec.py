@@ -3,14 +3,21 @@
 import math
 import struct
 
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import (
+    Point,
+    PointStamped,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Vector3,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState, Range
 
 from facade_manipulator.errors import InputError
+from facade_manipulator.estimation import FIX, IMU, RANGE
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import CARRIAGES, seconds, VARIANCES
 from facade_manipulator.ros import codec
@@ -202,3 +209,40 @@ def test_what_is_cut_short_is_rejected_with_its_length():
     with pytest.raises(InputError, match='20 bytes are no PoseStamped') as rejection:
         pose_codec('corrected_pose', 'rail').read(data[:20])
     assert rejection.value.reason == 'malformed'
+
+
+@pytest.mark.parametrize('frame_id', ['', 'imu', 'a_link', 'front/laser'])
+@pytest.mark.parametrize(('kind', 'fields', 'taken'), [
+    (Imu, codec.IMU_FIELDS, IMU), (Range, codec.RANGE_FIELDS, RANGE),
+    (PointStamped, codec.POINT_FIELDS, FIX)])
+def test_a_sensor_of_any_frame_is_read_fast_as_rclpy_reads_it(
+    kind, fields, taken, frame_id, monkeypatch
+):
+    reader = codec.SensorReader(kind, fields, taken.numbers_of, 'sensor')
+    message = _stamped(kind(), frame_id)
+    if kind is Imu:
+        message.angular_velocity = Vector3(x=0.1, y=0.2, z=0.3)
+        message.linear_acceleration = Vector3(x=1.0, y=2.0, z=math.nan)
+        message.orientation_covariance[8] = message.linear_acceleration_covariance[0] = 7.0
+    elif kind is Range:
+        message = _stamped(Range(radiation_type=1, field_of_view=9.0, min_range=0.1,
+                                 max_range=2.0, range=0.45), frame_id)
+    else:
+        message.point = Point(x=0.1, y=0.2, z=0.3)
+    data = serialize_message(message)
+    expected = STAMP, list(taken.numbers_of(deserialize_message(data, kind)))
+    assert repr(reader.read(data)) == repr(expected)
+    other = serialize_message(_stamped(message, 'another'))
+    assert repr(list(reader.read(other)[1])) == repr(expected[1])
+    monkeypatch.setattr(codec, 'message_from', None)
+    assert repr(reader.read(data)) == repr(expected)
+
+
+def test_bytes_that_are_no_message_of_a_sensor_are_rejected_before_and_after_the_first():
+    reader = codec.SensorReader(Imu, codec.IMU_FIELDS, IMU.numbers_of, 'imu')
+    for data in (b'', serialize_message(_stamped(Imu(), 'imu')), b'\0\1'):
+        if len(data) > 2:
+            assert reader.read(data) == (STAMP, [0.0] * 6)
+            continue
+        with pytest.raises(InputError, match='imu: . bytes are no Imu'):
+            reader.read(data)

@@ -37,16 +37,17 @@ def replay_estimates(run: RecordedRun) -> Comparison:
     read = partial(_settings, run.parameters[ESTIMATOR])
     names = read(SensorNames)
     setup = EstimatorSetup.read(names, read)
-    adders = inputs(setup)
+    taken = inputs(setup)
     estimator = DisturbanceEstimator(setup)
     rejections: list[str] = []
     pairs = []
     for now, topic, message in merge(*(
             [(one.time, topic, one.message) for one in run.topics[topic]]
-            for topic in (*adders, ESTIMATES)), key=lambda item: item[0]):
-        if topic in adders:
+            for topic in (*taken, ESTIMATES)), key=lambda item: item[0]):
+        if topic in taken:
             with noted(rejections):
-                adders[topic](estimator, topic, now, message)
+                taken[topic].add(estimator, topic, now, seconds(message.header.stamp),
+                                 taken[topic].numbers_of(message))
             continue
         motion = estimator.advance(now)
         if motion is not None:

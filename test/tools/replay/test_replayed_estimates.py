@@ -15,6 +15,7 @@ from facade_manipulator.estimation import (
     inputs,
     SensorNames,
 )
+from facade_manipulator.messages import seconds
 from facade_manipulator.parameters import settings_from
 from facade_manipulator.tools.replay import replay_estimates
 from facade_manipulator.tools.replay.parameters import changed
@@ -55,12 +56,13 @@ def run():
     run.parameters = {'disturbance_estimator': PARAMETERS}
     setup = EstimatorSetup.read(
         SensorNames(poses=('',)), lambda kind, prefix='': settings_from(kind, PARAMETERS, prefix))
-    estimator, adders = DisturbanceEstimator(setup), inputs(setup)
+    estimator, taken = DisturbanceEstimator(setup), inputs(setup)
     events, _ = arrivals(day, move(day), SENSORS, Imu(), Wall(day.seed))
     for arrival, name, stamp, value in events:
         now = START + arrival
         sent = message(name, START + stamp, value)
-        adders[name](estimator, name, now, sent)
+        taken[name].add(estimator, name, now, seconds(sent.header.stamp),
+                        taken[name].numbers_of(sent))
         motion = estimator.advance(now) if name == 'imu' else None
         for topic, one in ((name, sent), ('disturbance_odometry', motion and odometry(motion))):
             if one is not None and run.begin <= now <= run.end:
