@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
 from functools import partial
 import time
 from typing import Any
@@ -46,6 +47,7 @@ from facade_manipulator.ros import (
     MessageQueue,
     ParameterReader,
     Rejections,
+    ROSError,
     run,
     service,
     steady_timer,
@@ -57,6 +59,9 @@ OPERATION, STATE = str(diagnostics.OPERATION), diagnostics.OPERATION.key('state'
 SOFTWARE = {diagnostics.OPERATION.key(one) for one in ('version', 'profiles')}
 STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # states of the driver
 MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
+# parameters of the estimator that name topics, and what each of those is like
+SENSORS = {
+    'distances': interfaces.RANGE_1, 'fixes': interfaces.FIX_X, 'poses': interfaces.FIX_POSE}
 SILENCE = 3.0  # s without diagnostics of a driver that had power
 
 
@@ -72,25 +77,40 @@ class RecorderNode(Node):
         self._rejections = Rejections(self)
         self._readers = {name: ParameterReader(self, name, self._rejections)
                          for name in interfaces.RECORDED}
-        topics = recorded_topics()
+        self._topics = [CAN_TOPIC]  # the black box has the same list
+        self._queues: list[tuple[MessageQueue, Callable[[Any], None] | None]] = []
         settings = declare(self, BlackBoxSettings)
         self._changes = ChangeLog(settings.folder, self.get_namespace())
         self._black_box = BlackBox(
-            settings, self.get_namespace(), [CAN_TOPIC, *(RecordedTopic(
-                self.resolve_topic_name(one.name), *message_type(class_of(one)),
-                playback(recorded_quality(one))) for one in topics)],
-            self._parameters_known, self.get_logger())
+            settings, self.get_namespace(), self._topics, self._parameters_known,
+            self.get_logger())
         reads: dict[Topic, Callable[[Any], None]] = {
             interfaces.DIAGNOSTICS: self._read_diagnostics,
             interfaces.PARAMETER_EVENTS: self._read_event,
             interfaces.GOAL_STATUS: self._read_goal_status}
-        self._queues = [
-            (MessageQueue(self, one, recorded_quality(one)), reads.get(one)) for one in topics]
+        for topic in recorded_topics():
+            self._record(topic, reads.get(topic))
         self._arrivals = Arrivals()
         replies = DeferredReplies(self)
         replies.attach(service(self, interfaces.SAVE, self._save))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, PERIOD, self._watch)
+
+    def _record(self, topic: Topic, read: Callable[[Any], None] | None = None) -> None:
+        quality = recorded_quality(topic)
+        self._topics.append(RecordedTopic(
+            self.resolve_topic_name(topic.name), *message_type(class_of(topic)),
+            playback(quality)))
+        self._queues.append((MessageQueue(self, topic, quality), read))
+
+    def _record_sensors(self) -> None:
+        """Record the sensors that the estimator has by other names, once these are known."""
+        values = self._readers[interfaces.ESTIMATOR].values
+        for parameter, like in SENSORS.items():
+            with suppress(TypeError, ROSError):  # no names: not of our estimator
+                for name in filter(None, values.get(parameter, ())):
+                    if self.resolve_topic_name(name) not in {one.topic for one in self._topics}:
+                        self._record(like._replace(name=name))
 
     def _parameters_known(self) -> dict[str, dict[str, Any]]:
         return {name: reader.values for name, reader in self._readers.items() if reader.values}
@@ -100,6 +120,7 @@ class RecorderNode(Node):
             reader.ask_once()
             self._changes.note(name, reader.values)
         self._listen_to_bus()
+        self._record_sensors()
         self._take()
         silence = time.monotonic() - self._driver_time
         self._black_box.note('driver', (

@@ -56,6 +56,7 @@ from .lifecycle import ManagedNode as ManagedNode
 from .lifecycle import offer_trigger as offer_trigger
 from .parameters import declare as declare
 from .parameters import parameter_checksum as parameter_checksum
+from .rclpy_internals import ROSError as ROSError
 from .recording import message_type as message_type
 from .recording import MessageQueue as MessageQueue
 from .recording import ParameterReader as ParameterReader

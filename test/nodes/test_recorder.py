@@ -18,6 +18,7 @@ from qualities import LATCHED, RELIABLE
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterEvent, ParameterValue
 from rclpy.parameter import Parameter
+from sensor_msgs.msg import Range
 from std_srvs.srv import Trigger
 
 from facade_manipulator.blackbox.recording import segment_messages
@@ -114,6 +115,19 @@ def test_every_change_of_a_parameter_and_of_the_version_is_noted(machine):
     changed = [entry['changed'] for entry in journal.entries()]
     assert {'q1.serial_number': [4711, 4712]} in changed and changed[-1] == {
         'version': ['1+ga', '1+gb']}
+
+
+def test_sensors_that_the_user_has_named_are_recorded(machine):
+    estimator = machine.ros.node('disturbance_estimator', namespace='gondola_1')
+    estimator.declare_parameter('distances', ['laser', 'left/laser', ''])
+    estimator.declare_parameter('fixes', ['no name!'])
+    estimator.declare_parameter('poses', 3)
+    for name in ('laser', 'left/laser'):
+        machine.publisher(Range, name).publish(Range(range=0.45))
+    machine.say('stopped', DiagnosticStatus.ERROR, 'a stop')
+    _, messages = read(machine.first_file())
+    assert {topic for topic, message in messages if hasattr(message, 'range')} == {
+        '/gondola_1/laser', '/gondola_1/left/laser'}
 
 
 def test_what_cannot_be_read_is_kept_counted_and_ends_nothing(machine):
