@@ -51,7 +51,7 @@ from facade_manipulator.ros import (
 WATCH_PERIOD = 0.01  # s, in which what no measurement brings about is done
 SILENT = 1.0  # s without a measurement of a sensor
 MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
-AXES = (0, 1, 5)  # of x, y and yaw among the six of a pose
+PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # of x, y and yaw in a covariance of six
 INTERFACES: dict[Input, interfaces.Topic] = {
     IMU: interfaces.IMU, RANGE: interfaces.RANGE_1, FIX: interfaces.FIX_X,
     POSE: interfaces.FIX_POSE}
@@ -168,11 +168,11 @@ class DisturbanceEstimatorNode(Node):
 def odometry_numbers(motion: RailMotion) -> list[float]:
     """Return the numbers of an Odometry: the twist is along the axes of the rail."""
     pose, yaw = np.zeros((6, 6)), motion.pose.theta
-    pose[np.ix_(AXES, AXES)] = motion.covariance
+    pose[PLANAR] = motion.covariance
     cosine, sine = math.cos(yaw), math.sin(yaw)
     turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     twist = np.zeros((6, 6))
-    twist[np.ix_(AXES, AXES)] = turn @ motion.velocity_covariance @ turn.T
+    twist[PLANAR] = turn @ motion.velocity_covariance @ turn.T
     along, across, turning = (turn @ motion.velocity).tolist()
     return [*planar_numbers(motion.pose), *pose.ravel().tolist(),
             along, across, 0.0, 0.0, 0.0, turning, *twist.ravel().tolist()]
