@@ -12,7 +12,7 @@ from PIL import Image
 import pytest
 
 sync_api = pytest.importorskip(
-    'playwright.sync_api', reason='no playwright: make setup installs it')
+    'playwright.sync_api', reason='THE PAGE IS NOT TESTED: there is no playwright: make setup')
 BROWSER = shutil.which('chromium') or shutil.which('chromium-browser')
 pytestmark = [pytest.mark.realtime, pytest.mark.skipif(
     BROWSER is None, reason='THE PAGE IS NOT TESTED: there is no Chromium; apt install chromium')]
@@ -142,3 +142,29 @@ def test_the_keyboard_opens_what_doctor_says(page):
     page.get_by_text('1 wrong').focus(timeout=20e3)
     page.keyboard.press('Enter')
     page.get_by_text('WRONG clock: it is not synchronised').wait_for(timeout=5e3)
+
+
+@pytest.mark.parametrize('page', [1920], indirect=True)
+def test_a_screen_reader_says_cause_and_next_step_when_they_come_and_names_the_pictures(
+    page, bench
+):
+    bench.say(STOPPED)
+    until_shown(page, CAUSE)
+    tree = page.context.new_cdp_session(page).send('Accessibility.getFullAXTree')['nodes']
+    nodes = {node['nodeId']: node for node in tree if not node['ignored']}
+    every = {node['nodeId']: node for node in tree}
+
+    def text(node):
+        return node.get('name', {}).get('value', '') + ' '.join(
+            text(every[child]) for child in node.get('childIds', ()))
+
+    def of_role(role):
+        return [node for node in nodes.values() if node['role']['value'] == role]
+
+    said, = of_role('status')
+    assert {'live': 'polite'}.items() <= {
+        one['name']: one['value'].get('value') for one in said['properties']}.items()
+    assert CAUSE in text(said) and NEXT in text(said) and not of_role('alert')
+    assert [one['name']['value'] for one in of_role('image')] == [
+        'mechanism and head, seen from above, wall on top', 'distance of the last minute',
+        'forces of the last minute']
