@@ -163,7 +163,7 @@ class DisturbancePredictor:
         self._tones = Tones(axes)
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
         self._forecast = np.zeros((axes, len(_SPLINE.T)))
-        self._past, self._rough = np.tile(measured, (3, 1)), np.ones(axes)
+        self._past, self._rough = np.zeros((3, axes)), np.ones(axes)
         self._axes = np.arange(axes)
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
