@@ -27,4 +27,4 @@ def one_rig():
     (row, situation) for row, situation in cases()
     if row in REAL or (situation == 'moving' and row in MOVING)])
 def test_the_fault_table_holds_on_a_real_bus(one_rig, vcan0, row, situation):
-    prove_patiently(one_rig, row, situation, tries=2)
+    prove_patiently(one_rig, row, situation)
