@@ -116,11 +116,13 @@ class WorkspaceLimit:
         self._half = geometry.platform_half_length
         self._mechanism = mechanism_of(geometry)
         self._clamped = self._clamped_platform if geometry.is_nominal else self._clamped_head
-        margin = settings.margin + 3.0 * _greatest(geometry.link_errors, geometry.platform_errors)
+        rail = 3.0 * abs(geometry.rail_bow) + geometry.link_length * abs(geometry.slide_angle)
+        margin = settings.margin + rail + 3.0 * _greatest(
+            geometry.link_errors, geometry.platform_errors)
         self._reach = geometry.link_length - margin
         self._gap = geometry.carriage_gap + margin
         least, greatest = geometry.stroke
-        margin = settings.margin + sum(map(_greatest, (
+        margin = settings.margin + rail + sum(map(_greatest, (
             geometry.carriage_offsets, geometry.backlash, sum(geometry.screw_errors, ()))))
         self._stroke = least + margin, greatest - margin
         self._halves = geometry.half_lengths

@@ -1,5 +1,5 @@
 """
-Kinematics of the mechanism as it was made: unlike links and halves, rail, tool and screws.
+Kinematics of the mechanism as it was made: unlike links and halves, rail, slide, tool, screws.
 
 Inverse kinematics is closed. Forward kinematics begins at the pose of a mechanism whose links and
 halves are alike, of the mean lengths, and takes Newton steps on the links until they vanish.
@@ -14,7 +14,7 @@ from math import cos, isfinite, sin, sqrt
 import numpy as np
 
 from facade_manipulator.errors import UnreachableError
-from facade_manipulator.kinematics.closure import closing, Lengths, Mode, newton
+from facade_manipulator.kinematics.closure import Bend, closing, Lengths, Mode, newton, STEPS
 from facade_manipulator.kinematics.forward import forward_kinematics
 from facade_manipulator.kinematics.geometry import (
     Carriages,
@@ -36,6 +36,9 @@ from facade_manipulator.kinematics.inverse import (
     take_up,
 )
 from facade_manipulator.kinematics.planar import compose, invert, relative
+from facade_manipulator.kinematics.rail import Rail
+
+ROUNDING = 1e-14  # m, of the height of a carriage
 
 
 class CalibratedMechanism:
@@ -49,7 +52,8 @@ class CalibratedMechanism:
             0.5 * (self._length1 + self._length2), 0.5 * (self._half1 + self._half2),
             carriage_gap=0.0)
         self.take_up = partial(take_up, geometry)
-        self._rail = Pose(0.0, 0.0, geometry.rail_angle)
+        self._frame = Pose(0.0, 0.0, geometry.rail_angle)
+        self._rail = Rail(geometry)
         self._tool = Pose(*geometry.tool)
         self._platform_on_tool = invert(self._tool)
         self._screws = tuple(
@@ -58,11 +62,11 @@ class CalibratedMechanism:
 
     def platform(self, head: Pose) -> Pose:
         """Pose of the platform on the real rail."""
-        return compose(relative(self._rail, head), self._platform_on_tool)
+        return compose(relative(self._frame, head), self._platform_on_tool)
 
     def head(self, platform: Pose) -> Pose:
         """Pose of the head in frame rail."""
-        return compose(compose(self._rail, platform), self._tool)
+        return compose(compose(self._frame, platform), self._tool)
 
     def on_rail(self, carriages: tuple[float, float, float]) -> Carriages:
         """Return where on the rail the carriages stand [m]."""
@@ -72,7 +76,7 @@ class CalibratedMechanism:
     def inverse_kinematics(self, pose: Pose) -> Carriages:
         """Carriage positions of a pose, as the drives count them [m]."""
         platform = self._platform_of(pose)
-        return self._driven(platform.x, self._links(platform))
+        return self._driven(self._actual(platform, self._links(platform)))
 
     def forward_kinematics(self, carriages: Carriages) -> Pose:
         """Pose of the head."""
@@ -87,12 +91,14 @@ class CalibratedMechanism:
         platform = self._platform_of(pose)
         at = self._links(platform)
         y1, t1, y2, t2 = jacobian_entries(at, self._half1, self._half2)
-        cosine, sine = cos(self._rail.theta), sin(self._rail.theta)
+        cosine, sine = cos(self._frame.theta), sin(self._frame.theta)
         arm = compose(Pose(0.0, 0.0, platform.theta), self._tool)  # from P to the head
         vx = cosine * velocity.x + sine * velocity.y + arm.y * velocity.theta
         vy = cosine * velocity.y - sine * velocity.x - arm.x * velocity.theta
-        rates = (vx + y1 * vy + t1 * velocity.theta, vx + y2 * vy + t2 * velocity.theta, vx)
-        actual = self._actual(platform.x, at)
+        rail, actual = self._rail, self._actual(platform, at)
+        rates = ((vx + y1 * vy + t1 * velocity.theta) / (1.0 + y1 * rail.slope(actual.q1)),
+                 (vx + y2 * vy + t2 * velocity.theta) / (1.0 + y2 * rail.slope(actual.q2)),
+                 (vx + rail.lean(actual.q3) * vy) / rail.rate(actual.q3, platform.y))
         return Carriages(*(
             rate * screw.rate(q) for rate, screw, q in zip(
                 rates, self._screws, actual, strict=True)))
@@ -107,8 +113,9 @@ class CalibratedMechanism:
         at = self._links(platform)
         if platform.y <= 0.0:
             raise behind_rail(platform.y)
-        driven = self._driven(platform.x, at)
-        self._check_rail(self._actual(platform.x, at), driven)
+        actual = self._actual(platform, at)
+        driven = self._driven(actual)
+        self._check_rail(actual, driven)
         unit = self.geometry.platform_half_length / CONDITIONING_RATIO
         check_branch(self._branch_number(at), squared_index(
             at, self._half1 / unit, self._half2 / unit), min_conditioning)
@@ -139,26 +146,46 @@ class CalibratedMechanism:
                    driven[0] - 0.5 * play1, driven[1] + 0.5 * play2)
 
     def _links(self, platform: Pose) -> Links:
-        """Return the links of a pose of the platform, as `links` does."""
-        _, y, theta = platform
-        sine = sin(theta)
-        u1, u2 = y - self._half1 * sine, y + self._half2 * sine
-        root1, root2 = self._length1 ** 2 - u1 * u1, self._length2 ** 2 - u2 * u2
-        for name, u, root, length in (
-                ('|y - b1 sin theta|', u1, root1, self._length1),
-                ('|y + b2 sin theta|', u2, root2, self._length2)):
+        """Return the links of a pose of the platform, as `links` does, from the rail's heights."""
+        x, y, theta = platform
+        sine, cosine = sin(theta), cos(theta)
+        u1, s1 = self._link('|y - b1 sin theta|', x - self._half1 * cosine,
+                            y - self._half1 * sine, self._length1, 1.0)
+        u2, s2 = self._link('|y + b2 sin theta|', x + self._half2 * cosine,
+                            y + self._half2 * sine, self._length2, -1.0)
+        return sine, cosine, u1, u2, s1, s2
+
+    def _link(
+        self, name: str, x: float, y: float, length: float, side: float
+    ) -> tuple[float, float]:
+        """
+        Return height and projection of a link from the rail to a joint of the platform [m].
+
+        Newton's method on the height of the carriage, which is 0 at once on a straight rail.
+        """
+        foot = 0.0
+        for _ in range(STEPS):
+            u = y - foot
+            root = length * length - u * u
             if root <= 0.0:
-                raise UnreachableError(name, abs(u), length, 'm', 'not below')
-        return sine, cos(theta), u1, u2, sqrt(root1), sqrt(root2)
+                break
+            projection = sqrt(root)
+            q = x + side * projection
+            miss = self._rail.height(q) - foot
+            if abs(miss) <= ROUNDING:
+                return u, projection
+            foot += miss / (1.0 - side * self._rail.slope(q) * u / projection)
+        raise UnreachableError(name, abs(u), length, 'm', 'not below')
 
-    def _actual(self, x: float, at: Links) -> Carriages:
+    def _actual(self, platform: Pose, at: Links) -> Carriages:
         """Return where on the rail the carriages of links stand."""
-        return Carriages(
-            x - self._half1 * at[1] + at[4], x + self._half2 * at[1] - at[5], x)
+        x, y, _ = platform
+        return Carriages(x - self._half1 * at[1] + at[4], x + self._half2 * at[1] - at[5],
+                         self._rail.under(x, y))
 
-    def _driven(self, x: float, at: Links) -> Carriages:
+    def _driven(self, actual: Carriages) -> Carriages:
         return Carriages(*(
-            screw.driven(q) for screw, q in zip(self._screws, self._actual(x, at), strict=True)))
+            screw.driven(q) for screw, q in zip(self._screws, actual, strict=True)))
 
     def _branch_number(self, at: Links) -> float:
         """N [m²], by the mean half length: what it is for equal ones."""
@@ -170,15 +197,17 @@ class CalibratedMechanism:
     def _assembled(self, actual: Carriages) -> Pose:
         """Return the platform's pose on the machine's branch for carriages on the rail."""
         q1, q2, q3 = actual
-        between = q1 - q3, q2 - q3
-        _, y, theta = forward_kinematics(self._alike, actual)
-        found = newton(self._lengths, *between, y, theta)
-        if found is None or not self._on_branch(between, found):
+        between, (_, y, theta) = (q1 - q3, q2 - q3), forward_kinematics(self._alike, actual)
+        height1, height2, height3 = map(self._rail.height, actual)
+        bend = Bend(height1 - height3, height2 - height3, self._rail.lean(q3))
+        found = newton(self._lengths, *between, y - height3, theta, bend)
+        if found is None or not self._on_branch(between, found, bend):
             raise UnreachableError('assembly modes on the branch', 0, 1, '', 'below')
-        return Pose(q3, *found)
+        y, theta = found
+        return Pose(q3 - y * bend.lean, y + height3, theta)
 
-    def _on_branch(self, between: tuple[float, float], mode: Mode) -> bool:
-        at = closing(self._lengths, *between, *mode)
+    def _on_branch(self, between: tuple[float, float], mode: Mode, bend: Bend) -> bool:
+        at = closing(self._lengths, *between, *mode, bend)
         return mode[0] > 0.0 and at[4] > 0.0 and at[5] > 0.0 and self._branch_number(at) > 0.0
 
 

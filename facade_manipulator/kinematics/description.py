@@ -2,20 +2,21 @@
 The mechanism as other programs know one: a tree of links and joints, and its URDF.
 
 A URDF has no closed loops. The tree is cut where the two links meet the platform; `positions`
-closes it there with the exact kinematics, for the machine as it was made.
+closes it there with the exact kinematics, for the machine as it was made; but the rail is drawn
+straight.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import atan2
+from math import atan2, cos
 from typing import NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from facade_manipulator.kinematics.geometry import Carriages, Geometry, Pose
 from facade_manipulator.kinematics.mechanism import Mechanism, mechanism_of
-from facade_manipulator.kinematics.planar import compose, ZERO_POSE
+from facade_manipulator.kinematics.planar import compose, invert, ZERO_POSE
 
 # m, of what is drawn; a carriage is as wide as the gap, so that two touch where they must stop
 RAIL_DEPTH, RAIL_HEIGHT = 0.03, 0.02
@@ -43,13 +44,14 @@ class TreeJoint(NamedTuple):
 
 def tree(geometry: Geometry) -> tuple[TreeJoint, ...]:
     """Return the joints from the rail to the end effector and to the ends of the links."""
-    along = Pose(0.0, 0.0, geometry.rail_angle)
+    along, leaning = (
+        Pose(0.0, 0.0, angle) for angle in (geometry.rail_angle, geometry.slide_angle))
     return (
         TreeJoint('q1', 'rail', 'carriage_1', 'x', along),
         TreeJoint('q2', 'rail', 'carriage_2', 'x', along),
         TreeJoint('q3', 'rail', 'carriage_3', 'x', along),
-        TreeJoint('guide', 'carriage_3', 'slider', 'y'),
-        TreeJoint('turn', 'slider', 'platform'),
+        TreeJoint('guide', 'carriage_3', 'slider', 'y', leaning),
+        TreeJoint('turn', 'slider', 'platform', 'z', invert(leaning)),
         TreeJoint('swing_1', 'carriage_1', 'link_1'),
         TreeJoint('swing_2', 'carriage_2', 'link_2'),
         TreeJoint('', 'platform', 'end_effector', 'z', Pose(*geometry.tool)),
@@ -73,7 +75,8 @@ def positions(mechanism: Mechanism, head: Pose) -> tuple[float, ...]:
     ends = (compose(platform, Pose(side * half, 0.0, 0.0)) for side, half in zip(
         (-1.0, 1.0), mechanism.geometry.half_lengths, strict=True))
     swings = (atan2(end.y, end.x - q) for end, q in zip(ends, carriages, strict=False))
-    return (*carriages, platform.y, platform.theta, *swings, 0.0)
+    guide = platform.y / cos(mechanism.geometry.slide_angle)
+    return (*carriages, guide, platform.theta, *swings, 0.0)
 
 
 def urdf(geometry: Geometry, prefix: str = '') -> str:

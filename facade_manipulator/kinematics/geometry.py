@@ -99,6 +99,12 @@ class Geometry:
     rail_angle: float = parameter(
         'Angle of the real rail in frame rail', default=0.0, unit='rad', minimum=-0.2, maximum=0.2,
         read_only=True)
+    rail_bow: float = parameter(
+        'How much farther out the middle of the rail is than the ends of the stroke', default=0.0,
+        unit='m', minimum=-5e-3, maximum=5e-3, read_only=True)
+    slide_angle: float = parameter(
+        'By how much the slide of the middle carriage is not square to the rail', default=0.0,
+        unit='rad', minimum=-0.05, maximum=0.05, read_only=True)
     tool: tuple[float, ...] = parameter(
         'Pose of the head on the platform: x, y, theta', default=(0.0, 0.0, 0.0), unit='m, m, rad',
         minimum=-0.5, maximum=0.5, elements=Pose._fields, read_only=True)
@@ -167,7 +173,7 @@ class Geometry:
     @property
     def is_nominal(self) -> bool:
         """Whether the machine is taken to be what the drawing says."""
-        return not (self.rail_angle or any(map(any, (
+        return not (self.rail_angle or self.rail_bow or self.slide_angle or any(map(any, (
             self.link_errors, self.platform_errors, self.carriage_offsets, self.backlash,
             self.tool, *self.screw_errors))))
 

@@ -30,7 +30,8 @@ def test_whatever_is_wanted_the_machine_may_stand_where_it_is_led(pose):
 def test_a_machine_with_errors_may_stand_there_too_and_its_tool_counts(pose):
     made = Geometry(
         link_errors=(1e-3, -1e-3), platform_errors=(-1e-3, 1e-3), rail_angle=0.01,
-        carriage_offsets=(2e-3, -1e-3, 1e-3), tool=(0.01, 0.08, 0.02))
+        carriage_offsets=(2e-3, -1e-3, 1e-3), tool=(0.01, 0.08, 0.02), rail_bow=-2e-3,
+        slide_angle=0.005)
     mechanism_of(made).certify(WorkspaceLimit(made, SETTINGS).saturate(pose).pose)
 
 

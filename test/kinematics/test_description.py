@@ -16,7 +16,7 @@ from facade_manipulator.kinematics.planar import compose, ZERO_POSE
 urdf_reader = pytest.importorskip('pytransform3d.urdf', reason='pytransform3d is not installed')
 MADE = Geometry(  # measured, not drawn
     link_errors=(1e-3, -7e-4), platform_errors=(4e-4, -9e-4), carriage_offsets=(2e-3, -1e-3, 5e-4),
-    rail_angle=0.01, tool=(0.01, 0.02, 0.05), screw_errors_q1=(0.0, 4e-4))
+    rail_angle=0.01, slide_angle=-0.01, tool=(0.01, 0.02, 0.05), screw_errors_q1=(0.0, 4e-4))
 WITHIN = 1e-9  # m or rad, of what an iteration solves
 
 

@@ -41,7 +41,8 @@ def machines(draw, knots=9):
     return mechanism_of(Geometry(
         carriage_gap=0.0, stroke=(-0.6, 0.6), link_errors=draw(errors(2e-3, 2)),
         platform_errors=draw(errors(2e-3, 2)), carriage_offsets=draw(errors(3e-3, 3)),
-        rail_angle=draw(st.floats(-0.02, 0.02)), tool=draw(errors(0.05, 3)), **screws))
+        rail_angle=draw(st.floats(-0.02, 0.02)), tool=draw(errors(0.05, 3)),
+        rail_bow=draw(st.floats(-2e-3, 2e-3)), slide_angle=draw(st.floats(-0.02, 0.02)), **screws))
 
 
 @st.composite
@@ -85,9 +86,13 @@ def test_inverse_kinematics_keeps_the_lengths_that_were_measured(placed):
             (geometry.link_length, geometry.link_errors),
             (geometry.platform_half_length, geometry.platform_errors)))
     sine, cosine = math.sin(platform.theta), math.cos(platform.theta)
-    assert math.hypot(platform.x - b1 * cosine - q1, platform.y - b1 * sine) == pytest.approx(l1)
-    assert math.hypot(platform.x + b2 * cosine - q2, platform.y + b2 * sine) == pytest.approx(l2)
-    assert q3 == pytest.approx(platform.x, abs=1e-15)
+    h1, h2, h3 = (geometry.rail_bow * (1.0 - (q / 0.6) ** 2) for q in (q1, q2, q3))
+    lean = math.tan(geometry.slide_angle) - 2.0 * geometry.rail_bow * q3 / 0.6 ** 2
+    assert math.hypot(platform.x - b1 * cosine - q1, platform.y - b1 * sine - h1) == (
+        pytest.approx(l1))
+    assert math.hypot(platform.x + b2 * cosine - q2, platform.y + b2 * sine - h2) == (
+        pytest.approx(l2))
+    assert q3 - lean * (platform.y - h3) == pytest.approx(platform.x, abs=1e-14)
 
 
 @given(workspace_poses())
@@ -113,6 +118,10 @@ def test_each_error_moves_the_head_as_it_would_in_the_shop():
     turned = made(rail_angle=0.1).forward_kinematics(at)
     assert turned.theta == pytest.approx(HEAD.theta + 0.1)
     assert math.hypot(turned.x, turned.y) == pytest.approx(math.hypot(HEAD.x, HEAD.y))
+    leaning = made(slide_angle=0.01).inverse_kinematics(HEAD)
+    assert leaning == pytest.approx(at._replace(q3=at.q3 + HEAD.y * math.tan(0.01)), abs=1e-12)
+    bowed = made(rail_bow=1e-3, stroke=(-5.0, 5.0)).forward_kinematics(at)  # level where it stands
+    assert bowed == pytest.approx(HEAD._replace(y=HEAD.y + 1e-3), abs=1e-4)
     ahead = made(tool=(0.0, 0.08, 0.0)).forward_kinematics(at)
     assert ahead.y == pytest.approx(HEAD.y + 0.08 * math.cos(HEAD.theta))
 

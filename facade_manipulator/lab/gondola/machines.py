@@ -23,11 +23,13 @@ class ShopSettings:
     """Standard deviations of a machine's errors and of the measurements of its head."""
 
     length: float = parameter(
-        'Of a link and of half a platform', default=5e-4, unit='m', minimum=0.0)
+        'Of a link, of half a platform and of the bow of the rail', default=5e-4, unit='m',
+        minimum=0.0)
     offset: float = parameter(
         'Of a carriage, and of the head on the platform', default=1e-3, unit='m', minimum=0.0)
     angle: float = parameter(
-        'Of the rail, and of the head on the platform', default=3.5e-3, unit='rad', minimum=0.0)
+        'Of the rail, of the slide on it and of the head on the platform', default=3.5e-3,
+        unit='rad', minimum=0.0)
     position_noise: float = parameter('Of a measured x or y', default=1e-4, unit='m', minimum=0.0)
     angle_noise: float = parameter('Of a measured theta', default=3.5e-4, unit='rad', minimum=0.0)
 
@@ -43,7 +45,8 @@ def make_machine(
         drawing, link_errors=errors(shop.length, 2),
         platform_errors=errors(shop.length, 2),
         carriage_offsets=errors(shop.offset, 3), rail_angle=errors(shop.angle, 1)[0],
-        tool=(*errors(shop.offset, 2), *errors(shop.angle, 1)))
+        tool=(*errors(shop.offset, 2), *errors(shop.angle, 1)),
+        rail_bow=errors(shop.length, 1)[0], slide_angle=errors(shop.angle, 1)[0])
 
 
 def measure_heads(

@@ -29,7 +29,8 @@ from facade_manipulator.lab.gondola.machines import (
 from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings
 
-ERRORS = ('link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool')
+ERRORS = ('link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool', 'rail_bow',
+          'slide_angle')
 TOUCHES, TOUCH_NOISE = (-0.2, -0.1, 0.0, 0.1, 0.2), 5e-4  # m
 HEAD = Pose._fields
 

@@ -109,7 +109,7 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
         with file_errors(options.picture):
             draw_accuracy(options.picture, geometry, found)
     _write(options, (ALL_NODES, 'geometry', {
-        unknown.field: getattr(found.geometry, unknown.field) for unknown in unknowns
+        unknown.field: getattr(found.geometry, unknown.field) for unknown in found.unknowns
         if unknown not in INSTRUMENT}))
 
 

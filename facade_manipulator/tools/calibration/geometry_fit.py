@@ -23,6 +23,7 @@ from facade_manipulator.tools.calibration.unknowns import (
     heads,
     MeasuredGeometry,
     require_closed,
+    SHAPE,
     UNITS,
     Unknown,
     values_of,
@@ -63,6 +64,7 @@ class Identification(NamedTuple):
     outliers: list[tuple[int, int]]  #: row and axis of what contradicts the rest and is left out
     #: groups of unknowns, in words, that the data cannot show, or not apart from each other
     unidentified: list[list[str]]
+    kept: Sequence[Unknown]  #: the rail's shape, where the data cannot tell it: as it was
     observability: float  #: Borm and Menq's index, in units of noise and tolerance
 
 
@@ -112,8 +114,11 @@ def identify(
     each other.
     """
     check(geometry, unknowns, measurements)
-    fit = _MachineFit(geometry, unknowns, measurements, noise or Noise())
-    used = np.isfinite(measurements.heads)
+    noise, used = noise or Noise(), np.isfinite(measurements.heads)
+    known = _deviations(information(geometry, unknowns, measurements.carriages, noise)[used])
+    fit = _MachineFit(geometry, [
+        one for one, deviation in zip(unknowns, known, strict=True)
+        if one.field not in SHAPE or deviation < IDENTIFIED], measurements, noise)
     values = fit.solve(used)
     fit.check_knock(used, values)
     misses = fit.misses(values)
@@ -126,7 +131,13 @@ def identify(
         used &= ~outlying
         values = fit.solve(used, loss='linear')
     return fit.identification(
-        used, values, [(pose, axis) for pose, axis in np.argwhere(outlying).tolist()])
+        used, values, [(pose, axis) for pose, axis in np.argwhere(outlying).tolist()],
+        [one for one in unknowns if one not in fit.unknowns])
+
+
+def _deviations(rows: np.ndarray) -> np.ndarray:
+    """Return how well `information` with the drawing's makes unknowns known, in tolerances."""
+    return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows + np.eye(rows.shape[1]))))
 
 
 class _MachineFit(NamedTuple):
@@ -191,7 +202,8 @@ class _MachineFit(NamedTuple):
                 'knocked? Measure these rows, or those before, again')
 
     def identification(
-        self, used: np.ndarray, values: np.ndarray, outliers: list[tuple[int, int]]
+        self, used: np.ndarray, values: np.ndarray, outliers: list[tuple[int, int]],
+        kept: Sequence[Unknown],
     ) -> Identification:
         machine, unknowns = with_values(self.geometry, self.unknowns, values), self.unknowns
         rows = information(machine, unknowns, self.measurements.carriages, self.noise)[used]
@@ -207,7 +219,7 @@ class _MachineFit(NamedTuple):
         singular = np.linalg.svd(rows, compute_uv=False)
         return Identification(
             machine, unknowns, values, covariance * np.outer(self.tolerances, self.tolerances),
-            scatter, outliers, _unidentified(covariance, unknowns),
+            scatter, outliers, _unidentified(covariance, unknowns), kept,
             float(np.exp(np.mean(np.log(np.maximum(singular, 1e-12)))) / np.sqrt(len(rows))))
 
 
@@ -287,6 +299,9 @@ def report_geometry(found: Identification, held: HeldOut | None) -> list[str]:
     alone = [group[0] for group in found.unidentified if len(group) == 1]
     if alone:
         lines.append(f'hardly better known than before: {"; ".join(alone)}')
+    if found.kept:
+        lines.append('not determined by these poses, kept as it was: '
+                     + ', '.join(f'{one.words} ({one.name})' for one in found.kept))
     lines.append(f'scatter: {found.scatter:.2f} of the noise stated; observability index '
                  f'{found.observability:.3g}')
     if found.scatter > 1.5:

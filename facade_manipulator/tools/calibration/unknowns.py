@@ -76,7 +76,10 @@ UNKNOWNS = (
     Unknown('tool', 0, 'x of the head on the platform', 5e-3),
     Unknown('tool', 1, 'y of the head on the platform', 5e-3),
     Unknown('tool', 2, 'angle of the head on the platform', 0.02, DEG),
+    Unknown('slide_angle', None, 'squareness of the middle slide', 5e-3, DEG),
+    Unknown('rail_bow', None, 'bow of the rail', 1e-3),
 )
+SHAPE = 'slide_angle', 'rail_bow'  # looked for only where the measurements can tell them
 BACKLASH = tuple(
     Unknown('backlash', k, f'backlash of the screw of {name}', 2e-4, least=0.0)
     for k, name in enumerate(Carriages._fields))
