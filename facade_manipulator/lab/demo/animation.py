@@ -1,20 +1,24 @@
-"""The end of a demo run as an animation: wall, swaying gondola, linkage, head and goal."""
+"""A demo run as pictures of wall, swaying gondola, linkage, head and goal: stills, animation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 import math
 from pathlib import Path
 from typing import Any
 
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 import numpy as np
 from PIL import Image  # matplotlib needs it too
 
+from facade_manipulator.errors import LimitError
 from facade_manipulator.kinematics import compose, Geometry, joints, mechanism_of, Pose, relative
 from facade_manipulator.lab.gondola import Course, Facade, FacadeSettings, SCALES
-from facade_manipulator.lab.gondola.pictures import GOAL, WITH, WITHOUT
+from facade_manipulator.lab.gondola.pictures import GOAL, new_figure, WITH, WITHOUT
 
 FRAMES, FRAME_PERIOD = 120, 0.1  # 12 s as fast as they went
 TRAIL = 3.0
@@ -40,6 +44,32 @@ LOOKS: dict[str, dict[str, Any]] = {
 }
 
 
+def before_and_after(course: Course, geometry: Geometry, wall: FacadeSettings) -> Figure:
+    """
+    Draw three moments of a run, with a mechanism that stands still and with the real one.
+
+    As Figures 2 and 12 of the paper: next to no disturbance along the wall, and the most of it to
+    either side.
+    """
+    figure = new_figure(13, 5, 'The head on the wall without and with compensation')
+    without = np.where(course.counts, course.uncompensated[:, 0], np.nan)
+    still = course._replace(heads=course.references + course.uncompensated)
+    for column, (now, title) in zip(figure.subplots(2, 3, sharex=True, sharey=True).T, (
+            (np.nanargmin(np.abs(without)), 'near rest'), (np.nanargmin(without), 'furthest left'),
+            (np.nanargmax(without), 'furthest right')), strict=True):
+        for panel, shown, words in zip(
+                column, (still, course), ('without', 'with'), strict=True):
+            lines = _stage(panel, course, geometry, wall)
+            with suppress(LimitError):  # who stands still at the goal may be out of reach
+                _move(lines, _places(shown, still.heads, geometry, int(now)))
+            x, y, theta = np.multiply(SCALES, (shown.heads - course.references)[now])
+            panel.set_title(f'{title}, {words}: {x:+.1f} {y:+.1f} mm {theta:+.2f}°', fontsize=10)
+            panel.label_outer()
+    figure.legend(handles=[lines[name] for name in ('goal', 'head')], fontsize=8, ncols=2,
+                  loc='outside lower center', frameon=False)
+    return figure
+
+
 def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator[Image.Image]:
     """
     Yield the last seconds of a run frame by frame in one palette.
@@ -48,17 +78,9 @@ def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator
     """
     figure = Figure(figsize=SIZE, dpi=DOTS_PER_INCH)
     canvas, panel = FigureCanvasAgg(figure), figure.add_axes((0.09, 0.13, 0.89, 0.73))
-    places = np.linspace(-1.5, 1.5, 300)
-    faces = np.array([
-        Facade(wall).distance(x) if wall.present else WALL_DISTANCE for x in places])
-    panel.fill_between(1e3 * places, 1e3 * faces, 1e3 * (faces.max() + 1.0), color='#c9c2b0')
-    lines = {name: panel.plot([], [], **look)[0] for name, look in LOOKS.items()}
+    lines = _stage(panel, course, geometry, wall)
     without, errors = course.uncompensated, course.errors
     standing = course.references + without
-    sway = 1.1 * np.abs(without[:, :2]).max(axis=0) + 0.02
-    half = 1e3 * (max(GONDOLA_SIZE[0], *map(abs, geometry.stroke)) + sway[0])
-    panel.set(xlim=(-half, half), ylim=(-1e3 * (GONDOLA_SIZE[1] + sway[1] + 0.08), 360.0),
-              xlabel='x on the wall [mm]', ylabel='y [mm]', aspect='equal')
     text = panel.set_title('', loc='left', family='monospace', fontsize=9)
     moving = (*lines.values(), text, panel.legend(loc='lower right', fontsize=8, ncols=3))
     for artist in moving:
@@ -69,8 +91,7 @@ def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator
     for time in np.arange(max(FRAME_PERIOD, course.times[-1] - FRAMES * FRAME_PERIOD),
                           course.times[-1], FRAME_PERIOD):
         now = int(np.searchsorted(course.times, time))
-        for name, points in _places(course, standing, geometry, now).items():
-            lines[name].set_data(*(1e3 * np.asarray(points).T))
+        _move(lines, _places(course, standing, geometry, now))
         text.set_text(
             f'{time:6.1f} s  without compensation    {_triple(without[now])}\n'
             f'          from where it should be {_triple(errors[now])}')
@@ -81,6 +102,26 @@ def frames(course: Course, geometry: Geometry, wall: FacadeSettings) -> Iterator
         # A median cut would lose the goal's few pixels in the platform.
         palette = palette or image.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE)
         yield image.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def _stage(
+    panel: Axes, course: Course, geometry: Geometry, wall: FacadeSettings
+) -> dict[str, Line2D]:
+    """Draw the wall on a panel wide enough for the run, and return the lines that move on it."""
+    places = np.linspace(-1.5, 1.5, 300)
+    faces = np.array([
+        Facade(wall).distance(x) if wall.present else WALL_DISTANCE for x in places])
+    panel.fill_between(1e3 * places, 1e3 * faces, 1e3 * (faces.max() + 1.0), color='#c9c2b0')
+    sway = 1.1 * np.abs(course.uncompensated[:, :2]).max(axis=0) + 0.02
+    half = 1e3 * (max(GONDOLA_SIZE[0], *map(abs, geometry.stroke)) + sway[0])
+    panel.set(xlim=(-half, half), ylim=(-1e3 * (GONDOLA_SIZE[1] + sway[1] + 0.08), 360.0),
+              xlabel='x on the wall [mm]', ylabel='y [mm]', aspect='equal')
+    return {name: panel.plot([], [], **look)[0] for name, look in LOOKS.items()}
+
+
+def _move(lines: dict[str, Line2D], places: dict[str, Any]) -> None:
+    for name, points in places.items():
+        lines[name].set_data(*(1e3 * np.asarray(points).T))
 
 
 def save(path: Path, images: list[Image.Image]) -> None:

@@ -22,8 +22,9 @@ from facade_manipulator.lab.gondola import Course, decibels, giving_way, SCALES,
 from facade_manipulator.ros import ManipulatorClient
 
 SUMMARY = 'summary.json'
-TIME_COURSES, SPECTRUM, PATH, FORCE, LINKAGE = PICTURES = (
-    'time_courses.png', 'spectrum.png', 'path.png', 'force.png', 'linkage.gif')
+TIME_COURSES, SPECTRUM, PATH, BEFORE_AFTER, FORCE, LINKAGE = PICTURES = (
+    'time_courses.png', 'spectrum.png', 'path.png', 'before_after.png', 'force.png',
+    'linkage.gif')
 
 
 def counters(client: ManipulatorClient, duration: float) -> dict[str, Any]:
@@ -90,7 +91,8 @@ def draw(
     shifted = giving_way(scenario)
     drawn = {
         TIME_COURSES: pictures.time_courses(course, summary['axes'], shifted),
-        SPECTRUM: pictures.spectrum(course, shifted), PATH: pictures.paths(course)}
+        SPECTRUM: pictures.spectrum(course, shifted), PATH: pictures.paths(course),
+        BEFORE_AFTER: animation.before_and_after(course, geometry, scenario.facade)}
     times, forces = forces_of(run, course)
     if len(times):
         impedance = scenario.compensator.impedance

@@ -39,6 +39,7 @@ from facade_manipulator.lab.study.figures_design import (
     figure_optimum,
     figure_singularity,
 )
+from facade_manipulator.lab.study.figures_postures import draw_extremes, figure_3, figure_5
 from facade_manipulator.lab.study.gcw import case_geometry, count_poses, PAPER
 from facade_manipulator.lab.study.singularities import configurations, parallel_curves
 from facade_manipulator.lab.study.tables import lengths, Study
@@ -124,10 +125,13 @@ def figure_9(study: Study) -> Figure:
 
 
 def figure_11(study: Study) -> Figure:
-    """Plot how far the design turns and travels at every distance, with and without a gap."""
-    made = figure(10.0, 4.2, f'Figure 11: ranges of the design, {lengths(study.geometry)}, '
+    """Draw the extremes, and how far the design goes at every distance, with and without a gap."""
+    made = figure(10.0, 6.4, f'Figure 11: ranges of the design, {lengths(study.geometry)}, '
                   f'Q = {study.geometry.stroke_length * MILLIMETRES:.0f} mm')
-    left, right = made.subplots(1, 2)
+    panels = made.subplot_mosaic(
+        [[*'aabbcc'], [*'θθθxxx']], height_ratios=(0.7, 1.0))
+    left, right = panels['θ'], panels['x']
+    draw_extremes([panels[letter] for letter in 'abc'], study.geometry)
     y = np.linspace(1e-6, study.geometry.link_length, 2000)[:-1]
     for gap, colour, width in (
             (0.0, BLUE, 3.2), (study.geometry.carriage_gap or 0.02, ORANGE, 1.4)):
@@ -248,6 +252,8 @@ def _frame(axes: Any, geometry: Geometry, end: float) -> None:
 
 
 FIGURES: dict[str, Callable[[Study], Figure]] = {
+    'figure_03_motions.png': figure_3,
+    'figure_05_working_modes.png': figure_5,
     'figure_06_workspace.png': figure_6,
     'figure_07_singular_configurations.png': figure_7,
     'figure_08_cases.png': figure_8,

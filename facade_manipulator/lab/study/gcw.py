@@ -143,8 +143,10 @@ def table2(stroke_length: float = STROKE_LENGTH) -> list[dict[str, Any]]:
 def _row(paper: PaperRow, stroke_length: float) -> dict[str, Any]:
     length, half = paper.link_length, paper.platform_half_length
     geometry = case_geometry(length, half, stroke_length)
+    ratio = count_poses(geometry).ratio
+    section = float(section_area(length, half, stroke_length, 0.0))
     return {
-        'l': length, 'b': half, 'ratio': count_poses(geometry).ratio,
-        'area_section': float(section_area(length, half, stroke_length, 0.0)),
+        'l': length, 'b': half, 'ratio': ratio, 'area_section': section,
+        'good_area_section': ratio * section,  # as the paper: its area times its ratio
         'area_union': union_area(geometry),
         'paper': {'area': paper.area, 'ratio': paper.ratio, 'good_area': paper.good_area}}

@@ -58,11 +58,11 @@ def configurations() -> tuple[Configuration, ...]:
     turned = np.radians(16.0)
     return (
         Configuration('a) folded', 'det B = 0, only for l < b', short, Pose(0.0, 0.0, 0.0)),
-        Configuration('b) left link in line', 'regular: one entry of J is 0', short,
+        Configuration('b) left link in line', 'regular, beyond N = 0', short,
                       Pose(0.0, y_in_line, in_line)),
         Configuration('c) stretched', 'det A = 0, the far edge', short,
                       Pose(0.0, short.link_length, 0.0)),
-        Configuration('d) right link in line', 'regular: one entry of J is 0', short,
+        Configuration('d) right link in line', 'regular, beyond N = 0', short,
                       Pose(0.0, y_in_line, -in_line)),
         Configuration('e) lines of force meet', 'det B = 0, not in the paper', short,
                       Pose(0.0, float(parallel_curves(short, turned)[0][0]), float(turned))),

@@ -70,15 +70,15 @@ def table_of_cases(study: Study, options: argparse.Namespace) -> Part:
     return 'table2', rows, _table(
         f'Table 2 with Q = {_mm(stroke_length)} mm: good-condition ratio and areas [m2]',
         ('l [mm]', 'b [mm]', 'ratio', 'paper', 'diff.', 'section', 'union', 'paper',
-         'section diff.', 'union diff.'), (_case(row, row['paper']) for row in rows), AREA_NOTE)
+         'ratio x section', 'paper'), (_case(row, row['paper']) for row in rows), AREA_NOTE)
 
 
 def _case(row: dict[str, Any], paper: dict[str, Any]) -> tuple[str, ...]:
     ratio, section, union = row['ratio'], row['area_section'], row['area_union']
     return (_mm(row['l']), _mm(row['b']), f'{ratio:.4f}', f'{paper["ratio"]:.3f}',
             f'{ratio - paper["ratio"]:+.4f}', f'{section:.4f}', f'{union:.4f}',
-            f'{paper["area"]:.3f}', f'{section - paper["area"]:+.4f}',
-            f'{union - paper["area"]:+.4f}')
+            f'{paper["area"]:.3f}', f'{row["good_area_section"]:.4f}',
+            f'{paper["good_area"]:.3f}')
 
 
 def summary(study: Study, options: argparse.Namespace) -> Part:

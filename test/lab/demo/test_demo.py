@@ -15,8 +15,9 @@ from support import children, wait_until
 
 from facade_manipulator.blackbox import Received, RecordedRun
 from facade_manipulator.errors import RecordError
-from facade_manipulator.kinematics import add, compose, invert, Pose
+from facade_manipulator.kinematics import add, compose, Geometry, invert, Pose
 from facade_manipulator.lab.demo.__main__ import Demo
+from facade_manipulator.lab.demo.animation import before_and_after
 from facade_manipulator.lab.demo.course import course_of, HEAD
 from facade_manipulator.lab.gondola import figures, load_scenario
 from facade_manipulator.lab.gondola.pictures import (
@@ -51,7 +52,7 @@ def test_a_run_compensates_and_leaves_its_report(start_process, tmp_path):
     assert summary['bus_cycles'] > 50 * SETTLED
     assert summary['drive_faults'] == summary['rejected_goals'] == 0
     assert 0.0 < summary['pipeline_latency_ms']['p50'] <= summary['pipeline_latency_ms']['p99']
-    for name in ('time_courses.png', 'spectrum.png', 'path.png'):
+    for name in ('time_courses.png', 'spectrum.png', 'path.png', 'before_after.png'):
         assert (tmp_path / 'report' / name).read_bytes().startswith(b'\x89PNG')
     animation = (tmp_path / 'report' / 'linkage.gif').read_bytes()
     assert animation.startswith(b'GIF89a') and animation.endswith(b';')
@@ -136,6 +137,17 @@ def test_an_error_of_a_millimetre_is_one_in_figures_and_spectrum_while_goals_lea
     assert frequencies[amplitude.argmax()] == pytest.approx(1.0, abs=0.03)
     assert amplitude.max() == pytest.approx(1.0, rel=0.15)  # between two bins
     assert amplitude[frequencies > 3.0].max() < 0.1  # mm, no leap of 100 mm
+
+
+@pytest.mark.parametrize(('length', 'drawn'), [(0.352, True), (0.2, False)])
+def test_before_and_after_shows_who_stands_still_and_who_compensates(course, length, drawn):
+    panels = before_and_after(course, Geometry(length), load_scenario('gusty').facade).axes
+    offsets = [[float(number) for number in re.findall(r'[+-][\d.]+', panel.get_title())]
+               for panel in panels]
+    assert len(panels) == 6
+    assert offsets[1][0] < -40.0 and offsets[2][0] > 40.0  # mm, from 50 sin t and the yaw
+    assert all(abs(number) <= 1.0 for panel in offsets[3:] for number in panel)
+    assert all(bool(line.get_xdata().size) == drawn for line in panels[5].lines)
 
 
 def test_without_a_goal_that_stood_all_samples_count(course):

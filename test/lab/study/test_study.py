@@ -29,9 +29,11 @@ def test_table_2_has_its_keys_and_the_papers_ratios(tmp_path):
     assert [(row['l'], row['b'], round(row['ratio'], 3)) for row in rows] == [
         (0.15, 0.55, 0.788), (0.2, 0.5, 0.803), (0.25, 0.45, 0.834), (0.3, 0.4, 0.870),
         (0.352, 0.348, 0.986)]
-    assert set(rows[0]) == {'l', 'b', 'ratio', 'area_section', 'area_union', 'paper'}
+    assert set(rows[0]) == {
+        'l', 'b', 'ratio', 'area_section', 'good_area_section', 'area_union', 'paper'}
     assert rows[-1]['paper'] == {'area': 0.328, 'ratio': 0.986, 'good_area': 0.323}
-    assert all(0.0 < row['area_section'] < row['area_union'] for row in rows)
+    assert all(0.0 < row['good_area_section'] < row['area_section'] < row['area_union']
+               for row in rows)
 
 
 def test_ranges_follow_stroke_gap_and_lengths(tmp_path):
@@ -92,7 +94,7 @@ def test_ranges_without_a_gap_are_drawn_of_carriages_that_have_a_length():
     from facade_manipulator.lab.study.tables import Study
     machine = Geometry(carriage_gap=0.03, carriage_length=0.025)
     made = figure_11(Study(machine))
-    assert [line.get_label() for line in made.axes[0].lines] == ['gap 0 mm', 'gap 30 mm']
+    assert [line.get_label() for line in made.axes[3].lines] == ['gap 0 mm', 'gap 30 mm']
 
 
 @pytest.mark.parametrize(('arguments', 'message'), [
