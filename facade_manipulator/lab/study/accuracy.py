@@ -55,6 +55,25 @@ class DriveTrain:
         'Speed of a carriage', default=0.5, unit='m/s', minimum=1e-3, maximum=10.0)
 
 
+class Allowed(NamedTuple):
+    """
+    Velocities or forces in the plane that carriages allow, each within a limit: a polygon.
+
+    Parameters
+    ----------
+    along_x, along_y, anywhere : float
+        The greatest along x, along y, and in whichever direction [m/s or N].
+    corners : list of (float, float)
+        Counter-clockwise [m/s or N].
+
+    """
+
+    along_x: float
+    along_y: float
+    anywhere: float
+    corners: list[tuple[float, float]]
+
+
 class Worth(NamedTuple):
     """
     A pose in numbers.
@@ -70,9 +89,8 @@ class Worth(NamedTuple):
         Of the head along x and y and about z, the other two held [N/m, N/m, N m/rad].
     pressing : float
         Greatest force on the wall that the drives hold for long [N].
-    speeds, forces : tuple of (float, float, float)
-        Half axes of the ellipses of the head's velocity and force in the plane, without turning
-        and without moment, and the angle of the greater to the rail [m/s or N, rad].
+    speeds, forces : Allowed
+        The head's velocities and forces in the plane, without turning and without moment.
 
     """
 
@@ -81,8 +99,8 @@ class Worth(NamedTuple):
     errors: tuple[float, float, float]
     stiffness: tuple[float, float, float]
     pressing: float
-    speeds: tuple[float, float, float]
-    forces: tuple[float, float, float]
+    speeds: Allowed
+    forces: Allowed
 
 
 def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Worth:
@@ -94,12 +112,12 @@ def worth(geometry: Geometry, y: float, theta: float, train: DriveTrain) -> Wort
     stiffness = np.diag(head_stiffness(
         mechanism, pose, train.screw_stiffness, train.link_stiffness))
     pressing = train.force / max(map(abs, carriage_forces(mechanism, pose, PRESSING)))
-    # Carriages within a ball: what does not turn the head moves it by rates[:, :2], and a force
-    # without moment asks rates⁻ᵀ of them.
+    # What does not turn the head moves the carriages by rates[:, :2], and a force without moment
+    # asks rates⁻ᵀ of them.
     return Worth(
         y, theta, tuple(np.sqrt((deviations ** 2).sum(axis=1)).tolist()),
-        tuple(stiffness.tolist()), pressing, _ellipse(rates[:, :2], train.speed),
-        _ellipse(np.linalg.inv(rates).T[:, :2], train.force))
+        tuple(stiffness.tolist()), pressing, _allowed(rates[:, :2], train.speed),
+        _allowed(np.linalg.inv(rates).T[:, :2], train.force))
 
 
 def _amplification(mechanism: Mechanism, pose: Pose, inverse: np.ndarray) -> np.ndarray:
@@ -117,12 +135,17 @@ def _amplification(mechanism: Mechanism, pose: Pose, inverse: np.ndarray) -> np.
     return np.hstack([inverse, -inverse @ np.array(wanted).T])
 
 
-def _ellipse(demand: np.ndarray, limit: float) -> tuple[float, float, float]:
-    """Return half axes and angle of what a ball of carriages of a radius allows in the plane."""
-    values, vectors = np.linalg.eigh(demand.T @ demand)
-    least, most = limit / np.sqrt(values[::-1])
-    greater = vectors[:, 0]
-    return float(most), float(least), float(np.arctan2(greater[1], greater[0]) % np.pi)
+def _allowed(demand: np.ndarray, limit: float) -> Allowed:
+    """Return what carriages allow that each can do a limit, where `demand` is asked of them."""
+    pairs = demand[[[0, 1], [0, 2], [1, 2]]]  # at a corner two are at their limits
+    pairs = pairs[np.abs(np.linalg.det(pairs)) > 1e-9 * np.abs(demand).max() ** 2]
+    found = np.concatenate([np.linalg.inv(pairs) @ (limit, other) for other in (limit, -limit)])
+    found = found[np.abs(found @ demand.T).max(axis=1) <= (1.0 + 1e-9) * limit]
+    corners = np.unique(np.round(np.concatenate([found, -found]), 12), axis=0)
+    corners = corners[np.argsort(np.arctan2(corners[:, 1], corners[:, 0]))]
+    along_x, along_y = (limit / np.abs(demand).max(axis=0)).tolist()
+    anywhere = limit / np.hypot(*demand.T).max()
+    return Allowed(along_x, along_y, float(anywhere), [(x, y) for x, y in corners.tolist()])
 
 
 def worth_rows(geometry: Geometry, distances: list[float], train: DriveTrain) -> list[Worth]:

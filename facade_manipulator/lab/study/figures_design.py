@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
+from matplotlib.patches import Polygon
 import numpy as np
 
 from facade_manipulator.kinematics import mechanism_of, Pose, pose_map
@@ -30,11 +30,12 @@ from facade_manipulator.lab.study.gcw import case_geometry
 from facade_manipulator.lab.study.optimise import OBJECTIVES
 from facade_manipulator.lab.study.reach import theta_max, y_range
 from facade_manipulator.lab.study.singularities import beyond_share, serial_curve
+from facade_manipulator.lab.study.sweep import Sweep
 from facade_manipulator.lab.study.tables import Study
 
 ROWS, COLUMNS = 41, 21
 EDGE = 0.99  # of the greatest turn: at a limit itself there may be no pose
-ELLIPSES = 6
+POLYGONS = 6
 
 
 def figure_singularity(study: Study) -> Figure:
@@ -72,10 +73,10 @@ def figure_optimum(study: Study) -> Figure:
                   f'Q = {study.geometry.stroke_length * MILLIMETRES:.0f} mm')
     need = replace(study.need, stroke_length=study.geometry.stroke_length,
                    carriage_gap=study.geometry.carriage_gap)
-    length = np.linspace(0.15, 0.4, 251)
+    length, measured = np.linspace(0.15, 0.4, 251), Sweep(need)
     grid = made.subplots(2, 2, sharex=True)
     for axes, merit in zip(grid.flat, OBJECTIVES.values(), strict=True):
-        values = merit.evaluate(np.stack([length, 0.7 - length]), need)
+        values = merit.evaluate(np.stack([length, 0.7 - length]), measured)
         best = int(np.argmax(values))
         axes.plot(length * MILLIMETRES, values, color=BLUE)
         peak = length[best] * MILLIMETRES, values[best]
@@ -97,7 +98,7 @@ def _mark_design(axes: Axes, height: float) -> None:
 
 
 def figure_accuracy(study: Study) -> Figure:
-    """Draw three maps over y and θ, and the ellipses of velocity and force at θ = 0."""
+    """Draw three maps over y and θ, and the polygons of velocity and force at θ = 0."""
     made = figure(10.0, 7.5, 'Accuracy, stiffness, force and speed of the head')
     grid = made.subplots(2, 2)
     lower, upper = y_range(study.geometry)
@@ -114,7 +115,7 @@ def figure_accuracy(study: Study) -> Figure:
             (grid[1, 0], 'pressing force held for long [N]', lambda at: at.pressing)):
         _draw_map(axes, poses, value)
         label(axes, 'theta [deg]', Y_LABEL, title)
-    _draw_ellipses(grid[1, 1], [row[COLUMNS // 2] for row in poses[::ROWS // ELLIPSES]])
+    _draw_polygons(grid[1, 1], [row[COLUMNS // 2] for row in poses[::ROWS // POLYGONS]])
     return made
 
 
@@ -128,18 +129,17 @@ def _draw_map(
     axes.figure.colorbar(mesh, ax=axes)
 
 
-def _draw_ellipses(axes: Axes, poses: list[Worth]) -> None:
-    """Draw both ellipses of poses at θ = 0, one above the other."""
-    speed, force = (max(getattr(at, name)[0] for at in poses) for name in ('speeds', 'forces'))
+def _draw_polygons(axes: Axes, poses: list[Worth]) -> None:
+    """Draw both polygons of poses at θ = 0, one above the other."""
+    speed, force = (max(np.abs(getattr(at, name).corners).max() for at in poses)
+                    for name in ('speeds', 'forces'))
     for at in poses:
         for name, colour, most, x in (
                 ('speeds', BLUE, speed, 0.0), ('forces', ORANGE, force, 150.0)):
-            greater, less, angle = getattr(at, name)
-            axes.add_patch(Ellipse(
-                (x, at.y * MILLIMETRES), 60.0 * greater / most, 60.0 * less / most,
-                angle=np.degrees(angle), fill=False, color=colour))
+            corners = 30.0 / most * np.array(getattr(at, name).corners)
+            axes.add_patch(Polygon(corners + (x, at.y * MILLIMETRES), fill=False, color=colour))
     axes.set(xlim=(-80.0, 230.0), ylim=(0.0, max(at.y for at in poses) * MILLIMETRES + 40.0))
     axes.set_aspect('equal', adjustable='box')
     axes.set_xticks([0.0, 150.0], [f'velocity up to\n{speed:.2g} m/s',
                                    f'force up to\n{force:.3g} N'])
-    label(axes, '', Y_LABEL, 'ellipses at theta = 0, x to the right')
+    label(axes, '', Y_LABEL, 'what the drives allow at theta = 0, x to the right')

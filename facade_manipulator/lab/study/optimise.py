@@ -25,16 +25,14 @@ from facade_manipulator.lab.study.requirements import (
     Requirements,
 )
 from facade_manipulator.lab.study.section import section_area
-from facade_manipulator.lab.study.volume import measure, Workspace
-
-THETA_NODES, Y_CELLS = 512, 64  # the ratio to 2e-4, the volume far better
+from facade_manipulator.lab.study.sweep import ignore, Sweep, Tick
+from facade_manipulator.lab.study.volume import Workspace
 
 FINE_STEP = 0.001  # of the sweep, as the paper's
 COARSE_STEP = 0.005  # where a plane of designs is integrated one by one
 _ACTIVE = 2e-4  # a bound nearer than this is active [m]
-_WINDOW = 3  # steps about the sweep's best in which to refine
-
-Tick = Callable[[int], None]  # called with the number of designs done
+_RESOLUTION = 1e-6  # m, to which the best design is found
+_ABOUT, _CLOSER = np.linspace(-1.0, 1.0, 5), 0.4  # steps at which to look, until nothing is better
 
 
 class Objective(NamedTuple):
@@ -46,20 +44,15 @@ class Objective(NamedTuple):
     merit: Callable[[Workspace], float] = lambda of: of.volume
 
     def evaluate(
-        self, designs: np.ndarray, need: Requirements, tick: Tick = lambda count: None
+        self, designs: np.ndarray, measured: Sweep, tick: Tick = ignore
     ) -> np.ndarray:
         """Return the merit of every design, of which l and b are the first dimension."""
         length, half = designs
         if self.closed_form:
             tick(length.size)
-            return self.closed_form(length, half, need)
-        values = np.empty(length.shape)
-        for place in np.ndindex(length.shape):
-            values[place] = self.merit(measure(
-                need.geometry(float(length[place]), float(half[place])), need.threshold,
-                need.characteristic_length, THETA_NODES, Y_CELLS))
-            tick(1)
-        return values
+            return self.closed_form(length, half, measured.need)
+        values = [self.merit(of) for of in measured.of(designs, tick)]
+        return np.reshape(values, length.shape)
 
 
 OBJECTIVES = {
@@ -96,15 +89,18 @@ def sweep_size(objective: str, need: Requirements) -> int:
 
 
 def optimise(
-    objective: str, need: Requirements | None = None, tick: Tick = lambda count: None
+    objective: str, need: Requirements | None = None, tick: Tick = ignore,
+    measured: Sweep | None = None,
 ) -> Optimum:
     """
     Find the link lengths with the greatest of `OBJECTIVES`.
 
-    Raises a ParameterError if the objective is unknown, or if no design satisfies the
-    requirements; the message names the conflict.
+    Who optimises for several gives the same `measured` for all. Raises a ParameterError if the
+    objective is unknown, or if no design satisfies the requirements; the message names the
+    conflict.
     """
     need = need or Requirements()
+    measured = measured or Sweep(need)
     merit = _objective(objective)
     designs = _designs(merit, need)
     length, half = designs
@@ -113,12 +109,13 @@ def optimise(
     if not allowed.any():
         raise conflict(of, length, half, need)
     values = np.full(allowed.shape, -np.inf)
-    values[allowed] = merit.evaluate(designs[:, allowed], need, tick)
+    values[allowed] = merit.evaluate(designs[:, allowed], measured, tick)
+    tick(int(np.sum(~allowed)))
     best = np.argmax(values)
-    design, value = _refine(merit, need, designs[:, best], float(values[best]))
+    design, value = _refine(merit, measured, designs[:, best], float(values[best]))
     return Optimum(
         objective, float(design[0]), float(design[1]), value,
-        {name: float(one.evaluate(design, need)) for name, one in OBJECTIVES.items()},
+        {name: float(one.evaluate(design, measured)) for name, one in OBJECTIVES.items()},
         _active(need, design), values.size)
 
 
@@ -130,18 +127,40 @@ def _objective(name: str) -> Objective:
 
 def _designs(merit: Objective, need: Requirements) -> np.ndarray:
     """Return the designs of the sweep, shape (2, n): a line where the sum is given, or the box."""
-    if need.length_sum:
-        lower = max(need.link_range[0], need.length_sum - need.platform_range[1])
-        upper = min(need.link_range[1], need.length_sum - need.platform_range[0])
-        length = _steps(lower, upper, FINE_STEP)
-        return np.stack([length, need.length_sum - length])
-    step = _step(merit, need)
-    return np.stack(np.meshgrid(
-        _steps(*need.link_range, step), _steps(*need.platform_range, step), indexing='ij')
-    ).reshape(2, -1)
+    sides, step = _sides(need), _step(merit, need)
+    points = _scattered(need) if need.designs else np.stack(np.meshgrid(
+        *(_steps(*side, step) for side in sides), indexing='ij')).reshape(len(sides), -1)
+    return _completed(points, need)
+
+
+def _completed(points: np.ndarray, need: Requirements) -> np.ndarray:
+    """Return designs, shape (2, n), from l and b, or from l alone where their sum is given."""
+    return np.stack([points[0], need.length_sum - points[0]]) if need.length_sum else points
+
+
+def _sides(need: Requirements) -> list[tuple[float, float]]:
+    """Return the range of l along the line of a given sum, or those of l and b."""
+    if not need.length_sum:
+        return [need.link_range, need.platform_range]
+    return [(max(need.link_range[0], need.length_sum - need.platform_range[1]),
+             min(need.link_range[1], need.length_sum - need.platform_range[0]))]
+
+
+def _scattered(need: Requirements) -> np.ndarray:
+    """Return designs that fill line or box evenly; another seed shifts all of them alike."""
+    from scipy.stats import qmc
+
+    lower, upper = np.transpose(_sides(need))
+    shift = np.random.default_rng(need.seed).random(len(lower))
+    shares = (qmc.Halton(len(lower), scramble=False).random(need.designs) + shift) % 1.0
+    return (lower + shares * (upper - lower)).T
 
 
 def _step(merit: Objective, need: Requirements) -> float:
+    """Return about how far neighbouring designs of the sweep are from each other [m]."""
+    if need.designs:
+        sides = _sides(need)
+        return max(upper - lower for lower, upper in sides) / need.designs ** (1.0 / len(sides))
     closed_form = merit.closed_form and not need.min_theta
     return FINE_STEP if need.length_sum or closed_form else COARSE_STEP
 
@@ -153,39 +172,23 @@ def _steps(lower: float, upper: float, step: float) -> np.ndarray:
 
 
 def _refine(
-    merit: Objective, need: Requirements, design: np.ndarray, value: float
+    merit: Objective, measured: Sweep, design: np.ndarray, value: float
 ) -> tuple[np.ndarray, float]:
-    """Improve the sweep's best within a few steps of it; keep it where nothing is better."""
-    from scipy.optimize import minimize, minimize_scalar
-
-    def cost(design: np.ndarray) -> float:
-        lacking = sum(max(0.0, -float(margin)) for margin in _margins(design, need).values())
-        return lacking / 1e-3 * value - float(merit.evaluate(design, need))
-
-    def of_length(length: float) -> np.ndarray:
-        return np.array([length, need.length_sum - length])
-
-    window = _WINDOW * _step(merit, need)
-    box = [(max(bound[0], at - window), min(bound[1], at + window))
-           for bound, at in zip((need.link_range, need.platform_range), design, strict=True)]
-    if need.length_sum:
-        ends = (max(box[0][0], need.length_sum - box[1][1]),
-                min(box[0][1], need.length_sum - box[1][0]))
-        found = minimize_scalar(lambda length: cost(of_length(length)), bounds=ends,
-                                method='bounded', options={'xatol': 1e-6})
-        refined = of_length(found.x)
-    else:
-        found = minimize(cost, design, bounds=box, method='Nelder-Mead',
-                         options={'xatol': 1e-6, 'fatol': 1e-12})
-        refined = found.x
-    improved = -found.fun > value and feasible(_margins(refined, need), refined[0])
-    return (refined, float(merit.evaluate(refined, need))) if improved else (design, value)
-
-
-def _margins(design: np.ndarray, need: Requirements) -> dict[str, np.ndarray]:
-    """Return the margins of one design."""
-    length, half = design
-    return margins(length, half, need)
+    """Look about the sweep's best, ever closer; keep it where nothing is better."""
+    sides, step = np.array(_sides(measured.need)), _step(merit, measured.need)
+    while step > _RESOLUTION:
+        about = np.stack(np.meshgrid(*(step * _ABOUT + at for at in design[:len(sides)])))
+        designs = _completed(np.clip(
+            about.reshape(len(sides), -1), sides[:, :1], sides[:, 1:]), measured.need)
+        length, half = designs
+        designs = designs[:, feasible(margins(length, half, measured.need), length)]
+        values = merit.evaluate(designs, measured)
+        best = int(np.argmax(values))
+        if values[best] > value:
+            design, value = designs[:, best], float(values[best])
+        else:
+            step *= _CLOSER
+    return design, value
 
 
 def _active(need: Requirements, design: np.ndarray) -> tuple[str, ...]:

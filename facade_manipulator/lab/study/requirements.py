@@ -45,8 +45,6 @@ class Requirements:
     min_theta: float = parameter(
         'Least |θ| reachable at some y before N = 0', default=0.0, unit='rad', minimum=0.0,
         maximum=1.6)
-    min_conditioning: float = parameter(
-        'Least index over the range of y asked for', default=0.0, minimum=0.0, maximum=1.0)
     min_difference: float = parameter(
         'Least l - b: at 0 nothing of the workspace lies beyond N = 0; -1 leaves it free',
         default=0.0, unit='m', minimum=-1.0, maximum=100.0)
@@ -55,6 +53,10 @@ class Requirements:
     characteristic_length: float = parameter(
         'Unit of length of the index: 0.001 in the paper, 1 shows weak poses at the rail',
         default=0.001, unit='m', minimum=1e-9, maximum=1e3)
+    designs: int = parameter(
+        'Designs of the sweep, scattered over the box; 0: in even steps', default=0, minimum=0,
+        maximum=10**7)
+    seed: int = parameter('Seed of their places', default=1, minimum=0, maximum=2**31 - 1)
 
     def __post_init__(self) -> None:
         for name in ('link_range', 'platform_range'):
@@ -83,7 +85,6 @@ class Requirement(NamedTuple):
     unit: str
     reached: Callable[[np.ndarray, np.ndarray, Requirements], np.ndarray]
     tolerance: float  # a margin below it is active
-    beside: tuple[str, ...] = ()  # what else makes it hard to meet, and alone asks for it
     off: float = 0.0  # what asks for nothing
 
     def asked(self, need: Requirements) -> float:
@@ -91,18 +92,13 @@ class Requirement(NamedTuple):
         return getattr(need, self.name)
 
     def words(self, need: Requirements) -> str:
-        """Say what is asked for; empty where nothing is."""
-        units = {self.name: self.unit, **dict.fromkeys(self.beside, '')}
-        return ' with '.join(f'{name} = {getattr(need, name):.4g} {unit}'.rstrip()
-                             for name, unit in units.items()
-                             if getattr(need, name) != (self.off if name == self.name else 0.0))
+        """Say what is asked for."""
+        return f'{self.name} = {self.asked(need):.4g} {self.unit}'
 
 
 def y_travel(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.ndarray:
-    """Return the range of y at θ = 0 whose index is at least `min_conditioning` [m]."""
-    lower, upper = section_bounds(
-        length, half, need.stroke_length, need.carriage_gap, need.min_conditioning,
-        need.characteristic_length)
+    """Return the range of y at θ = 0 [m]."""
+    lower, upper = section_bounds(length, half, need.stroke_length, need.carriage_gap)
     return upper - lower
 
 
@@ -118,7 +114,7 @@ def theta_peak(
 
 
 REQUIREMENTS = (
-    Requirement('min_y_travel', 'm', y_travel, 1e-4, beside=('min_conditioning',)),
+    Requirement('min_y_travel', 'm', y_travel, 1e-4),
     Requirement('min_theta', 'rad', lambda length, half, need: theta_peak(
         length, half, need.carriage_gap), 1e-3),
     Requirement('min_difference', 'm', lambda length, half, need: length - half + ROUNDING, 1e-4,
@@ -132,14 +128,14 @@ def margins(
     """Return the margin of every requirement that asks for anything, by name."""
     return {
         requirement.name: requirement.reached(length, half, need) - requirement.asked(need)
-        for requirement in REQUIREMENTS if requirement.words(need)}
+        for requirement in REQUIREMENTS if requirement.asked(need) != requirement.off}
 
 
 def feasible(of: dict[str, np.ndarray], length: np.ndarray) -> np.ndarray:
-    """Whether every margin is there; an index asked for must hold at some y at least."""
-    allowed = np.ones(np.shape(length), bool)
-    for name, margin in of.items():
-        allowed &= margin > 0.0 if name == 'min_y_travel' else margin >= 0.0
+    """Whether every margin is there."""
+    allowed: np.ndarray = np.ones(np.shape(length), bool)
+    for margin in of.values():
+        allowed &= margin >= 0.0
     return allowed
 
 
@@ -150,13 +146,12 @@ def conflict(
     stated = [requirement for requirement in REQUIREMENTS if requirement.name in of]
     for requirement in stated:
         margin, asked = of[requirement.name], requirement.asked(need)
-        if not feasible({requirement.name: margin}, length).any():
-            best = np.argmax(margin)
-            most = (f'the most is {asked + margin[best]:.4g} {requirement.unit}, at '
-                    f'l = {length[best]:.3f} m, b = {half[best]:.3f} m') if asked else (
-                f'no design reaches it at theta = 0 in units of {need.characteristic_length:g} m')
-            return ParameterError(f'{requirement.words(need)} conflicts with the box and the sum '
-                                  f'of the lengths: {most}')
+        best = np.argmax(margin)
+        if margin[best] < 0.0:
+            return ParameterError(
+                f'{requirement.words(need)} conflicts with the box and the sum of the lengths: '
+                f'the most is {asked + margin[best]:.4g} {requirement.unit}, at '
+                f'l = {length[best]:.3f} m, b = {half[best]:.3f} m')
     return ParameterError(f'{" and ".join(one.words(need) for one in stated)} exclude each '
                           'other: no design of the box satisfies both')
 

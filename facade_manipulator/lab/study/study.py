@@ -28,6 +28,7 @@ from facade_manipulator.parameters import METADATA_KEY, parameter_fields, settin
 REPORT = Path('workspace_report')
 BAD_INPUT = 2
 GOOD = ('threshold', 'characteristic_length')  # what of the requirements says what is good
+CARRIAGES = ('carriage_gap', 'carriage_length')
 OPTIONS = {'link_length': 'l', 'platform_half_length': 'b', 'carriage_gap': 'gap',
            'length_sum': 'sum', 'force': 'drive-force', 'speed': 'drive-speed'}
 EXAMPLES = """
@@ -41,6 +42,8 @@ examples:
   workspace_study --optimise area ratio    best l and b along l + b = 0.7 m
   workspace_study --optimise area --sum 0 --min-theta 0.3
                                            best in the whole box of Table 1 that turns 0.3 rad
+  workspace_study --optimise volume ratio --sum 0 --designs 100000 --results designs.jsonl
+                                           many designs; interrupted, a rerun goes on from there
   workspace_study --singularity --l 0.25 --b 0.45 --json share.json
   workspace_study --figures report --stroke 1.2
   workspace_study --accuracy --drive-force 59 --carriage-error 0.0001
@@ -53,7 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return the exit status."""
     options = _parser().parse_args(argv)
     return exit_status('workspace_study', lambda: _run(options), BAD_INPUT,
-                       'interrupted, nothing was written')
+                       f'interrupted, nothing was written but {options.results}'
+                       if options.results else 'interrupted, nothing was written')
 
 
 def _run(options: argparse.Namespace) -> None:
@@ -64,7 +68,7 @@ def _run(options: argparse.Namespace) -> None:
         options.optimise = []
         options.json = options.json or REPORT / 'study.json'
     geometry = _geometry(options)
-    study = Study(geometry, _requirements(options, geometry.stroke_length),
+    study = Study(geometry, _requirements(options, geometry),
                   settings_from(DriveTrain, vars(options)))
     with ExitStack() as stack:
         draft = stack.enter_context(folder(options.figures)) if options.figures else None
@@ -100,8 +104,9 @@ def _draw(draft: Path, study: Study) -> None:
 def _geometry(options: argparse.Namespace) -> Geometry:
     given = vars(options)
     if options.parameters is not None:
-        if given.keys() & {'link_length', 'platform_half_length', 'stroke'}:
-            raise ParameterError('--parameters has the lengths: --l, --b and --stroke have no use')
+        if given.keys() & {'link_length', 'platform_half_length', 'stroke', *CARRIAGES}:
+            raise ParameterError('--parameters has the lengths: --l, --b, --gap, '
+                                 '--carriage-length and --stroke have no use')
         return read_settings([options.parameters], ALL_NODES, 'geometry', Geometry)
     if 'stroke' in given:
         given = given | {'stroke': _stroke(options.stroke)}
@@ -117,11 +122,12 @@ def _stroke(values: list[float]) -> tuple[float, ...]:
     return (-0.5 * values[0], 0.5 * values[0]) if len(values) == 1 else tuple(values)
 
 
-def _requirements(options: argparse.Namespace, stroke_length: float) -> Requirements:
-    given = vars(options) | {'stroke_length': stroke_length}
+def _requirements(options: argparse.Namespace, geometry: Geometry) -> Requirements:
+    given = vars(options)
     if options.optimise is None:
-        given = {name: given[name] for name in GOOD if name in given}
-    return settings_from(Requirements, given)
+        return settings_from(Requirements, {name: given[name] for name in GOOD if name in given})
+    return settings_from(Requirements, given | {
+        'stroke_length': geometry.stroke_length, 'carriage_gap': geometry.carriage_gap})
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -138,7 +144,7 @@ def _parser() -> argparse.ArgumentParser:
                        help=f'draw the figures into DIR (default {REPORT}/)')
     parts.add_argument('--json', type=Path, metavar='FILE', help='write the numbers to FILE')
     design = parser.add_argument_group('the design')
-    _add_settings(design, Geometry, 'link_length', 'platform_half_length')
+    _add_settings(design, Geometry, 'link_length', 'platform_half_length', 'carriage_length')
     _add_settings(design, Requirements, 'carriage_gap', *GOOD)
     design.add_argument('--parameters', type=Path, metavar='YAML',
                         help='parameter file of a machine, for all of these lengths; --accuracy '
@@ -153,7 +159,12 @@ def _parser() -> argparse.ArgumentParser:
                   *parameter_fields(DriveTrain))
     _add_settings(parser.add_argument_group('what --optimise requires'), Requirements,
                   'length_sum', 'link_range', 'platform_range', 'min_y_travel', 'min_theta',
-                  'min_conditioning', 'min_difference')
+                  'min_difference', 'designs', 'seed')
+    work = parser.add_argument_group('how --optimise measures volumes and ratios')
+    work.add_argument('--results', type=Path, metavar='FILE',
+                      help='append each design measured to FILE, and measure none that it has')
+    work.add_argument('--scheduler', metavar='ADDRESS',
+                      help='of dask.distributed (default: one process for each processor)')
     return parser
 
 
@@ -166,9 +177,9 @@ def _add_settings(group: argparse._ArgumentGroup, cls: type, *names: str) -> Non
         unit = f' [{info.unit}]' if info.unit else ''
         default = ' '.join(f'{value:g}' for value in defaults)
         group.add_argument(
-            '--' + OPTIONS.get(name, name.replace('_', '-')), dest=name, type=float,
+            '--' + OPTIONS.get(name, name.replace('_', '-')), dest=name, type=type(defaults[0]),
             nargs=2 if is_range else None, default=argparse.SUPPRESS,
-            metavar=('MIN', 'MAX') if is_range else info.unit.upper() or 'INDEX',
+            metavar=('MIN', 'MAX') if is_range else info.unit.upper() or 'NUMBER',
             help=f'{info.description}{unit} (default {default})')
 
 

@@ -21,6 +21,7 @@ from facade_manipulator.lab.study.reach import theta_max, x_interval
 from facade_manipulator.lab.study.requirements import Requirements, theta_peak
 from facade_manipulator.lab.study.section import section_area, section_bounds
 from facade_manipulator.lab.study.singularities import beyond_share
+from facade_manipulator.lab.study.sweep import executor_of, Sweep
 from facade_manipulator.lab.study.volume import measure, union_area
 
 AREA_NOTE = (
@@ -143,19 +144,20 @@ def _distances(geometry: Geometry) -> list[float]:
 
 
 def accuracy(study: Study, options: argparse.Namespace) -> Part:
-    """Error, stiffness, pressing force and ellipses over y."""
+    """Error, stiffness, pressing force, and speed and force in the plane over y."""
     head = mechanism_of(study.geometry).head
     rows = worth_rows(
         study.geometry,
         options.y or [head(Pose(0.0, y, 0.0)).y for y in _distances(study.geometry)], study.train)
     if not rows:
         raise ParameterError('the machine reaches none of these y')
-    return 'accuracy', [row._asdict() for row in rows], _table(
+    return 'accuracy', [row._asdict() | {
+        'speeds': row.speeds._asdict(), 'forces': row.forces._asdict()} for row in rows], _table(
         study.title('Worth at theta = 0'),
         ('y [mm]', 'x +- [mm]', 'y +- [mm]', 'theta +- [deg]', 'kx [N/um]', 'ky [N/um]',
          'press [N]', 'speed [m/s]', 'force [N]'), map(_worth, rows),
-        'speed and force: half axes of the ellipses in the plane, without turning and without '
-        'moment; press: force on the wall that the drives hold for long')
+        'speed and force: along x, along y, and in whichever direction, without turning and '
+        'without moment; press: force on the wall that the drives hold for long')
 
 
 def _worth(row: Worth) -> tuple[str, ...]:
@@ -163,7 +165,7 @@ def _worth(row: Worth) -> tuple[str, ...]:
     return (f'{row.y * 1e3:.0f}', f'{x * 1e3:.3f}', f'{y * 1e3:.3f}',
             f'{math.degrees(theta):.3f}', f'{row.stiffness[0] * 1e-6:.2f}',
             f'{row.stiffness[1] * 1e-6:.2f}', f'{row.pressing:.0f}',
-            *(f'{most:.3g} x {least:.3g}' for most, least, _ in (row.speeds, row.forces)))
+            *(f'{x:.3g} {y:.3g} {least:.3g}' for x, y, least, _ in (row.speeds, row.forces)))
 
 
 def singularity(study: Study, options: argparse.Namespace) -> Part:
@@ -184,9 +186,11 @@ def singularity(study: Study, options: argparse.Namespace) -> Part:
 def optimum(study: Study, options: argparse.Namespace) -> Part:
     """Best design for every objective, and what holds it there."""
     optima = []
-    for objective in options.optimise or OBJECTIVES:
-        with progress_bar(f'optimise {objective}', sweep_size(objective, study.need)) as tick:
-            optima.append(optimise(objective, study.need, tick))
+    with executor_of(options.scheduler) as executor:
+        measured = Sweep(study.need, executor, options.results)
+        for objective in options.optimise or OBJECTIVES:
+            with progress_bar(f'optimise {objective}', sweep_size(objective, study.need)) as tick:
+                optima.append(optimise(objective, study.need, tick, measured))
     need = {'requirements': asdict(study.need)}
     return 'optimum', [asdict(one) | need for one in optima], _table(
         'Optimum', ('objective', 'l [mm]', 'b [mm]', 'value', 'unit', 'designs', 'active'),

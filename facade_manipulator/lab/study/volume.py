@@ -74,6 +74,8 @@ def measure(
     theta, weight = theta_quadrature(geometry, theta_nodes)
     sums = np.zeros(3)
     for lower, upper in y_pieces(geometry, theta):
+        if not (upper > lower).any():
+            continue  # the second piece, unless links are shorter than b
         y = _edges(lower, upper, y_cells)
         at = link_arrays(geometry, np.minimum(y, y[:, -1:] * (1.0 - 1e-12)), theta[:, None])
         cells = np.diff(_width_integral(geometry, y, theta[:, None]), axis=1)

@@ -1,5 +1,4 @@
 from dataclasses import replace
-import math
 
 from mechanism import DESIGN
 import numpy as np
@@ -45,13 +44,19 @@ def test_the_pressing_force_is_that_of_the_weakest_carriage():
 
 
 @pytest.mark.parametrize('theta', [0.0, 0.15])
-def test_on_the_ellipses_the_carriages_are_at_their_limits(theta):
+def test_the_drives_allow_a_polygon_at_whose_edge_one_of_them_is_at_its_limit(theta):
     at, rates = worth(DESIGN, 0.25, theta, TRAIN), jacobian(DESIGN, Pose(0.0, 0.25, theta))
-    for (most, least, angle), demand, limit in (
-            (at.speeds, rates, TRAIN.speed), (at.forces, np.linalg.inv(rates).T, TRAIN.force)):
-        for size, turn in ((most, angle), (least, angle + math.pi / 2.0)):
-            asked = demand @ (size * math.cos(turn), size * math.sin(turn), 0.0)
-            assert np.linalg.norm(asked) == pytest.approx(limit)
+    for allowed, demand, limit in (
+            (at.speeds, rates[:, :2], TRAIN.speed),
+            (at.forces, np.linalg.inv(rates).T[:, :2], TRAIN.force)):
+        corners = np.array(allowed.corners)
+        edges = 0.5 * (corners + np.roll(corners, 1, axis=0))
+        ends = [*corners, *edges, (allowed.along_x, 0.0), (0.0, allowed.along_y)]
+        assert np.abs(ends @ demand.T).max(axis=1) == pytest.approx(np.full(len(ends), limit))
+        assert np.hypot(*edges.T).min() >= allowed.anywhere * (1.0 - 1e-9)
+        turn = np.linspace(0.0, 2.0 * np.pi, 1000)
+        around = allowed.anywhere * np.array([np.cos(turn), np.sin(turn)])
+        assert np.abs(demand @ around).max() == pytest.approx(limit, rel=1e-4)
 
 
 def test_what_cannot_be_reached_is_worth_nothing():

@@ -87,12 +87,8 @@ def test_the_peak_angle_is_that_of_the_limits(length, half, gap):
 @pytest.mark.parametrize(('asked', 'words'), [
     ({'min_theta': 1.2}, r'min_theta = 1.2 rad conflicts .* the most is 0\.6'),
     ({'min_y_travel': 0.4}, r'min_y_travel = 0.4 m conflicts .* the most is 0.35 m'),
-    ({'min_conditioning': 0.9, 'characteristic_length': 1.0},
-     'min_conditioning = 0.9 conflicts .* no design reaches it'),
     ({'min_theta': math.radians(30.0), 'min_y_travel': 0.345},
      'min_y_travel = 0.345 m and min_theta = 0.5236 rad exclude each other'),
-    ({'min_y_travel': 0.34, 'min_conditioning': 0.2, 'characteristic_length': 1.0},
-     'min_y_travel = 0.34 m with min_conditioning = 0.2 conflicts'),
 ])
 def test_infeasible_requirements_are_rejected_with_the_conflict(asked, words):
     with pytest.raises(ParameterError, match=words):

@@ -68,6 +68,15 @@ def test_the_optimum_says_what_holds_it(tmp_path, capsys):
     assert 'l + b = 0.7 m' in capsys.readouterr().out
 
 
+def test_the_optimum_keeps_the_gap_of_the_machine(tmp_path):
+    machine = tmp_path / 'machine.yaml'
+    machine.write_text('/**:\n  ros__parameters:\n    geometry:\n      carriage_gap: 0.03\n'
+                       '      carriage_length: 0.025\n')
+    (optimum,) = numbers(tmp_path, '--optimise', 'area', '--parameters', machine)['optimum']
+    assert optimum['requirements']['carriage_gap'] == 0.03
+    assert run('--optimise', 'area', '--parameters', machine, '--gap', 0.0) == 2
+
+
 def test_a_design_is_summed_up_with_a_gap_that_the_optimisers_box_has_no_room_for(tmp_path):
     summary = numbers(tmp_path, '--summary', '--gap', 0.3)['summary']
     assert summary['y_min'] == pytest.approx(math.sqrt(0.352 ** 2 - 0.048 ** 2))
@@ -112,6 +121,9 @@ def test_ranges_without_a_gap_are_drawn_of_carriages_that_have_a_length():
     (('--optimise', 'area', '--link-range', 0.4, 0.3), 'link_range = (0.4, 0.3) m is empty'),
     (('--optimise', 'area', '--min-theta', 1.4), 'min_theta = 1.4 rad conflicts'),
     (('--optimise', 'area', '--sum', 3), 'length_sum = 3 m conflicts'),
+    (('--optimise', 'area', '--gap', 0.02, '--carriage-length', 0.03), 'may not stand where they'),
+    (('--optimise', 'volume', '--results', '/proc/none'), '/proc/none cannot be written'),
+    (('--optimise', 'area', '--designs', 1.5), 'invalid int value'),
     (('--summary', '--threshold', 'nan'), 'threshold = nan is not a finite number'),
     (('--ranges', '--y'), 'expected at least one argument'),
     (('--l', 'long'), 'invalid float value'),
@@ -170,10 +182,13 @@ def test_an_interrupted_study_says_so_and_writes_nothing(tmp_path, monkeypatch, 
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_missing_library_is_named(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, 'scipy.optimize', None)
-    assert run('--optimise', 'area') == 2
-    assert "extra 'study'" in capsys.readouterr().err
+@pytest.mark.parametrize(('library', 'arguments', 'extra'), [
+    ('scipy.stats', ('--designs', 9), 'study'),
+    ('distributed', ('--scheduler', 'tcp://127.0.0.1:9'), 'cluster')])
+def test_a_missing_library_is_named(monkeypatch, capsys, library, arguments, extra):
+    monkeypatch.setitem(sys.modules, library, None)
+    assert run('--optimise', 'area', *arguments) == 2
+    assert f"extra '{extra}'" in capsys.readouterr().err
 
 
 def test_the_module_runs_and_its_help_has_examples():
