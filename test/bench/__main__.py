@@ -20,7 +20,6 @@ ROUNDS = {'quick': 3, 'full': 7}
 SECTIONS = {
     'kinematics': sections.kinematics, 'maps': sections.maps,
     'prediction': sections.prediction, 'bus': sections.bus, 'ros': ros.nodes,
-    'footprint': ros.footprint,
 }
 
 

@@ -1,4 +1,4 @@
-"""Processes of one measurement: started together, their CPU and memory read, ended by number."""
+"""Processes of one measurement: started together, their CPU read, ended by number."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable
 import ctypes
 import json
 import os
-from pathlib import Path
 import signal
 from statistics import quantiles
 import subprocess
@@ -17,11 +16,8 @@ from typing import IO, NamedTuple
 
 from rounds import HERE, SOURCE
 
-PAGE = os.sysconf('SC_PAGE_SIZE')
 END_WITHIN = 5.0
 READY_WITHIN = 20.0
-POLL_PERIOD = 0.005
-MOST_OF_A_LOG = 1 << 16  # bytes
 NAMESPACE = '__ns:=/bench'
 _libc = ctypes.CDLL(None)
 
@@ -68,22 +64,6 @@ class Processes:
         self._logs[key].seek(0)
         lines = self._logs[key].read().strip().splitlines() or ['no word of it']
         return lines[-1]
-
-    def wait_for(self, key: str, word: str) -> None:
-        """
-        Wait until a process has said a word on stderr.
-
-        Raises
-        ------
-        ChildProcessError
-            It has ended, or does not say it.
-
-        """
-        deadline = time.monotonic() + READY_WITHIN
-        while word not in os.pread(self._logs[key].fileno(), MOST_OF_A_LOG, 0).decode():
-            if self.running[key].poll() is not None or time.monotonic() > deadline:
-                raise ChildProcessError(f'{key} did not say {word!r}: {self.last_line(key)}')
-            time.sleep(POLL_PERIOD)
 
     def node(self, name: str, *parameters: str) -> subprocess.Popen:
         """Start a node of the package."""
@@ -162,11 +142,3 @@ def cpu_of(pid: int) -> float:
     if _libc.clock_getcpuclockid(pid, ctypes.byref(clock)) != 0:
         raise ProcessLookupError(f'there is no process {pid}')
     return time.clock_gettime(clock.value)
-
-
-def memory_of(pid: int) -> float:
-    """Return the resident memory of a process [MiB]."""
-    pages = int(Path(f'/proc/{pid}/statm').read_text().split()[1])
-    if not pages:
-        raise ProcessLookupError(f'the process {pid} has ended')
-    return pages * PAGE / 2 ** 20

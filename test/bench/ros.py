@@ -1,4 +1,4 @@
-"""R1, R2, memory and start-up; on real processes."""
+"""R1 and R2; on real processes."""
 
 from __future__ import annotations
 
@@ -7,15 +7,12 @@ from statistics import median
 import time
 from typing import NamedTuple, TypeVar
 
-from footprint import footprint
 from processes import listen, Load, load, Processes, until
 from table import compare, Row
 
 T = TypeVar('T')
 DOMAIN = 94
 DEFAULT_RATE, FAST_RATE = 100.0, 500.0
-
-__all__ = ['footprint', 'nodes']
 
 
 class Layout(NamedTuple):
@@ -130,12 +127,12 @@ def nodes(rounds: int, quick: bool) -> list[Row]:
         ours, relay = beside(EMPTY_DEPLOYMENT, FAST_RATE, rounds, quick)
         rows += _both('deployment at 500 Hz, beside an empty relay of the same shape', ours,
                       relay, 'R2', ('', '<= 1.1'))
-    for goal_id in sorted({row.goal_id for row in rows if row.met is False}):
+    for goal_id in sorted({row.goal_id for row in rows if not row.met}):
         print(f'  missed {goal_id}: {WHY[goal_id]}')
     return rows
 
 
 def _both(name: str, ours: Load, relay: Load, goal_id: str, goals: tuple[str, str]) -> list[Row]:
-    return [
-        compare(f'{name}: p50', ours.p50, relay.p50, 'us', goal_id, goals[0], faster=False),
-        compare(f'{name}: CPU', ours.cpu, relay.cpu, '%', goal_id, goals[1], faster=False)]
+    figures = ('p50', ours.p50, relay.p50, 'us'), ('CPU', ours.cpu, relay.cpu, '%')
+    return [compare(f'{name}: {what}', *values, goal_id, goal)
+            for (what, *values), goal in zip(figures, goals, strict=True) if goal]

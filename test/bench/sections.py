@@ -72,7 +72,7 @@ def bus(rounds: int, quick: bool) -> list[Row]:
         QUICK_ROUNDS if quick else rounds, quick)
     rows = _rows(CYCLES, {**times, 'wire': 1.0 / WIRE_LIMIT})
     interface = os.environ['BENCH_CAN'].partition(':')[0]
-    if any(row.met is False for row in rows):
+    if any(not row.met for row in rows):
         print(f'  missed C1: {WHY[interface]}')
     place = f'{interface}, {os.environ["BENCH_CAN_RATE"]} Hz'
     return [replace(row, name=f'{row.name} ({place})') for row in rows]

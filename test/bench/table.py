@@ -11,8 +11,7 @@ from textwrap import fill
 from facade_manipulator.files import atomic_write
 
 GOAL_HEADS = ('name', 'ours', 'competitor', 'ratio', 'goal', 'met')
-FACTORS = {'us': 1e6, 'ns': 1e9, 'ms': 1e3, 's': 1.0, '%': 100.0, 'MiB': 1.0, 'mm': 1.0,
-    'rad': 1.0}
+FACTORS = {'us': 1e6, '%': 100.0}
 NAME_WIDTH = 52  # characters of a line beside the bars
 DRAWN_MARGINS = (0.5, 5.0)  # what is beyond is told by its number alone
 
@@ -23,22 +22,21 @@ class Row:
     One comparison.
 
     `ratio` is ours ÷ competitor where the goal is a cost (``<=``), competitor ÷ ours where it is
-    a speed (``>=``); None is a figure that stands alone, or a comparison without a goal.
+    a speed (``>=``).
     """
 
     name: str
     goal_id: str
     ours: float
-    competitor: float | None
+    competitor: float
     unit: str
-    ratio: float | None
+    ratio: float
     goal: str
-    met: bool | None
+    met: bool
 
 
 def compare(
-    name: str, ours: float, competitor: float | None, unit: str, goal_id: str = '',
-    goal: str = '', faster: bool = True,
+    name: str, ours: float, competitor: float | None, unit: str, goal_id: str, goal: str,
 ) -> Row | None:
     """
     Make a row of two figures in SI; None if the competitor could not run.
@@ -46,25 +44,15 @@ def compare(
     Parameters
     ----------
     goal : str
-        Such as ``'>= 50'`` or ``'<= 1.2'``; empty for none.
-    faster : bool
-        Where there is no goal: whether the ratio says how many times faster we are.
+        Such as ``'>= 50'`` or ``'<= 1.2'``.
 
     """
     if competitor is None:
         return None
-    speed = goal.startswith('>=') if goal else faster
-    ratio = competitor / ours if speed else ours / competitor
-    met = fulfils(ratio, goal) if goal else None
+    ratio = competitor / ours if goal.startswith('>=') else ours / competitor
     factor = FACTORS[unit]
-    return Row(name, goal_id, factor * ours, factor * competitor, unit, ratio, goal, met)
-
-
-def alone(name: str, ours: float, unit: str, goal_id: str = '', goal: str = '') -> Row:
-    """Make a row of one figure, with a bound in its own unit or none."""
-    value = FACTORS[unit] * ours
-    met = fulfils(value, goal) if goal else None
-    return Row(name, goal_id, value, None, unit, None, goal and f'{goal} {unit}', met)
+    return Row(name, goal_id, factor * ours, factor * competitor, unit, ratio, goal,
+               fulfils(ratio, goal))
 
 
 def fulfils(value: float, goal: str) -> bool:
@@ -91,11 +79,9 @@ def show(
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    number = f'{row.goal_id} ' if row.goal_id else '   '
-    competitor = '' if row.competitor is None else f'{row.competitor:.4g} {row.unit}'
-    ratio = '' if row.ratio is None else f'{row.ratio:.3g}'
-    met = {True: 'yes', False: 'NO', None: ''}[row.met]
-    return (number + row.name, f'{row.ours:.4g} {row.unit}', competitor, ratio, row.goal, met)
+    return (f'{row.goal_id} {row.name}', f'{row.ours:.4g} {row.unit}',
+            f'{row.competitor:.4g} {row.unit}', f'{row.ratio:.3g}', row.goal,
+            'yes' if row.met else 'NO')
 
 
 def write(rows: list[Row], folder: Path) -> Path:
@@ -107,9 +93,8 @@ def write(rows: list[Row], folder: Path) -> Path:
 
 
 def ratios(path: Path) -> dict[str, float]:
-    """Return the ratios of a bench.json by their rows' names, figures where there are none."""
-    return {row['name']: row['ours'] if row['ratio'] is None else row['ratio']
-            for row in json.loads(path.read_text())}
+    """Return the ratios of a bench.json by their rows' names."""
+    return {row['name']: row['ratio'] for row in json.loads(path.read_text())}
 
 
 def draw(rows: list[Row], path: Path) -> None:
@@ -117,7 +102,7 @@ def draw(rows: list[Row], path: Path) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 10), layout='constrained')
-    _draw_goals(figure.subplots(), [row for row in rows if row.met is not None])
+    _draw_goals(figure.subplots(), rows)
     figure.savefig(path, dpi=110)
 
 
@@ -144,9 +129,8 @@ def _draw_goals(panel, judged: list[Row]) -> None:
 
 def _margin(row: Row) -> float:
     """Return how many times as good as its goal a row is."""
-    sign, bound = row.goal.split()[:2]
-    value = row.ratio if row.ratio is not None else row.ours
-    share = value / float(bound)
+    sign, bound = row.goal.split()
+    share = row.ratio / float(bound)
     return share if sign == '>=' else 1.0 / max(share, 1e-9)
 
 

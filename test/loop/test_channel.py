@@ -43,7 +43,7 @@ def fill(channel):
     return sent
 
 
-@given(st.lists(CONTENT, max_size=20))
+@given(st.lists(CONTENT, max_size=5))
 def test_messages_arrive_whole_and_in_order(contents):
     ends = tuple(map(Channel, socket_pair()))
     for content in contents:

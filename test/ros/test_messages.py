@@ -50,9 +50,11 @@ def first_arguments(*names: str) -> set[str]:
 
 def may_be(said: str, codes: set[str]) -> set[str]:
     """Return what a document quotes that a text of the source may be or contain."""
-    pattern = re.compile('.*'.join(map(re.escape, said.split('…'))))
-    return {code for code in codes
-            if code in said or len(said.strip('… ')) > 8 and pattern.search(code)}
+    found = {code for code in codes if code in said}
+    if len(said.strip('… ')) > 8 and len(said.replace('…', '')) <= max(map(len, codes)):
+        pattern = re.compile('.*'.join(map(re.escape, said.split('…'))))
+        found |= {code for code in codes if pattern.search(code)}
+    return found
 
 
 def table(after: str) -> list[str]:

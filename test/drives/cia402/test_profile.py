@@ -1,3 +1,5 @@
+from copy import deepcopy
+from functools import cache
 import shutil
 
 from canopen import import_od
@@ -19,10 +21,13 @@ SAFETY = {  # what no drive may lack: it stops for a dead master, a lost axis, a
     'min_position', 'max_position', 'home_position', 'homing_method'}
 
 
+@cache
+def shipped(name):
+    return yaml.safe_load(config_path(f'drives/{name}.yaml').read_text())
+
+
 def entry(name, **changes):
-    data = yaml.safe_load(config_path(f'drives/{name}.yaml').read_text())
-    data.update(changes)
-    return data
+    return deepcopy(shipped(name)) | changes
 
 
 def with_pdos(**changes):
