@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 
 import pytest
-from support import syntax
+from support import nodes, syntax
 
 import facade_manipulator
 
@@ -89,10 +90,10 @@ def room_of_module(module: Path) -> str:
     return room_of(module.with_suffix('').parts)
 
 
-def imports(tree: ast.Module, package: tuple[str, ...]) -> set[tuple[str, ...]]:
+def imports(tree: Iterable[ast.AST], package: tuple[str, ...]) -> set[tuple[str, ...]]:
     """Return every imported name, relative ones resolved, as parts."""
     found = set()
-    for node in ast.walk(tree):
+    for node in tree:
         if isinstance(node, ast.Import):
             found |= {tuple(alias.name.split('.')) for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -104,7 +105,7 @@ def imports(tree: ast.Module, package: tuple[str, ...]) -> set[tuple[str, ...]]:
 
 @cache
 def imports_of(module: Path) -> set[tuple[str, ...]]:
-    return imports(syntax(PACKAGE / module), (NAME, *module.parent.parts))
+    return imports(nodes(PACKAGE / module), (NAME, *module.parent.parts))
 
 
 def rooms_imported(names: set[tuple[str, ...]]) -> set[str]:
@@ -172,10 +173,10 @@ def test_the_core_reads_no_clock_and_does_no_io():
     assert not wrong
 
 
-def private_names(tree: ast.AST) -> tuple[set[str], set[str]]:
+def private_names(tree: Iterable[ast.AST]) -> tuple[set[str], set[str]]:
     """Return the names that a module defines, and the private ones that it uses."""
     defined, used = set(), set()
-    for node in ast.walk(tree):
+    for node in tree:
         if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
             defined.add(node.name)
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
@@ -186,7 +187,7 @@ def private_names(tree: ast.AST) -> tuple[set[str], set[str]]:
 
 
 def test_private_names_of_other_libraries_are_used_in_one_place_each():
-    names = {module.as_posix(): private_names(syntax(PACKAGE / module))
+    names = {module.as_posix(): private_names(nodes(PACKAGE / module))
              for module in MODULES if module.parts[0] not in ('tools', 'lab')}
     ours = PUBLIC.union(*(defined for defined, _ in names.values()))
     foreign = {module: used - ours for module, (_, used) in names.items()}
@@ -211,4 +212,4 @@ def test_every_room_has_its_rule():
     ('from facade_manipulator import config_path\nimport math', set()),
 ])
 def test_every_form_of_import_is_seen(source, rooms):
-    assert rooms_imported(imports(ast.parse(source), (NAME, 'kinematics'))) == rooms
+    assert rooms_imported(imports(ast.walk(ast.parse(source)), (NAME, 'kinematics'))) == rooms

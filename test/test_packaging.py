@@ -13,7 +13,7 @@ import sys
 import xml.etree.ElementTree as ElementTree
 
 import pytest
-from support import syntax
+from support import nodes
 
 import facade_manipulator
 from facade_manipulator import config_path, resources
@@ -206,7 +206,7 @@ for module in {nodes}:
 def third_party_imports() -> set[str]:
     found = set()
     for path in Path(facade_manipulator.__file__).parent.rglob('*.py'):
-        for node in ast.walk(syntax(path)):
+        for node in nodes(path):
             if isinstance(node, ast.Import):
                 found |= {alias.name.split('.')[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level:

@@ -29,6 +29,12 @@ def syntax(path: Path) -> ast.Module:
     return ast.parse(path.read_text())
 
 
+@cache
+def nodes(path: Path) -> tuple[ast.AST, ...]:
+    """Return all that a file is made of, for who looks through the whole package."""
+    return tuple(ast.walk(syntax(path)))
+
+
 class HangingTestError(pytest.fail.Exception):
     """A test took too long: it is not tried again."""
 

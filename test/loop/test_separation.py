@@ -75,13 +75,13 @@ def least_left(seed):
     return plant.left, lag, failure, seed
 
 
-@pytest.mark.parametrize('part', range(6))
+@pytest.mark.parametrize('part', range(3))
 def test_no_carriage_touches_a_neighbour_that_fails(part):
     assert min(map(least_left, range(12 * part, 12 * part + 12)))[0] > 0.0
 
 
 @pytest.mark.long
 def test_in_many_more_motions_no_carriage_touches_a_neighbour_that_fails():
-    worst = min(map(least_left, range(100, 100 + 200 * SOAK)))
+    worst = min(map(least_left, range(36, 236 + 200 * (SOAK - 1))))
     print(f'least distance {1e3 * worst[0]:.2f} mm: lag, failure, seed {worst[1:]}')
     assert worst[0] > 0.0

@@ -7,7 +7,7 @@ from pathlib import Path
 import re
 
 import pytest
-from support import syntax
+from support import nodes
 
 import facade_manipulator
 from facade_manipulator.compensation.correction import CorrectionMode
@@ -40,7 +40,7 @@ def first_arguments(*names: str) -> set[str]:
     for path in set(PACKAGE.rglob('*.py')) - tool:
         if not any(name in path.read_text() for name in names):
             continue
-        for node in ast.walk(syntax(path)):
+        for node in nodes(path):
             if isinstance(node, ast.Call) and node.args:
                 called = getattr(node.func, 'id', getattr(node.func, 'attr', ''))
                 if called in names:
@@ -84,7 +84,7 @@ def test_every_cause_of_a_stop_is_documented_and_no_other():
     missing = {cause for cause in causes if not any(code in cause for code in documented)}
     assert not missing
     said = {text(node) for path in PACKAGE.rglob('*.py')
-            for node in ast.walk(syntax(path))}
+            for node in nodes(path)}
     assert documented == set().union(*(may_be(one, documented) for one in said))
 
 

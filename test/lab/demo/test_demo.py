@@ -109,7 +109,7 @@ def message(time, pose):
                              orientation=SimpleNamespace(x=qx, y=qy, z=qz, w=qw))))
 
 
-@pytest.fixture
+@pytest.fixture(scope='module')
 def course():
     """Return a run whose head is where it should be but for 1 mm at 1 Hz, while goals leap."""
     run, begin = RecordedRun(begin=1000.0, end=1040.0), 1000.0
