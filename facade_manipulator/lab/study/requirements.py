@@ -96,12 +96,6 @@ class Requirement(NamedTuple):
         return f'{self.name} = {self.asked(need):.4g} {self.unit}'
 
 
-def y_travel(length: np.ndarray, half: np.ndarray, need: Requirements) -> np.ndarray:
-    """Return the range of y at θ = 0 [m]."""
-    lower, upper = section_bounds(length, half, need.stroke_length, need.carriage_gap)
-    return upper - lower
-
-
 def theta_peak(
     length: float | np.ndarray, half: float | np.ndarray, gap: float
 ) -> np.ndarray:
@@ -114,7 +108,8 @@ def theta_peak(
 
 
 REQUIREMENTS = (
-    Requirement('min_y_travel', 'm', y_travel, 1e-4),
+    Requirement('min_y_travel', 'm', lambda length, half, need: -np.subtract(*section_bounds(
+        length, half, need.stroke_length, need.carriage_gap)), 1e-4),
     Requirement('min_theta', 'rad', lambda length, half, need: theta_peak(
         length, half, need.carriage_gap), 1e-3),
     Requirement('min_difference', 'm', lambda length, half, need: length - half + ROUNDING, 1e-4,

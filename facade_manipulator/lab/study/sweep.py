@@ -16,6 +16,7 @@ from concurrent.futures import (
     ProcessPoolExecutor,
 )
 from contextlib import contextmanager
+from ctypes import CDLL
 import json
 import os
 from pathlib import Path
@@ -31,6 +32,7 @@ CHUNK = 32  # designs in one task: some tenths of a second, so that handing over
 THETA_NODES, Y_CELLS = 512, 64  # the ratio to 2e-4, the volume far better
 REGULAR_THETA_NODES = 128  # as exact where l >= b: no locus N = 0 bends the integrand
 CONNECTION_TIMEOUT = 10.0  # s
+PR_SET_PDEATHSIG = 1
 SHARED = ('stroke_length', 'carriage_gap', 'threshold', 'characteristic_length')
 Design = tuple[float, float]  # l and b [m]
 Row = tuple[float, float, float, float, float]  # a design and its `Workspace`
@@ -99,8 +101,7 @@ def executor_of(scheduler: str | None) -> Iterator[Executor]:
 
     """
     if scheduler is None:
-        pool = ProcessPoolExecutor(  # Ctrl-C is the business of this process
-            initializer=signal.signal, initargs=(signal.SIGINT, signal.SIG_IGN))
+        pool = ProcessPoolExecutor(initializer=_begin_process)
         try:
             yield pool
         except BrokenExecutor as error:
@@ -117,6 +118,12 @@ def executor_of(scheduler: str | None) -> Iterator[Executor]:
         raise ManipulatorError(f'scheduler {scheduler} lost the work: {error}') from error
     except (OSError, ValueError) as error:
         raise ManipulatorError(f'scheduler {scheduler}: {error}') from error
+
+
+def _begin_process() -> None:
+    """Leave Ctrl-C to the process that began this one, and end when that does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _shared(need: Requirements) -> dict[str, float]:

@@ -7,7 +7,7 @@ import pytest
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.study import count_poses, Grid, measure
-from facade_manipulator.lab.study.gcw import case_geometry, grid_y, PoseCount, table2
+from facade_manipulator.lab.study.gcw import grid_y, PoseCount, table2
 
 COARSE = Grid(0.01, 0.004, 0.03)
 ROUNDING = 1e-12  # m
@@ -76,7 +76,7 @@ def test_with_a_stroke_of_one_metre_the_ratios_move_by_a_thousandth_at_most():
 
 
 def test_counts_approach_the_integrals():
-    geometry = case_geometry(0.3, 0.4, 1.0)
+    geometry = Geometry(0.3, 0.4, (-0.4, 0.4), 0.01)
     count = count_poses(geometry, Grid(0.002, 0.001, math.radians(0.25)))
     of = measure(geometry, 0.001, 0.001, 512, 256)
     assert count.ratio == pytest.approx(of.ratio, abs=1e-3)

@@ -1,11 +1,13 @@
 """Volumes of many designs: any executor, a file of results, and what dies on the way."""
 
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 import os
+from pathlib import Path
 import signal
 
 import numpy as np
 import pytest
+from support import children, wait_until
 
 from facade_manipulator.errors import ManipulatorError, ParameterError
 from facade_manipulator.lab.study import measure, sweep
@@ -28,16 +30,6 @@ def test_fewer_angles_are_as_exact_where_no_locus_bends_the_integrand():
         assert found == pytest.approx(exact, rel=1e-5, abs=1e-9)
 
 
-@pytest.mark.long
-def test_every_executor_finds_what_one_process_does():
-    alone = Sweep(NEED).of(DESIGNS)
-    for executor in (ThreadPoolExecutor(2), ProcessPoolExecutor(2)):
-        done = []
-        with executor:
-            assert Sweep(NEED, executor).of(DESIGNS, done.append) == alone
-        assert sum(done) == 200
-
-
 def test_what_a_file_has_is_not_measured_again(tmp_path, monkeypatch):
     file, measured = tmp_path / 'results.jsonl', []
     monkeypatch.setattr(sweep, 'measure', lambda *of: measured.append(of) or measure(*of))
@@ -50,7 +42,7 @@ def test_what_a_file_has_is_not_measured_again(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(('content', 'words'), [
-    ('', None), ('{"stroke_length": 1.0', 'no file of results'), ('a,b\n1,2\n', 'no file of re'),
+    ('{"stroke_length": 1.0', 'no file of results'), ('a,b\n1,2\n', 'no file of re'),
     ('[1, 2]\n', 'no file of results'), ('{}\n', 'other inputs: stroke_length = None, not 1.0'),
     ('HEAD[1, 2]\n', 'no file of results'), ('HEAD[1, 2, "x", 4, 5]\n', 'no file of results')])
 def test_a_file_of_something_else_stays_as_it_is(tmp_path, content, words):
@@ -58,9 +50,6 @@ def test_a_file_of_something_else_stays_as_it_is(tmp_path, content, words):
     Sweep(NEED, path=file)
     content = content.replace('HEAD', file.read_text())
     file.write_text(content)
-    if words is None:
-        assert Sweep(NEED, path=file).of(DESIGNS[:, :1]) and file.stat().st_size
-        return
     with pytest.raises(ParameterError, match=words):
         Sweep(NEED, path=file)
     assert file.read_text() == content
@@ -83,8 +72,19 @@ def test_a_pool_whose_process_dies_ends_in_a_sentence_and_a_rerun_goes_on(tmp_pa
     kept = len(file.read_text().splitlines()) - 1
     assert 0 < kept < 200
     done = []
-    assert Sweep(NEED, path=file).of(DESIGNS, done.append) == Sweep(NEED).of(DESIGNS)
+    with ThreadPoolExecutor(2) as threads:
+        assert Sweep(NEED, threads, file).of(DESIGNS, done.append) == Sweep(NEED).of(DESIGNS)
     assert done[0] == kept
+
+
+@pytest.mark.realtime
+def test_a_killed_study_takes_its_processes_with_it(start_process):
+    process = start_process('facade_manipulator.lab.study.study', '--optimise', 'volume',
+                            '--sum', '0', '--designs', '20000')
+    wait_until(lambda: children(process.pid), 'the pool', 60.0)
+    pool = children(process.pid)
+    process.kill()
+    wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in pool), 'them to end')
 
 
 @pytest.mark.realtime
@@ -92,17 +92,11 @@ def test_a_cluster_of_which_one_worker_dies_finds_the_same():
     distributed = pytest.importorskip('distributed')
     with distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
-        victim, done = cluster.workers[0].pid, []
-
-        def tick(count):
-            if count and not done:
-                os.kill(victim, signal.SIGKILL)
-            done.extend([1] * count)
-
+        victims = [cluster.workers[0].pid]
         with executor_of(cluster.scheduler_address) as executor:
-            found = Sweep(NEED, executor).of(DESIGNS, tick)
-        assert victim not in {worker.pid for worker in cluster.workers.values()}
-    assert found == Sweep(NEED).of(DESIGNS) and len(done) == 200
+            found = Sweep(NEED, executor).of(DESIGNS, lambda count: count and victims and os.kill(
+                victims.pop(), signal.SIGKILL))
+    assert found == Sweep(NEED).of(DESIGNS) and not victims
 
 
 @pytest.mark.parametrize('address', ['tcp://127.0.0.1:9', 'nonsense://there'])
