@@ -68,9 +68,9 @@ bench-compensation: setup  ## Measure the compensation in every scenario (BENCH_
 bench-calibration: setup  ## Calibrate made-up machines and estimators (BENCH_ARGS=…)
 	@$(IN_VENV) exec python -m facade_manipulator.lab.gondola.bench.calibration $(BENCH_ARGS)
 
-docs: setup  ## Make pages of the docstrings, in build/api
+docs: setup  ## Make a site of README, docs/ and the docstrings, with their source, in build/site
 	@.ci/setup-tool sphinx
-	@$(IN_VENV) PYTHONPATH=.venv/sphinx:$$PYTHONPATH python -m sphinx -q -W --keep-going docs/api build/api
+	@$(IN_VENV) PYTHONPATH=.venv/sphinx:$$PYTHONPATH python -m sphinx -q -W -E --keep-going -c docs/api docs build/site
 
 lint: setup  ## Check style and types
 	@$(IN_VENV) ruff check . && mypy
