@@ -70,6 +70,7 @@ def test_the_container_does_what_the_documents_say():
     lines = config_path('deploy/Dockerfile').read_text().replace('\\\n', '').splitlines()
     steps = dict(line.split(' ', 1) for line in lines if not line.startswith('#'))
     assert list(steps) == ['FROM', 'RUN', 'USER', 'WORKDIR', 'COPY', 'CMD']
+    assert re.fullmatch('ubuntu:24.04@sha256:[0-9a-f]{64}', steps['FROM'])
     assert steps['USER'] == 'facade' and steps['COPY'] == '--chown=facade . .'  # not as root
     assert json.loads(steps['CMD']) == ['make', 'demo']
     documents = (TOP / 'docs/development.md').read_text()
