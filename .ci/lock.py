@@ -43,7 +43,7 @@ def line(package: dict) -> str:
     wheels = {one['url'].rpartition('/')[2]: one for one in package.get('wheels', ())}
     files = [one for name, one in wheels.items() if WHEEL.fullmatch(name)]
     if 'sdist' in package and not any(map(ELSEWHERE.fullmatch, wheels)):
-        files.append(package['sdist'])
+        files.append(package['sdist'])  # .ci/aarch64 makes a wheel of it
     return ' '.join([f'{package["name"]}=={package["version"]}{marker}',
                      *(f'--hash=sha256:{one["hashes"]["sha256"]}' for one in files)]) + '\n'
 

@@ -1,12 +1,18 @@
-"""Fetch Debian packages without root: apt-get and dpkg unpack, nothing is installed."""
+"""
+Fetch Debian packages without root: apt-get and dpkg unpack, nothing is installed.
+
+As a command: ``fetch.py FOLDER SUITE ARCHITECTURE PACKAGE…`` unpacks into FOLDER/root.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import os
 from pathlib import Path
 import re
 import shutil
 import subprocess
+import sys
 
 PACKAGES = ('user-mode-linux', 'libc6', 'can-utils')
 # Not the distribution's own kernel: that of Debian 12 and 13 dies at its first process on
@@ -40,20 +46,30 @@ def fetch(folder: Path) -> Path:
     made = f'{SUITE} for {root}\n'  # the programs in it name their C library by its path
     if note.is_file() and note.read_text() == made:
         return root
-    for tool in ('apt-get', 'dpkg', 'patchelf'):
-        if shutil.which(tool) is None:
-            raise FetchError(f'{tool} is not on this system')
+    _require('apt-get', 'dpkg', 'patchelf')
     print(f'fetching {", ".join(PACKAGES)} of Debian {SUITE} (49 MB) into {folder}', flush=True)
+    unpack(folder, SUITE, 'amd64', PACKAGES)
+    _bind(root)
+    note.write_text(made)
+    return root
+
+
+def unpack(folder: Path, suite: str, architecture: str, packages: Sequence[str]) -> None:
+    """Empty the folder and unpack packages into `folder`/root; their programs are not run."""
+    _require('apt-get', 'dpkg')
     shutil.rmtree(folder, ignore_errors=True)
     partial = folder / 'partial'
     partial.mkdir(parents=True)
-    _download(partial)
+    _download(partial, suite, architecture, packages)
     for archive in partial.glob('*.deb'):
-        _run(['dpkg', '-x', str(archive), str(root)], partial)
-    _bind(root)
+        _run(['dpkg', '-x', str(archive), str(folder / 'root')], partial)
     shutil.rmtree(partial)
-    note.write_text(made)
-    return root
+
+
+def _require(*tools: str) -> None:
+    for tool in tools:
+        if shutil.which(tool) is None:
+            raise FetchError(f'{tool} is not on this system')
 
 
 def _bind(root: Path) -> None:
@@ -67,19 +83,22 @@ def _bind(root: Path) -> None:
                   '--set-rpath', str(loaders[0].parent), str(program)], root)
 
 
-def _download(partial: Path) -> None:
+def _download(
+    partial: Path, suite: str, architecture: str, packages: Sequence[str],
+) -> None:
     """Download from the first mirror that has the suite, signed with `KEY`."""
-    options = _private_state(partial)
+    options = [*_private_state(partial), '-o', f'APT::Architecture={architecture}',
+               '-o', f'APT::Architectures={architecture}']
     mirrors = _mirrors(partial)
     for mirror in mirrors:
-        (partial / 'debian.list').write_text(f'deb [arch=amd64] {mirror} {SUITE} main\n')
+        (partial / 'debian.list').write_text(f'deb {mirror} {suite} main\n')
         try:
             _apt(partial, *options, 'update')
             break
         except FetchError:
             if mirror == mirrors[-1]:
                 raise
-    _apt(partial, *options, 'download', *PACKAGES)
+    _apt(partial, *options, 'download', *packages)
 
 
 def _mirrors(partial: Path) -> list[str]:
@@ -88,8 +107,8 @@ def _mirrors(partial: Path) -> list[str]:
         return [mirror]
     if not re.search(r'^ID=debian$', OS_RELEASE.read_text(), re.MULTILINE):
         raise FetchError(
-            f'this distribution has no package user-mode-linux: load the kernel module vcan (sudo '
-            f'modprobe vcan), or set {MIRROR} to the URL of a Debian mirror')
+            f'this distribution is not Debian: set {MIRROR} to the URL of a Debian mirror (for a '
+            f'vcan, load the kernel module instead: sudo modprobe vcan)')
     sources = _apt(partial, '-o', f'Dir::State::Lists={partial}/none', 'update', '--print-uris')
     found = re.findall(r"^'(\S+?)/?/dists/\S+/InRelease'", sources, re.MULTILINE)
     if not found:
@@ -130,3 +149,10 @@ def _run(command: list[str], folder: Path, **environment: str) -> str:
         raise FetchError(f'{command[0]} {command[-1]} failed: '
                          f'{" ".join(errors) or result.stdout[-300:]}')
     return result.stdout
+
+
+if __name__ == '__main__':
+    try:
+        unpack(Path(sys.argv[1]).absolute(), sys.argv[2], sys.argv[3], sys.argv[4:])
+    except FetchError as error:
+        sys.exit(f'fetch: {error}')
