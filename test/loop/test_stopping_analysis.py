@@ -48,6 +48,18 @@ def test_carriages_that_are_near_each_other_may_not_be_fast():
     assert separation.distance(LIMITS.speed) == pytest.approx(0.0518, abs=1e-4)
 
 
+def test_the_worst_of_the_axes_counts_and_the_lag_of_the_drives_comes_on_top():
+    worse = replace(DEFAULT_AXES[1], stop_deceleration=4.0, following_error_window=0.02,
+                    following_error_time=DEFAULT_AXES[1].following_error_time + 0.03)
+    sound, found = (StoppingAnalysis(
+        GEOMETRY, LIMITS, (DEFAULT_AXES[0], axis, DEFAULT_AXES[2]),
+        replace(CONTROLLER, drive_lag=lag)).separation
+        for axis, lag in ((DEFAULT_AXES[1], 0.0), (worse, 0.01)))
+    assert (found.deceleration, found.window) == (4.0, 0.02)
+    assert [found.silence - sound.silence, found.report - sound.report,
+            found.tracking - sound.tracking] == pytest.approx([0.01, 0.01, 0.04])
+
+
 def test_the_loop_slows_down_where_the_real_carriages_are_near():
     start = Geometry(carriage_offsets=(0.0, 0.0, -0.02))
     fast = fastest_near(start, analysis(start).separation)

@@ -1,4 +1,6 @@
+from dataclasses import replace
 import math
+from types import SimpleNamespace
 
 from drive_rig import Source
 from hypothesis import given
@@ -7,6 +9,7 @@ import pytest
 
 from facade_manipulator.drives.cia402.controller_state import ControllerState, FOLLOWING_STATES
 from facade_manipulator.drives.cia402.group import AxisCommand, Group
+from facade_manipulator.drives.cia402.settings import AXIS_NAMES as NAMES
 from facade_manipulator.drives.cia402.settings import DEFAULT_AXES
 from facade_manipulator.drives.cia402.states import Mode
 from facade_manipulator.drives.cia402.units import Measured
@@ -48,10 +51,10 @@ def following(source=None, **details) -> Targets:
 
 def supervised(state: ControllerState, position: float | None) -> Group:
     """Return a group in a state, supervised once although nothing was commanded yet."""
-    group = Group(('q1', 'q2', 'q3'))
+    group = Group(NAMES)
     group.state = state
-    monitors = tuple(AxisMonitor(name, axis, SETTINGS) for name, axis in zip(
-        ('q1', 'q2', 'q3'), DEFAULT_AXES, strict=True))
+    monitors = tuple(AxisMonitor(name, axis, SETTINGS)
+                     for name, axis in zip(NAMES, DEFAULT_AXES, strict=True))
     for one in monitors:
         one.measured = Measured(position)
     targets().supervise(group, monitors, 0.0)
@@ -170,3 +173,40 @@ def test_holding_whose_first_command_came_too_late_to_be_sent_stops_nothing():
 @pytest.mark.parametrize('state', [ControllerState.HOMING, *sorted(FOLLOWING_STATES, key=str)])
 def test_a_carriage_whose_position_is_unknown_stops_all(state):
     assert 'has sent its position' in supervised(state, None).cause.message
+
+
+WINDOW = DEFAULT_AXES[0].following_error_window
+
+
+@pytest.mark.parametrize('lag', [0.0, 0.013])
+@pytest.mark.parametrize(('off', 'says'), [
+    ((0.0, 0.0, 0.0), ''), ((0.0, 0.96 * WINDOW, 0.0), ''),
+    ((0.0, -1.04 * WINDOW, 0.0), 'q2 (node 2) is 0.'),
+    ((0.0, 0.0, 1.04 * WINDOW), 'q3 (node 3) is -0.'),
+    ((0.52 * WINDOW, 0.0, -0.52 * WINDOW), 'q1 and q3 differ')])
+def test_carriages_are_where_they_were_commanded_to_be_a_cycle_and_their_lag_ago(lag, off, says):
+    settings = replace(SETTINGS, drive_lag=lag)
+    one, group = Targets(DEFAULT_AXES, settings, MechanismChecks(Source())), Group(NAMES)
+    monitors = [AxisMonitor(name, axis, settings)
+                for name, axis in zip(NAMES, DEFAULT_AXES, strict=True)]
+    group.state = ControllerState.ACTIVE
+    one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
+    one.mechanism.source.speed = 0.3
+    for cycle in range(30):
+        way = 0.3 * SETTINGS.period * max(cycle - 1.0 - lag / SETTINGS.period, 0.0)
+        for monitor, start, error in zip(monitors, (-0.1, 0.1, 0.0), off, strict=True):
+            monitor.measured = Measured(start + way + error * (cycle == 29))
+        one.supervise(group, monitors, 0.0)
+        one.choose(ControllerState.ACTIVE, ON, HERE, 0.0)
+    assert group.cause is None if not says else says in group.cause.message
+
+
+def test_a_target_is_asked_for_the_time_at_which_the_drives_will_be_there():
+    asked, clock = [], SimpleNamespace(smooth_stamp=100.0, held=0.0)
+    one, group = Targets(DEFAULT_AXES, replace(SETTINGS, drive_lag=0.013),
+                         MechanismChecks(Source())), Group(NAMES)
+    one.choose(ControllerState.INACTIVE, OFF, HERE, 0.0)
+    one.mechanism.source.sample = lambda time: asked.append(time) or (-0.1, 0.1, 0.0)
+    group.state = ControllerState.ACTIVE
+    one.command(group, (ON,) * 3, HERE, clock, 0.0)
+    assert asked == pytest.approx([100.0 + 2.0 * SETTINGS.period + 0.013])
