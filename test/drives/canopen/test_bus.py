@@ -166,11 +166,13 @@ def test_error_frames_tell_the_condition_of_the_controller(pair, bits, condition
     assert bus.statistics.error_frames == 1
 
 
-def test_an_overflow_is_counted(pair):
+@pytest.mark.parametrize(('error_class', 'data', 'count'), [
+    (0x004, bytes([0, 0x01, 0, 0, 0, 0, 0, 0]), 1), (0x004, b'', 0), (0x200, bytes([0, 0x01]), 0)])
+def test_an_overflow_is_counted(pair, error_class, data, count):
     bus, other = pair
-    other.send(error_frame(0x004, bytes([0, 0x01, 0, 0, 0, 0, 0, 0])))
+    other.send(error_frame(error_class, data))
     bus.receive(1.0)
-    assert bus.statistics.overflows == 1
+    assert bus.statistics.overflows == count
 
 
 @given(st.integers(0, 0x1FFFFFFF), st.binary(max_size=8))

@@ -395,7 +395,7 @@ def test_a_drive_that_does_not_obey_the_quick_stop_loses_its_power():
     drives.cycle(150)
     assert drives.group.not_responding == {'q2'}
     assert drives.commands[0].controlword == Controlword.DISABLE_VOLTAGE
-    assert drives.group.needs_configuration
+    assert drives.group.needs_configuration and not running().group.needs_configuration
 
 
 def test_the_emergency_message_explains_a_fault_that_the_statusword_only_shows():
@@ -476,9 +476,10 @@ def test_a_fourth_reset_within_a_minute_is_rejected_and_possible_after_it():
         drives.until(ControllerState.STOPPED)
         drives.group.reset(drives.now)
         drives.until(ControllerState.INACTIVE)
+    drives.now += 20.0
     drives.group.stop(Cause('again'), drives.now)
     drives.until(ControllerState.STOPPED)
-    with pytest.raises(DriveStateError, match=r'3 fault resets within 60 s.*again.*in \d+ s'):
+    with pytest.raises(DriveStateError, match=r'3 fault resets within 60 s.*again.*in (40|3\d) s'):
         drives.group.reset(drives.now)
     drives.now += 60.0
     drives.group.reset(drives.now)

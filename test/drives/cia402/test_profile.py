@@ -1,4 +1,5 @@
 from copy import deepcopy
+import dataclasses
 from functools import cache
 import shutil
 
@@ -82,6 +83,13 @@ def test_the_lists_of_the_eds_name_exactly_its_objects():
     sections = [line[1:-1] for line in text.splitlines()
                 if line.startswith('[') and len(line) == 6]
     assert sorted(int(item, 16) for item in listed) == sorted(int(s, 16) for s in sections)
+
+
+@pytest.mark.parametrize(('profile', 'own', 'vendor'), [
+    ('epos4', 0, 0xFB), ('epos4', 7, 7), ('generic_cia402', 0, 0)])
+def test_the_maker_is_the_profiles_where_the_axis_names_none(profile, own, vendor):
+    axis = dataclasses.replace(DEFAULT_AXES[0], vendor_id=own)
+    assert load_profile(profile).applied(axis).vendor_id == vendor
 
 
 def test_a_quantity_that_a_drive_does_not_take_has_no_place():
