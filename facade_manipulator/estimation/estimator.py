@@ -46,9 +46,11 @@ from facade_manipulator.estimation.start import (
 )
 from facade_manipulator.estimation.state import (
     COASTING,
+    Correction,
     FilterState,
     forget,
     InertialInput,
+    mean_input,
     Process,
     RATE_Z,
     SENSORS,
@@ -264,10 +266,13 @@ class DisturbanceEstimator:
         sensor, (mean, covariance) = self._sensors[measurement.sensor], state
         turning = inertial.rates[2] - mean[RATE_Z]
         expected, direction = sensor.expected(mean, turning)
-        rate = direction[X] * mean[VX] + direction[Y] * mean[VY] + direction[YAW] * turning
-        residual = measurement.value - expected - rate * (measurement.stamp - stamp)
-        gain = covariance @ direction
-        variance = max(float(gain @ direction), 0.0) + measurement.variance
+        later = measurement.stamp - stamp
+        by_x, by_y, by_yaw = later * direction[X], later * direction[Y], later * direction[YAW]
+        residual = measurement.value - expected - (
+            by_x * mean[VX] + by_y * mean[VY] + by_yaw * turning)
+        direction[VX], direction[VY], direction[RATE_Z] = by_x, by_y, -by_yaw
+        gain = covariance.dot(direction)  # of vectors in half of the time of @
+        variance = max(float(gain.dot(direction)), 0.0) + measurement.variance
         if measurement.level is None:
             self._decide(measurement, sensor.name, residual, math.sqrt(variance),
                          GATE if inertial.measured else COASTING_GATE)
@@ -277,8 +282,9 @@ class DisturbanceEstimator:
             return FilterState(mean, covariance)
         if measurement.level is None or measurement.level == OUTLIER:
             return state
-        return FilterState(mean + gain * ((residual - measurement.level) / variance),
-                     covariance - gain[:, None] * (gain / variance))
+        measurement.correction = Correction(
+            direction, gain, variance, residual - measurement.level)
+        return measurement.correction.applied(state)
 
     def _decide(
         self, measurement: Measurement, name: str, residual: float, deviation: float, gate: float
@@ -412,17 +418,18 @@ class DisturbanceEstimator:
         """Return the motion of the rail's middle."""
         mean, covariance = state
         pose, jacobian = pose_at(mean, self._middle)
-        turning = inertial.rates[2] - float(mean[RATE_Z])
-        along, across = pose[:2] - mean[:2]
-        by_state = np.zeros((3, len(mean)))
-        by_state[0, VX] = by_state[1, VY] = 1.0
-        by_state[:, RATE_Z] = across, -along, -1.0
-        noise = (RATE_BANDWIDTH * self._setup.imu.gyroscope_noise ** 2) * np.array(
-            (across, -along, -1.0))[:, None] * np.array((across, -along, -1.0))
+        x, y, yaw = pose.tolist()
+        here_x, here_y, _, vx, vy = mean[:VY + 1].tolist()
+        along, across, turning = x - here_x, y - here_y, inertial.rates[2] - float(mean[RATE_Z])
+        by_state = np.zeros((6, len(mean)))
+        by_state[:3] = jacobian
+        by_state[3, VX] = by_state[4, VY] = 1.0
+        by_state[3:, RATE_Z] = turned = np.array((across, -along, -1.0))
+        both = by_state @ covariance @ by_state.T
+        noise = RATE_BANDWIDTH * self._setup.imu.gyroscope_noise ** 2
         return RailMotion(
-            stamp, Pose(*pose.tolist()),
-            Twist(float(mean[VX]) - turning * across, float(mean[VY]) + turning * along, turning),
-            jacobian @ covariance @ jacobian.T, by_state @ covariance @ by_state.T + noise)
+            stamp, Pose(x, y, yaw), Twist(vx - turning * across, vy + turning * along, turning),
+            both[:3, :3], both[3:, 3:] + noise * turned[:, None] * turned)
 
     def _note(self, subject: str, reason: str) -> None:
         self.events.append(EstimatorEvent(self._now, subject, reason))
@@ -442,11 +449,3 @@ def make_sensors(setup: EstimatorSetup, wall: Wall) -> list[WallSensor]:
     for name, pose in setup.poses.items():
         sensors.extend(PoseSensor(name, axis, pose, imu) for axis in (X, Y, YAW))
     return sensors
-
-
-def mean_input(one: InertialInput, other: InertialInput) -> InertialInput:
-    """Return the mean of two inputs, which is that of the time between them."""
-    (ax, ay, az), (bx, by, bz) = one.rates, other.rates
-    (cx, cy, cz), (dx, dy, dz) = one.forces, other.forces
-    return InertialInput((0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz)),
-                         (0.5 * (cx + dx), 0.5 * (cy + dy), 0.5 * (cz + dz)))

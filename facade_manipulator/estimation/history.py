@@ -2,8 +2,8 @@
 The last moments: inputs, measurements and states, so that what comes late goes where it belongs.
 
 A measurement goes to the step nearest to its stamp, or splits the one in which that is; from
-there on everything is done again, but for what was decided about measurements. The result is that
-of measurements without latency.
+there on the states change by what it says of them, given what was measured later. To first order
+the result is that of measurements without latency.
 """
 
 from __future__ import annotations
@@ -13,10 +13,20 @@ from collections.abc import Callable
 import math
 from operator import attrgetter
 
-from facade_manipulator.estimation.state import COASTING, FilterState, InertialInput, Process
+import numpy as np
+
+from facade_manipulator.estimation.state import (
+    COASTING,
+    Correction,
+    FilterState,
+    InertialInput,
+    mean_input,
+    Process,
+)
 
 SPAN = 0.4  # s, that is kept: no measurement may be older
-NEAR = 0.003  # s, over which a velocity is as good as constant: 5 µm at 1 m/s²
+NEAR = 0.005  # s, over which a velocity is as good as constant: 13 µm at 1 m/s²
+LONGEST = 0.011  # s, of a step of more than one input: two of 200 Hz, whose mean is as good
 TRIM = 64  # steps that have become too old before they are dropped, all at once
 
 _stamp = attrgetter('stamp')
@@ -25,24 +35,26 @@ _stamp = attrgetter('stamp')
 class Measurement:
     """One number of a sensor; the level of the wall that it belongs to once that is decided."""
 
-    __slots__ = ('level', 'sensor', 'spread', 'stamp', 'value', 'variance')
+    __slots__ = ('correction', 'level', 'sensor', 'spread', 'stamp', 'value', 'variance')
 
     def __init__(self, sensor: int, stamp: float, value: float, variance: float) -> None:
         self.sensor, self.stamp, self.value, self.variance = sensor, stamp, value, variance
         self.level: float | None = None  #: infinite for what belongs to none
         self.spread = 0.0  #: by which the state is to be less certain before it
+        self.correction: Correction | None = None  #: of the state at its step; none by an outlier
 
 
 class HistoryStep:
     """A time [s], what led there, what was measured then, and the state after it."""
 
-    __slots__ = ('inertial', 'measurements', 'offsets', 'stamp', 'state')
+    __slots__ = ('inertial', 'measurements', 'offsets', 'stamp', 'state', 'transition')
 
     def __init__(self, stamp: float, inertial: InertialInput) -> None:
         self.stamp, self.inertial = stamp, inertial
         self.measurements: list[Measurement] = []
         self.state: FilterState
         self.offsets: FilterState  #: of the inertial sensor, as last known while the filter coasts
+        self.transition: np.ndarray | None = None  #: to it, where offsets were not exchanged
 
 
 Correct = Callable[[float, FilterState, InertialInput, Measurement], FilterState]
@@ -57,7 +69,8 @@ class History:
     process : Process
     correct : callable
         Of a stamp, the state and the input then, and a measurement of about then: returns the
-        corrected state, and decides what the measurement belongs to if nobody has.
+        corrected state, notes its correction with the measurement, and decides what that belongs
+        to if nobody has.
 
     """
 
@@ -103,13 +116,26 @@ class History:
             for measurement in self._steps.pop().measurements:
                 insort(self._waiting, measurement, key=_stamp)
         self._settled = min(self._settled, len(self._steps))
-        self._steps.append(HistoryStep(stamp, inertial))
+        if not self._extend(stamp, inertial):
+            self._steps.append(HistoryStep(stamp, inertial))
         while self._waiting and self._waiting[0].stamp <= stamp:
             self._place(self._waiting.pop(0))
         if len(self._steps) > TRIM and self._steps[TRIM].stamp < stamp - SPAN:
             self._settle()
             del self._steps[:TRIM]
             self._settled = len(self._steps)
+
+    def _extend(self, stamp: float, inertial: InertialInput) -> bool:
+        """Let the newest step last up to a stamp if nobody has made anything of it yet."""
+        if self._settled == len(self._steps):
+            return False
+        before, last = self._steps[-2:]
+        whole = stamp - before.stamp
+        if not (inertial.measured and last.inertial.measured and whole <= LONGEST):
+            return False
+        last.inertial = mean_input(last.inertial, inertial, (stamp - last.stamp) / whole)
+        last.stamp = stamp
+        return True
 
     def add_measurement(self, measurement: Measurement) -> None:
         """Put a measurement, which is not older than `oldest`, where its stamp belongs."""
@@ -125,8 +151,29 @@ class History:
             index -= 1
         elif steps[index].stamp - stamp >= NEAR:
             steps.insert(index, HistoryStep(stamp, steps[index].inertial))
-        self._steps[index].measurements.append(measurement)
-        self._settled = min(self._settled, index)
+            self._settled = min(self._settled, index)
+        steps[index].measurements.append(measurement)
+        if index < self._settled and not self._amend(index, measurement):
+            self._settled = index
+
+    def _amend(self, index: int, measurement: Measurement) -> bool:
+        """Change the states from a step on by what was measured then; return whether it did."""
+        step, *later = self._steps[index:self._settled]
+        step.state = self._correct(step.stamp, step.state, step.inertial, measurement)
+        correction = measurement.correction
+        if correction is None:
+            return not measurement.spread
+        for step in later:
+            if step.transition is None:
+                return False
+            correction = correction._replace(gain=step.transition.dot(correction.gain))
+            for one in step.measurements:
+                if one.correction is not None:
+                    shared = float(one.correction.direction.dot(correction.gain))
+                    correction, one.correction = correction.given(
+                        one.correction, shared), one.correction.given(correction, shared)
+            step.state = correction.applied(step.state)
+        return True
 
     def _settle(self) -> None:
         for before, step in zip(
@@ -144,4 +191,6 @@ class History:
             state = self._process.without_imu(state, before.inertial)
         elif step.inertial.measured and not before.inertial.measured:
             state = self._process.with_imu(state, before.offsets)
-        step.state = self._process.advanced(state, step.inertial, step.stamp - before.stamp)
+        step.state, transition = self._process.advanced(
+            state, step.inertial, step.stamp - before.stamp)
+        step.transition = transition if state is before.state else None

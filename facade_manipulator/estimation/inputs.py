@@ -37,9 +37,9 @@ class ImuGate:
 
     def __init__(self, settings: ImuSettings) -> None:
         self._settings = settings
-        self._turn = rotation(*settings.mounting[3:])
+        self._turn = rotation(*settings.mounting[3:]).tolist()
         self.stamp = -math.inf  #: of the newest measurement [s]
-        self._mean = np.array((0.0, 0.0, GRAVITY))  # accelerations of the last second or so
+        self._mean = [0.0, 0.0, GRAVITY]  # accelerations of the last second or so
 
     def check(
         self, now: float, stamp: float, rates: Sequence[float], forces: Sequence[float]
@@ -54,21 +54,24 @@ class ImuGate:
             ``'stale'``, ``'future'`` or ``'out_of_order'``.
 
         """
-        for what, value in zip(('rate',) * 3 + ('acceleration',) * 3, (*rates, *forces),
-                               strict=True):
-            if not math.isfinite(value):
-                raise InputError.not_finite(f'imu {what}', value)
+        if wrong := [value for value in (*rates, *forces) if not math.isfinite(value)]:
+            raise InputError.not_finite('imu', wrong[0])
         stamp -= self._settings.delay
         require_recent('imu', now - stamp, OLDEST, LEAD)
         if stamp <= self.stamp:
             raise InputError.out_of_order('imu', self.stamp - stamp)
-        turned = self._turn @ np.array((rates, forces)).T
-        self._mean += SETTLING * (turned[:, 1] - self._mean)
+        turned, forced = self._turned(rates), self._turned(forces)
+        self._mean = [mean + SETTLING * (force - mean)
+                      for mean, force in zip(self._mean, forced, strict=True)]
         self._check_size(max(map(abs, rates)), math.hypot(*forces))
         self._check_gravity()
         self.stamp = stamp
-        (rx, fx), (ry, fy), (rz, fz) = turned.tolist()
-        return stamp, (rx, ry, rz), (fx, fy, fz)
+        return stamp, turned, forced
+
+    def _turned(self, vector: Sequence[float]) -> tuple[float, float, float]:
+        x, y, z = vector
+        one, two, three = (a * x + b * y + c * z for a, b, c in self._turn)
+        return one, two, three
 
     def _check_size(self, rate: float, force: float) -> None:
         settings = self._settings
@@ -81,7 +84,7 @@ class ImuGate:
 
     def _check_gravity(self) -> None:
         """Check what is left of the accelerations in the mean."""
-        upwards, whole = float(self._mean[2]), float(np.linalg.norm(self._mean))
+        upwards, whole = self._mean[2], math.hypot(*self._mean)
         if IN_G[0] < whole < IN_G[1]:
             raise InputError('unit', f'imu measures {whole:.3g} m/s^2 in all, expected {GRAVITY} '
                              'm/s^2 about: its unit seems to be g')
@@ -130,8 +133,8 @@ class YawComparison:
         pairs = np.abs(turned) > TURNED
         if pairs.sum() < PAIRS:
             return ''
-        low, ratio, high = np.percentile(
-            (distances[one] - distances[other])[pairs] / turned[pairs], (25, 50, 75))
+        ratios = np.sort((distances[one] - distances[other])[pairs] / turned[pairs])
+        low, ratio, high = ratios[[len(ratios) * k // 4 for k in (1, 2, 3)]]
         if ratio < SWAPPED and high - low < SPREAD:
             return ('the distances turn against the gyroscope: left and right are swapped, or z '
                     'of the imu points down')

@@ -43,6 +43,27 @@ class FilterState(NamedTuple):
     covariance: np.ndarray
 
 
+class Correction(NamedTuple):
+    """What a measurement makes of the state."""
+
+    direction: np.ndarray  #: how the measurement depends on the state
+    gain: np.ndarray  #: covariance of the state and the measurement
+    variance: float  #: of the residual
+    residual: float
+
+    def applied(self, state: FilterState) -> FilterState:
+        """Return the state with the measurement."""
+        mean, covariance = state
+        return FilterState(mean + self.gain * (self.residual / self.variance),
+                           covariance - np.multiply.outer(self.gain, self.gain / self.variance))
+
+    def given(self, other: Correction, shared: float) -> Correction:
+        """Return it once another measurement is known, by the covariance of both."""
+        share = shared / other.variance
+        return Correction(self.direction, self.gain - share * other.gain,
+                          self.variance - share * shared, self.residual - share * other.residual)
+
+
 class InertialInput(NamedTuple):
     """Turning rates [rad/s] and accelerations [m/s²] along the rail's axes over a step."""
 
@@ -51,11 +72,21 @@ class InertialInput(NamedTuple):
     measured: bool = True
 
 
+def mean_input(one: InertialInput, other: InertialInput, share: float = 0.5) -> InertialInput:
+    """Return the mean of two inputs, of which the other one has a share of the time."""
+    (ax, ay, az), (bx, by, bz) = one.rates, other.rates
+    (cx, cy, cz), (dx, dy, dz) = one.forces, other.forces
+    rest = 1.0 - share
+    return InertialInput(
+        (rest * ax + share * bx, rest * ay + share * by, rest * az + share * bz),
+        (rest * cx + share * dx, rest * cy + share * dy, rest * cz + share * dz))
+
+
 # Where the derivative of the motion is not 0, row and column: see `Process`
-COUPLED = tuple(zip(
+COUPLED = np.array((
     (X, VX), (Y, VY), (YAW, RATE_Z), (VX, YAW), (VX, TILT_X), (VX, TILT_Y), (VX, FORCE_X),
     (VX, FORCE_Y), (VY, YAW), (VY, TILT_X), (VY, TILT_Y), (VY, FORCE_X), (VY, FORCE_Y),
-    (TILT_X, TILT_Y), (TILT_X, RATE_X), (TILT_Y, TILT_X), (TILT_Y, RATE_Y), strict=True))
+    (TILT_X, TILT_Y), (TILT_X, RATE_X), (TILT_Y, TILT_X), (TILT_Y, RATE_Y)))
 COASTING_STATES = [TILT_X, TILT_Y, FORCE_X, FORCE_Y]  # which decay without an inertial sensor
 COASTING_TIMES = np.array((SWING_TIME, SWING_TIME, MEMORY, MEMORY))
 COASTING = InertialInput((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), False)
@@ -76,9 +107,9 @@ class Process:
         self._imu = imu
         self.size = SENSORS + len(sensors)
         self._own = np.array([sensor.deviation for sensor in sensors]) ** 2
-        self._cells = np.array([1.0 / sensor.cell for sensor in sensors])
-        self._times = np.array([1.0 / sensor.time for sensor in sensors])
+        self._decays = [(1.0 / sensor.cell, 1.0 / sensor.time) for sensor in sensors]
         self._identity = np.eye(self.size)
+        self._coupled = COUPLED @ (self.size, 1)  # in a transition as one row
         self._walk = {True: self._measured_walk(imu), False: self._coasting_walk()}
         self._offset_variances = np.array(
             3 * [imu.gyroscope_bias ** 2] + 2 * [imu.accelerometer_bias ** 2])
@@ -113,39 +144,44 @@ class Process:
         """Return the offsets of the inertial sensor and their variances."""
         return FilterState(state.mean[OFFSETS].copy(), np.diag(state.covariance)[OFFSETS].copy())
 
-    def advanced(self, state: FilterState, inertial: InertialInput, step: float) -> FilterState:
-        """Return the state a time [s] later."""
+    def advanced(
+        self, state: FilterState, inertial: InertialInput, step: float
+    ) -> tuple[FilterState, np.ndarray]:
+        """Return the state a time [s] later and the transition to it."""
         mean, transition = self._motion(state.mean, inertial, step)
-        kept = np.exp(-step * (math.hypot(mean[VX], mean[VY]) * self._cells + self._times))
+        speed = math.hypot(mean[VX], mean[VY])
+        kept = np.array([
+            math.exp(-step * (speed * by_way + by_time)) for by_way, by_time in self._decays])
         mean[SENSORS:] *= kept
         diagonal(transition)[SENSORS:] = kept
         covariance: np.ndarray = transition @ state.covariance @ transition.T
         covariance = 0.5 * (covariance + covariance.T)  # what differs would grow without bound
         noise = self._walk[inertial.measured] * step
         noise[SENSORS:] = self._own * (1.0 - kept * kept)
-        diagonal(covariance)[:] += noise
-        return FilterState(mean, covariance)
+        variances = diagonal(covariance)
+        variances += noise
+        return FilterState(mean, covariance), transition
 
     def _motion(
         self, before: np.ndarray, inertial: InertialInput, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the mean a step later and the transition to it, the sensors' states left."""
-        (_, _, yaw, vx, vy, tilt_x, tilt_y, *offsets) = before[:SENSORS].tolist()
-        rx, ry, rz = (rate - offset for rate, offset in zip(
-            inertial.rates, offsets[:3], strict=True))
-        fx, fy, fz = inertial.forces
-        fx, fy = fx - offsets[3] + fz * tilt_y, fy - offsets[4] - fz * tilt_x
-        cosine, sine = math.cos(yaw + 0.5 * rz * step), math.sin(yaw + 0.5 * rz * step)
-        ax, ay = cosine * fx - sine * fy, sine * fx + cosine * fy
+        (_, _, yaw, vx, vy, tilt_x, tilt_y, ox, oy, oz, fox, foy) = before[:SENSORS].tolist()
+        (rx, ry, rz), (fx, fy, fz) = inertial.rates, inertial.forces
+        rx, ry, rz = rx - ox, ry - oy, rz - oz
+        fx, fy = fx - fox + fz * tilt_y, fy - foy - fz * tilt_x
+        cosine, sine = step * math.cos(yaw + 0.5 * rz * step), step * math.sin(
+            yaw + 0.5 * rz * step)
+        ax, ay, turned = cosine * fx - sine * fy, sine * fx + cosine * fy, rz * step
         mean = before.copy()
         mean[:RATE_X] += (
-            (vx + 0.5 * ax * step) * step, (vy + 0.5 * ay * step) * step,
-            (rz + tilt_x * ry - tilt_y * rx) * step, ax * step, ay * step,
+            (vx + 0.5 * ax) * step, (vy + 0.5 * ay) * step,
+            (rz + tilt_x * ry - tilt_y * rx) * step, ax, ay,
             (rx + rz * tilt_y) * step, (ry - rz * tilt_x) * step)
         transition = self._identity.copy()
-        transition[COUPLED] = step * np.array((
-            1.0, 1.0, -1.0, -ay, sine * fz, cosine * fz, -cosine, sine,
-            ax, -cosine * fz, sine * fz, -sine, -cosine, rz, -1.0, -rz, -1.0))
+        transition.reshape(-1)[self._coupled] = (
+            step, step, -step, -ay, sine * fz, cosine * fz, -cosine, sine,
+            ax, -cosine * fz, sine * fz, -sine, -cosine, turned, -step, -turned, -step)
         if not inertial.measured:
             decay = np.exp(-step / COASTING_TIMES)
             mean[COASTING_STATES] *= decay

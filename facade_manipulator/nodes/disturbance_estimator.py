@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 import math
+from operator import itemgetter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -35,6 +36,7 @@ from facade_manipulator.ros import (
     estimate_codec,
     frames,
     IMU_FIELDS,
+    MessageQueue,
     name_unknown_parameters,
     node_time,
     odometry_codec,
@@ -48,10 +50,13 @@ from facade_manipulator.ros import (
     subscription,
 )
 
-WATCH_PERIOD = 0.01  # s, in which what no measurement brings about is done
+WATCH_PERIOD = 0.05  # s, between looks whether the inertial sensor is silent
+COASTING_PERIOD = 0.01  # s, of estimates while it is; at all times that timer costs 1.4 %
+WAITING = 100  # messages of a sensor from one estimate to the next: 1000 Hz for 0.1 s
 SILENT = 1.0  # s without a measurement of a sensor
 MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
-PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # of x, y and yaw in a covariance of six
+# of x, y and yaw in a covariance of six
+PLANAR = [6 * row + column for row in (0, 1, 5) for column in (0, 1, 5)]
 INTERFACES: dict[Input, interfaces.Topic] = {
     IMU: interfaces.IMU, RANGE: interfaces.RANGE_1, FIX: interfaces.FIX_X,
     POSE: interfaces.FIX_POSE}
@@ -71,6 +76,8 @@ class DisturbanceEstimatorNode(Node):
         self._period = 0.9 / names.rate  # a measurement that comes a little early counts
         self._published = -math.inf
         self._motion: RailMotion | None = None
+        self._received: list[tuple[float, bytes]] = []  # of the inertial sensor, with the time
+        self._imu_came = -math.inf
         self._seen: dict[str, tuple[int, int]] = {}
         self._logged = 0.0
         self._rejections = Rejections(self)
@@ -78,38 +85,57 @@ class DisturbanceEstimatorNode(Node):
         self._codec = odometry_codec(
             'disturbance_odometry', self._frames.facade, self._frames.rail)
         self._odometry = publisher(self, interfaces.DISTURBANCE_ODOMETRY)
-        for name, taken in inputs(setup).items():
-            subscription(self, INTERFACES[taken], partial(
-                self._receive, taken, name, self._reader(taken, name)), name=name, raw=True)
+        self._imu, *others = [
+            (taken, name, self._reader(taken, name)) for name, taken in inputs(setup).items()]
+        subscription(self, interfaces.IMU, self._receive_imu, raw=True)
+        self._queues = [(source, self._queue(source[0], source[1])) for source in others]
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, WATCH_PERIOD, self._watch)
+        self._coasting = steady_timer(
+            self, COASTING_PERIOD, lambda: self._publish(node_time(self)))
 
     def _reader(self, taken: Input, name: str) -> Codec | SensorReader:
         return estimate_codec(name, self._frames.facade) if taken is POSE else SensorReader(
             class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
 
-    def _receive(
-        self, taken: Input, name: str, reader: Codec | SensorReader, data: bytes
-    ) -> None:
-        now = node_time(self)
-        with self._rejections:
-            taken.add(self._estimator, name, now, *reader.read(data))
-        if taken is IMU:
-            self._publish(now)
+    def _queue(self, taken: Input, name: str) -> MessageQueue:
+        like = INTERFACES[taken]
+        return MessageQueue(
+            self, like._replace(name=name), like.quality._replace(depth=WAITING))
+
+    def _receive_imu(self, data: bytes) -> None:
+        """Keep it until the next estimate, which is due with every measurement or so."""
+        self._imu_came = node_time(self)
+        self._received.append((self._imu_came, data))
+        self._publish(self._imu_came)
+
+    def _take(self) -> None:
+        """Hand over what has come, in the order in which it came."""
+        received = [(now, self._imu, data) for now, data in self._received]
+        self._received.clear()
+        received += [(now, source, data)
+                     for source, queue in self._queues for now, data in queue.take()]
+        for now, (taken, name, reader), data in sorted(received, key=itemgetter(0)):
+            with self._rejections:
+                taken.add(self._estimator, name, now, *reader.read(data))
 
     def _watch(self) -> None:
-        """Go on without an inertial sensor; write down what has happened."""
-        now = node_time(self)
-        if now - self._published > 2.0 * self._period:
-            self._publish(now)
-        for event in self._estimator.events:
+        """Write down what has happened; look whether the inertial sensor is silent."""
+        is_silent = not 0.0 <= node_time(self) - self._imu_came < WATCH_PERIOD
+        if is_silent == self._coasting.is_canceled():
+            (self._coasting.reset if is_silent else self._coasting.cancel)()
+        events = self._estimator.events
+        if not events or events[-1].stamp <= self._logged:
+            return
+        for event in events:
             if event.stamp > self._logged:
                 self.get_logger().info(f'{event.subject}: {event.reason}')
-        self._logged = max([self._logged, *(one.stamp for one in self._estimator.events)])
+        self._logged = events[-1].stamp
 
     def _publish(self, now: float) -> None:
         if 0.0 <= now - self._published < self._period:
             return
+        self._take()
         motion = self._motion = self._estimator.advance(now)
         if motion is not None:
             self._published = now
@@ -167,15 +193,14 @@ class DisturbanceEstimatorNode(Node):
 
 def odometry_numbers(motion: RailMotion) -> list[float]:
     """Return the numbers of an Odometry: the twist is along the axes of the rail."""
-    pose, yaw = np.zeros((6, 6)), motion.pose.theta
-    pose[PLANAR] = motion.covariance
-    cosine, sine = math.cos(yaw), math.sin(yaw)
+    cosine, sine = math.cos(motion.pose.theta), math.sin(motion.pose.theta)
     turn = np.array([[cosine, sine, 0.0], [-sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    twist = np.zeros((6, 6))
-    twist[PLANAR] = turn @ motion.velocity_covariance @ turn.T
+    covariances = np.zeros((2, 36))
+    covariances[0, PLANAR] = motion.covariance.reshape(-1)
+    covariances[1, PLANAR] = (turn @ motion.velocity_covariance @ turn.T).reshape(-1)
+    pose, twist = covariances.tolist()
     along, across, turning = (turn @ motion.velocity).tolist()
-    return [*planar_numbers(motion.pose), *pose.ravel().tolist(),
-            along, across, 0.0, 0.0, 0.0, turning, *twist.ravel().tolist()]
+    return [*planar_numbers(motion.pose), *pose, along, across, 0.0, 0.0, 0.0, turning, *twist]
 
 
 main = partial(run, lambda: [DisturbanceEstimatorNode()])
