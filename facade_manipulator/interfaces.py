@@ -71,12 +71,13 @@ DISTURBANCE_ODOMETRY = Topic('disturbance_odometry', 'nav_msgs/Odometry', SENSOR
                              ('estimator', ESTIMATOR), (COMPENSATOR,))
 IMU = Topic('imu', 'sensor_msgs/Imu', SENSOR, (RAIL_SENSORS, SIMULATOR), (ESTIMATOR,))
 RANGE_1, RANGE_2 = (
-    Topic(name, 'sensor_msgs/Range', SENSOR, (RAIL_SENSORS, SIMULATOR), (ESTIMATOR,))
+    Topic(name, 'sensor_msgs/Range', SENSOR, (RAIL_SENSORS, SIMULATOR), (ESTIMATOR,),
+          parameter='distances')
     for name in ('range_1', 'range_2'))
 FIX_X = Topic('fix_x', 'geometry_msgs/PointStamped', SENSOR, (RAIL_SENSORS, SIMULATOR),
-              (ESTIMATOR,))
+              (ESTIMATOR,), parameter='fixes')
 FIX_POSE = Topic('fix_pose', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR, (RAIL_SENSORS,),
-                 (ESTIMATOR,))
+                 (ESTIMATOR,), parameter='poses')
 CORRECTED_POSE = Topic('corrected_pose', POSE, LATEST, (COMPENSATOR,), (IK,))
 GOAL_STATUS = Topic('compensator/goal_status', STATUS, LATCHED, (COMPENSATOR,), (SUPERVISOR,))
 REFERENCE = Topic('compensator/reference', POSE, RELIABLE, (COMPENSATOR,))

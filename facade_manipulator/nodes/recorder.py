@@ -59,9 +59,7 @@ OPERATION, STATE = str(diagnostics.OPERATION), diagnostics.OPERATION.key('state'
 SOFTWARE = {diagnostics.OPERATION.key(one) for one in ('version', 'profiles')}
 STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # states of the driver
 MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
-# parameters of the estimator that name topics, and what each of those is like
-SENSORS = {
-    'distances': interfaces.RANGE_1, 'fixes': interfaces.FIX_X, 'poses': interfaces.FIX_POSE}
+SENSORS = interfaces.RANGE_1, interfaces.FIX_X, interfaces.FIX_POSE
 SILENCE = 3.0  # s without diagnostics of a driver that had power
 
 
@@ -106,9 +104,9 @@ class RecorderNode(Node):
     def _record_sensors(self) -> None:
         """Record the sensors that the estimator has by other names, once these are known."""
         values = self._readers[interfaces.ESTIMATOR].values
-        for parameter, like in SENSORS.items():
+        for like in SENSORS:
             with suppress(TypeError, ROSError):  # no names: not of our estimator
-                for name in filter(None, values.get(parameter, ())):
+                for name in filter(None, values.get(like.parameter, ())):
                     if self.resolve_topic_name(name) not in {one.topic for one in self._topics}:
                         self._record(like._replace(name=name))
 

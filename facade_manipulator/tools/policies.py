@@ -17,6 +17,7 @@ from facade_manipulator.errors import exit_status
 from facade_manipulator.interfaces import (
     COMPENSATOR,
     DRIVER,
+    ESTIMATOR,
     IK,
     MONITOR,
     PANEL,
@@ -39,14 +40,15 @@ def main(args: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog='policies', description=__doc__.splitlines()[1])
     parser.add_argument('namespace', help='of the nodes, such as gondola_1')
     parser.add_argument('--params-file', type=Path, action='append', default=[],
-                        help='of the driver, where it names topics')
+                        help='of driver and disturbance_estimator, where it names topics')
     options = parser.parse_args(args)
-    return exit_status('policies', lambda: print(policies(
-        options.namespace, read_parameters(options.params_file, DRIVER))))
+    return exit_status('policies', lambda: print(policies(options.namespace, {
+        **read_parameters(options.params_file, DRIVER),
+        **read_parameters(options.params_file, ESTIMATOR)})))
 
 
 def policies(namespace: str, parameters: Parameters = {}) -> str:  # noqa: B006  # read alone
-    """Return the policies; the driver's parameters name topics that have no fixed name."""
+    """Return the policies; parameters of the nodes name topics that have no fixed name."""
     root = Element('policy', version='0.2.0')
     enclaves = SubElement(root, 'enclaves')
     namespace = f"/{namespace.strip('/')}"
@@ -76,7 +78,7 @@ def rights(role: str, parameters: Parameters) -> Iterator[tuple[str, str, list[s
         ('service', 'reply', [one.name for one in SERVICES if role == one.server]),
     ):
         if names:
-            yield kind, verb, names
+            yield kind, verb, [*dict.fromkeys(names)]  # two topics may have one parameter
 
 
 def may_subscribe(role: str, topic: Topic) -> bool:
@@ -87,7 +89,7 @@ def may_subscribe(role: str, topic: Topic) -> bool:
 
 def names_of(topic: Topic, parameters: Parameters) -> Sequence[str]:
     """Return the names of a topic: its own, or those that a parameter has."""
-    return parameters.get(topic.parameter, (topic.name,))
+    return [name for name in parameters.get(topic.parameter, (topic.name,)) if name]
 
 
 if __name__ == '__main__':

@@ -79,6 +79,19 @@ def test_a_second_stop_has_its_topic_for_driver_and_supervisor(tmp_path, capsys)
         '<topic>software_stop</topic>') == 5  # driver, supervisor, recorder, monitor, panel
 
 
+def test_sensors_by_names_of_the_users_own_may_be_heard_by_estimator_and_recorder(
+        tmp_path, capsys):
+    (tmp_path / 'file.yaml').write_text(
+        'disturbance_estimator:\n  ros__parameters:\n    distances: [roller, laser]\n'
+        "    fixes: ['']\n")
+    assert main(['gondola_1', '--params-file', str(tmp_path / 'file.yaml')]) == 0
+    printed = capsys.readouterr().out
+    for name in ('roller', 'laser', 'imu', 'fix_pose'):
+        # estimator, recorder, monitor, panel, rail_sensors; the simulator has no pose
+        assert printed.count(f'<topic>{name}</topic>') == 6 - (name == 'fix_pose')
+    assert 'range_1' not in printed and 'fix_x' not in printed
+
+
 def test_a_file_that_is_not_there_is_named(tmp_path, capsys):
     assert main(['gondola_1', '--params-file', str(tmp_path / 'none.yaml')]) != 0
     assert 'none.yaml' in capsys.readouterr().err
