@@ -46,10 +46,10 @@ from facade_manipulator.estimation.start import (
 )
 from facade_manipulator.estimation.state import (
     COASTING,
-    Correction,
     FilterState,
     forget,
     InertialInput,
+    Innovation,
     mean_input,
     Process,
     RATE_Z,
@@ -282,9 +282,9 @@ class DisturbanceEstimator:
             return FilterState(mean, covariance)
         if measurement.level is None or measurement.level == OUTLIER:
             return state
-        measurement.correction = Correction(
+        measurement.innovation = Innovation(
             direction, gain, variance, residual - measurement.level)
-        return measurement.correction.applied(state)
+        return measurement.innovation.applied(state)
 
     def _decide(
         self, measurement: Measurement, name: str, residual: float, deviation: float, gate: float

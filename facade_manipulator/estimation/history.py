@@ -17,9 +17,9 @@ import numpy as np
 
 from facade_manipulator.estimation.state import (
     COASTING,
-    Correction,
     FilterState,
     InertialInput,
+    Innovation,
     mean_input,
     Process,
 )
@@ -35,13 +35,13 @@ _stamp = attrgetter('stamp')
 class Measurement:
     """One number of a sensor; the level of the wall that it belongs to once that is decided."""
 
-    __slots__ = ('correction', 'level', 'sensor', 'spread', 'stamp', 'value', 'variance')
+    __slots__ = ('innovation', 'level', 'sensor', 'spread', 'stamp', 'value', 'variance')
 
     def __init__(self, sensor: int, stamp: float, value: float, variance: float) -> None:
         self.sensor, self.stamp, self.value, self.variance = sensor, stamp, value, variance
         self.level: float | None = None  #: infinite for what belongs to none
         self.spread = 0.0  #: by which the state is to be less certain before it
-        self.correction: Correction | None = None  #: of the state at its step; none by an outlier
+        self.innovation: Innovation | None = None  #: at its step; none of an outlier
 
 
 class HistoryStep:
@@ -69,7 +69,7 @@ class History:
     process : Process
     correct : callable
         Of a stamp, the state and the input then, and a measurement of about then: returns the
-        corrected state, notes its correction with the measurement, and decides what that belongs
+        corrected state, notes its innovation with the measurement, and decides what that belongs
         to if nobody has.
 
     """
@@ -160,19 +160,19 @@ class History:
         """Change the states from a step on by what was measured then; return whether it did."""
         step, *later = self._steps[index:self._settled]
         step.state = self._correct(step.stamp, step.state, step.inertial, measurement)
-        correction = measurement.correction
-        if correction is None:
+        innovation = measurement.innovation
+        if innovation is None:
             return not measurement.spread
         for step in later:
             if step.transition is None:
                 return False
-            correction = correction._replace(gain=step.transition.dot(correction.gain))
+            innovation = innovation._replace(gain=step.transition.dot(innovation.gain))
             for one in step.measurements:
-                if one.correction is not None:
-                    shared = float(one.correction.direction.dot(correction.gain))
-                    correction, one.correction = correction.given(
-                        one.correction, shared), one.correction.given(correction, shared)
-            step.state = correction.applied(step.state)
+                if one.innovation is not None:
+                    shared = float(one.innovation.direction.dot(innovation.gain))
+                    innovation, one.innovation = innovation.given(
+                        one.innovation, shared), one.innovation.given(innovation, shared)
+            step.state = innovation.applied(step.state)
         return True
 
     def _settle(self) -> None:

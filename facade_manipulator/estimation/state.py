@@ -43,8 +43,8 @@ class FilterState(NamedTuple):
     covariance: np.ndarray
 
 
-class Correction(NamedTuple):
-    """What a measurement makes of the state."""
+class Innovation(NamedTuple):
+    """What a measurement says beyond what was expected, and makes of the state."""
 
     direction: np.ndarray  #: how the measurement depends on the state
     gain: np.ndarray  #: covariance of the state and the measurement
@@ -57,10 +57,10 @@ class Correction(NamedTuple):
         return FilterState(mean + self.gain * (self.residual / self.variance),
                            covariance - np.multiply.outer(self.gain, self.gain / self.variance))
 
-    def given(self, other: Correction, shared: float) -> Correction:
+    def given(self, other: Innovation, shared: float) -> Innovation:
         """Return it once another measurement is known, by the covariance of both."""
         share = shared / other.variance
-        return Correction(self.direction, self.gain - share * other.gain,
+        return Innovation(self.direction, self.gain - share * other.gain,
                           self.variance - share * shared, self.residual - share * other.residual)
 
 

@@ -9,8 +9,8 @@ from facade_manipulator.estimation.history import History, Measurement
 from facade_manipulator.estimation.settings import ImuSettings
 from facade_manipulator.estimation.state import (
     COASTING,
-    Correction,
     InertialInput,
+    Innovation,
     Process,
     VX,
     X,
@@ -29,8 +29,8 @@ def correct(stamp, state, inertial, measurement):
     gain = state.covariance @ direction
     variance = float(gain @ direction) + measurement.variance
     residual = measurement.value - state.mean[X] - state.mean[VX] * (measurement.stamp - stamp)
-    measurement.correction = Correction(direction, gain, variance, residual)
-    return measurement.correction.applied(state)
+    measurement.innovation = Innovation(direction, gain, variance, residual)
+    return measurement.innovation.applied(state)
 
 
 def history():
