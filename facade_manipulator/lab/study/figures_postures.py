@@ -89,6 +89,5 @@ def extremes(geometry: Geometry) -> tuple[Pose, Pose, Pose]:
 
 
 def _draw_postures(axes: Axes, geometry: Geometry, pose: Pose, *others: Pose) -> None:
-    for other in others:
-        draw_mechanism(axes, geometry, other, alpha=GHOST)
-    draw_mechanism(axes, geometry, pose)
+    for one in (*others, pose):
+        draw_mechanism(axes, geometry, one, alpha=1.0 if one is pose else GHOST)

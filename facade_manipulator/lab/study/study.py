@@ -55,9 +55,9 @@ Lengths are in m and angles in rad. Wrong input ends with exit status 2 and writ
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the study; return the exit status."""
     options = _parser().parse_args(argv)
+    kept = f' but {options.results}' if options.results else ''
     return exit_status('workspace_study', lambda: _run(options), BAD_INPUT,
-                       f'interrupted, nothing was written but {options.results}'
-                       if options.results else 'interrupted, nothing was written')
+                       f'interrupted, nothing was written{kept}')
 
 
 def _run(options: argparse.Namespace) -> None:

@@ -51,7 +51,8 @@ class Sweep:
     ) -> None:
         """Take what a file of earlier results has; raises a ParameterError if it has others."""
         self.need, self._executor, self._path = need, executor, path
-        self._known = {} if path is None else _read(path, _shared(need))
+        shared = {name: getattr(need, name) for name in SHARED}
+        self._known = {} if path is None else _read(path, shared)
 
     def of(self, designs: np.ndarray, tick: Tick = ignore) -> list[Workspace]:
         """Return the workspaces of designs, of which l and b [m] are the first dimension."""
@@ -111,23 +112,21 @@ def executor_of(scheduler: str | None) -> Iterator[Executor]:
         return
     from distributed import Client, KilledWorker
 
-    try:  # to close the client cancels what is not begun
-        with Client(scheduler, timeout=CONNECTION_TIMEOUT) as client:
-            yield client.get_executor()
-    except (KilledWorker, CancelledError) as error:
-        raise ManipulatorError(f'scheduler {scheduler} lost the work: {error}') from error
+    try:
+        client = Client(scheduler, timeout=CONNECTION_TIMEOUT)
     except (OSError, ValueError) as error:
         raise ManipulatorError(f'scheduler {scheduler}: {error}') from error
+    try:
+        with client:  # to close it cancels what is not begun
+            yield client.get_executor()
+    except (KilledWorker, CancelledError) as error:
+        raise ManipulatorError(f'scheduler {scheduler} lost the work: {error!r}') from error
 
 
 def _begin_process() -> None:
     """Leave Ctrl-C to the process that began this one, and end when that does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
-
-
-def _shared(need: Requirements) -> dict[str, float]:
-    return {name: getattr(need, name) for name in SHARED}
 
 
 def _read(path: Path, shared: dict[str, float]) -> dict[Design, Workspace]:

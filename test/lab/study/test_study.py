@@ -1,7 +1,6 @@
 import json
 import math
 from pathlib import Path
-import subprocess
 import sys
 
 import pytest
@@ -108,26 +107,19 @@ def test_ranges_without_a_gap_are_drawn_of_carriages_that_have_a_length():
 
 @pytest.mark.parametrize(('arguments', 'message'), [
     (('--l', -0.35, '--table2'), 'link_length = -0.35 m is below its minimum'),
-    (('--b', 'nan', '--ranges'), 'platform_half_length = nan is not a finite number'),
-    (('--gap', -0.01, '--ranges'), 'carriage_gap = -0.01 m is below its minimum'),
     (('--stroke', 0, '--ranges'), 'stroke = 0 m is not a positive length'),
-    (('--stroke', 0.5, -0.5, '--ranges'), 'is empty'),
     (('--stroke', 1, 2, 3, '--ranges'), '3 values'),
     (('--ranges', '--y', 0.5), 'y = 0.5 m is out of the workspace'),
     (('--ranges', '--y', 0.05), 'y = 0.05 m is out of the workspace'),
     (('--ranges', '--y', 'nan'), 'y = nan is not a finite number'),
     (('--ranges', '--l', 0.15, '--b', 0.55, '--stroke', 0.6), 'workspace is empty'),
     (('--optimise', 'beauty'), "objective = 'beauty' is not one of"),
-    (('--optimise', 'area', '--link-range', 0.4, 0.3), 'link_range = (0.4, 0.3) m is empty'),
     (('--optimise', 'area', '--min-theta', 1.4), 'min_theta = 1.4 rad conflicts'),
-    (('--optimise', 'area', '--sum', 3), 'length_sum = 3 m conflicts'),
     (('--optimise', 'area', '--gap', 0.02, '--carriage-length', 0.03), 'may not stand where they'),
     (('--optimise', 'volume', '--results', '/proc/none'), '/proc/none cannot be written'),
     (('--optimise', 'area', '--designs', 1.5), 'invalid int value'),
-    (('--summary', '--threshold', 'nan'), 'threshold = nan is not a finite number'),
     (('--ranges', '--y'), 'expected at least one argument'),
     (('--l', 'long'), 'invalid float value'),
-    (('--colour',), 'unrecognized arguments'),
 ])
 def test_bad_input_is_a_sentence_with_exit_status_2_and_writes_nothing(
         arguments, message, tmp_path, capsys):
@@ -191,11 +183,10 @@ def test_a_missing_library_is_named(monkeypatch, capsys, library, arguments, ext
     assert f"extra '{extra}'" in capsys.readouterr().err
 
 
-def test_the_module_runs_and_its_help_has_examples():
-    shown = subprocess.run(
-        [sys.executable, '-m', 'facade_manipulator.lab.study.study', '--help'],
-        capture_output=True, text=True, check=True, timeout=60)
-    assert 'examples:' in shown.stdout and '--table2' in shown.stdout
+def test_the_help_has_examples(capsys):
+    assert run('--help') == 0
+    shown = capsys.readouterr().out
+    assert 'examples:' in shown and '--table2' in shown
 
 
 def test_with_nothing_asked_for_the_whole_study_goes_into_its_folder(monkeypatch, tmp_path):

@@ -92,6 +92,9 @@ def test_a_cluster_of_which_one_worker_dies_finds_the_same():
     distributed = pytest.importorskip('distributed')
     with distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
+        with pytest.raises(ParameterError, match='^objective'), \
+                executor_of(cluster.scheduler_address):
+            optimise('beauty')
         victims = [cluster.workers[0].pid]
         with executor_of(cluster.scheduler_address) as executor:
             found = Sweep(NEED, executor).of(DESIGNS, lambda count: count and victims and os.kill(
