@@ -36,7 +36,8 @@ LEAST_ROOM = 0.3  # of the acceleration that fits, below which even less is comp
 MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
 BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
-OUTLIER = 8.0  # standard deviations
+OUTLIER, RETURNED = 4.0, 2.0  # standard deviations: from and until which estimates lie
+COURSE = 0.35  # of the errors' course that an estimate leaves as it was: what is fast shows soon
 DISBELIEF = 0.25  # s: for as long outliers are an error of the estimator's, then it has stepped
 ROUGH_TIME = 10.0  # s, over which the noise is seen to be correlated
 LARGEST_STEP = 3.0  # standard deviations, towards tones that are trusted; 1 where they are not
@@ -156,6 +157,7 @@ class DisturbancePredictor:
         self._origin = measured
         self._suspected_since = np.full(axes, math.inf)
         self._believed = np.full(axes, stamp)
+        self._off, self._drift = np.zeros((2, axes))
         self._bank = FilterBank(axes)
         near, far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
@@ -179,14 +181,13 @@ class DisturbancePredictor:
         """
         expected = self._expected(stamp)
         error = measured - self._origin - expected
-        known = self._variances[self._axes, _LATER.searchsorted(stamp - self._believed)]
-        suspected = (error ** 2 > OUTLIER ** 2 * (known + noise)) & (interval <= HORIZONS[-1])
+        suspected = self._lies(stamp, error, noise) & (interval <= HORIZONS[-1])
         self._suspected_since = np.where(
             suspected, np.minimum(self._suspected_since, stamp), math.inf)
         stepped = stamp - self._suspected_since >= DISBELIEF
         self._origin = self._origin + np.where(stepped, error, 0.0)
         self._suspected_since[stepped] = math.inf
-        error[suspected] = 0.0
+        self._off[stepped] = self._drift[stepped] = error[suspected] = 0.0
         steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
         for share in [step / steps for step in range(1, steps)]:
             between = self._expected(stamp - (1.0 - share) * interval)
@@ -198,6 +199,24 @@ class DisturbancePredictor:
         self._past = np.vstack((self._past[1:], self._values))
         self._rough += min(interval / ROUGH_TIME, 1.0) * (
             (_SECOND @ self._past) ** 2 / (_SECOND @ _SECOND * noise) - self._rough)
+
+    def _lies(self, stamp: float, error: np.ndarray, noise: np.ndarray) -> np.ndarray:
+        """
+        Return along which axes an estimate is far from both the prediction and its errors' course.
+
+        What pushes the gondola leads the estimates away in a course, a fading-memory line through
+        their errors: an acceleration bends it, nothing that moves leaves it at once.
+        """
+        later = stamp - self._believed
+        known = self._variances[self._axes, _LATER.searchsorted(later)]
+        jump = error - self._off - later * self._drift
+        bound = self._acceleration * self._interval ** 2 + np.sqrt(known + noise) * np.where(
+            self._suspected_since < math.inf, RETURNED, OUTLIER)
+        lies = np.minimum(abs(error), abs(jump)) > bound
+        self._off = np.where(lies, self._off, error - COURSE ** 2 * jump)
+        self._drift = np.where(
+            lies, self._drift, self._drift + (1.0 - COURSE) ** 2 / later * jump)
+        return lies
 
     def _expected(self, time: float) -> np.ndarray:
         """

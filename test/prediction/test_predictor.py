@@ -15,8 +15,9 @@ from support import SOAK
 
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
+from facade_manipulator.lab.gondola.oracle import GustsPrediction, wind_law
 from facade_manipulator.lab.gondola.wind import WindSettings
-from facade_manipulator.prediction import DisturbancePredictor, PredictionSettings
+from facade_manipulator.prediction import DisturbancePredictor, PredictionSettings, Variances
 from facade_manipulator.prediction.estimate import Estimate, EstimateMean
 
 HORIZON = 0.12
@@ -251,15 +252,24 @@ def test_the_standard_deviation_is_that_of_the_errors_where_noise_is_correlated(
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(('rate', 'noise', 'least'), [(20.0, 3e-3, 0.5), (50.0, 1e-3, 0.5)])
-def test_what_the_estimator_adds_is_what_a_better_one_would_take_away(rate, noise, least):
-    motion, ahead = gusts(1), 0.06
-    predictor = Run(motion, 30.0, rate=rate, noise=noise, horizon=0.16).predictor
-    better = run(motion, 30.0, rate=100.0, noise=1e-4, horizon=ahead)
-    aim = predictor.stamp + 0.16
+@pytest.mark.parametrize(('rate', 'noise'), [(20.0, 3e-3), (50.0, 1e-3), (100.0, 3e-4)])
+def test_what_the_estimator_adds_is_what_who_knows_the_law_of_the_gusts_errs_by(rate, noise):
+    """With its estimates, that is: by those of a perfect one nobody would err by 0.03 mm."""
+    motion, latency, ahead, errors = gusts(1), 0.1, 0.06, []
+    law = GustsPrediction(*wind_law(GondolaSettings(), WindSettings(seed=1)), 1.0 / rate,
+                          Variances(*3 * [noise ** 2]))
+
+    def noted(time, values, _):
+        law.update(time, values, VARIANCES)
+        aim = time + latency + ahead
+        errors.append(np.subtract(law.predict(aim).position, motion(aim)))
+        return values
+
+    predictor = Run(motion, 40.0, rate=rate, noise=noise, spoil=noted).predictor
+    bound = np.sqrt(np.square(errors[len(errors) // 4:]).mean(axis=0))
+    aim = predictor.stamp + latency + ahead
     whole, part = np.array([predictor.deviations(aim), predictor.estimators_share(aim, ahead)])
-    assert (least * whole < part).all() and (part <= whole).all()
-    assert (better.rms(20.0) ** 2 + part ** 2 < 1.1 * whole ** 2).all()
+    assert (0.6 * bound < part).all() and (part < 1.2 * bound).all() and (part <= whole).all()
 
 
 @pytest.mark.long
@@ -325,9 +335,27 @@ def glitch(size, duration):
 
 @pytest.mark.long
 @pytest.mark.parametrize('duration', [0.03, 0.06, 0.1, 0.2])
-@pytest.mark.parametrize('size', [0.03, -0.2])
+@pytest.mark.parametrize('size', [0.008, 0.03, -0.2])
 def test_estimates_that_lie_for_a_moment_move_nothing(duration, size):
     assert glitch(size, duration).max() < 4.0 * NOISE
+
+
+def pushed(time):
+    """Return the swing of a gondola of 500 kg that 150 N have pushed for 0.3 s from 20 s on."""
+    since, rate = max(time - 20.0, 0.0), math.tau * 0.12
+    end = min(since, 0.3)
+    after = rate * (since - end)
+    return BREEZE(time) + 0.3 * (
+        0.5 * end ** 2 * math.cos(after) + end / rate * math.sin(after))
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('rate', [50.0, 100.0])
+@pytest.mark.parametrize('noise', [0.1 * NOISE, 0.3 * NOISE])
+def test_a_push_is_no_lie(noise, rate):
+    """It swings by 120 mm; believed 0.25 s late it would be missed by 33 mm."""
+    errors = np.abs(Run(pushed, 24.0, rate=rate, noise=noise).errors[round(20.0 * rate):])
+    assert errors.max() < 0.018
 
 
 @pytest.mark.long
