@@ -52,11 +52,14 @@ def limits(scenario: Scenario, motion: Motion, origin: float = START) -> dict[st
     Return the best predictions of a scenario's motion that begins at the origin [s], by name.
 
     What ``known`` predicts comes true, ``oracle`` knows the law, ``bound`` has to find the
-    frequencies of sines, too. There are none where the head has part in the motion.
+    frequencies of sines, too. There are none where the head has part in the motion; the law of an
+    estimator whose errors are not as it tells is not known.
     """
     if scenario.facade.present and scenario.gondola.reaction:
         return {}
     found = {'known': KnownDisturbance(motion, origin)}
+    if not scenario.estimator.is_honest:
+        return found
     if scenario.mission.motion == 'sway':
         for name, deviation in (('oracle', 0.0), ('bound', FREQUENCY_DEVIATION)):
             found[name] = SinesPrediction(scenario.sway, origin, deviation)

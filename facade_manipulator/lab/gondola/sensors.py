@@ -34,9 +34,19 @@ class EstimatorSettings:
     correlation: float = parameter(
         'Time over which the noise is correlated, as a filter makes it', default=0.0, unit='s',
         minimum=0.0, maximum=10.0)
-    drift: float = parameter(
-        'Speed at which the estimate of x wanders off', default=0.0, unit='m/s', minimum=-0.1,
-        maximum=0.1)
+    scale: float = parameter(
+        'What it takes the motion times, 1 if it is right', default=1.0, minimum=0.1, maximum=10.0)
+    lie_period: float = parameter(
+        'Time from one lie to the next, 0 if it never lies', default=0.0, unit='s', minimum=0.0)
+    lie_durations: tuple[float, ...] = parameter(
+        'How long lies last, one after the other', default=(0.06, 0.1, 0.2), unit='s',
+        minimum=0.0, maximum=60.0)
+    lie_scale: tuple[float, ...] = parameter(
+        'What it takes x, y and yaw times meanwhile', default=(1.0, 1.0, 1.0), minimum=-10.0,
+        maximum=10.0, elements=Pose._fields)
+    lie_offset: tuple[float, ...] = parameter(
+        'What it adds to them meanwhile', default=(0.0, 0.0, 0.0), unit='m, m, rad',
+        minimum=-10.0, maximum=10.0, elements=Pose._fields)
     loss: float = parameter(
         'Share of estimates that never come', default=0.0, minimum=0.0, maximum=1.0)
     silent_from: float = parameter(
@@ -52,6 +62,20 @@ class EstimatorSettings:
             raise ParameterError(
                 f'jitter = {self.jitter:g} s is above latency = {self.latency:g} s: estimates '
                 'would come from the future')
+
+    @property
+    def is_honest(self) -> bool:
+        """Whether its errors are white, and of the variances that it tells."""
+        return self.scale == 1.0 and not (
+            self.correlation or self.lie_period or self.stamp_error)
+
+    def lies(self, elapsed: float) -> bool:
+        """Return whether it lies at a time since the start [s]."""
+        if not self.lie_period:
+            return False
+        number, since = divmod(elapsed, self.lie_period)
+        return number > 0.0 and since < self.lie_durations[
+            (int(number) - 1) % len(self.lie_durations)]
 
     def variances(self) -> Variances:
         """Return the variances of x, y and yaw."""
@@ -82,7 +106,10 @@ class SimulatedEstimator:
             # looked up only now: the motion of the stamp is certain once the head has moved there
             motion = estimator_motion(
                 self._motion(stamp), Pose(*settings.mounting), settings.axes)
-            pose = Pose(*(np.array(motion) + noise).tolist())
+            seen: np.ndarray = settings.scale * np.array(motion)
+            if settings.lies(stamp - self._start):
+                seen = seen * settings.lie_scale + settings.lie_offset
+            pose = Pose(*(seen + noise).tolist())
             arrived.append(Estimate(stamp + settings.stamp_error, pose, settings.variances()))
         return arrived
 
@@ -97,7 +124,6 @@ class SimulatedEstimator:
         lost = self._random.random() < settings.loss
         silent = 0.0 <= stamp - self._start - settings.silent_from < settings.silent_for
         if not lost and not silent:
-            noise[0] += settings.drift * (stamp - self._start)
             heapq.heappush(self._under_way, (stamp + delay, stamp, noise))
 
 

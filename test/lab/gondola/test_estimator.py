@@ -44,6 +44,19 @@ def test_losses_and_silence_leave_gaps():
     assert max(stamps) > 19.0
 
 
+def test_lies_come_in_turn_and_a_scale_is_always_wrong():
+    heard = listen(EstimatorSettings(
+        position_noise=0.0, yaw_noise=0.0, scale=1.1, lie_period=5.0, lie_durations=(0.09, 0.19),
+        lie_offset=(0.03, 0.0, 0.0), lie_scale=(1.0, 1.0, -1.0)))
+    lies = np.array([(stamp, *np.subtract(pose, 1.1 * np.array(motion(stamp))))
+                     for _, (stamp, pose, *_) in heard])
+    told = np.flatnonzero(abs(lies[:, 1:]).max(axis=1) > 1e-9)
+    assert lies[told, 0] == pytest.approx(np.concatenate([
+        5.0 + 0.02 * np.arange(5), 10.0 + 0.02 * np.arange(10), 15.0 + 0.02 * np.arange(5)]))
+    assert lies[told, 1] == pytest.approx(0.03) and (lies[:, 2] == 0.0).all()
+    assert lies[told, 3] == pytest.approx(0.11 * lies[told, 0])
+
+
 def test_estimates_from_the_future_are_rejected():
     with pytest.raises(ParameterError, match='future'):
         EstimatorSettings(latency=0.01, jitter=0.02)

@@ -99,7 +99,7 @@ def test_files_that_are_no_scenario_are_rejected(tmp_path, text, message):
 
 
 def test_a_scenario_that_is_not_there_is_rejected_and_the_known_ones_are_told():
-    with pytest.raises(ParameterError, match='breeze, calm'):
+    with pytest.raises(ParameterError, match='breeze, burst, calm'):
         load_scenario('tornado')
 
 
