@@ -47,7 +47,8 @@ DETAILS = {str(component): {component.key(key): text for key, text in shown.item
         'worst lateness [ms]': '≤ {} ms late', 'worst-case load [%]': '{} % load'}),
     (diagnostics.CORRECTION, {
         REJECTED: '{} rejected', 'age of the estimate [ms]': 'estimate {} ms old',
-        'saturation error': 'saturation {}'}),
+        'saturation error': 'saturation {}',
+        'standard deviation of the prediction': 'predicted to {}'}),
     (diagnostics.GOAL, {'setpoints': '{} setpoints', REJECTED: '{} goals rejected'}),
     (diagnostics.BLACK_BOX, {'kept [s]': '{} s kept', 'files written': '{} files written'}))}
 OTHER_DETAILS = {REJECTED: '{} rejected'}
