@@ -43,7 +43,9 @@ TOUCH_SHARE = 0.25  # of the desired force, by which a touch in search of the wa
 LEAST_ERROR = 2.0  # N, RMS that counts as not held, and of the desired force:
 RISING_ERROR, HOLDING_ERROR = 0.5, 0.1  # of the force, while it rises and once it holds
 NEGLIGIBLE = 1e-9  # m or rad
-NEAR = 0.005  # m before where the wall was: beyond what is left of the sway, 1.4 mm at most
+NEAR = 0.005  # m, by which the path may end beyond its goal
+AT_WALL = 0.002  # m before where the wall was: more than what is left of the sway, 1.4 mm
+BRAKING = 0.1  # s, from a distance to the speed of its approach: longer than the latency
 KNOWN_RAMP = 1.2  # s, where the stiffness is known: with approach and touch 4 s in all
 CREEP_PAUSE = 600.0  # s between two retreats for which a creeping offset is the reason
 
@@ -348,8 +350,7 @@ class Pressing:
         if self.mode is PressMode.RETRACTED:
             return -press.speed
         if self.mode is PressMode.SEARCHING:
-            is_far = self.wall is not None and self._place < self.wall - NEAR
-            return (press.speed if is_far else press.approach_speed) if fresh else 0.0
+            return self._search_speed() if fresh else 0.0
         if self.watch.chatters(self.desired):
             self.stiffness.stiffen()
             self.latency.forget_stiffness()
@@ -363,6 +364,11 @@ class Pressing:
             allowed = TOUCH_SHARE * press.force / (self.stiffness.value * LATENCY)
             velocity = min(velocity, allowed)
         return min(max(velocity, -press.speed), press.speed)
+
+    def _search_speed(self) -> float:
+        """Return how fast to look for the wall: as fast as its place is known to be far [m/s]."""
+        far = 0.0 if self.wall is None else self.wall - AT_WALL - self._place
+        return min(max(far / BRAKING, self.press.approach_speed), self.press.speed)
 
     def _move_y(
         self, time: float, interval: float, saturation_error: float, fresh: bool

@@ -312,14 +312,18 @@ def test_the_yaw_turns_until_the_wall_makes_no_moment(alone):
 
 
 @pytest.mark.parametrize(
-    ('frequency', 'most'), [(0.1, 0.25), (0.33, 0.6), (0.89, 1.1), (3.0, 1.32)])
+    ('frequency', 'most'), [(0.1, 0.2), (0.33, 0.55), (0.89, 1.05), (3.0, 1.26)])
 def test_the_wall_s_motion_is_suppressed_below_a_third_of_a_hertz_and_hardly_amplified_above(
         frequency, most):
     stiffness, amplitude = 2e3, 1.5e-3
     run = press(stiffness, duration=34.0, wall=lambda time: (
         WALL + amplitude * math.sin(math.tau * frequency * max(time - 18.0, 0.0))))
-    rigid = stiffness * amplitude / math.sqrt(2.0)
-    assert run.forces[2200:].std() < most * rigid
+    times = PERIOD * np.arange(2200, len(run.forces))
+    waves = np.column_stack([wave(math.tau * frequency * times) for wave in (np.cos, np.sin)])
+    forces = run.forces[2200:] - run.forces[2200:].mean()
+    traces = np.linalg.lstsq(waves, forces, rcond=None)[0]
+    assert np.hypot(*traces) < most * stiffness * amplitude
+    assert (forces - waves @ traces).std() < 0.9  # the watermark, and the sensor's noise
 
 
 def drifting(begin):
@@ -407,7 +411,7 @@ def test_a_wall_that_was_touched_before_is_pressed_again_within_four_seconds(sti
         silence='the estimator is silent' if 22.0 < time < 25.0 else ''))
     back = run.forces[2500:]
     assert run.pressing.mode is PressMode.HOLDING
-    assert np.flatnonzero(back > 0.9 * SETTINGS.force)[0] * PERIOD < 4.0
+    assert np.flatnonzero(back > 0.98 * SETTINGS.force)[0] * PERIOD < 4.0
     touches = [forces[np.flatnonzero(forces)[0]:][:15].max() for forces in (run.forces, back)]
     assert touches[1] < touches[0] + 1.0
 
