@@ -166,8 +166,9 @@ class Correction:
         if mean is None:
             return
         smooth = self.mode is CorrectionMode.ACTIVE
-        self.predictor.update(mean.stamp, mean.pose, mean.variances)
-        if smooth and self._time is not None:
+        if self.predictor.update(mean.stamp, mean.pose, mean.variances):
+            self._change()  # it may lie: the head follows no faster than the correction fades in
+        elif smooth and self._time is not None:
             self._smooth.clear()
             self._smooth.begin(
                 self._time, self._state.minus(self._aim()), SMOOTHING)

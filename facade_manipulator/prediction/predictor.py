@@ -94,9 +94,9 @@ class DisturbancePredictor:
         self._reach = np.array(settings.speed)[:, None] * HORIZONS
         self._acceleration = np.array(settings.acceleration)
 
-    def update(self, stamp: float, values: Pose, variances: Variances) -> None:
+    def update(self, stamp: float, values: Pose, variances: Variances) -> bool:
         """
-        Learn from an estimate.
+        Learn from an estimate; return whether what the estimator measures from has stepped.
 
         Parameters
         ----------
@@ -109,7 +109,7 @@ class DisturbancePredictor:
             Variances of the estimate's noise, above 0.
 
         """
-        measured, noise = np.array(values), np.array(variances)
+        measured, noise, stepped = np.array(values), np.array(variances), False
         if not 0.0 < stamp - self.stamp <= LONGEST_GAP:
             interval = self._interval = FIRST_INTERVAL
             self._start(stamp, measured, noise)
@@ -117,9 +117,10 @@ class DisturbancePredictor:
             interval = stamp - self.stamp
             self._interval += min(interval / (stamp - self.since), 1.0) * (
                 interval - self._interval)
-            self._follow(stamp, interval, measured, noise)
+            stepped = self._follow(stamp, interval, measured, noise)
         self.stamp = stamp
         self._go_on(interval, noise)
+        return stepped
 
     def predict(self, time: float) -> MotionState:
         """Return the disturbance to compensate at a time, of the past or the future [s]."""
@@ -172,12 +173,12 @@ class DisturbancePredictor:
 
     def _follow(
         self, stamp: float, interval: float, measured: np.ndarray, noise: np.ndarray
-    ) -> None:
+    ) -> bool:
         """
         Lead the filters to an estimate; a gap along the prediction, corrected to end there.
 
         Outliers are taken for what was predicted. Those that last are true: not the gondola has
-        jumped, but what the estimator measures from, and all that is kept with it.
+        jumped, but what the estimator measures from, and all that is kept with it. Return whether.
         """
         expected = self._expected(stamp)
         error = measured - self._origin - expected
@@ -199,6 +200,7 @@ class DisturbancePredictor:
         self._past = np.vstack((self._past[1:], self._values))
         self._rough += min(interval / ROUGH_TIME, 1.0) * (
             (_SECOND @ self._past) ** 2 / (_SECOND @ _SECOND * noise) - self._rough)
+        return bool(stepped.any())
 
     def _lies(self, stamp: float, error: np.ndarray, noise: np.ndarray) -> np.ndarray:
         """

@@ -170,3 +170,12 @@ def way_on_the_wall(*lies: float, duration: float = 0.0) -> np.ndarray:
 def test_estimates_that_lie_for_a_moment_do_not_move_the_head(size, duration):
     lying = way_on_the_wall(size, size, size, duration=duration)
     assert np.abs(lying - way_on_the_wall()).max() < 0.002
+
+
+@pytest.mark.parametrize('duration', [0.3, 0.8])
+def test_an_estimator_that_has_stepped_is_followed_slowly(duration):
+    """30 mm and 1.7 degrees: believed after a quarter of a second, with 25 mm/s about."""
+    off = way_on_the_wall(0.03, 0.03, 0.03, duration=duration) - way_on_the_wall()
+    assert np.abs(np.diff(off, axis=0)).max() < 0.05 * 0.01
+    assert np.abs(off).max() > 0.003  # where it lasts it counts
+    assert np.abs(off[-1]).max() < 0.005
