@@ -37,7 +37,6 @@ MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
 BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
 OUTLIER, RETURNED = 4.0, 2.0  # standard deviations: from and until which estimates lie
-COURSE = 0.35  # of the errors' course that an estimate leaves as it was: what is fast shows soon
 DISBELIEF = 0.25  # s: for as long outliers are an error of the estimator's, then it has stepped
 ROUGH_TIME = 10.0  # s, over which the noise is seen to be correlated
 LARGEST_STEP = 3.0  # standard deviations, towards tones that are trusted; 1 where they are not
@@ -207,17 +206,20 @@ class DisturbancePredictor:
         Return along which axes an estimate is far from both the prediction and its errors' course.
 
         What pushes the gondola leads the estimates away in a course, a fading-memory line through
-        their errors: an acceleration bends it, nothing that moves leaves it at once.
+        their errors: an acceleration bends it, nothing that moves leaves it at once. The more,
+        by the noise, an acceleration makes within an interval, the sooner the course follows.
         """
         later = stamp - self._believed
         known = self._variances[self._axes, _LATER.searchsorted(later)]
         jump = error - self._off - later * self._drift
-        bound = self._acceleration * self._interval ** 2 + np.sqrt(known + noise) * np.where(
+        bend = self._acceleration * self._interval ** 2
+        bound = bend + np.sqrt(known + noise) * np.where(
             self._suspected_since < math.inf, RETURNED, OUTLIER)
         lies = np.minimum(abs(error), abs(jump)) > bound
-        self._off = np.where(lies, self._off, error - COURSE ** 2 * jump)
-        self._drift = np.where(
-            lies, self._drift, self._drift + (1.0 - COURSE) ** 2 / later * jump)
+        way = 0.5 * bend / np.sqrt(noise)  # within an interval, in standard deviations
+        kept = 1.0 + 0.5 * way - np.sqrt(way + 0.25 * way ** 2)  # so that (1 − kept)² = way kept
+        self._off = np.where(lies, self._off, error - kept ** 2 * jump)
+        self._drift = np.where(lies, self._drift, self._drift + (1.0 - kept) ** 2 / later * jump)
         return lies
 
     def _expected(self, time: float) -> np.ndarray:
