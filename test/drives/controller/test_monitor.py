@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from facade_manipulator.drives.canopen import Frame
-from facade_manipulator.drives.canopen.pdo import TPDO1, TPDO2
+from facade_manipulator.drives.canopen.pdo import TPDO1, TPDO2, TPDO3
 from facade_manipulator.drives.cia402.profile import Quirks
 from facade_manipulator.drives.cia402.settings import AxisSettings
 from facade_manipulator.drives.cia402.states import Mode
@@ -102,6 +102,7 @@ GOOD, LIMITED, LOCAL, IGNORES = 0x1227, 0x1A27, 0x1027, 0x0227
 ])
 def test_a_drive_that_says_that_it_does_not_obey_is_believed(monitor, words, says):
     assert says in turns(monitor, words).disobedience
+    assert monitor.is_limited is (words[-1] == LIMITED)
     assert bool(says) is bool(turns(monitor, words).disobedience)
 
 
@@ -143,3 +144,83 @@ def test_slips_too_small_to_be_jumps_are_summed_up(monitor):
     assert 'has slipped by' in cause.message and cause.home_again
     assert not monitor.encoder.homed
     assert slips <= 5
+
+
+FAULTY = 0x0008
+
+
+def beat(state):
+    return lambda monitor: monitor.receive_heartbeat(Frame(0x701, bytes([state]), 1.0, 1.0))
+
+
+def emergency(code):
+    data = code.to_bytes(2, 'little') + bytes(6)
+    return lambda monitor: monitor.receive_emergency(Frame(0x081, data, 1.0, 1.0))
+
+
+def error_code(statusword, code):
+    def say(monitor):
+        monitor.receive_tpdo(TPDO1, TPDO1.codec.pack(statusword, 8, 0), T, T)
+        return monitor.receive_tpdo(TPDO3, TPDO3.codec.pack(code, 0, 0), T, T)
+    return say
+
+
+def miss(count):
+    def say(monitor):
+        for cycle in range(count):
+            monitor.end_cycle(cycle * T)
+        return monitor.silence(0.0)
+    return say
+
+
+@pytest.mark.parametrize(('say', 'words', 'asks', 'homed'), [
+    (beat(5), None, set(), True), (beat(0x7F), '(NMT state 127)', set(), True),
+    (beat(0), 'restarted by itself', {'configure_again'}, False),
+    (emergency(0x2310), 'current', set(), True), (emergency(0), None, set(), True),
+    (emergency(0x7380), 'position is lost', {'home_again', 'cut_power'}, False),
+    (error_code(FAULTY, 0x2310), 'current', set(), True),
+    (error_code(FAULTY, 0), None, set(), True), (error_code(0x0027, 0x2310), None, set(), True),
+    (miss(SETTINGS.max_missed_cycles - 1), None, set(), True),
+    (miss(SETTINGS.max_missed_cycles), 'cycles in a row',
+     {'configure_again', 'is_vague'}, True)])
+def test_what_a_drive_says_stops_all_and_asks_for_what_mends_it(monitor, say, words, asks, homed):
+    cause = say(monitor)
+    assert cause is None if words is None else words in cause.message and cause.axis == 'q1'
+    said = vars(cause) if cause else {}
+    assert {name for name, value in said.items() if value is True} == asks
+    assert monitor.encoder.homed is homed
+    monitor.end_supervision()
+    assert say(monitor) is None
+
+
+def test_a_fault_that_an_emergency_has_told_is_not_told_again(monitor):
+    assert emergency(0x2310)(monitor) is not None
+    assert error_code(FAULTY, 0x2310)(monitor) is None
+    assert monitor.end_cycle(T).error_code == 0x2310
+    emergency(0)(monitor)
+    assert monitor.end_cycle(T).error_code == 0
+
+
+def test_a_drive_that_sends_no_velocity_has_that_of_its_positions():
+    made = AxisMonitor('q1', AXIS, SETTINGS, pdos=(TPDO1,))
+    for cycle in range(1, 20):
+        made.receive_tpdo(TPDO1, TPDO1.codec.pack(
+            0x0027, 8, AXIS.to_counts(SPEED * cycle * T)), cycle * T, cycle * T)
+        made.end_cycle(cycle * T)
+    assert made.measured.velocity == pytest.approx(SPEED, rel=0.01)
+
+
+@pytest.mark.parametrize('boots_operational', [False, True])
+@pytest.mark.parametrize('state', [5, 0x7F])
+def test_only_a_drive_that_nobody_has_restarted_keeps_its_home_behind_a_lost_bus(
+        monitor, state, boots_operational):
+    beat(state)(monitor)
+    monitor.recover(boots_operational)
+    assert monitor.encoder.homed is (state == 5 and not boots_operational)
+
+
+@pytest.mark.parametrize('mode', [Mode.HOMING, Mode.CYCLIC_SYNCHRONOUS_POSITION])
+def test_how_far_from_home_a_drive_is_counts_while_it_homes(monitor, mode):
+    counts = AXIS.to_counts(AXIS.home_position + 0.3)
+    monitor.receive_tpdo(TPDO1, TPDO1.codec.pack(OPERATION_ENABLED, mode, counts), T, T)
+    assert monitor.end_cycle(T).home_error == pytest.approx(0.3 * (mode == Mode.HOMING), abs=1e-4)
