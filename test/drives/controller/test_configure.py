@@ -27,6 +27,8 @@ from facade_manipulator.lab.drives.drive import (
 )
 from facade_manipulator.lab.drives.motor import SimulationSettings
 
+pytestmark = pytest.mark.quick
+
 
 def test_a_drive_that_does_not_answer_is_named_and_configure_can_be_tried_again(rig):
     rig.drives[1].is_silent = True

@@ -16,6 +16,8 @@ from facade_manipulator.drives.controller.snapshot import ControllerState
 from facade_manipulator.drives.controller.targets import MechanismChecks
 from facade_manipulator.errors import DriveStateError, ManipulatorError, ParameterError
 
+pytestmark = pytest.mark.quick
+
 
 def test_an_ordinary_day_from_configure_to_cleanup(rig):
     assert rig.state is ControllerState.UNCONFIGURED
