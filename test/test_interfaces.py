@@ -22,7 +22,7 @@ from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorN
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.monitor import Observer
-from facade_manipulator.nodes.recorder import recorded_quality, recorded_topics, RecorderNode
+from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros import class_of, is_installed, ManipulatorClient, profile
 from facade_manipulator.tools.policies import may_subscribe, names_of
 
@@ -115,17 +115,17 @@ def test_a_node_has_the_services_of_the_table(node):
 @pytest.mark.parametrize('node', ['recorder'], indirect=True)
 def test_the_recorder_keeps_what_the_table_says(node):
     recorded = {one for one in TOPICS if one.recorded and is_installed(one)}
-    assert {queue.topic: queue.kind for queue, _ in node._queues} == {
+    assert {queue.topic: queue.kind for queue in node._queues.queues} == {
         full(one.name): class_of(one) for one in recorded}
-    assert {one.name for one in recorded_topics() if recorded_quality(one).latched} == {
-        one.name for one in recorded if one.quality.latched}
+    assert {queue.topic for queue in node._queues.queues if queue.quality.latched} == {
+        full(one.name) for one in recorded if one.quality.latched}
 
 
 @pytest.mark.parametrize('name, look', [('supervisor', id), ('monitor', Observer)])
 def test_supervisor_and_monitor_do_no_more_than_they_may(context, name, look):
     with ManipulatorClient(GONDOLA, name) as client:
         look(client)
-        heard = declared(client.node.subscriptions).keys()
+        heard = {queue.topic for queue in client._queues.queues}
         allowed = expected(one for one in TOPICS if may_subscribe(name, one))
         assert heard and heard <= allowed.keys()
         assert {one.service_name for one in client.node.services} == {

@@ -21,6 +21,7 @@ DRIVES = {'drives.canopen', 'drives.cia402', 'drives.controller'}
 MACHINE = {
     'errors': set(),
     'parameters': {'errors'},
+    'arrivals': set(),
     'resources': set(),
     'files': set(),
     'parameter_file': BASE | {'files'},
@@ -36,7 +37,7 @@ MACHINE = {
     'drives.cia402': BASE | {'files', 'resources', 'drives.canopen'},
     'drives.controller': BASE | {'files', 'drives.canopen', 'drives.cia402'},
     'loop': BASE | DRIVES | {'kinematics', 'motion'},
-    'blackbox': BASE | {'files', 'resources', 'drives.cia402'},
+    'blackbox': BASE | {'arrivals', 'files', 'resources', 'drives.cia402'},
     'maintenance': BASE | {'files', 'resources', 'drives.controller'},
 }
 ALL_OF_IT = set(MACHINE) | {'ros', 'nodes'}

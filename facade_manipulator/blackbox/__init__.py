@@ -5,7 +5,6 @@ The black box: messages of the last minutes in, one MCAP file per stop, fault or
 due, `Shelf` writes it whole and bounds what the files take of the disk.
 """
 
-from .arrivals import Arrivals as Arrivals
 from .black_box import BlackBox as BlackBox
 from .can_frames import CAN_TOPIC as CAN_TOPIC
 from .can_frames import CanListener as CanListener

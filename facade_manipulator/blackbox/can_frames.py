@@ -17,7 +17,7 @@ import socket
 import struct
 import threading
 
-from facade_manipulator.blackbox.arrivals import Arrivals
+from facade_manipulator.arrivals import Arrivals
 from facade_manipulator.blackbox.messages import Kept, RecordedTopic
 
 CAN_TOPIC = RecordedTopic('can_frames', 'can_msgs/msg/Frame', """\

@@ -88,7 +88,9 @@ class DisturbanceEstimatorNode(Node):
         self._imu, *others = [
             (taken, name, self._reader(taken, name)) for name, taken in inputs(setup).items()]
         subscription(self, interfaces.IMU, self._receive_imu, raw=True)
-        self._queues = [(source, self._queue(source[0], source[1])) for source in others]
+        self._queues = [
+            (one, MessageQueue(self, INTERFACES[one[0]]._replace(name=one[1]), WAITING))
+            for one in others]
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, WATCH_PERIOD, self._watch)
         self._coasting = steady_timer(
@@ -97,11 +99,6 @@ class DisturbanceEstimatorNode(Node):
     def _reader(self, taken: Input, name: str) -> Codec | SensorReader:
         return estimate_codec(name, self._frames.facade) if taken is POSE else SensorReader(
             class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
-
-    def _queue(self, taken: Input, name: str) -> MessageQueue:
-        like = INTERFACES[taken]
-        return MessageQueue(
-            self, like._replace(name=name), like.quality._replace(depth=WAITING))
 
     def _receive_imu(self, data: bytes) -> None:
         """Keep it until the next estimate, which is due with every measurement or so."""

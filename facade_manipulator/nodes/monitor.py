@@ -30,7 +30,7 @@ from facade_manipulator.interfaces import Topic
 from facade_manipulator.messages import planar_pose
 from facade_manipulator.nodes.overview import Overview, overview, POSES, Seen, Words
 from facade_manipulator.nodes.overview import Table as TableOfWords
-from facade_manipulator.ros import followed_goal, ManipulatorClient, subscription
+from facade_manipulator.ros import followed_goal, ManipulatorClient
 
 REFRESH_PERIOD = 0.25  # s
 LINE_PERIOD = 5.0  # s between lines where a screen cannot be written again
@@ -48,31 +48,31 @@ class Observer:
 
     def __init__(self, client: ManipulatorClient, namespace: str | None = None) -> None:
         self.seen = Seen(client.namespace if namespace is None else namespace, client.gondolas)
-        receivers: dict[Topic, Callable[[Any], None]] = {
+        receivers: dict[Topic, Callable[[float, Any], None]] = {
             **{topic: partial(self._receive_pose, topic) for topic in POSES},
             interfaces.GOAL_STATUS: self._receive_goal,
             interfaces.JOINT_STATES: self._receive_joints}
         for topic, receive in receivers.items():
             name = f'/{self.seen.namespace}/{topic.name}'.replace('//', '/')
-            subscription(client.node, topic, receive, name=name, depth=1)
+            client.subscribe(topic._replace(name=name), receive, depth=1)
 
     def overview(self) -> Overview:
         """Return what is to be seen at this moment."""
         return overview(self.seen, time.monotonic())
 
-    def _receive_pose(self, topic: Topic, message: PoseStamped) -> None:
+    def _receive_pose(self, topic: Topic, came: float, message: PoseStamped) -> None:
         try:
             pose = planar_pose(message.pose, topic.name)
         except ManipulatorError:
             pose = None  # the node that rejects it says why
-        self.seen.poses[topic] = time.monotonic(), pose
+        self.seen.poses[topic] = came, pose
 
-    def _receive_goal(self, status: DiagnosticStatus) -> None:
+    def _receive_goal(self, _: float, status: DiagnosticStatus) -> None:
         # a goal stays until another is followed
         self.seen.poses[interfaces.GOAL_STATUS] = math.inf, followed_goal(status)
 
-    def _receive_joints(self, message: JointState) -> None:
-        self.seen.joints = time.monotonic(), message
+    def _receive_joints(self, came: float, message: JointState) -> None:
+        self.seen.joints = came, message
 
 
 @contextmanager

@@ -23,7 +23,6 @@ import yaml
 
 from facade_manipulator import diagnostics, interfaces
 from facade_manipulator.blackbox import (
-    Arrivals,
     BlackBox,
     BlackBoxSettings,
     CAN_TOPIC,
@@ -34,7 +33,7 @@ from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.maintenance import ChangeLog
 from facade_manipulator.messages import status_values
 from facade_manipulator.ros import (
-    class_of,
+    Arrived,
     declare,
     Deferred,
     DeferredReplies,
@@ -42,9 +41,9 @@ from facade_manipulator.ros import (
     DiagnosticsPublisher,
     HOLD,
     is_installed,
-    message_from,
     message_type,
     MessageQueue,
+    MessageQueues,
     ParameterReader,
     Rejections,
     ROSError,
@@ -61,6 +60,7 @@ STOPS = ('halting', 'halted', 'stopped', 'bus lost', 'control loop lost')  # sta
 MOVING = ('activating', 'active', 'homing', 'halting', 'deactivating')
 SENSORS = interfaces.RANGE_1, interfaces.FIX_X, interfaces.FIX_POSE
 SILENCE = 3.0  # s without diagnostics of a driver that had power
+Reader = Callable[[float, Any], None]  # of a message and when it came
 
 
 class RecorderNode(Node):
@@ -76,30 +76,32 @@ class RecorderNode(Node):
         self._readers = {name: ParameterReader(self, name, self._rejections)
                          for name in interfaces.RECORDED}
         self._topics = [CAN_TOPIC]  # the black box has the same list
-        self._queues: list[tuple[MessageQueue, Callable[[Any], None] | None]] = []
+        self._queues = MessageQueues(self)
         settings = declare(self, BlackBoxSettings)
         self._changes = ChangeLog(settings.folder, self.get_namespace())
         self._black_box = BlackBox(
             settings, self.get_namespace(), self._topics, self._parameters_known,
             self.get_logger())
-        reads: dict[Topic, Callable[[Any], None]] = {
+        reads: dict[Topic, Reader] = {
             interfaces.DIAGNOSTICS: self._read_diagnostics,
             interfaces.PARAMETER_EVENTS: self._read_event,
             interfaces.GOAL_STATUS: self._read_goal_status}
         for topic in recorded_topics():
             self._record(topic, reads.get(topic))
-        self._arrivals = Arrivals()
         replies = DeferredReplies(self)
         replies.attach(service(self, interfaces.SAVE, self._save))
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         steady_timer(self, PERIOD, self._watch)
 
-    def _record(self, topic: Topic, read: Callable[[Any], None] | None = None) -> None:
-        quality = recorded_quality(topic)
+    def _record(self, topic: Topic, read: Reader | None = None) -> None:
+        def keep(queue: MessageQueue, messages: Arrived) -> None:
+            self._black_box.add(queue.topic, messages)
+            if read is not None:
+                queue.read(messages, read, self._rejections)
+
+        queue = self._queues.subscribe(topic, DEPTH, keep)
         self._topics.append(RecordedTopic(
-            self.resolve_topic_name(topic.name), *message_type(class_of(topic)),
-            playback(quality)))
-        self._queues.append((MessageQueue(self, topic, quality), read))
+            queue.topic, *message_type(queue.kind), playback(queue.quality)))
 
     def _record_sensors(self) -> None:
         """Record the sensors that the estimator has by other names, once these are known."""
@@ -119,7 +121,7 @@ class RecorderNode(Node):
             self._changes.note(name, reader.values)
         self._listen_to_bus()
         self._record_sensors()
-        self._take()
+        self._queues.take()
         silence = time.monotonic() - self._driver_time
         self._black_box.note('driver', (
             f'no diagnostics for {silence:.0f} s while it was {self._driver_state}'
@@ -134,24 +136,11 @@ class RecorderNode(Node):
                 driver['bus.channel'],
                 lambda time, data: self._black_box.add(CAN_TOPIC.topic, [(time, data)]))
 
-    def _take(self) -> None:
-        """Keep what has come."""
-        self._arrivals.begin()
-        for queue, read in self._queues:
-            if not (taken := queue.take()):
-                continue
-            self._black_box.add(queue.topic, [
-                (self._arrivals.time(received), data) for received, data in taken])
-            if read is not None:
-                for _, data in taken:
-                    with self._rejections:
-                        read(message_from(data, queue.kind, queue.topic))
-
-    def _read_diagnostics(self, message: DiagnosticArray) -> None:
+    def _read_diagnostics(self, came: float, message: DiagnosticArray) -> None:
         for status in message.status:
             name, stops = self._own(status.name), status.level == DiagnosticStatus.ERROR
             if name == OPERATION:
-                self._driver_time = time.monotonic()
+                self._driver_time = came
                 values = status_values(status)
                 self._driver_state = values.get(STATE, '')
                 self._changes.note('software', {
@@ -160,13 +149,13 @@ class RecorderNode(Node):
             if name.partition(': ')[0] in interfaces.RECORDED:
                 self._black_box.note(name, status.message if stops else '')
 
-    def _read_goal_status(self, status: DiagnosticStatus) -> None:
+    def _read_goal_status(self, _: float, status: DiagnosticStatus) -> None:
         if self._knows_goal:  # the first one is latched: what it says may be long past
             self._black_box.note('compensator', (
                 HOLD if status_values(status).get('reason') == HOLD else ''))
         self._knows_goal = True
 
-    def _read_event(self, event: ParameterEvent) -> None:
+    def _read_event(self, _: float, event: ParameterEvent) -> None:
         if (name := self._own(event.node)) in interfaces.RECORDED:
             self._readers[name].update(event)
             if event.changed_parameters:  # again before the next look, perhaps
@@ -186,7 +175,7 @@ class RecorderNode(Node):
         if self._black_box.is_writing:
             response.message = 'the file before is still being written: ask again'
             return response
-        self._take()
+        self._queues.take()
         return Deferred(self._black_box.save('recorder/save was called'), answer)
 
     def _components(self) -> list[DiagnosticStatus]:
@@ -199,11 +188,10 @@ class RecorderNode(Node):
 
     def close(self) -> None:
         """End when what is being written is written."""
-        self._take()
+        self._queues.take()
         self._black_box.close()
         self._changes.close()
-        while self._queues:
-            self._queues.pop()[0].close()
+        self._queues.close()
         if self._listener is not None:
             self._listener.close()
 
@@ -211,12 +199,6 @@ class RecorderNode(Node):
 def recorded_topics() -> list[Topic]:
     """Return the topics that are recorded on this computer."""
     return [one for one in interfaces.TOPICS if one.recorded and is_installed(one)]
-
-
-def recorded_quality(topic: Topic) -> Quality:
-    """Return how a topic is subscribed to: a stream holds nobody up."""
-    latched = topic.quality.latched
-    return Quality(DEPTH, latched or topic.recorded == interfaces.EVERY, latched)
 
 
 def playback(quality: Quality) -> str:

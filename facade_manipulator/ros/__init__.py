@@ -54,11 +54,13 @@ from .lifecycle import Deferred as Deferred
 from .lifecycle import DeferredReplies as DeferredReplies
 from .lifecycle import ManagedNode as ManagedNode
 from .lifecycle import offer_trigger as offer_trigger
+from .message_queues import Arrived as Arrived
+from .message_queues import MessageQueue as MessageQueue
+from .message_queues import MessageQueues as MessageQueues
 from .parameters import declare as declare
 from .parameters import parameter_checksum as parameter_checksum
 from .rclpy_internals import ROSError as ROSError
 from .recording import message_type as message_type
-from .recording import MessageQueue as MessageQueue
 from .recording import ParameterReader as ParameterReader
 from .runtime import ros_errors as ros_errors
 from .runtime import run as run

@@ -34,13 +34,14 @@ from std_srvs.srv import SetBool, Trigger
 
 from facade_manipulator import interfaces
 from facade_manipulator.diagnostics import DiagnosticComponent, OPERATION
-from facade_manipulator.errors import ManipulatorError
+from facade_manipulator.errors import InputError, ManipulatorError
 from facade_manipulator.interfaces import Service, Topic
 from facade_manipulator.kinematics import Carriages, difference, Pose
 from facade_manipulator.messages import planar_pose, status_values
 from facade_manipulator.ros.conversions import frames, node_time, pose_stamped
 from facade_manipulator.ros.diagnostics import REJECTED_STAMP, stamp_text
-from facade_manipulator.ros.interfaces import client, publisher, subscription
+from facade_manipulator.ros.interfaces import client, publisher
+from facade_manipulator.ros.message_queues import MessageQueues
 
 ANSWER_TIMEOUT = 5.0  # s
 CONFIGURE_TIMEOUT = 30.0  # s
@@ -54,6 +55,7 @@ KEPT = interfaces.REJECTIONS.quality.depth  # statuses, in which one looks for t
 SPIN_STEP = 0.02  # s, after which a waiting call looks at its condition again
 # of what /diagnostics brings, whoever publishes: namespaces, components of each, characters of one
 GONDOLAS, COMPONENTS, LONGEST = 32, 64, 20_000
+DIAGNOSTICS = GONDOLAS * len(interfaces.NODES)  # messages a second of as many gondolas
 
 Value = TypeVar('Value')
 
@@ -109,18 +111,26 @@ class ManipulatorClient:
         self._rejections: deque[DiagnosticStatus] = deque(maxlen=KEPT)
         self._progress: deque[DiagnosticStatus] = deque(maxlen=KEPT)
         self._publishers: dict[Topic, Publisher] = {}  # an observer has no right to move anything
-        subscription(self.node, interfaces.DIAGNOSTICS, self._receive_diagnostics)
-        subscription(self.node, interfaces.IK_STATUS, self._receive_goal_status)
-        subscription(  # rclpy takes no method of a deque
-            self.node, interfaces.REJECTIONS, lambda one: self._rejections.append(one))
-        subscription(
-            self.node, interfaces.GOAL_STATUS, lambda one: self._progress.append(one), depth=KEPT)
-        subscription(self.node, interfaces.END_EFFECTOR_POSE, self._receive_head)
+        self._queues = MessageQueues(self.node)
+        self.subscribe(interfaces.DIAGNOSTICS, self._receive_diagnostics, DIAGNOSTICS)
+        self.subscribe(interfaces.IK_STATUS, self._receive_goal_status, 1)
+        self.subscribe(interfaces.REJECTIONS, lambda _, one: self._rejections.append(one), KEPT)
+        self.subscribe(interfaces.GOAL_STATUS, lambda _, one: self._progress.append(one), KEPT)
+        self.subscribe(interfaces.END_EFFECTOR_POSE, self._receive_head, 1)
         self._clients: dict[Service, Any] = {}
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
 
-    def _receive_goal_status(self, status: DiagnosticStatus) -> None:
+    def subscribe(self, topic: Topic, receive: Callable[[float, Any], None], depth: int) -> None:
+        """
+        Let a function receive when a message came [s, monotonic], and that, as the client waits.
+
+        Of what came since, it is called for the last `depth` messages.
+        """
+        self._queues.subscribe(topic, depth, lambda queue, messages: queue.read(
+            messages, receive, suppress(InputError)))
+
+    def _receive_goal_status(self, _: float, status: DiagnosticStatus) -> None:
         self.goal_status = status
 
     def __enter__(self) -> ManipulatorClient:
@@ -132,6 +142,7 @@ class ManipulatorClient:
     def close(self) -> None:
         """Leave the ROS graph; the manipulator goes on as it is."""
         self._executor.shutdown()
+        self._queues.close()
         self.node.destroy_node()
 
     def component(self, name: str) -> Component | None:
@@ -148,11 +159,16 @@ class ManipulatorClient:
         return time.monotonic() - component.received
 
     def spin(self, duration: float) -> None:
-        """Process what arrives for a while [s]."""
-        end = time.monotonic() + duration
-        while (left := end - time.monotonic()) > 0.0:
-            self._check()
-            self._executor.spin_once(min(left, SPIN_STEP))
+        """Process what has come, and what arrives for a while [s]."""
+        end, left = time.monotonic() + duration, duration
+        while left >= 0.0:
+            self._turn(min(left, SPIN_STEP))
+            left = end - time.monotonic()
+
+    def _turn(self, longest: float = SPIN_STEP) -> None:
+        self._check()
+        self._executor.spin_once(longest)
+        self._queues.take()
 
     def wait_until(
         self, condition: Callable[[], Value | None], what: str, timeout: float = ANSWER_TIMEOUT
@@ -170,8 +186,7 @@ class ManipulatorClient:
         while not (value := condition()):
             if time.monotonic() > end:
                 raise NoAnswerError(f'{what}: not within {timeout:g} s')
-            self._check()
-            self._executor.spin_once(SPIN_STEP)
+            self._turn()
         return value
 
     def configure(self) -> None:
@@ -286,8 +301,7 @@ class ManipulatorClient:
                     raise RequestRejectedError(status.message)
                 if values.get('state') == REACHED:
                     return
-            self._check()
-            self._executor.spin_once(SPIN_STEP)
+            self._turn()
         raise NoAnswerError(f'the goal was not reached within {timeout:g} s: '
                             f'{last.message if last else "no compensator/goal_status"}')
 
@@ -409,17 +423,16 @@ class ManipulatorClient:
         except NoAnswerError:
             return 'rejected; the reason stands in the log of the driver'
 
-    def _receive_diagnostics(self, message: DiagnosticArray, info: dict[str, int]) -> None:
-        waited = max(0.0, time.time() - 1e-9 * info['received_timestamp'])  # until it was taken
+    def _receive_diagnostics(self, came: float, message: DiagnosticArray) -> None:
         for status in message.status:
             if _length(status) > LONGEST:
                 continue  # none of ours: who needs it hears that its component is silent
             namespace, _, name = status.name.rpartition('/')
             gondola = self.gondolas.get(namespace, {})
-            _keep(gondola, name, Component(time.monotonic() - waited, status), COMPONENTS)
+            _keep(gondola, name, Component(came, status), COMPONENTS)
             _keep(self.gondolas, namespace, gondola, GONDOLAS)
 
-    def _receive_head(self, message: PoseStamped) -> None:
+    def _receive_head(self, _: float, message: PoseStamped) -> None:
         try:
             self.head_in_rail = planar_pose(message.pose, 'end_effector_pose')
         except ManipulatorError:

@@ -57,14 +57,11 @@ def publisher(
 
 
 def subscription(
-    node: Node, topic: Topic, callback: Callable[[Any], None] | Callable[[Any, Any], None],
-    raw: bool = False, name: str = '', depth: int = 0,
+    node: Node, topic: Topic, callback: Callable[[Any], None], raw: bool = False, name: str = '',
 ) -> Subscription:
-    """Subscribe to a topic, or to one of its kind with another name, or to more of its last."""
-    quality = topic.quality._replace(depth=depth or topic.quality.depth)
+    """Subscribe to a topic, or to one of its kind with another name."""
     return node.create_subscription(
-        class_of(topic), name or topic.name, callback,  # type: ignore[arg-type]  # or with info
-        profile(quality), raw=raw)
+        class_of(topic), name or topic.name, callback, profile(topic.quality), raw=raw)
 
 
 def service(node: Node, offered: Service, callback: Callable[[Any, Any], Any]) -> Offer:

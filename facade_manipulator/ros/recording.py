@@ -1,4 +1,4 @@
-"""What a recorder needs of ROS: messages as bytes, definitions, parameters of another node."""
+"""What a recorder needs of ROS: definitions of messages, parameters of another node."""
 
 from __future__ import annotations
 
@@ -13,54 +13,15 @@ from rcl_interfaces.srv import GetParameters, ListParameters
 from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
-from rclpy.type_support import check_for_type_support
 
 from facade_manipulator import interfaces
 from facade_manipulator.errors import InputError
-from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.resources import installed_shares
 from facade_manipulator.ros.diagnostics import Rejections
-from facade_manipulator.ros.interfaces import class_of, client, profile
-from facade_manipulator.ros.rclpy_internals import subscription_without_executor
+from facade_manipulator.ros.interfaces import client
 
 _TYPE = re.compile(r'(\w+)/(\w+)')
 _RULE = '=' * 80
-
-
-class MessageQueue:
-    """
-    Receive the messages of a topic as bytes; `take` them before its depth is reached.
-
-    An executor calls Python for each message: for five topics at 100 Hz that are only kept, 3 % of
-    a processor. A queue is a subscription that no executor knows, which takes a quarter of it.
-
-    Parameters
-    ----------
-    node : rclpy.node.Node
-    topic : Topic
-    quality : Quality
-        Its depth bounds what waits.
-
-    """
-
-    def __init__(self, node: Node, topic: Topic, quality: Quality) -> None:
-        self.kind, self.topic = class_of(topic), node.resolve_topic_name(topic.name)
-        check_for_type_support(self.kind)
-        self._subscription = subscription_without_executor(
-            node, self.kind, topic.name, profile(quality))
-
-    def take(self) -> list[tuple[float, bytes]]:
-        """Return what has come since: when it was received [s, system's clock] and its bytes."""
-        taken = []
-        with self._subscription:
-            while (message := self._subscription.take_message(self.kind, True)) is not None:
-                data, info = message
-                taken.append((1e-9 * info['received_timestamp'], data))
-        return taken
-
-    def close(self) -> None:
-        """Subscribe no longer."""
-        self._subscription.destroy_when_not_in_use()
 
 
 class ParameterReader:

@@ -14,7 +14,6 @@ import struct
 import subprocess
 from tempfile import TemporaryDirectory
 import time
-from types import SimpleNamespace
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -23,7 +22,6 @@ from mcap_ros2.decoder import DecoderFactory
 import pytest
 
 from facade_manipulator.blackbox import (
-    Arrivals,
     CAN_TOPIC,
     frame_bytes,
     Kept,
@@ -186,16 +184,6 @@ def test_a_batch_of_frames_is_their_messages_at_their_times():
         frame_bytes(stamp, cob_id, data, **flag) for stamp, cob_id, data, flag in frames]
     assert [one.time for one in messages_of(Kept(50.27, 'can_frames', batch))] == pytest.approx(
         [50.25, 50.26, 50.265, 50.27])
-
-
-@pytest.mark.parametrize('step', [0.0, 3600.0, -3600.0])
-def test_a_clock_that_is_set_puts_nothing_into_another_time(monkeypatch, step):
-    clock = SimpleNamespace(monotonic=lambda: 20.0, time=lambda: 1020.0)
-    monkeypatch.setattr('facade_manipulator.blackbox.arrivals.time', clock)
-    arrivals = Arrivals()
-    clock.monotonic, clock.time = lambda: 20.1, lambda: 1020.1 + step
-    arrivals.begin()
-    assert arrivals.time(1020.04) == pytest.approx({0.0: 20.04, 3600.0: 20.0, -3600.0: 20.1}[step])
 
 
 @pytest.mark.parametrize('compact', [True, False])

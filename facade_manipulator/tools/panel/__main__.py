@@ -14,7 +14,6 @@ from typing import Any
 
 from aiohttp import web
 import rclpy
-from rclpy.exceptions import InvalidTopicNameException
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
@@ -27,12 +26,11 @@ from facade_manipulator.nodes.monitor import Observer
 from facade_manipulator.nodes.overview import Seen
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.resources import config_path
-from facade_manipulator.ros import ManipulatorClient, USAGE_ERROR
+from facade_manipulator.ros import ManipulatorClient, ROSError, USAGE_ERROR
 from facade_manipulator.tools.doctor import computer, folders, rivals
 from facade_manipulator.tools.panel.server import Access, Server
 from facade_manipulator.tools.panel.view import gondolas, PERIOD, recordings, View
 
-TAKING = 0.02  # s of a period in which what came is taken
 LISTING, EXAMINING = 5.0, 60.0  # s between looks at the black box's folder, at the computer
 
 
@@ -59,16 +57,18 @@ class Panel:
         try:
             await web.TCPSite(runner, self._options.host, self._options.port).start()
             print(f'panel: http://{self._options.host}:{self._options.port}/', flush=True)
+            due = time.monotonic()
             while True:
                 self._look()
-                await asyncio.sleep(PERIOD - TAKING)
+                due = max(due + PERIOD, now := time.monotonic())
+                await asyncio.sleep(due - now)
         finally:
             examining.cancel()
             await runner.cleanup()
 
     def _look(self) -> None:
         """Take what came and show it."""
-        self._client.spin(TAKING)
+        self._client.spin(0.0)
         self._names, more = gondolas(self._client.gondolas, self._options.namespace, self._names)
         self._views = {name: self._views.get(name) or self._view(name)
                        for name in self._names or ['']}
@@ -79,7 +79,7 @@ class Panel:
     def _view(self, name: str) -> View:
         try:
             seen = Observer(self._client, name).seen
-        except InvalidTopicNameException:  # whoever publishes its diagnostics is no node of ours
+        except ROSError:  # whoever publishes its diagnostics is no node of ours
             seen = Seen(name, self._client.gondolas)
         files, full = self._options.parameters, f'/{name}'
         return View(seen, read_settings(files, ALL_NODES, 'geometry', Geometry, full),
