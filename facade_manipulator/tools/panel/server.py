@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 import hmac
 from ipaddress import ip_address
@@ -130,15 +131,14 @@ class Server:
         response = web.StreamResponse(headers={
             **HEADERS, hdrs.CONTENT_TYPE: 'text/event-stream', 'X-Accel-Buffering': 'no'})
         await response.prepare(request)
-        text = _event('past', self._past())
-        try:
-            while True:
-                await asyncio.wait_for(response.write(text), PATIENCE)
+        text, transport = _event('past', self._past()), request.transport
+        with suppress(ConnectionError):
+            while transport is not None:
+                patience = asyncio.get_running_loop().call_later(PATIENCE, transport.abort)
+                await response.write(text)
+                patience.cancel()
                 await self._news.wait()
                 text = self._view
-        except (ConnectionError, asyncio.TimeoutError):  # in Python 3.10 no TimeoutError
-            if request.transport is not None:
-                request.transport.abort()
         return response
 
     async def _file(self, request: web.Request) -> web.StreamResponse:

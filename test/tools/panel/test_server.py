@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from panel_bench import panel_bench
 import pytest
+from support import wait_until
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.tools.panel.server import Access, MOST_VIEWERS
@@ -117,6 +118,16 @@ def test_more_browsers_than_the_bound_are_told_so_and_one_that_leaves_makes_room
     finally:
         for one in held:
             one.close()
+
+
+def test_a_browser_that_takes_nothing_is_left_and_one_that_takes_all_is_not(bench, monkeypatch):
+    monkeypatch.setattr('facade_manipulator.tools.panel.server.PATIENCE', 0.3)
+    bench.doctor = [('long', 'x' * 500_000)]  # more than the kernel keeps, within seconds
+    with socket.create_connection(('127.0.0.1', bench.port), timeout=10.0) as idle:
+        idle.sendall(b'GET /events HTTP/1.1\r\nHost: localhost\r\n\r\n')
+        wait_until(lambda: bench.server._viewers == 1, 'the browser')
+        wait_until(lambda: bench.server._viewers == 0, 'its end')
+    assert len(events(bench, 10)) == 10
 
 
 @pytest.mark.parametrize('host', ['evil.example', 'localhost.evil.example', '127.0.0.1.evil', ''])
