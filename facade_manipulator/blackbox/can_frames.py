@@ -13,9 +13,13 @@ struct can_frame and the flags of its identifier, linux/can.h.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+import ctypes
+import errno
+import os
 import socket
 import struct
 import threading
+import time
 
 from facade_manipulator.arrivals import Arrivals
 from facade_manipulator.blackbox.messages import Kept, RecordedTopic
@@ -47,6 +51,11 @@ REOPEN_AFTER = 1.0  # s
 TAKE_PERIOD = 0.02  # s, in which 1 Mbit/s brings at most 430 frames, all of them empty
 BUFFER = 1 << 20  # byte; the kernel grants less, for some 550 frames
 SO_TIMESTAMPNS, CAN_RAW_ERR_FILTER = 35, 2  # not in every build of Python's socket
+MOST_AT_ONCE = 600  # frames: more than the kernel keeps
+_SPACE = socket.CMSG_SPACE(_STAMP_SIZE)  # of what comes beside a frame; it ends with the stamp
+_SLOT = struct.Struct(f'@{_SPACE - _STAMP_SIZE}x{_RECORD.size}sPN')  # then struct iovec
+_HEADER = struct.Struct('@PI0PPNPNi0PI0P')  # struct mmsghdr
+_libc = ctypes.CDLL(None, use_errno=True)
 
 
 def stamp_of(record: bytes) -> float:
@@ -116,19 +125,39 @@ class CanListener:
 
     def _listen(self, opened: socket.socket) -> None:
         """Take the frames many at once: to be woken for each would cost more than to keep it."""
-        arrivals = Arrivals()
-        while not self._ends.wait(TAKE_PERIOD):
+        arrivals, received = Arrivals(), FrameBuffer(opened)
+        while not self._ends.is_set():
+            time.sleep(TAKE_PERIOD)
             arrivals.begin()
-            if batch := list(_records(opened)):
-                self._add(arrivals.time(stamp_of(batch[-1])), b''.join(batch))
+            if batch := received.take():
+                self._add(arrivals.time(stamp_of(batch[-_RECORD.size:])), batch)
 
 
-def _records(opened: socket.socket) -> Iterator[bytes]:
-    """Yield what has come: the kernel's stamp and the frame, as the kernel writes them."""
-    room = socket.CMSG_SPACE(_STAMP_SIZE)
-    while True:
-        try:
-            frame, ((_, _, stamp),), _, _ = opened.recvmsg(_RECORD.size - _STAMP_SIZE, room)
-        except BlockingIOError:
-            return
-        yield stamp + frame
+class FrameBuffer:
+    """
+    Room for what the kernel gives of many frames in one call.
+
+    With a call for each, 1400 frames a second took 0.4 % more of a processor.
+    """
+
+    def __init__(self, opened: socket.socket) -> None:
+        self._opened = opened
+        self._slots = ctypes.create_string_buffer(MOST_AT_ONCE * _SLOT.size)
+        begin, self._fresh = ctypes.addressof(self._slots), b''
+        for place in range(0, len(self._slots), _SLOT.size):
+            slot = begin + place
+            _SLOT.pack_into(self._slots, place, b'', slot + _SPACE, _RECORD.size - _STAMP_SIZE)
+            self._fresh += _HEADER.pack(
+                0, 0, slot + _SPACE - _STAMP_SIZE + _RECORD.size, 1, slot, _SPACE, 0, 0)
+        self._headers = ctypes.create_string_buffer(self._fresh)
+
+    def take(self) -> bytes:
+        """Return the frames that have come, each as it is kept; raises an OSError."""
+        count = _libc.recvmmsg(
+            self._opened.fileno(), self._headers, MOST_AT_ONCE, socket.MSG_DONTWAIT, None)
+        if count < 0 and (number := ctypes.get_errno()) != errno.EAGAIN:
+            raise OSError(number, os.strerror(number))
+        count = max(0, count)
+        ctypes.memmove(self._headers, self._fresh, count * _HEADER.size)  # the kernel wrote there
+        came = memoryview(self._slots)[:count * _SLOT.size]
+        return b''.join(record for record, *_ in _SLOT.iter_unpack(came))

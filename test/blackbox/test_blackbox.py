@@ -10,6 +10,7 @@ from multiprocessing import Process
 import os
 from pathlib import Path
 import shutil
+from socket import AF_INET, SOCK_DGRAM, socket, SOL_SOCKET
 import struct
 import subprocess
 from tempfile import TemporaryDirectory
@@ -33,6 +34,7 @@ from facade_manipulator.blackbox import (
     write_mcap,
     write_recording,
 )
+from facade_manipulator.blackbox.can_frames import FrameBuffer, SO_TIMESTAMPNS, stamp_of
 from facade_manipulator.blackbox.recording import metadata_of
 from facade_manipulator.blackbox.shelf import RESERVE
 from facade_manipulator.blackbox.stream import OVERHEAD
@@ -184,6 +186,27 @@ def test_a_batch_of_frames_is_their_messages_at_their_times():
         frame_bytes(stamp, cob_id, data, **flag) for stamp, cob_id, data, flag in frames]
     assert [one.time for one in messages_of(Kept(50.27, 'can_frames', batch))] == pytest.approx(
         [50.25, 50.26, 50.265, 50.27])
+
+
+def test_frames_are_taken_many_at_once_each_with_its_stamp(monkeypatch):
+    """From a socket of another kind, which the kernel stamps as well."""
+    monkeypatch.setattr('facade_manipulator.blackbox.can_frames.MOST_AT_ONCE', 64)
+    sent = [struct.pack('=IB3xq', 0x181, 8, number) for number in range(100)]
+    with socket(AF_INET, SOCK_DGRAM) as here, socket(AF_INET, SOCK_DGRAM) as there:
+        here.setsockopt(SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        here.bind(('127.0.0.1', 0))
+        frames, before = FrameBuffer(here), time.time()
+        assert frames.take() == b''
+        for one in sent:
+            there.sendto(one, here.getsockname())
+        batches = [frames.take() for _ in range(3)]
+    assert [len(one) // 32 for one in batches] == [64, 36, 0]
+    kept = [one[place:place + 32] for one in batches for place in range(0, len(one), 32)]
+    assert [one[16:] for one in kept] == sent
+    stamps = [stamp_of(one) for one in kept]
+    assert before - 0.05 <= stamps[0] and stamps == sorted(stamps) and stamps[-1] <= time.time()
+    with pytest.raises(OSError, match='Bad file descriptor'):
+        frames.take()
 
 
 @pytest.mark.parametrize('compact', [True, False])
