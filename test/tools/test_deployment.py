@@ -38,7 +38,7 @@ def test_what_is_installed_is_accepted_by_systemd_and_found_again(tmp_path, caps
 
 
 @needs_systemd
-@pytest.mark.parametrize('node', NODES)
+@pytest.mark.parametrize('node', [*NODES, 'estimator'])
 def test_a_service_is_exposed_no_more_than_ok(tmp_path, node):
     install(tmp_path)
     subprocess.run(['systemd-analyze', 'security', '--offline=true', f'--root={tmp_path}',
