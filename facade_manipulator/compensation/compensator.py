@@ -7,6 +7,7 @@ motion, then saturated at the workspace limit, so that nothing can lead it out a
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 import math
@@ -22,6 +23,7 @@ from facade_manipulator.compensation.correction import (
     LONGEST_PAUSE,
 )
 from facade_manipulator.compensation.following import Following, LEAST_ERROR
+from facade_manipulator.compensation.force_watch import OLDEST_WRENCH
 from facade_manipulator.compensation.impedance import ImpedanceSettings, YawImpedanceSettings
 from facade_manipulator.compensation.limits import (
     Tracker,
@@ -52,8 +54,14 @@ from facade_manipulator.kinematics import (
 )
 from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettings
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction import EstimateGate, EstimateSettings, PredictionSettings
+from facade_manipulator.prediction import (
+    Estimate,
+    EstimateGate,
+    EstimateSettings,
+    PredictionSettings,
+)
 
+LATEST_WRENCH = 0.04  # s, that an estimate waits for what the head felt at its stamp
 LIMIT_CHANGE_TIME = 0.2  # s, time constant of the change to a new workspace limit
 LONGEST_INTERVAL = 0.1  # s, a pause counts as no longer
 
@@ -134,6 +142,7 @@ class Compensator:
             settings.lateral, settings.impedance, settings.yaw_impedance)
         self.following = Following()
         self._wall = WallSense()
+        self._estimates: deque[Estimate] = deque()  # that wait for what the head felt then
         self.goal: Pose | None = None
         self.initialisations = 0
         self._suspension = settings.suspension
@@ -269,13 +278,23 @@ class Compensator:
             If it cannot be true.
 
         """
-        estimate = self.gate.check(now, stamp, pose, variances, tilt)
+        self._estimates.append(self.gate.check(now, stamp, pose, variances, tilt))
+        while self._estimates and self._is_added(now, self._estimates[0]):
+            self._estimates.popleft()
+
+    def _is_added(self, now: float, estimate: Estimate) -> bool:
+        """Add an estimate, with what the wall says of its stamp once that has come."""
         if not self.contact.is_idle:
-            stamp, (_, _, yaw) = estimate.stamp, self.correction.predicted(estimate)
+            pressing, stamp = self.contact.pressing, estimate.stamp
+            head, pressed = self.following.head_at(stamp), pressing.deflection(stamp)
+            patience = LATEST_WRENCH if all(estimate.known) else OLDEST_WRENCH
+            if pressing.is_holding and None in (head, pressed) and abs(now - stamp) < patience:
+                return False
             estimate = self._wall.fused(
-                estimate, yaw, self.following.head_at(stamp),
-                self.contact.pressing.deflection(stamp))
+                estimate, self.correction.predicted(estimate).theta, head, pressed,
+                pressing.is_holding)
         self.correction.add_estimate(estimate)
+        return True
 
     @property
     def obstacle(self) -> str:

@@ -151,6 +151,11 @@ class Pressing:
         return not self.press.enabled or (
             self.mode is PressMode.HOLDING and abs(self.watch.low - self.desired) <= self.bound)
 
+    @property
+    def is_holding(self) -> bool:
+        """Whether the head presses, so that the wall says where the gondola is."""
+        return self.mode is PressMode.HOLDING
+
     def add_measurement(
         self, stamp: float, force: float, moment: float, is_repeated: bool
     ) -> None:
@@ -186,7 +191,7 @@ class Pressing:
     def deflection(self, stamp: float) -> Deflection | None:
         """Return how the wall was pressed in at a stamp [s]; None where that is not known."""
         before, after = self._felt.around(stamp)
-        if self.mode is not PressMode.HOLDING or before is None or after is None:
+        if not self.is_holding or before is None or after is None:
             return None
         (begin, first), (end, second) = before, after
         share = (stamp - begin) / (end - begin)

@@ -7,6 +7,7 @@ the estimator, but for where the wall is, which is learnt from the estimates.
 
 With z = d + n by the estimator, z' = d − y_w + n' by the wall and y_w known as m ± √P, all that is
 known of d is z + (m + z' − z) R / (R + P + R'), and y_w is m + (z − z' − m) P / (R + P + R').
+Where the estimator has lost y or θ the wall alone tells, for as long as the head presses.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import math
 from typing import NamedTuple
 
 from facade_manipulator.kinematics import Pose
-from facade_manipulator.prediction import Estimate
+from facade_manipulator.prediction import Estimate, Variances
 
 LEARNING_TIME = 5.0  # s, in which the place of the wall is learnt: slower than any sway
 SURPRISE_TIME = 1.0  # s, over which both are compared
@@ -45,32 +46,36 @@ class WallPlace:
         self._variance, self._stamp = math.inf, -math.inf
 
     def fused(
-        self, stamp: float, estimate: float, variance: float, seen: float, noise: float
-    ) -> tuple[float, float]:
+        self, stamp: float, estimate: tuple[float, float, bool], seen: float, noise: float
+    ) -> tuple[float, float, bool]:
         """
-        Return where the gondola is at a stamp [s] and the variance of that, by both.
+        Return where the gondola is at a stamp [s], the variance of that, whether it is known.
 
         Parameters
         ----------
-        estimate, variance : float
-            By the estimator [m or rad and its square].
+        estimate : tuple
+            The same by the estimator [m or rad and its square]; the wall alone will do.
         seen, noise : float
             By the wall if that were at 0, and its standard deviation.
 
         """
+        value, variance, known = estimate
+        if not known:
+            alone = self._variance + noise ** 2
+            return (self._place + seen, alone, True) if alone < math.inf else estimate
         interval = max(stamp - self._stamp, 0.0)
         self._stamp = max(self._stamp, stamp)
-        error, both = estimate - seen - self._place, variance + noise ** 2
+        error, both = value - seen - self._place, variance + noise ** 2
         total = self._variance + both
         if not error ** 2 < CHANGED * total < math.inf:
-            self._place, self._variance = estimate - seen, both
-            return estimate, variance
+            self._place, self._variance = value - seen, both
+            return estimate
         self._surprise += min(interval / SURPRISE_TIME, 1.0) * (
             error ** 2 / total - self._surprise)
         self._odd = max(self._odd * math.exp(-interval / DISTRUST_TIME),
                         self._surprise - SURPRISING)
         both, total = both + total * self._odd, total + total * self._odd
-        fused = estimate - variance / total * error, variance * (1.0 - variance / total)
+        fused = value - variance / total * error, variance * (1.0 - variance / total), True
         self._place += self._variance / total * error
         self._variance *= both / total
         self._variance = max(self._variance, variance * min(interval / LEARNING_TIME, 1.0))
@@ -84,7 +89,8 @@ class WallSense:
         self._y, self._theta = WallPlace(), WallPlace()
 
     def fused(
-        self, estimate: Estimate, yaw: float, head: Pose | None, pressed: Deflection | None
+        self, estimate: Estimate, yaw: float, head: Pose | None, pressed: Deflection | None,
+        is_holding: bool = True,
     ) -> Estimate:
         """
         Return the estimate with what the wall says of y and θ.
@@ -98,17 +104,21 @@ class WallSense:
             In frame rail at the stamp of the estimate; None where that is not known.
         pressed : Deflection or None
             Then; None where nobody knows it, or nothing touches.
+        is_holding : bool
+            Whether the head presses; else the wall is forgotten.
 
         """
         stamp, pose, variances, known = estimate
-        if head is None or pressed is None or not all(known):
+        if not is_holding:
             self._y.forget()
             self._theta.forget()
+        if head is None or pressed is None:
             return estimate
         reach = math.sin(yaw) * head.x + math.cos(yaw) * head.y
-        y, y_variance = self._y.fused(
-            stamp, pose.y, variances.y, pressed.y - reach, pressed.y_noise)
-        theta, theta_variance = self._theta.fused(
-            stamp, pose.theta, variances.theta, pressed.theta - head.theta, pressed.theta_noise)
-        return Estimate(stamp, pose._replace(y=y, theta=theta),
-                        variances._replace(y=y_variance, theta=theta_variance), known)
+        _, y, theta = zip(pose, variances, known, strict=True)
+        theta = self._theta.fused(
+            stamp, theta, pressed.theta - head.theta, pressed.theta_noise)
+        if theta[2]:  # else nobody knows how far the head reaches
+            y = self._y.fused(stamp, y, pressed.y - reach, pressed.y_noise)
+        return Estimate(stamp, Pose(pose.x, y[0], theta[0]), Variances(
+            variances.x, y[1], theta[1]), (known[0], y[2], theta[2]))

@@ -20,6 +20,7 @@ YAW = 0.02
 
 def sensed(
     duration, swing=1.0, wall=lambda time: (0.19, 0.01), late=0, pressed=lambda time: True, seed=1,
+    known=lambda time: True,
 ):
     """Return what is left of the errors in y and θ of a rail that sways, and the deviations."""
     random, sense, past, found = np.random.default_rng(seed), WallSense(), [], []
@@ -35,10 +36,12 @@ def sensed(
         past.append(Deflection(*deflection, *SEEN))
         estimate = Estimate(time, Pose(*(
             value + noise * random.standard_normal() for value, noise in zip(
-                rail, (0.0, *NOISE), strict=True))), Variances(1e-6, *np.square(NOISE).tolist()))
+                rail, (0.0, *NOISE), strict=True))), Variances(1e-6, *np.square(NOISE).tolist()),
+            (True, known(time), True))
         fused = sense.fused(
             estimate, YAW, head, past[max(k - late, 0)] if pressed(time) else None)
         assert fused.pose.x == estimate.pose.x and fused.variances.x == estimate.variances.x
+        assert fused.known[1] == (known(time) or pressed(time) and time > 1.0)
         found.append([
             (fused.pose.y - rail.y, fused.pose.theta - rail.theta), np.sqrt(fused.variances[1:]),
             (estimate.pose.y - rail.y, estimate.pose.theta - rail.theta)])
@@ -60,6 +63,14 @@ def test_without_contact_the_estimate_stays_as_it_is_and_the_wall_is_learnt_agai
     np.testing.assert_array_equal(errors[500:750], given_errors[500:750])
     assert deviations[500:750] == pytest.approx(np.broadcast_to(NOISE, (250, 2)))
     assert (np.sqrt((errors[900:] ** 2).mean(axis=0)) < 0.5 * np.array(NOISE)).all()
+
+
+def test_what_the_estimator_does_not_know_the_wall_tells_while_the_head_presses():
+    errors, deviations, _ = sensed(
+        20.0, known=lambda time: time < 10.0, pressed=lambda time: time < 15.0)
+    lost = slice(500, 750)
+    assert np.sqrt((errors[lost, 0] ** 2).mean()) < 0.5 * NOISE[0]
+    assert (abs(errors[lost, 0]) < 3.0 * deviations[lost, 0]).mean() > 0.8
 
 
 def test_a_frame_is_found_and_the_estimator_believed_until_the_wall_is_known_again():

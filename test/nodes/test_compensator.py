@@ -58,11 +58,13 @@ class Neighbours:
     def now(self):
         return self.node.get_clock().now().nanoseconds * 1e-9
 
-    def estimate(self, pose=None, frame='facade', age=0.0):
+    def estimate(self, pose=None, frame='facade', age=0.0, covariance={}):  # noqa: B006  # read
         message = PoseWithCovarianceStamped()
         message.header.frame_id = frame
         message.header.stamp = stamp(self.now() - age)
         message.pose.pose = pose_message(pose or self.disturbance)
+        for index, variance in covariance.items():
+            message.pose.covariance[index] = variance
         self.estimates.publish(message)
 
     def start_estimator(self):
@@ -346,6 +348,34 @@ def test_the_goal_gives_way_until_the_wall_is_pressed_as_desired(ros):
     force, bound = (float(status_values(progress[-1])[key]) for key in (
         'force on the wall [N]', 'bound of its error [N]'))
     assert abs(force - 10.0) < bound
+
+
+def test_y_that_the_estimator_has_lost_is_known_by_the_wall_for_as_long_as_the_head_presses(ros):
+    neighbours = Neighbours(ros, **{
+        'impedance.enabled': True, 'impedance.force': 10.0, 'impedance.retreat': 0.015,
+        'impedance.ramp_time': 1.0})
+    node, now, is_off = neighbours.node, neighbours.now, []
+    sensor = node.create_publisher(WrenchStamped, 'contact_wrench', qos_profile_sensor_data)
+    progress = ros.collect(node, DiagnosticStatus, GOAL_STATUS, LATCHED)
+    correction = neighbours.compensator._compensator.correction
+    held = [math.inf]  # since when the force is held: a busy computer may end that
+
+    def live():
+        is_held = progress and status_values(
+            progress[-1]).get('pressing') == 'holding the force'
+        held[0] = min(held[0], now()) if is_held or is_off else math.inf
+        pose = planar_pose(neighbours.corrected[-1].pose, 'pose') if neighbours.corrected else GOAL
+        neighbours.heads.publish(pose_stamped('rail', now(), pose))
+        pressed = 0.0 if is_off else 600.0 * max(pose.y - 0.24, 0.0)
+        sensor.publish(wrench(now(), force=0.01 * math.sin(1e3 * now()) - pressed))
+        neighbours.estimate(covariance={7: 1.0} if now() > held[0] + 1.0 else {})
+
+    node.create_timer(0.02, live)
+    neighbours.send_goal()
+    ros.until(lambda: now() > held[0] + 3.0, 'two seconds without y at the wall')
+    assert all(correction.known)
+    is_off.append(True)
+    ros.until(lambda: correction.known == (True, False, True), 'y to be lost off the wall')
 
 
 def test_the_slip_on_the_wall_is_brought_back(ros):

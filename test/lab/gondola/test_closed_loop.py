@@ -16,7 +16,7 @@ from facade_manipulator.lab.gondola.closed_loop import ClosedLoop, START
 from facade_manipulator.lab.gondola.facade import Facade
 from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
 from facade_manipulator.lab.gondola.scenario import load_scenario, Scenario
-from facade_manipulator.lab.gondola.sensors import EstimatorSettings
+from facade_manipulator.lab.gondola.sensors import EstimatorSettings, SimulatedEstimator
 
 pytestmark = pytest.mark.long
 
@@ -143,6 +143,20 @@ def test_estimates_that_lie_for_a_moment_do_not_press(size):
     _, _, held = pressed('pressing', stiffness=5e3, lies={
         'lie_period': 5.1, 'lie_offset': (size, size, size)})
     assert 25.0 < held.min() and held.max() < 36.0
+
+
+def test_a_wall_that_is_pressed_on_makes_up_for_y_that_the_estimator_has_lost(monkeypatch):
+    whole = SimulatedEstimator.advance
+
+    def advance(self, now):
+        return [one._replace(pose=one.pose._replace(y=0.5),
+                             variances=one.variances._replace(y=1.0))
+                if 24.0 <= one.stamp - START < 30.0 else one for one in whole(self, now)]
+
+    monkeypatch.setattr(SimulatedEstimator, 'advance', advance)
+    run, _, held = pressed('pressing')
+    assert run.loop.compensator.contact.pressing.mode is PressMode.HOLDING
+    assert np.sqrt(((held - 30.0) ** 2).mean()) < 0.6
 
 
 @pytest.mark.parametrize('stiffness', [5e4, 1e5])
