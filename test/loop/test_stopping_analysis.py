@@ -58,6 +58,8 @@ def test_the_worst_of_the_axes_counts_and_the_lag_of_the_drives_comes_on_top():
     assert (found.deceleration, found.window) == (4.0, 0.02)
     assert [found.silence - sound.silence, found.report - sound.report,
             found.tracking - sound.tracking] == pytest.approx([0.01, 0.01, 0.04])
+    longer = analysis(Geometry(carriage_gap=0.03, carriage_length=0.02)).separation
+    assert longer.touching < longer.tolerated < 0.03
 
 
 def test_the_loop_slows_down_where_the_real_carriages_are_near():
