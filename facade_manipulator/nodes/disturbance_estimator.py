@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 import math
-from operator import itemgetter
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -76,7 +75,7 @@ class DisturbanceEstimatorNode(Node):
         self._period = 0.9 / names.rate  # a measurement that comes a little early counts
         self._published = -math.inf
         self._motion: RailMotion | None = None
-        self._received: list[tuple[float, bytes]] = []  # of the inertial sensor, with the time
+        self._received: list[bytes] = []  # of the inertial sensor
         self._imu_came = -math.inf
         self._seen: dict[str, tuple[int, int]] = {}
         self._logged = 0.0
@@ -103,18 +102,19 @@ class DisturbanceEstimatorNode(Node):
     def _receive_imu(self, data: bytes) -> None:
         """Keep it until the next estimate, which is due with every measurement or so."""
         self._imu_came = node_time(self)
-        self._received.append((self._imu_came, data))
+        self._received.append(data)
         self._publish(self._imu_came)
 
-    def _take(self) -> None:
-        """Hand over what has come, in the order in which it came."""
-        received = [(now, self._imu, data) for now, data in self._received]
+    def _take(self) -> float:
+        """Hand over what has come; return the time then [s], which is later than all of it."""
+        received = [(self._imu, data) for data in self._received]
         self._received.clear()
-        received += [(now, source, data)
-                     for source, queue in self._queues for now, data in queue.take()]
-        for now, (taken, name, reader), data in sorted(received, key=itemgetter(0)):
+        received += [(source, data) for source, queue in self._queues for _, data in queue.take()]
+        now = node_time(self)
+        for (taken, name, reader), data in received:
             with self._rejections:
                 taken.add(self._estimator, name, now, *reader.read(data))
+        return now
 
     def _watch(self) -> None:
         """Write down what has happened; look whether the inertial sensor is silent."""
@@ -132,7 +132,7 @@ class DisturbanceEstimatorNode(Node):
     def _publish(self, now: float) -> None:
         if 0.0 <= now - self._published < self._period:
             return
-        self._take()
+        now = self._take()
         motion = self._motion = self._estimator.advance(now)
         if motion is not None:
             self._published = now

@@ -1,6 +1,7 @@
 """The disturbance estimator node, fed as drivers of sensors do."""
 
 import math
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PointStamped, PoseWithCovarianceStamped
@@ -13,6 +14,7 @@ from sensor_msgs.msg import Imu, Range
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose, seconds, status_values
 from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorNode
+from facade_manipulator.ros import MessageQueue
 from facade_manipulator.ros.conversions import pose_message, stamp
 
 YAW, PERIOD = 0.01, 0.01
@@ -102,6 +104,23 @@ def test_without_an_imu_it_goes_on_and_warns(sensors):
     sensors.timer.cancel()
     sensors.ros.until(lambda: 'constant acceleration' in (sensors.status('motion') or '  ')[1],
                       'a warning')
+
+
+def test_a_computer_that_stops_the_node_for_a_moment_while_it_takes_starts_nothing_again(
+        sensors, monkeypatch):
+    sensors.until_estimates()
+    take = MessageQueue.take
+
+    def late(queue):
+        sensors.measure()
+        time.sleep(0.05)
+        return take(queue)
+
+    monkeypatch.setattr(MessageQueue, 'take', late)
+    count = len(sensors.estimates)
+    sensors.ros.until(lambda: len(sensors.estimates) > count + 5, 'more estimates')
+    assert not [event for event in sensors.estimator._estimator.events
+                if 'starts again' in event.reason]
 
 
 @pytest.mark.parametrize(('spoil', 'reason'), [
