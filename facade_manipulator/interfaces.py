@@ -78,11 +78,11 @@ FIX_X = Topic('fix_x', 'geometry_msgs/PointStamped', SENSOR, (RAIL_SENSORS, SIMU
               (ESTIMATOR,), parameter='fixes')
 FIX_POSE = Topic('fix_pose', 'geometry_msgs/PoseWithCovarianceStamped', SENSOR, (RAIL_SENSORS,),
                  (ESTIMATOR,), parameter='poses')
-CORRECTED_POSE = Topic('corrected_pose', POSE, LATEST, (COMPENSATOR,), (IK,))
+CORRECTED_POSE = Topic('corrected_pose', POSE, LATEST, (COMPENSATOR, SUPERVISOR), (IK,))
 GOAL_STATUS = Topic('compensator/goal_status', STATUS, LATCHED, (COMPENSATOR,), (SUPERVISOR,))
 REFERENCE = Topic('compensator/reference', POSE, RELIABLE, (COMPENSATOR,))
 JOINT_SETPOINTS = Topic('joint_setpoints', JOINTS, LATEST, (IK,), (DRIVER,))
-JOINT_STATES = Topic('joint_states', JOINTS, RELIABLE, (DRIVER,), (IK, SIMULATOR))
+JOINT_STATES = Topic('joint_states', JOINTS, RELIABLE, (DRIVER,), (IK, SIMULATOR, SUPERVISOR))
 END_EFFECTOR_POSE = Topic('end_effector_pose', POSE, RELIABLE, (IK,), (COMPENSATOR, SUPERVISOR))
 SOFTWARE_STOP = Topic('software_stop', 'std_msgs/Bool', LATEST, (SUPERVISOR,), (DRIVER,),
                       parameter='software_stop_topics')
@@ -90,7 +90,7 @@ CONTACT_WRENCH = Topic('contact_wrench', 'geometry_msgs/WrenchStamped', SENSOR,
                        ('force_sensor', IK, SIMULATOR), (COMPENSATOR,))
 LATERAL_OFFSET = Topic('lateral_offset', 'geometry_msgs/PointStamped', SENSOR,
                        ('camera', SIMULATOR), (COMPENSATOR,))
-HEAD_ON_WALL = Topic('head_on_wall', POSE, SENSOR, ('instrument',))
+HEAD_ON_WALL = Topic('head_on_wall', POSE, SENSOR, ('instrument',), (SUPERVISOR,))
 DRIVER_STATUS = Topic('driver/status', STATUS, LATCHED, (DRIVER,), (COMPENSATOR, IK, SUPERVISOR))
 LAST_CYCLES = Topic('driver/last_cycles', 'std_msgs/String', LATCHED, (DRIVER,), (), EVERY)
 IK_STATUS = Topic('ik_service/status', STATUS, LATCHED, (IK,), (SUPERVISOR,))

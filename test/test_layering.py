@@ -42,8 +42,8 @@ MACHINE = {
 }
 ALL_OF_IT = set(MACHINE) | {'ros', 'nodes'}
 TOOLS = {
-    'tools.calibration': SETTINGS | {'blackbox', 'kinematics', 'maintenance', 'messages',
-                                      'prediction'},
+    'tools.calibration': SETTINGS | {'blackbox', 'interfaces', 'kinematics', 'maintenance',
+                                      'messages', 'prediction', 'ros', 'tools.commissioning'},
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance',
                                              'tools.emergency_stop'},
     'tools.policies': SETTINGS | {'interfaces'},
@@ -66,6 +66,7 @@ LAB = {
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms
 ROS_ROOMS = {'ros', 'nodes', 'lab.demo', 'tools.doctor', 'tools.panel'}
+ROS_MODULES = {'tools/calibration/measure.py'}  # of rooms without: loaded by who asks for it
 PURE_ROOMS = {'errors', 'parameters', 'interfaces', 'diagnostics', 'kinematics', 'messages',
               'estimation',
               'prediction', 'motion', 'compensation', 'lab.gondola'}
@@ -164,7 +165,8 @@ def test_every_room_says_what_comes_in_and_goes_out():
 
 def test_only_the_nodes_import_ros():
     wrong = {module: ros for module in MODULES if room_of_module(module) not in ROS_ROOMS
-             if (ros := {name[0] for name in imports_of(module) if is_ros(name[0])})}
+             and module.as_posix() not in ROS_MODULES
+             and (ros := {name[0] for name in imports_of(module) if is_ros(name[0])})}
     assert not wrong
 
 

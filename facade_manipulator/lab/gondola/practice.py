@@ -11,13 +11,12 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-import csv
 import math
 from pathlib import Path
 
 import numpy as np
 
-from facade_manipulator.errors import CalibrationError, exit_status
+from facade_manipulator.errors import exit_status
 from facade_manipulator.files import write_table
 from facade_manipulator.kinematics import Carriages, Geometry, mechanism_of, Pose
 from facade_manipulator.lab.gondola.machines import (
@@ -28,6 +27,7 @@ from facade_manipulator.lab.gondola.machines import (
 )
 from facade_manipulator.lab.gondola.motion import Sway, SwaySettings
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings
+from facade_manipulator.tools.calibration import fill, read_measured, Sought
 
 ERRORS = ('link_errors', 'platform_errors', 'carriage_offsets', 'rail_angle', 'tool', 'rail_bow',
           'slide_angle')
@@ -70,16 +70,9 @@ def practise(poses: Path, folder: Path, seed: int) -> None:
 def _measure(
     path: Path, machine: Geometry, shop: ShopSettings, random: np.random.Generator
 ) -> None:
-    with path.open(newline='', encoding='utf-8') as file:
-        rows = list(csv.DictReader(file))
-    try:
-        carriages = np.array([[*(float(row[name]) for name in Carriages._fields),
-                               float(row.get('direction', 0.0))] for row in rows])
-    except (KeyError, ValueError) as error:
-        raise CalibrationError(f'{path} is no plan of calibrate geometry: {error}') from error
-    for row, head in zip(rows, measure_heads(machine, carriages, shop, random), strict=True):
-        row.update(zip(HEAD, head.round(6).tolist(), strict=True))
-    write_table(path, rows[0].keys(), (row.values() for row in rows))
+    carriages = read_measured(path, Sought(machine)).carriages
+    for row, head in enumerate(measure_heads(machine, carriages, shop, random)):
+        fill(path, row, carriages[row], HEAD, head)
 
 
 def _record(folder: Path, machine: Geometry, estimator: EstimatorSettings) -> None:

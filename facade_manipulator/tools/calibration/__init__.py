@@ -14,8 +14,11 @@ from .estimator_fit import EstimatorRecording as EstimatorRecording
 from .estimator_fit import fit_estimator as fit_estimator
 from .geometry_fit import identify as identify
 from .geometry_fit import Measurements as Measurements
+from .plan_file import fill as fill
+from .plan_file import read_measured as read_measured
 from .recorded import read_estimator_recording as read_estimator_recording
 from .tables import read_table as read_table
+from .target import Sought as Sought
 from .unknowns import head_at as head_at
 from .unknowns import heads as heads
 from .unknowns import UNKNOWNS as UNKNOWNS

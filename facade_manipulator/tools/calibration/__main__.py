@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-import csv
 from pathlib import Path
 import sys
 from typing import Any
@@ -12,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from facade_manipulator.errors import CalibrationError, exit_status, file_errors
-from facade_manipulator.files import write_table
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.maintenance import journal_of
 from facade_manipulator.messages import CARRIAGES
@@ -37,20 +35,20 @@ from facade_manipulator.tools.calibration.geometry_fit import (
     cross_check,
     draw_accuracy,
     identify,
-    Measurements,
     MOST_OUTLIERS,
     report_geometry,
 )
+from facade_manipulator.tools.calibration.plan_file import read_measured, write_plan
 from facade_manipulator.tools.calibration.recorded import (
     HEAD_ON_WALL,
     read_estimator_recording,
     read_touches,
 )
 from facade_manipulator.tools.calibration.tables import read_table
+from facade_manipulator.tools.calibration.target import Points, Sought, Target
 from facade_manipulator.tools.calibration.unknowns import (
     AXES,
     BACKLASH,
-    heads,
     INSTRUMENT,
     screw_unknowns,
     UNKNOWNS,
@@ -65,13 +63,15 @@ from facade_manipulator.tools.calibration.wall_fit import (
     report_wall,
     touched_points,
 )
+from facade_manipulator.tools.commissioning import Operator
 
 COMMISSIONED = '.node_id', '.serial_number', '.direction', '.lead', '.profile'
 COMPENSATOR, RECORDED = 'compensator', '.mcap'
 EXAMPLES = """
 examples:
   calibrate geometry --plan poses.csv
-  calibrate geometry measured.csv --output machine.yaml --picture accuracy.png
+  calibrate measure poses.csv --frame --topic
+  calibrate geometry poses.csv --frame --output machine.yaml --picture accuracy.png
   calibrate estimator blackbox_000007_20261122T083000Z.mcap --output machine.yaml
   calibrate estimator --disturbance disturbance.csv --joints joints.csv --wall wall.csv
   calibrate wall touches.csv
@@ -86,24 +86,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def calibrate_geometry(options: argparse.Namespace) -> None:
     """Plan the poses, or find the errors of the machine from its head."""
-    geometry, unknowns = _geometry(options), unknowns_named(options.find)
-    if options.backlash:
-        unknowns += BACKLASH
-    if options.screws is not None:
-        geometry = with_screw_tables(geometry, options.screws)
-        unknowns += screw_unknowns(geometry)
-    if options.frame:
-        geometry, unknowns = with_instrument(geometry, unknowns)
-    noise = Noise(position=options.noise[0] * 1e-3, angle=np.deg2rad(options.noise[1]))
+    sought = _sought(options)
+    geometry, unknowns, target, _, _ = sought
+    noise = sought.noise
     if options.plan is not None:
-        measured = [name in options.measure for name in AXES]
-        _write_plan(options.plan, geometry, plan(
-            geometry, unknowns, options.count, noise, measured))
+        count = write_plan(options.plan, sought, plan(
+            geometry, unknowns, options.count, noise, target.axes.tolist()))
+        print(f'{options.plan} has {count} poses, the first once more at the end; calibrate '
+              f'measure {options.plan}, or fill in {", ".join(target.columns)} by hand')
         return
-    measurements = _measurements(options.measurements)
+    if options.measurements is None:
+        raise CalibrationError('name a file of measurements, - to type them, or --plan a file')
+    measurements = read_measured(options.measurements, sought)
+    geometry = sought.machine(*measurements)
     found = identify(geometry, unknowns, measurements, noise)
     check_accuracy(found, measurements, noise)
     print(*report_geometry(found, cross_check(geometry, unknowns, measurements, noise)), sep='\n')
+    if empty := np.flatnonzero(np.isnan(measurements.heads).all(axis=1)).tolist():
+        print(f'rows without a measurement: {", ".join(str(row + 1) for row in empty)}')
     _check_outliers(found.outliers, options)
     if options.picture is not None:
         with file_errors(options.picture):
@@ -111,6 +111,37 @@ def calibrate_geometry(options: argparse.Namespace) -> None:
     _write(options, (ALL_NODES, 'geometry', {
         unknown.field: getattr(found.geometry, unknown.field) for unknown in found.unknowns
         if unknown not in INSTRUMENT}))
+
+
+def measure_geometry(options: argparse.Namespace) -> None:
+    """Go to the poses of a plan and fill in what is measured there."""
+    from facade_manipulator.tools.calibration.measure import run  # needs ROS, alone here
+
+    if options.topic and options.points:
+        raise CalibrationError('a topic has the pose of the head: leave out --points, or --topic')
+    run(options.plan, _sought(options), _si(options.enough), options.namespace, options.topic,
+        Operator(options.yes))
+
+
+def _sought(options: argparse.Namespace) -> Sought:
+    target = Points([1e-3 * value for value in options.points]) if options.points else Target(
+        [name for name in AXES if name in options.measure])
+    geometry, unknowns = target.seen_on(_geometry(options)), unknowns_named(options.find)
+    if options.backlash:
+        unknowns += BACKLASH
+    if options.screws is not None:
+        geometry = with_screw_tables(geometry, options.screws)
+        unknowns += screw_unknowns(geometry)
+    if options.frame:
+        geometry, unknowns = with_instrument(geometry, unknowns)
+    return Sought(
+        geometry, unknowns, target, Noise(*_si(options.noise)[1:].tolist()), options.frame)
+
+
+def _si(mm_deg: Sequence[float]) -> np.ndarray:
+    """Return what is given in mm and degrees for x, y and θ [m, m, rad]."""
+    mm, deg = mm_deg
+    return np.array([1e-3 * mm, 1e-3 * mm, np.deg2rad(deg)])
 
 
 def calibrate_estimator(options: argparse.Namespace) -> None:
@@ -208,43 +239,6 @@ def _check_outliers(outliers: Sequence[Any], options: argparse.Namespace) -> Non
             '--drop-outliers; nothing is written')
 
 
-def _measurements(path: Path | None) -> Measurements:
-    if path is None:
-        raise CalibrationError('name a file of measurements, - to type them, or --plan a file')
-    table = read_table(path, CARRIAGES, (*AXES, 'direction'))
-    directions = np.nan_to_num(table[:, 6:])
-    wrong = np.flatnonzero(~np.isin(directions, (-1.0, 0.0, 1.0)))
-    if len(wrong):
-        raise CalibrationError(
-            f'row {wrong[0] + 1}: direction = {directions[wrong[0], 0]:g} is not one of 1, -1 '
-            'and 0')
-    return Measurements(np.hstack([table[:, :3], directions]), table[:, 3:6])
-
-
-def _write_plan(path: Path, geometry: Geometry, carriages: np.ndarray) -> None:
-    """Write where to measure, with empty cells for what is measured."""
-    directions = ['direction'] * (carriages.shape[1] - len(CARRIAGES))
-    carriages = np.vstack([carriages, carriages[:1]])  # shows whether the instrument moved
-    poses = np.hstack([carriages, heads(geometry, carriages)])
-    _require_unmeasured(path)
-    with file_errors(path):
-        write_table(
-            path, [*CARRIAGES, *directions, *(f'goal_{name}' for name in AXES), *AXES],
-            ([f'{value:.6f}' for value in pose] + [''] * len(AXES) for pose in poses))
-    print(f'{path} has {len(carriages)} poses, the first once more at the end; fill in x, y and '
-          'theta, or what you measure')
-
-
-def _require_unmeasured(path: Path) -> None:
-    if path.exists():
-        with path.open(newline='', encoding='utf-8') as file:
-            rows = list(csv.DictReader(file))
-        if any(row[name] for row in rows for name in row
-               if name and name.partition('_')[0] in AXES):
-            raise CalibrationError(
-                f'{path} has measured values: nothing is written; name another file for the plan')
-
-
 def _parser() -> argparse.ArgumentParser:
     """Return the command line's parser; what it parses has its command's function as `run`."""
     made = argparse.ArgumentParser(
@@ -254,6 +248,8 @@ def _parser() -> argparse.ArgumentParser:
     for name, run, add, text in (
             ('geometry', calibrate_geometry, _add_geometry,
              'errors of the machine from measurements of its head'),
+            ('measure', measure_geometry, _add_measure,
+             'go to the poses of a plan, and fill in what is measured there'),
             ('estimator', calibrate_estimator, _add_estimator,
              'mounting, delay and axes of the estimator from a recording'),
             ('wall', calibrate_wall, _add_wall,
@@ -279,8 +275,29 @@ def _add_geometry(command: argparse.ArgumentParser) -> None:
     command.add_argument('--plan', type=Path, metavar='CSV',
                          help='write the poses that show most, and measure there')
     command.add_argument('--count', type=int, default=24, help='poses to plan (default 24)')
+    _add_sought(command)
+    _add_outliers(command)
+    command.add_argument('--picture', type=Path, metavar='PNG',
+                         help='draw how far the head was off and how well it is known')
+
+
+def _add_measure(command: argparse.ArgumentParser) -> None:
+    command.add_argument('plan', type=Path, help='what calibrate geometry --plan has written')
+    command.add_argument('--topic', nargs='?', const=HEAD_ON_WALL, metavar='NAME',
+                         help='PoseStamped of an instrument that publishes the head (default '
+                              f'{HEAD_ON_WALL}); without it somebody types')
+    command.add_argument('--enough', nargs=2, type=float, default=(0.1, 0.02),
+                         metavar=('MM', 'DEG'),
+                         help='end when the head is known to so much all over the workspace '
+                              '(default 0.1 0.02)')
+    command.add_argument('--namespace', default='', help='of the nodes')
+    command.add_argument('--yes', action='store_true', help='ask nothing before the head moves')
+    _add_sought(command)
+
+
+def _add_sought(command: argparse.ArgumentParser) -> None:
     command.add_argument('--measure', nargs='+', choices=AXES, default=AXES,
-                         help='what will be measured at the poses to plan (default all)')
+                         help='what is measured of the head (default all)')
     command.add_argument(
         '--find', nargs='+', default=(), metavar='NAME',
         help=f'what to look for (default all): {", ".join(u.name for u in UNKNOWNS)}')
@@ -295,9 +312,9 @@ def _add_geometry(command: argparse.ArgumentParser) -> None:
     command.add_argument('--noise', nargs=2, type=float, default=(0.1, 0.02),
                          metavar=('MM', 'DEG'),
                          help='standard deviation of the measurements (default 0.1 0.02)')
-    _add_outliers(command)
-    command.add_argument('--picture', type=Path, metavar='PNG',
-                         help='draw how far the head was off and how well it is known')
+    command.add_argument('--points', nargs='+', type=float, metavar='MM',
+                         help='points on the head are measured instead of its pose: x and y of '
+                              'two or three in the frame of the head; columns x1, y1, x2, y2')
 
 
 def _add_estimator(command: argparse.ArgumentParser) -> None:

@@ -116,10 +116,11 @@ def plan(
     measured: Sequence[bool] = (True, True, True),
 ) -> np.ndarray:
     """
-    Choose carriage positions to measure at, in an order of short ways, shape (count, 3) [m].
+    Choose carriage positions to measure at, shape (count, 3) [m].
 
-    Where backlash is looked for, a fourth column has the direction to arrive in, as `heads` takes
-    it. Raises a ParameterError if none are wanted, a CalibrationError if too few are permitted.
+    Those that show most come first: who stops early knows as much as he can by then. Where
+    backlash is looked for, a fourth column has the direction to arrive in, as `heads` takes it.
+    Raises a ParameterError if none are wanted, a CalibrationError if too few are permitted.
     """
     if count < 1:
         raise ParameterError(f'{count} poses cannot be planned: at least 1')
@@ -130,18 +131,25 @@ def plan(
     if count > len(permitted):
         raise CalibrationError(f'{count} poses are wanted, {len(permitted)} are permitted')
     rows = information(geometry, unknowns, permitted, noise or Noise(), measured)
-    return _short_way(permitted[choose(rows, count)])
+    chosen = np.array(choose(rows, count))
+    return permitted[chosen[_telling(rows[chosen])]]
 
 
-def _short_way(carriages: np.ndarray) -> np.ndarray:
-    """Return the rows so that each is followed by the nearest that is left."""
-    left, way = list(carriages), []
-    here = np.mean(carriages, axis=0)
-    while left:
-        nearest = min(range(len(left)), key=lambda k: np.abs(left[k] - here).max())
-        here = left.pop(nearest)
-        way.append(here)
-    return np.array(way)
+def _telling(rows: np.ndarray) -> list[int]:
+    """Return all rows of `information`, each the one that adds most to those before."""
+    order: list[int] = []
+    while len(order) < len(rows):
+        order.append(_best(rows, order))
+    return order
+
+
+def covariance_of(rows: np.ndarray, scatter: float = 1.0) -> np.ndarray:
+    """
+    Return the covariance of unknowns, in their tolerances, by rows of `information`, shape (k, m).
+
+    Rows scatter by so many times their noise; less than once is luck.
+    """
+    return np.linalg.inv(rows.T @ rows / max(1.0, scatter) ** 2 + np.eye(rows.shape[1]))
 
 
 def spread(geometry: Geometry, unknowns: Sequence[Unknown], covariance: np.ndarray,

@@ -25,6 +25,7 @@ from facade_manipulator.tools.calibration.unknowns import (
     AXES,
     DEG,
     heads,
+    in_units,
     UNITS,
     Unknown,
     values_of,
@@ -306,7 +307,7 @@ class _Fit(NamedTuple):
         if blind:
             shown = [name for name, deviation in deviations.items()
                      if deviation <= SOUGHT[name].accepted]
-            sway, way = (_listed(curve(self.times).std(axis=0))
+            sway, way = (in_units(curve(self.times).std(axis=0))
                          for curve in (self.published, self.head))
             raise CalibrationError(
                 f'the recording cannot show {", ".join(blind)}: the gondola swayed by {sway} RMS, '
@@ -314,11 +315,6 @@ class _Fit(NamedTuple):
                 f'delay the head to move on the rail, and {", ".join(AXES)} of the head are to be '
                 'measured on the wall'
                 + (f'; or look for less with --find {" ".join(shown)}' if shown else ''))
-
-
-def _listed(values: np.ndarray) -> str:
-    return ', '.join(f'{value * factor:.2g} {unit}'
-                     for value, (unit, factor) in zip(values, UNITS, strict=True))
 
 
 def _expected(
@@ -358,7 +354,7 @@ def report_estimator(found: EstimatorFit) -> list[str]:
               for axis, value, (unit, factor) in zip(AXES, found.residual, UNITS, strict=True)
               if np.isfinite(value)]
     lines.append(f'the second measurement is stamped {1e3 * found.late:+.1f} ms late; beside the '
-                 f'estimator it wandered by {_listed(found.drift)}')
+                 f'estimator it wandered by {in_units(found.drift)}')
     if np.isfinite(found.knocked):
         lines.append(f'{found.knocked:.0f} s after the first disturbance it was knocked, or the '
                      'estimator was')

@@ -8,7 +8,6 @@ defined however little is measured, and what the measurements add is the ratio o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,12 +15,26 @@ import numpy as np
 
 from facade_manipulator.errors import CalibrationError, ParameterError
 from facade_manipulator.kinematics import Geometry
-from facade_manipulator.tools.calibration.design import candidates, information, Noise, spread
-from facade_manipulator.tools.calibration.robust_fit import FAR, rms, robust_fit, robust_scatter
+from facade_manipulator.tools.calibration.design import (
+    candidates,
+    covariance_of,
+    information,
+    Noise,
+    spread,
+)
+from facade_manipulator.tools.calibration.robust_fit import (
+    FAR,
+    OUTLIER,
+    rms,
+    robust_fit,
+    robust_scatter,
+)
 from facade_manipulator.tools.calibration.unknowns import (
     AXES,
     heads,
-    MeasuredGeometry,
+    in_rail,
+    in_units,
+    off_by,
     require_closed,
     SHAPE,
     UNITS,
@@ -31,7 +44,6 @@ from facade_manipulator.tools.calibration.unknowns import (
 )
 
 EXPLAINED = np.array([0.05, 0.05, 0.1])  # m, m, rad: errors of a machine explain no more
-OUTLIER = 4.5  # standard deviations
 MOST_OUTLIERS = 0.2
 KNOCKED = 0.25  # of the squares left: what all the rest of a knock comes to
 LEAST_ROWS = 3  # before and after a knock; fewer are outliers
@@ -74,9 +86,6 @@ def check(geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measure
 
     Raises a CalibrationError that names the row, numbered from 1, and what is wrong with it.
     """
-    empty = np.flatnonzero(np.isnan(measurements.heads).all(axis=1))
-    if len(empty):
-        raise CalibrationError(f'row {empty[0] + 1} has no measurement: neither x, y nor theta')
     if any(u.field == 'backlash' for u in unknowns) and not measurements.carriages[:, 3:].any():
         raise CalibrationError(
             'backlash is looked for, but no row says in which direction the carriages arrived: '
@@ -85,19 +94,24 @@ def check(geometry: Geometry, unknowns: Sequence[Unknown], measurements: Measure
     if numbers <= len(unknowns):
         raise CalibrationError(
             f'too few poses: {numbers} measured numbers for {len(unknowns)} unknowns')
+    require_explained(geometry, measurements)
+
+
+def require_explained(geometry: Geometry, measurements: Measurements) -> None:
+    """Raise a CalibrationError that names the first row, from 1, where the head cannot be."""
     expected = heads(geometry, measurements.carriages)
     require_closed(expected, measurements.carriages)
-    for row, axis in np.argwhere(np.abs(measurements.heads - expected) > EXPLAINED):
+    for row, axis in np.argwhere(np.abs(off_by(measurements.heads, expected)) > EXPLAINED):
         raise CalibrationError(_contradiction(
             row, axis, measurements.heads[row, axis], expected[row, axis]))
 
 
 def _contradiction(row: int, axis: int, value: float, expected: float) -> str:
-    unit = 'm' if axis < 2 else 'rad'
-    other, factor = UNITS[axis]
-    message = (f'row {row + 1}: {AXES[axis]} = {value:g} {unit}, but the head stands near '
-               f'{expected:g} {unit}')
-    for meant, is_in in ((value / factor, other), (value * factor, unit)):
+    unit, factor = UNITS[axis]
+    message = (f'row {row + 1}: {AXES[axis]} = {value * factor:g} {unit}, but the head stands '
+               f'near {expected * factor:.4g} {unit}: the bound is {EXPLAINED[axis] * factor:.3g} '
+               f'{unit} from there')
+    for meant, is_in in ((value / factor, unit), (value * factor, 'm' if axis < 2 else 'rad')):
         if abs(meant - expected) < EXPLAINED[axis]:
             message += f'; if it is in {is_in}, name the column {AXES[axis]}_{is_in}'
     return message
@@ -115,10 +129,11 @@ def identify(
     """
     check(geometry, unknowns, measurements)
     noise, used = noise or Noise(), np.isfinite(measurements.heads)
-    known = _deviations(information(geometry, unknowns, measurements.carriages, noise)[used])
+    known = np.diag(covariance_of(
+        information(geometry, unknowns, measurements.carriages, noise)[used]))
     fit = _MachineFit(geometry, [
-        one for one, deviation in zip(unknowns, known, strict=True)
-        if one.field not in SHAPE or deviation < IDENTIFIED], measurements, noise)
+        one for one, variance in zip(unknowns, known, strict=True)
+        if one.field not in SHAPE or variance < IDENTIFIED ** 2], measurements, noise)
     values = fit.solve(used)
     fit.check_knock(used, values)
     misses = fit.misses(values)
@@ -133,11 +148,6 @@ def identify(
     return fit.identification(
         used, values, [(pose, axis) for pose, axis in np.argwhere(outlying).tolist()],
         [one for one in unknowns if one not in fit.unknowns])
-
-
-def _deviations(rows: np.ndarray) -> np.ndarray:
-    """Return how well `information` with the drawing's makes unknowns known, in tolerances."""
-    return np.sqrt(np.diag(np.linalg.inv(rows.T @ rows + np.eye(rows.shape[1]))))
 
 
 class _MachineFit(NamedTuple):
@@ -170,7 +180,7 @@ class _MachineFit(NamedTuple):
         """Return measured less expected in standard deviations, shape (n, 3)."""
         machine = with_values(self.geometry, self.unknowns, values)
         carriages, measured = self.measurements
-        return (measured - heads(machine, carriages)) / self.noise.deviations
+        return off_by(measured, heads(machine, carriages)) / self.noise.deviations
 
     def check_knock(self, used: np.ndarray, values: np.ndarray) -> None:
         """Raise a CalibrationError if from one row on all the heads stand elsewhere together."""
@@ -195,11 +205,9 @@ class _MachineFit(NamedTuple):
         left, row = min(((moved(row)[0], row) for row in range(LEAST_ROWS, last + 1)),
                         default=(without, 0))
         if left < KNOCKED * without and without > 4.0 * len(misses):
-            where = ', '.join(f'{value * factor:.2g} {unit}' for value, (unit, factor) in zip(
-                moved(row)[1], UNITS, strict=True))
             raise CalibrationError(
-                f'from row {row + 1} on the head is elsewhere by {where}: was the instrument '
-                'knocked? Measure these rows, or those before, again')
+                f'from row {row + 1} on the head is elsewhere by {in_units(moved(row)[1])}: was '
+                'the instrument knocked? Measure these rows, or those before, again')
 
     def identification(
         self, used: np.ndarray, values: np.ndarray, outliers: list[tuple[int, int]],
@@ -214,8 +222,7 @@ class _MachineFit(NamedTuple):
                 f'the measurements scatter by {scatter:.3g} times the noise stated: they '
                 'contradict each other, the noise is another (--noise), or the machine has errors '
                 'that are not looked for (--find)')
-        covariance = np.linalg.inv(
-            rows.T @ rows / max(1.0, scatter) ** 2 + np.eye(len(unknowns)))
+        covariance = covariance_of(rows, scatter)
         singular = np.linalg.svd(rows, compute_uv=False)
         return Identification(
             machine, unknowns, values, covariance * np.outer(self.tolerances, self.tolerances),
@@ -255,6 +262,7 @@ def cross_check(
     noise: Noise | None = None,
 ) -> HeldOut | None:
     """Fit without every fourth pose and look at these; None where too few are left to fit."""
+    measurements = measurements.part(np.isfinite(measurements.heads).any(axis=1))
     kept = np.arange(len(measurements.carriages)) % HELD_OUT_EVERY != HELD_OUT_EVERY - 1
     held = measurements.part(~kept)
     try:
@@ -262,8 +270,14 @@ def cross_check(
     except CalibrationError:
         return None
     return HeldOut(len(held.carriages), *(
-        rms(held.heads - heads(machine, held.carriages)) for machine in (
+        rms(off_by(held.heads, heads(machine, held.carriages))) for machine in (
             geometry, found.geometry)))
+
+
+def known_to(found: Identification, measurements: Measurements) -> np.ndarray:
+    """Return to what the head is known where it is known worst, shape (3,); 0 if not measured."""
+    known = spread(found.geometry, found.unknowns, found.covariance, candidates(found.geometry))
+    return np.isfinite(measurements.heads).any(axis=0) * known.max(axis=0)
 
 
 def check_accuracy(found: Identification, measurements: Measurements, noise: Noise) -> None:
@@ -273,9 +287,7 @@ def check_accuracy(found: Identification, measurements: Measurements, noise: Noi
     Of an axis that was never measured nothing is asked. Raises a CalibrationError that names what
     the poses cannot show.
     """
-    measured = np.isfinite(measurements.heads).any(axis=0)
-    known = spread(found.geometry, found.unknowns, found.covariance, candidates(found.geometry))
-    worst = measured * (known / noise.deviations).max(axis=0)
+    worst = known_to(found, measurements) / noise.deviations
     if worst.max() > BLIND:
         axis = int(np.argmax(worst))
         unit, factor = UNITS[axis]
@@ -319,11 +331,9 @@ def draw_accuracy(path: Path, drawing: Geometry, found: Identification) -> None:
     """Draw how far the head was off, and how well it is known now, over the workspace."""
     from matplotlib.figure import Figure
 
-    permitted, machine = candidates(found.geometry), found.geometry
-    if isinstance(machine, MeasuredGeometry):
-        machine = replace(machine, instrument=(0.0, 0.0, 0.0))
-    now = heads(machine, permitted)
-    off = now - heads(drawing, permitted)
+    permitted = candidates(found.geometry)
+    now = heads(in_rail(found.geometry), permitted)
+    off = now - heads(in_rail(drawing), permitted)
     left = spread(found.geometry, found.unknowns, found.covariance, permitted)
     figure = Figure(figsize=(8.0, 5.5), layout='constrained')
     for axes, values, title in zip(

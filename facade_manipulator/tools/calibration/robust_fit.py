@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 HUBER = 2.5
+OUTLIER = 4.5  # standard deviations
 FAR = 1e6  # standard deviations, of what cannot be
 
 

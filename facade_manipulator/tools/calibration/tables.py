@@ -14,16 +14,19 @@ import numpy as np
 from facade_manipulator.errors import CalibrationError
 
 TYPED = Path('-')
+PASSED_OVER = 'goal', 'note'
 UNITS = {'': 1.0, '_m': 1.0, '_mm': 1e-3, '_rad': 1.0, '_deg': math.pi / 180.0}
 
 
 def read_table(path: Path, required: Sequence[str], optional: Sequence[str] = ()) -> np.ndarray:
     """
-    Read columns of a CSV file, ``-`` for what is typed; others are passed over.
+    Read columns of a CSV file, ``-`` for what is typed.
 
-    What begins like a column but has another unit is rejected by its name. A column is
-    named plainly, in m, rad or s, or with its unit: ``x_mm``, ``theta_deg``. Between columns is a
-    comma, or a semicolon as some spreadsheets write it, with decimal commas then.
+    A column is named plainly, in m, rad or s, or with its unit: ``x_mm``, ``theta_deg``; one that
+    begins like these but has another unit is rejected by its name. Where columns are optional, so
+    is every other one, but for goals (``goal_x``) and notes (``note_…``): it may be a misspelt
+    one. Between columns is a comma, or a semicolon as some spreadsheets write it, with decimal
+    commas then.
 
     Returns SI units, shape (n, len(required) + len(optional)), NaN where nothing is written: cells
     of optional columns may be empty. Raises a CalibrationError that names file, line and column.
@@ -55,7 +58,8 @@ def _parse(
     header = [column.strip() for column in next(filled, [])]
     columns = [_column(name, header, column, column in required)
                for column in (*required, *optional)]
-    _check_titles(name, header, (*required, *optional), dict(filter(None, columns)))
+    _check_titles(
+        name, header, (*required, *optional), dict(filter(None, columns)), bool(optional))
     rows = [[_cell(name, f'row {number} (line {reader.line_num})',
                    dict(zip(header, row, strict=False)), column, k < len(required))
              for k, column in enumerate(columns)] for number, row in enumerate(filled, 1)]
@@ -65,14 +69,15 @@ def _parse(
 
 
 def _check_titles(
-    name: str, header: list[str], wanted: Sequence[str], read: Container[str]
+    name: str, header: list[str], wanted: Sequence[str], read: Container[str], every: bool
 ) -> None:
     for title in header:
         meant = title.lower().partition('_')[0]
-        if title not in read and (title.lower() in wanted or meant in wanted):
+        if title not in read and (meant in wanted or title.lower() in wanted or (
+                every and title and meant not in PASSED_OVER)):
             raise CalibrationError(
-                f'{name}: column {title} is not understood; {meant} is named {meant}'
-                f'{", ".join(f" or {meant}{unit}" for unit in UNITS if unit)}')
+                f'{name}: column {title} is not understood; there are {", ".join(wanted)}, with '
+                f'{", ".join(filter(None, UNITS))} for their unit, and note_… for a remark')
 
 
 def _column(name: str, header: list[str], column: str, required: bool) -> tuple[str, float] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 import math
 from typing import Any, NamedTuple, TypeVar
 
@@ -11,9 +11,12 @@ import numpy as np
 
 from facade_manipulator.errors import CalibrationError, LimitError, ParameterError
 from facade_manipulator.kinematics import (
+    add,
     Carriages,
     compose,
+    difference,
     Geometry,
+    invert,
     Mechanism,
     mechanism_of,
     Pose,
@@ -98,7 +101,15 @@ class MeasuredGeometry(Geometry):
 
     instrument: tuple[float, ...] = parameter(
         'x, y and angle of the rail in the frame of the instrument', default=(0.0, 0.0, 0.0),
+        unit='m, m, rad', minimum=-1e3, maximum=1e3)
+    target: tuple[float, ...] = parameter(
+        'What is measured of the head: a pose in its frame', default=(0.0, 0.0, 0.0),
         unit='m, m, rad', minimum=-0.5, maximum=0.5)
+
+
+def in_rail(geometry: Geometry) -> Geometry:
+    """Return the machine alone: `heads` are then those of the head in frame rail."""
+    return Geometry(**{one.name: getattr(geometry, one.name) for one in fields(Geometry)})
 
 
 def screw_unknowns(geometry: Geometry) -> tuple[Unknown, ...]:
@@ -192,17 +203,45 @@ def heads(geometry: Geometry, carriages: np.ndarray) -> np.ndarray:
     """
     Return where the head stands, shape (n, 3); NaN where the links cannot be joined.
 
-    It stands in frame rail, or in that of the instrument of a MeasuredGeometry. Carriages have
-    the shape (n, 3) or (n, 4): positions [m], and the direction of `head_at`.
+    It stands in frame rail; of a MeasuredGeometry that is the target, in the instrument's frame.
+    Carriages have the shape (n, 3) or (n, 4): positions [m], and the direction of `head_at`.
     """
     mechanism, out = mechanism_of(geometry), np.full((len(carriages), 3), np.nan)
-    frame = Pose(*(geometry.instrument if isinstance(geometry, MeasuredGeometry) else (0.0,) * 3))
+    measured = geometry if isinstance(geometry, MeasuredGeometry) else MeasuredGeometry()
+    frame, target = Pose(*measured.instrument), Pose(*measured.target)
     for row, station in enumerate(carriages.tolist()):
         try:
-            out[row] = compose(frame, head_at(mechanism, *station))
+            out[row] = compose(compose(frame, head_at(mechanism, *station)), target)
         except LimitError:
             continue
     return out
+
+
+def off_by(seen: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Return heads less other heads, angles the short way, shape (n, 3)."""
+    off = seen - expected
+    off[:, 2] = (off[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+    return off
+
+
+def placed(geometry: Geometry, carriages: np.ndarray, seen: np.ndarray) -> Geometry:
+    """
+    Return a machine of `with_instrument` with the instrument about where heads say it stands.
+
+    That is the median of the heads that are wholly measured; without one it is as it was.
+    """
+    frames = [compose(Pose(*there), invert(Pose(*here))) for there, here in zip(
+        seen, heads(geometry, carriages), strict=True) if np.isfinite([*there, *here]).all()]
+    if not frames:
+        return geometry
+    off = np.median([difference(one, frames[0]) for one in frames], axis=0).tolist()
+    return replace(geometry, instrument=tuple(add(frames[0], Pose(*off))))  # type: ignore[call-arg]
+
+
+def in_units(pose: Iterable[float]) -> str:
+    """Return what is said of x, y and θ as people read it."""
+    return ', '.join(f'{value * factor:.2g} {unit}' for value, (unit, factor) in zip(
+        pose, UNITS, strict=True))
 
 
 def require_closed(joined: np.ndarray, carriages: np.ndarray) -> None:

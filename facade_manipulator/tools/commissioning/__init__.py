@@ -7,3 +7,4 @@ beside a driver.
 """
 
 from .machine import Machine as Machine
+from .operator import Operator as Operator

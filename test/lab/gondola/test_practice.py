@@ -32,5 +32,5 @@ def test_a_plan_that_is_none_is_named(tmp_path, capsys):
     path = tmp_path / 'poses.csv'
     path.write_text('a,b\n1,2\n')
     assert practise([str(path)]) == 1
-    assert 'is no plan of calibrate geometry' in capsys.readouterr().err
+    assert 'has no column q1; its columns are a, b' in capsys.readouterr().err
     assert practise([str(tmp_path / 'none.csv')]) == 1

@@ -22,11 +22,14 @@ from facade_manipulator.parameter_file import (
 from facade_manipulator.resources import config_path
 from facade_manipulator.tools.calibration import (
     candidates,
+    fill,
     heads,
     identify,
     Measurements,
     Noise,
     plan,
+    read_measured,
+    Sought,
     spread,
     UNKNOWNS,
     unknowns_named,
@@ -35,6 +38,7 @@ from facade_manipulator.tools.calibration import (
 from facade_manipulator.tools.calibration.__main__ import main
 from facade_manipulator.tools.calibration.design import choose, information
 from facade_manipulator.tools.calibration.geometry_fit import report_geometry
+from facade_manipulator.tools.calibration.target import Target
 from facade_manipulator.tools.calibration.unknowns import (
     BACKLASH,
     screw_unknowns,
@@ -133,18 +137,18 @@ STANDS = Pose(0.005, -0.003, np.deg2rad(0.3))
 
 
 def in_frame(poses, frame):
-    return np.array([compose(frame, Pose(*pose)) for pose in poses])
+    return [compose(frame, Pose(*pose)) for pose in poses]
 
 
 def test_an_instrument_that_stands_somewhere_is_found_with_the_machine():
     made = replace(MADE, rail_angle=0.0, carriage_offsets=(*MADE.carriage_offsets[:2], 0.0))
     true = measure_heads(made, POSES, SHOP, np.random.default_rng(6))
-    seen = Measurements(POSES, in_frame(true, STANDS))
+    seen = Measurements(POSES, np.array(in_frame(true, STANDS)))
     found = identify(*with_instrument(DRAWING, UNKNOWNS), seen)
     off = found.values[-3:] - STANDS
     assert (np.abs(off) < 3.5 * np.sqrt(np.diag(found.covariance))[-3:]).all()
     everywhere, taken = candidates(DRAWING), identify(DRAWING, UNKNOWNS, seen).geometry
-    truth = in_frame(heads(made, everywhere), STANDS)
+    truth = np.array(in_frame(heads(made, everywhere), STANDS))
     error, worse = (rms(heads(machine, everywhere) - truth) for machine in (
         found.geometry, taken))
     assert (error < [1e-4, 1e-4, 3e-4]).all()
@@ -283,6 +287,49 @@ def test_the_command_finds_the_frame_of_the_instrument_and_writes_none_of_it(
     assert main(['geometry', '--frame', '--plan', str(tmp_path / 'p.csv'), '--count', '9']) == 0
 
 
+ON_HEAD = np.array([[0.08, 0.01], [-0.08, 0.0], [0.0, 0.1]])  # m
+
+
+@pytest.mark.parametrize('count', [2, 3])
+def test_points_on_the_head_show_as_much_wherever_the_instrument_stands(
+        table, tmp_path, capsys, count):
+    target, random, far = tmp_path / 'a.yaml', np.random.default_rng(4), Pose(3.0, -2.0, 3.0)
+    on_head = [f'{1e3 * one:g}' for one in ON_HEAD[:count].flat]
+
+    def points(rows):
+        seen = [[compose(head, Pose(*one, 0.0))[:2] for one in ON_HEAD[:count]]
+                for head in in_frame(heads(MADE, POSES), far)]
+        names = [f'{axis}{k}_mm' for k in range(1, count + 1) for axis in 'xy']
+        return [[*rows[0][:3], *names]] + [
+            [*row[:3], *(1e3 * (np.array(one).ravel() + 5e-5 * random.standard_normal(2 * count)))]
+            for row, one in zip(rows[1:], seen, strict=True)]
+
+    options = ['--frame', '--noise', '0.05', '0.02', '--points', *on_head]
+    assert main(['geometry', str(table(points)), *options, '--output', str(target)]) == 0
+    own = replace(MADE, rail_angle=0.0, carriage_offsets=tuple(
+        one - MADE.carriage_offsets[2] for one in MADE.carriage_offsets))
+    off = heads(geometry_in(target), POSES) - heads(own, POSES)
+    assert (off.std(axis=0) < [1e-4, 1e-4, 5e-4]).all()  # but for where frame rail is
+    spoilt = table(lambda rows: cell(4, 3, points(rows)[4][3] + 2.0)(points(rows)))
+    assert main(['geometry', str(spoilt), *options]) == 1
+    assert 'row 4: the points do not lie as on the head' in capsys.readouterr().err
+    assert main(['geometry', '--plan', str(tmp_path / 'p.csv'), '--points', '80', '0']) == 1
+    assert '2 numbers are not x and y of two or three' in capsys.readouterr().err
+    assert main(['measure', str(spoilt), '--topic', '--points', *on_head]) == 1
+    assert 'leave out --points, or --topic' in capsys.readouterr().err
+
+
+def test_a_row_of_a_plan_is_filled_once(tmp_path, capsys):
+    path, station = tmp_path / 'poses.csv', (-0.1, 0.1, 0.0, 1.0)
+    assert main(['geometry', '--plan', str(path), '--count', '12', '--measure', 'x', 'y']) == 0
+    fill(path, 3, station, ('x', 'y'), (0.1, np.nan))
+    carriages, seen = read_measured(path, Sought(DRAWING, target=Target(['x', 'y'])))
+    assert tuple(carriages[3]) == station and seen[3, 0] == 0.1 and np.isnan(seen).sum() == 38
+    with pytest.raises(CalibrationError, match='row 4 of .* has measured values meanwhile'):
+        fill(path, 3, station, ('x', 'y'), (0.2, 0.3))
+    assert read_measured(path, Sought(DRAWING, target=Target(['x', 'y']))).heads[3, 0] == 0.1
+
+
 def test_the_command_reads_what_is_typed_into_its_plan(tmp_path, monkeypatch, capsys):
     path = tmp_path / 'poses.csv'
     assert main(['geometry', '--plan', str(path), '--count', '12']) == 0
@@ -349,7 +396,7 @@ def test_the_command_plans_for_the_screws_and_writes_their_errors(tmp_path, caps
     assert 'backlash of the screw of q3' in said and 'screw of q1, error at +0.500 m' in said
     path.write_text(path.read_text().replace(',1.000000,', ',2,'))
     assert main(['geometry', str(path), *screws]) == 1
-    assert 'direction = 2 is not one of 1, -1 and 0' in capsys.readouterr().err
+    assert 'row 1: direction = 2 is not 1, -1 or 0' in capsys.readouterr().err
 
 
 def cell(row, column, value):
@@ -367,15 +414,15 @@ def cell(row, column, value):
     (cell(0, 5, 'theta'), 'if it is in deg, name the column theta_deg'),
     (cell(0, 3, 'x'), 'if it is in mm, name the column x_mm'),
     (cell(0, 4, 'x'), 'has x in two units'),
-    (cell(0, 5, 'theta_degrees'), 'theta_degrees is not understood; theta is named'),
+    (cell(0, 5, 'theta_degrees'), 'theta_degrees is not understood; there are q1, q2,'),
     (cell(0, 3, 'X'), 'column X is not understood'),
+    (cell(0, 5, 'angle'), 'column angle is not understood; there are'),
     (lambda rows: [['# a'], *rows[:2], [], *cell(3, 1, '')(rows)[2:]],
      'row 3 (line 6): q2 is missing'),
     (lambda rows: [rows[0], *([*row[:4], row[4] / 1e3, row[5]] for row in rows[1:])],
      'if it is in m, name the column y_m'),
     (cell(0, 2, 'Q'), 'has no column q3'),
     (lambda rows: rows[:1], 'has no rows'),
-    (lambda rows: [*rows[:5], [*rows[5][:3], '', '', ''], *rows[6:]], 'row 5 has no measurement'),
     (lambda rows: [rows[0]] + rows[1:3] * 8, 'poses that cannot show enough'),
     (lambda rows: cell(9, 4, rows[9][4] + 2.0)(rows), 'some measurements contradict the rest'),
 ], ids=range(15))
@@ -384,6 +431,13 @@ def test_bad_input_is_named_and_nothing_is_written(table, tmp_path, capsys, chan
     assert main(['geometry', str(table(change)), '--output', str(target)]) == 1
     assert message in capsys.readouterr().err
     assert not target.exists()
+
+
+def test_notes_and_rows_that_are_not_measured_are_passed_over(table, capsys):
+    noted = table(lambda rows: [[*row, 'note_day' if k == 0 else 'Monday'] for k, row in enumerate(
+        [*rows[:5], [*rows[5][:3], '', '', ''], *rows[6:]])])
+    assert main(['geometry', str(noted)]) == 0
+    assert 'rows without a measurement: 5\n' in capsys.readouterr().out
 
 
 def test_a_table_of_a_spreadsheet_with_decimal_commas_says_the_same(table, tmp_path):
