@@ -22,8 +22,9 @@ LIMIT = 150.0
 
 signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup's would be inherited by every process tested
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-os.environ['ROS_HOME'] = tempfile.mkdtemp(prefix='facade_manipulator_home_')
-os.environ.setdefault('ROS_LOG_DIR', tempfile.mkdtemp(prefix='facade_manipulator_log_'))
+ROS_HOME = tempfile.TemporaryDirectory(prefix='facade_manipulator_', ignore_cleanup_errors=True)
+os.environ['ROS_HOME'] = ROS_HOME.name
+os.environ.setdefault('ROS_LOG_DIR', f'{ROS_HOME.name}/log')
 
 settings.register_profile(
     'project', deadline=None, derandomize=SOAK == 1, max_examples=50 * SOAK,
