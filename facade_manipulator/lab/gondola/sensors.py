@@ -34,6 +34,9 @@ class EstimatorSettings:
     correlation: float = parameter(
         'Time over which the noise is correlated, as a filter makes it', default=0.0, unit='s',
         minimum=0.0, maximum=10.0)
+    drift: float = parameter(
+        'Speed at which the estimate of x wanders off', default=0.0, unit='m/s', minimum=-0.1,
+        maximum=0.1)
     scale: float = parameter(
         'What it takes the motion times, 1 if it is right', default=1.0, minimum=0.1, maximum=10.0)
     lie_period: float = parameter(
@@ -67,7 +70,7 @@ class EstimatorSettings:
     def is_honest(self) -> bool:
         """Whether its errors are white, and of the variances that it tells."""
         return self.scale == 1.0 and not (
-            self.correlation or self.lie_period or self.stamp_error)
+            self.correlation or self.drift or self.lie_period or self.stamp_error)
 
     def lies(self, elapsed: float) -> bool:
         """Return whether it lies at a time since the start [s]."""
@@ -124,6 +127,7 @@ class SimulatedEstimator:
         lost = self._random.random() < settings.loss
         silent = 0.0 <= stamp - self._start - settings.silent_from < settings.silent_for
         if not lost and not silent:
+            noise[0] += settings.drift * (stamp - self._start)
             heapq.heappush(self._under_way, (stamp + delay, stamp, noise))
 
 
