@@ -157,7 +157,7 @@ class DisturbancePredictor:
         self._origin = measured
         self._suspected_since = np.full(axes, math.inf)
         self._believed = np.full(axes, stamp)
-        self._off, self._drift, self._doubt = np.zeros((3, axes))
+        self._off, self._drift, self._spread = np.zeros((3, axes))
         self._bank = FilterBank(axes)
         near, far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
@@ -213,10 +213,10 @@ class DisturbancePredictor:
         """
         later = stamp - self._believed
         known = self._variances[self._axes, _LATER.searchsorted(later)]
-        self._doubt = np.maximum(noise, math.exp(-self._interval / DISBELIEF) * self._doubt)
+        self._spread = np.maximum(noise, math.exp(-self._interval / DISBELIEF) * self._spread)
         jump = error - self._off - later * self._drift
         bend = self._acceleration * self._interval ** 2
-        bound = bend + np.sqrt(known + self._doubt) * np.where(
+        bound = bend + np.sqrt(known + self._spread) * np.where(
             self._suspected_since < math.inf, RETURNED, OUTLIER)
         lies = np.minimum(abs(error), abs(jump)) > bound
         way = 0.5 * bend / np.sqrt(noise)  # within an interval, in standard deviations
