@@ -1,5 +1,5 @@
 """
-Write .ci/constraints.txt anew, with the hashes of the wheels for Linux on x86-64.
+Write .ci/constraints.txt again, with the hashes of the wheels for Linux on x86-64.
 
 Needs uv and Python 3.11; what is pinned stays, unless its name is an argument.
 """

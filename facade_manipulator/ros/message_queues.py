@@ -40,7 +40,7 @@ class MessageQueue:
 
     def read(self, messages: Arrived, receive: Callable[[float, Any], None],
              errors: AbstractContextManager[Any]) -> None:
-        """Let a function receive messages; bytes that are none are an InputError, in a context."""
+        """Let a function receive messages; other bytes are an InputError, in a context."""
         for came, data in messages:
             with errors:
                 receive(came, message_from(data, self.kind, self.topic))
