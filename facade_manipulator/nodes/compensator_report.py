@@ -105,8 +105,7 @@ class CompensatorReport:
             now, self._compensator.settings.horizon + self._compensator.following.lag)
         if deviations is not None:
             values['standard deviation of the prediction'] = '; '.join(
-                f'{axis} {scale * whole:.2g} {unit}, of which {scale * part:.2g} are '
-                "the estimator's"
+                f'{axis} {scale * whole:.2g} {unit} (estimator {scale * part:.2g})'
                 for axis, scale, unit, whole, part in zip(
                     Pose._fields, SCALES, UNITS, *deviations, strict=True))
         return values

@@ -102,8 +102,9 @@ class _Lines:
         if matters != self._printed:
             self._console.print(render(view, remark, self._console.width))
         elif now >= self._due:
-            self._console.print('; '.join([remark, *(
-                ' '.join(cell.text for cell in row) for row in view.tables[0].rows)]))
+            poses = view.tables[0]
+            self._console.print('; '.join([f'{remark}; {" ".join(poses.heads).replace(">", "")}', *(
+                ' '.join(cell.text for cell in row) for row in poses.rows)]))
         else:
             return
         self._printed, self._due = matters, now + LINE_PERIOD

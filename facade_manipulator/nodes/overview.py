@@ -48,7 +48,7 @@ DETAILS = {str(component): {component.key(key): text for key, text in shown.item
     (diagnostics.CORRECTION, {
         REJECTED: '{} rejected', 'age of the estimate [ms]': 'estimate {} ms old',
         'saturation error': 'saturation {}',
-        'standard deviation of the prediction': 'predicted to {}'}),
+        'standard deviation of the prediction': 'expected error {}'}),
     (diagnostics.GOAL, {'setpoints': '{} setpoints', REJECTED: '{} goals rejected'}),
     (diagnostics.BLACK_BOX, {'kept [s]': '{} s kept', 'files written': '{} files written'}))}
 OTHER_DETAILS = {REJECTED: '{} rejected'}
