@@ -103,8 +103,9 @@ class _Lines:
             self._console.print(render(view, remark, self._console.width))
         elif now >= self._due:
             poses = view.tables[0]
-            self._console.print('; '.join([f'{remark}; {" ".join(poses.heads).replace(">", "")}', *(
-                ' '.join(cell.text for cell in row) for row in poses.rows)]))
+            self._console.print('; '.join([
+                remark, ' '.join(head.removeprefix('>') for head in poses.heads),
+                *(' '.join(cell.text for cell in row) for row in poses.rows)]))
         else:
             return
         self._printed, self._due = matters, now + LINE_PERIOD
