@@ -6,6 +6,7 @@ from collections.abc import Callable
 import ctypes
 import json
 import os
+import select
 import signal
 from statistics import quantiles
 import subprocess
@@ -124,6 +125,8 @@ def listen(ear: subprocess.Popen, duration: float) -> list:
     say(ear, 'begin')
     time.sleep(duration)
     say(ear, 'end')
+    if not select.select([ear.stdout], [], [], READY_WITHIN)[0]:
+        raise ChildProcessError(f'the process that listens said nothing for {READY_WITHIN} s')
     line = ear.stdout.readline()
     if not line:
         raise ChildProcessError('the process that listens has ended')
