@@ -42,8 +42,9 @@ MACHINE = {
 }
 ALL_OF_IT = set(MACHINE) | {'ros', 'nodes'}
 TOOLS = {
-    'tools.calibration': SETTINGS | {'blackbox', 'interfaces', 'kinematics', 'maintenance',
-                                      'messages', 'prediction', 'ros', 'tools.commissioning'},
+    'tools.calibration': SETTINGS | {'blackbox', 'estimation', 'interfaces', 'kinematics',
+                                      'maintenance', 'messages', 'prediction', 'ros',
+                                      'tools.commissioning'},
     'tools.commissioning': SETTINGS | DRIVES | {'kinematics', 'maintenance',
                                              'tools.emergency_stop'},
     'tools.policies': SETTINGS | {'interfaces'},

@@ -30,11 +30,11 @@ from facade_manipulator.estimation.inputs import ImuGate, LEAD, OLDEST, YawCompa
 from facade_manipulator.estimation.sensors import (
     DistanceSensor,
     FeatureSensor,
+    innovation_of,
+    make_sensors,
     place,
     pose_at,
-    PoseSensor,
     Wall,
-    WallSensor,
 )
 from facade_manipulator.estimation.settings import EstimatorSetup
 from facade_manipulator.estimation.start import (
@@ -49,11 +49,9 @@ from facade_manipulator.estimation.state import (
     FilterState,
     forget,
     InertialInput,
-    Innovation,
     mean_input,
     Process,
     RATE_Z,
-    SENSORS,
     VX,
     VY,
     X,
@@ -201,6 +199,7 @@ class DisturbanceEstimator:
             record.counts['not finite'] += 1
             raise InputError.not_finite(name, value)
         stamp -= sensor.delay
+        value /= sensor.scale
         require_recent(name, now - stamp, OLDEST, LEAD)
         if stamp in self._stamps[index]:
             raise InputError.out_of_order(name, 0.0)
@@ -263,27 +262,21 @@ class DisturbanceEstimator:
         """Return the state at a stamp corrected by a measurement of about then."""
         if measurement.level == OUTLIER and not measurement.spread:
             return state
-        sensor, (mean, covariance) = self._sensors[measurement.sensor], state
-        turning = inertial.rates[2] - mean[RATE_Z]
-        expected, direction = sensor.expected(mean, turning)
-        later = measurement.stamp - stamp
-        by_x, by_y, by_yaw = later * direction[X], later * direction[Y], later * direction[YAW]
-        residual = measurement.value - expected - (
-            by_x * mean[VX] + by_y * mean[VY] + by_yaw * turning)
-        direction[VX], direction[VY], direction[RATE_Z] = by_x, by_y, -by_yaw
-        gain = covariance.dot(direction)  # of vectors in half of the time of @
-        variance = max(float(gain.dot(direction)), 0.0) + measurement.variance
+        sensor, later = self._sensors[measurement.sensor], measurement.stamp - stamp
+        innovation = innovation_of(
+            sensor, state, inertial, later, measurement.value, measurement.variance)
         if measurement.level is None:
-            self._decide(measurement, sensor.name, residual, math.sqrt(variance),
+            self._decide(measurement, sensor.name, innovation.residual,
+                         math.sqrt(innovation.variance),
                          GATE if inertial.measured else COASTING_GATE)
         if measurement.spread:
-            covariance = covariance.copy()
+            covariance = state.covariance.copy()
             covariance[sensor.axes, sensor.axes] += measurement.spread ** 2
-            return FilterState(mean, covariance)
+            return FilterState(state.mean, covariance)
         if measurement.level is None or measurement.level == OUTLIER:
             return state
-        measurement.innovation = Innovation(
-            direction, gain, variance, residual - measurement.level)
+        measurement.innovation = innovation._replace(
+            residual=innovation.residual - measurement.level)
         return measurement.innovation.applied(state)
 
     def _decide(
@@ -433,19 +426,3 @@ class DisturbanceEstimator:
 
     def _note(self, subject: str, reason: str) -> None:
         self.events.append(EstimatorEvent(self._now, subject, reason))
-
-
-def make_sensors(setup: EstimatorSetup, wall: Wall) -> list[WallSensor]:
-    """Return the sensors of the wall, their states one after the other."""
-    imu, sensors = setup.imu.mounting, list[WallSensor]()
-
-    def first() -> int:
-        return SENSORS + sum(len(sensor.states) for sensor in sensors)
-
-    for name, distance in setup.distances.items():
-        sensors.append(DistanceSensor(name, distance, wall, imu, first()))
-    for name, fix in setup.fixes.items():
-        sensors.append(FeatureSensor(name, fix, wall, imu, first()))
-    for name, pose in setup.poses.items():
-        sensors.extend(PoseSensor(name, axis, pose, imu) for axis in (X, Y, YAW))
-    return sensors

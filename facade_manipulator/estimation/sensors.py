@@ -10,11 +10,17 @@ import numpy as np
 
 from facade_manipulator.estimation.settings import (
     DistanceSettings,
+    EstimatorSetup,
     FixSettings,
     PoseFixSettings,
     ProfileSettings,
 )
 from facade_manipulator.estimation.state import (
+    FilterState,
+    InertialInput,
+    Innovation,
+    RATE_Z,
+    SENSORS,
     SensorState,
     TILT_X,
     TILT_Y,
@@ -48,8 +54,8 @@ class WallSensor(Protocol):
     name : str
     axes : tuple of int
         States without which nothing can be expected of it, and which it starts.
-    noise, delay : float
-        Standard deviation of a measurement [m or rad], and of its stamp [s].
+    noise, delay, scale : float
+        Standard deviation of a measurement [m or rad], how late its stamp is [s], and its factor.
     states : list of SensorState
         That it adds to the filter's, from the index `first` on.
 
@@ -59,6 +65,7 @@ class WallSensor(Protocol):
     axes: tuple[int, ...]
     noise: float
     delay: float
+    scale: float
     states: list[SensorState]
     first: int
 
@@ -75,7 +82,8 @@ class DistanceSensor:
     def __init__(
         self, name: str, settings: DistanceSettings, wall: Wall, imu: Sequence[float], first: int
     ) -> None:
-        self.name, self.noise, self.delay = name, settings.noise, settings.delay
+        self.name, self.noise = name, settings.noise
+        self.delay, self.scale = settings.delay, settings.scale
         self.lever = _lever(settings.mounting, imu)
         self.mounting = settings.mounting
         self.first = first
@@ -103,7 +111,8 @@ class FeatureSensor:
     def __init__(
         self, name: str, settings: FixSettings, wall: Wall, imu: Sequence[float], first: int
     ) -> None:
-        self.name, self.noise, self.delay = name, settings.noise, settings.delay
+        self.name, self.noise = name, settings.noise
+        self.delay, self.scale = settings.delay, settings.scale
         self.lever = _lever(settings.mounting, imu)
         self.mounting = settings.mounting
         self.first = first
@@ -138,6 +147,7 @@ class PoseSensor:
         self.noise = settings.yaw_noise if axis == YAW else settings.position_noise
         self.axes: tuple[int, ...] = (axis,)
         self.states: list[SensorState] = []
+        self.scale = 1.0
         self.lever = _lever((0.0, 0.0, 0.0), imu)
         self._axis = axis
 
@@ -173,3 +183,41 @@ def pose_at(mean: np.ndarray, lever: tuple[float, float, float]) -> tuple[np.nda
     jacobian[X, YAW], jacobian[Y, YAW] = -sine * sx - cosine * sy, cosine * sx - sine * sy
     jacobian[X, TILT_Y], jacobian[Y, TILT_X] = sz, -sz
     return np.array((x, y, mean[YAW])), jacobian
+
+
+def innovation_of(
+    sensor: WallSensor, state: FilterState, inertial: InertialInput, later: float, value: float,
+    variance: float,
+) -> Innovation:
+    """Return what a measurement a little later [s] says, with the variance of its noise."""
+    mean, covariance = state
+    residual, direction = residual_of(sensor, mean, inertial, later, value)
+    gain = covariance.dot(direction)  # of vectors in half of the time of @
+    return Innovation(direction, gain, max(float(gain.dot(direction)), 0.0) + variance, residual)
+
+
+def residual_of(
+    sensor: WallSensor, mean: np.ndarray, inertial: InertialInput, later: float, value: float
+) -> tuple[float, np.ndarray]:
+    """Return a measurement a little later [s] less what is expected, which has this derivative."""
+    turning = inertial.rates[2] - mean[RATE_Z]
+    expected, direction = sensor.expected(mean, turning)
+    by_x, by_y, by_yaw = later * direction[X], later * direction[Y], later * direction[YAW]
+    direction[VX], direction[VY], direction[RATE_Z] = by_x, by_y, -by_yaw
+    return value - expected - (by_x * mean[VX] + by_y * mean[VY] + by_yaw * turning), direction
+
+
+def make_sensors(setup: EstimatorSetup, wall: Wall) -> list[WallSensor]:
+    """Return the sensors of the wall, their states one after the other."""
+    imu, sensors = setup.imu.mounting, list[WallSensor]()
+
+    def first() -> int:
+        return SENSORS + sum(len(sensor.states) for sensor in sensors)
+
+    for name, distance in setup.distances.items():
+        sensors.append(DistanceSensor(name, distance, wall, imu, first()))
+    for name, fix in setup.fixes.items():
+        sensors.append(FeatureSensor(name, fix, wall, imu, first()))
+    for name, pose in setup.poses.items():
+        sensors.extend(PoseSensor(name, axis, pose, imu) for axis in (X, Y, YAW))
+    return sensors

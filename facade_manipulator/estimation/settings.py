@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
-from facade_manipulator.parameters import inherited, parameter, settings
+from facade_manipulator.parameters import inherited, parameter, settings, settings_from
 
 PLACE = ('x', 'y', 'z')
 Settings = TypeVar('Settings')
@@ -83,6 +84,8 @@ class DistanceSettings:
     delay: float = parameter(
         'How much later than the motion its stamps are', default=0.0, unit='s', minimum=-0.3,
         maximum=0.3)
+    scale: float = parameter(
+        'Factor of what it measures to what there is', default=1.0, minimum=0.5, maximum=2.0)
 
 
 @settings
@@ -148,6 +151,14 @@ class EstimatorSetup:
         return cls(reader(ImuSettings, 'imu'), reader(ProfileSettings, 'wall'),
                    each(names.distances, DistanceSettings), each(names.fixes, FixSettings),
                    each(names.poses, PoseFixSettings))
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> EstimatorSetup:
+        """Return the settings of parameters of the node by their full names."""
+        def read(kind: type[Settings], prefix: str = '') -> Settings:
+            return settings_from(kind, values, prefix)
+
+        return cls.read(read(SensorNames), read)
 
     @property
     def is_wall_known(self) -> bool:

@@ -148,24 +148,19 @@ class Process:
         self, state: FilterState, inertial: InertialInput, step: float
     ) -> tuple[FilterState, np.ndarray]:
         """Return the state a time [s] later and the transition to it."""
-        mean, transition = self._motion(state.mean, inertial, step)
-        speed = math.hypot(mean[VX], mean[VY])
-        kept = np.array([
-            math.exp(-step * (speed * by_way + by_time)) for by_way, by_time in self._decays])
-        mean[SENSORS:] *= kept
-        diagonal(transition)[SENSORS:] = kept
+        mean, transition = self.moved(state.mean, inertial, step)
         covariance: np.ndarray = transition @ state.covariance @ transition.T
         covariance = 0.5 * (covariance + covariance.T)  # what differs would grow without bound
         noise = self._walk[inertial.measured] * step
-        noise[SENSORS:] = self._own * (1.0 - kept * kept)
+        noise[SENSORS:] = self._own * (1.0 - diagonal(transition)[SENSORS:] ** 2)
         variances = diagonal(covariance)
         variances += noise
         return FilterState(mean, covariance), transition
 
-    def _motion(
+    def moved(
         self, before: np.ndarray, inertial: InertialInput, step: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the mean a step later and the transition to it, the sensors' states left."""
+        """Return the mean a time [s] later and the transition to it."""
         (_, _, yaw, vx, vy, tilt_x, tilt_y, ox, oy, oz, fox, foy) = before[:SENSORS].tolist()
         (rx, ry, rz), (fx, fy, fz) = inertial.rates, inertial.forces
         rx, ry, rz = rx - ox, ry - oy, rz - oz
@@ -186,6 +181,11 @@ class Process:
             decay = np.exp(-step / COASTING_TIMES)
             mean[COASTING_STATES] *= decay
             transition[COASTING_STATES] *= decay[:, None]
+        speed = math.hypot(mean[VX], mean[VY])
+        kept = np.array([
+            math.exp(-step * (speed * by_way + by_time)) for by_way, by_time in self._decays])
+        mean[SENSORS:] *= kept
+        diagonal(transition)[SENSORS:] = kept
         return mean, transition
 
     def without_imu(self, state: FilterState, last: InertialInput) -> FilterState:

@@ -1,5 +1,5 @@
 """
-Where the head really is: errors of the machine, of the estimator's mounting, place of the wall.
+Where the head really is: errors of the machine, of estimator and sensors, place of the wall.
 
 In: measurements and recordings. Out: parameters with their covariance, and what the data cannot
 identify. Pure but for its command, `calibrate` (`python -m facade_manipulator.tools.calibration`);
@@ -17,6 +17,8 @@ from .geometry_fit import Measurements as Measurements
 from .plan_file import fill as fill
 from .plan_file import read_measured as read_measured
 from .recorded import read_estimator_recording as read_estimator_recording
+from .sensor_fit import fit_sensors as fit_sensors
+from .sensor_fit import SensorRecording as SensorRecording
 from .tables import read_table as read_table
 from .target import Sought as Sought
 from .unknowns import head_at as head_at

@@ -1,4 +1,4 @@
-"""Calibrate the machine: its geometry, the estimator's mounting, the place of the wall."""
+"""Calibrate the machine: its geometry, its estimator's mounting or sensors, the wall's place."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from facade_manipulator.errors import CalibrationError, exit_status, file_errors
+from facade_manipulator.estimation import EstimatorSetup
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.maintenance import journal_of
 from facade_manipulator.messages import CARRIAGES
@@ -42,7 +43,14 @@ from facade_manipulator.tools.calibration.plan_file import read_measured, write_
 from facade_manipulator.tools.calibration.recorded import (
     HEAD_ON_WALL,
     read_estimator_recording,
+    read_sensors,
     read_touches,
+)
+from facade_manipulator.tools.calibration.sensor_fit import (
+    changed_parameters,
+    FIND,
+    fit_sensors,
+    report_sensors,
 )
 from facade_manipulator.tools.calibration.tables import read_table
 from facade_manipulator.tools.calibration.target import Points, Sought, Target
@@ -66,7 +74,7 @@ from facade_manipulator.tools.calibration.wall_fit import (
 from facade_manipulator.tools.commissioning import Operator
 
 COMMISSIONED = '.node_id', '.serial_number', '.direction', '.lead', '.profile'
-COMPENSATOR, RECORDED = 'compensator', '.mcap'
+COMPENSATOR, SENSORS, RECORDED = 'compensator', 'disturbance_estimator', '.mcap'
 EXAMPLES = """
 examples:
   calibrate geometry --plan poses.csv
@@ -74,6 +82,7 @@ examples:
   calibrate geometry poses.csv --frame --output machine.yaml --picture accuracy.png
   calibrate estimator blackbox_000007_20261122T083000Z.mcap --output machine.yaml
   calibrate estimator --disturbance disturbance.csv --joints joints.csv --wall wall.csv
+  calibrate sensors blackbox_000008_20261122T090000Z.mcap --output machine.yaml
   calibrate wall touches.csv
 """
 
@@ -151,6 +160,15 @@ def calibrate_estimator(options: argparse.Namespace) -> None:
     print(*report_estimator(found), sep='\n')
     _write(options, (COMPENSATOR, 'estimate', {
         name: getattr(found.settings, name) for name in ('mounting', 'axes', 'delay')}))
+
+
+def calibrate_sensors(options: argparse.Namespace) -> None:
+    """Find where the raw sensors are, how late and by which factor, from a recording."""
+    setup = EstimatorSetup.of(read_parameters([options.parameters], SENSORS))
+    found = fit_sensors(setup, read_sensors(options.recording, setup), options.find)
+    print(*report_sensors(found), sep='\n')
+    _write(options, *((SENSORS, name, values)
+                      for name, values in changed_parameters(found).items()))
 
 
 def calibrate_wall(options: argparse.Namespace) -> None:
@@ -252,6 +270,8 @@ def _parser() -> argparse.ArgumentParser:
              'go to the poses of a plan, and fill in what is measured there'),
             ('estimator', calibrate_estimator, _add_estimator,
              'mounting, delay and axes of the estimator from a recording'),
+            ('sensors', calibrate_sensors, _add_sensors,
+             'places, delays and scales of the raw sensors from a recording'),
             ('wall', calibrate_wall, _add_wall,
              'the wall from places where the head touched it')):
         command = commands.add_parser(name, help=text)
@@ -332,6 +352,13 @@ def _add_estimator(command: argparse.ArgumentParser) -> None:
             ('joints', 'time, q1, q2, q3 of joint_states'),
             ('wall', 'time, x, y, theta of the head on the wall; cells may be empty')):
         command.add_argument(f'--{name}', type=Path, metavar='CSV', help=text)
+
+
+def _add_sensors(command: argparse.ArgumentParser) -> None:
+    command.add_argument('recording', type=Path,
+                         help='file of the recorder: two minutes of sway with pushes')
+    command.add_argument('--find', nargs='+', default=FIND, metavar='NAME',
+                         help=f'what to look for (default {" ".join(FIND)})')
 
 
 def _add_wall(command: argparse.ArgumentParser) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from facade_manipulator.blackbox import read_recording, RecordedRun
 from facade_manipulator.errors import CalibrationError
+from facade_manipulator.estimation import EstimatorSetup, inputs
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import (
     by_stamp,
@@ -21,6 +22,7 @@ from facade_manipulator.messages import (
 )
 from facade_manipulator.prediction import EstimateGate, EstimateSettings, rail_pose
 from facade_manipulator.tools.calibration.estimator_fit import EstimatorRecording
+from facade_manipulator.tools.calibration.sensor_fit import SensorRecording
 from facade_manipulator.tools.calibration.tables import at_times
 
 HEAD_ON_WALL, LATERAL_OFFSET = 'head_on_wall', 'lateral_offset'
@@ -83,6 +85,21 @@ def read_touches(path: Path, estimate: EstimateSettings) -> TouchRecording:
     times = touching[:, 0]
     return TouchRecording(
         times, -touching[:, 2], *(at_times(table, times) for table in tables))
+
+
+def read_sensors(path: Path, setup: EstimatorSetup) -> SensorRecording:
+    """
+    Return what the sensors of the estimator measured, from a file of the recorder.
+
+    Raises a RecordError if the file cannot be read, a CalibrationError if a topic is not in it.
+    """
+    run, taken = read_recording(path), inputs(setup)
+    tables = {name: _table(run, path, name, taken[name].numbers_of)
+              for name in ('imu', *setup.distances, *setup.fixes)}
+    for name in setup.distances:
+        least, most, measured = tables[name][:, 1:].T
+        tables[name] = tables[name][(least <= measured) & (measured <= most)][:, [0, 3]]
+    return SensorRecording(tables.pop('imu'), tables)
 
 
 def _estimates(run: RecordedRun) -> str:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from functools import partial
 from heapq import merge
-from typing import Any
 
 import numpy as np
 
@@ -14,11 +12,9 @@ from facade_manipulator.estimation import (
     DisturbanceEstimator,
     EstimatorSetup,
     inputs,
-    SensorNames,
 )
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import estimate_numbers, projected, seconds
-from facade_manipulator.parameters import settings_from
 from facade_manipulator.tools.replay.parameters import ESTIMATOR
 from facade_manipulator.tools.replay.poses import Comparison, noted, settling_of
 
@@ -34,9 +30,7 @@ def replay_estimates(run: RecordedRun) -> Comparison:
     """
     if ESTIMATOR not in run.parameters:
         raise RecordError(f'the parameters of {ESTIMATOR} are not in the recording')
-    read = partial(_settings, run.parameters[ESTIMATOR])
-    names = read(SensorNames)
-    setup = EstimatorSetup.read(names, read)
+    setup = EstimatorSetup.of(run.parameters[ESTIMATOR])
     taken = inputs(setup)
     estimator = DisturbanceEstimator(setup)
     rejections: list[str] = []
@@ -58,7 +52,3 @@ def replay_estimates(run: RecordedRun) -> Comparison:
     compared = Comparison.of(pairs, run.begin + settling_of(run), rejections)
     return compared if setup.is_wall_known or not len(compared.errors) else compared._replace(
         replayed=compared.replayed - np.median(compared.errors, axis=0))
-
-
-def _settings(values: dict[str, Any], kind: type[Any], prefix: str = '') -> Any:
-    return settings_from(kind, values, prefix)

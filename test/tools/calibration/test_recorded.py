@@ -8,9 +8,10 @@ import pytest
 
 from facade_manipulator.blackbox import Received, RecordedRun
 from facade_manipulator.errors import CalibrationError, RecordError
+from facade_manipulator.estimation import EstimatorSetup
 from facade_manipulator.prediction import EstimateSettings
 from facade_manipulator.tools.calibration import read_estimator_recording, recorded
-from facade_manipulator.tools.calibration.recorded import read_touches
+from facade_manipulator.tools.calibration.recorded import read_sensors, read_touches
 
 
 def header(time):
@@ -75,6 +76,26 @@ def test_while_the_head_presses_carriages_and_rail_are_those_of_the_force(run):
     run.topics['contact_wrench'].pop(2)
     with pytest.raises(CalibrationError, match='did not touch the wall with 1.5 N'):
         read_touches('a', EstimateSettings())
+
+
+def test_raw_sensors_are_read_without_what_is_out_of_their_range(run):
+    run.topics['imu'].append(Received(10.0, Message(
+        header=header(10.0), angular_velocity=Message(x=1.0, y=2.0, z=3.0),
+        linear_acceleration=Message(x=4.0, y=5.0, z=9.8))))
+    run.topics['fix_x'].append(Received(10.0, Message(
+        header=header(9.9), point=Message(x=0.1))))
+    for name in ('range_1', 'range_2'):
+        run.topics[name] += [Received(10.0, Message(
+            header=header(time), min_range=0.05, max_range=4.0, range=value))
+            for time, value in ((9.9, 0.45), (9.91, 7.0), (9.92, math.inf), (9.93, 0.46))]
+    setup = EstimatorSetup.of({'poses': ('',)})
+    imu, walls = read_sensors('a', setup)
+    assert imu == pytest.approx(np.array([[10.0, 1.0, 2.0, 3.0, 4.0, 5.0, 9.8]]))
+    assert walls['range_2'] == pytest.approx(np.array([[9.9, 0.45], [9.93, 0.46]]))
+    assert walls['fix_x'] == pytest.approx(np.array([[9.9, 0.1]]))
+    del run.topics['range_2']
+    with pytest.raises(CalibrationError, match='no message of range_2'):
+        read_sensors('a', setup)
 
 
 def test_a_topic_that_is_not_there_is_named(run):
