@@ -98,6 +98,7 @@ setup(
         f'policies = {NAME}.tools.policies:main',
         f'stopping = {NAME}.tools.stopping:main',
         f'support = {NAME}.tools.support:main',
+        f'design = {NAME}.lab.sizing.__main__:main',
         f'workspace_study = {NAME}.lab.study.study:main',
     ]},
 )

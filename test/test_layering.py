@@ -63,6 +63,8 @@ LAB = {
                            'compensation',
                            'resources', 'tools.calibration'},
     'lab.study': SETTINGS | {'kinematics'},
+    'lab.sizing': SETTINGS | {'kinematics', 'motion', 'prediction', 'compensation', 'lab.gondola',
+                              'lab.study', 'tools.stopping'},
 }
 ROOMS = MACHINE | TOOLS | LAB
 FLOORS = {'drives', 'tools', 'lab'}  # folders of rooms

@@ -30,6 +30,7 @@ from .jacobian import parallel_singularity as parallel_singularity
 from .linkage import JointPoints as JointPoints
 from .linkage import joints as joints
 from .linkage import Point as Point
+from .maps import Arrays as Arrays
 from .maps import index_of as index_of
 from .maps import lci_grid as lci_grid
 from .maps import link_arrays as link_arrays

@@ -126,8 +126,13 @@ def _objective(name: str) -> Objective:
 
 
 def _designs(merit: Objective, need: Requirements) -> np.ndarray:
-    """Return the designs of the sweep, shape (2, n): a line where the sum is given, or the box."""
-    sides, step = _sides(need), _step(merit, need)
+    """Return the designs of the sweep, shape (2, n)."""
+    return designs_of(need, _step(merit, need))
+
+
+def designs_of(need: Requirements, step: float = COARSE_STEP) -> np.ndarray:
+    """Return designs, shape (2, n): scattered, or in steps [m] of a line (a given sum) or box."""
+    sides = _sides(need)
     points = _scattered(need) if need.designs else np.stack(np.meshgrid(
         *(_steps(*side, step) for side in sides), indexing='ij')).reshape(len(sides), -1)
     return _completed(points, need)

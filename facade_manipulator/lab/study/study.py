@@ -19,18 +19,17 @@ from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.study.accuracy import DriveTrain
 from facade_manipulator.lab.study.optimise import OBJECTIVES
+from facade_manipulator.lab.study.options import add_settings
 from facade_manipulator.lab.study.output import folder, json_file, progress_bar
 from facade_manipulator.lab.study.requirements import Requirements
 from facade_manipulator.lab.study.tables import PARTS, Study
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
-from facade_manipulator.parameters import METADATA_KEY, parameter_fields, settings_from
+from facade_manipulator.parameters import parameter_fields, settings_from
 
 REPORT = Path('workspace_report')
 BAD_INPUT = 2
 GOOD = ('threshold', 'characteristic_length')  # what of the requirements says what is good
 CARRIAGES = ('carriage_gap', 'carriage_length')
-OPTIONS = {'link_length': 'l', 'platform_half_length': 'b', 'carriage_gap': 'gap',
-           'length_sum': 'sum', 'force': 'drive-force', 'speed': 'drive-speed'}
 EXAMPLES = """
 examples:
   workspace_study                          everything, into workspace_report/
@@ -144,8 +143,8 @@ def _parser() -> argparse.ArgumentParser:
                        help=f'draw the figures into DIR (default {REPORT}/)')
     parts.add_argument('--json', type=Path, metavar='FILE', help='write the numbers to FILE')
     design = parser.add_argument_group('the design')
-    _add_settings(design, Geometry, 'link_length', 'platform_half_length', 'carriage_length')
-    _add_settings(design, Requirements, 'carriage_gap', *GOOD)
+    add_settings(design, Geometry, 'link_length', 'platform_half_length', 'carriage_length')
+    add_settings(design, Requirements, 'carriage_gap', *GOOD)
     design.add_argument('--parameters', type=Path, metavar='YAML',
                         help='parameter file of a machine, for all of these lengths; --accuracy '
                              'goes by its errors too')
@@ -155,32 +154,17 @@ def _parser() -> argparse.ArgumentParser:
     design.add_argument('--y', type=float, nargs='+', action='extend',
                         help='distances from the rail for --ranges and --accuracy [m] '
                              '(default every 10 mm)')
-    _add_settings(parser.add_argument_group('what --accuracy assumes'), DriveTrain,
-                  *parameter_fields(DriveTrain))
-    _add_settings(parser.add_argument_group('what --optimise requires'), Requirements,
-                  'length_sum', 'link_range', 'platform_range', 'min_y_travel', 'min_theta',
-                  'min_difference', 'designs', 'seed')
+    add_settings(parser.add_argument_group('what --accuracy assumes'), DriveTrain,
+                 *parameter_fields(DriveTrain))
+    add_settings(parser.add_argument_group('what --optimise requires'), Requirements,
+                 'length_sum', 'link_range', 'platform_range', 'min_y_travel', 'min_theta',
+                 'min_difference', 'designs', 'seed')
     work = parser.add_argument_group('how --optimise measures volumes and ratios')
     work.add_argument('--results', type=Path, metavar='FILE',
                       help='append each design measured to FILE, and measure none that it has')
     work.add_argument('--scheduler', metavar='ADDRESS',
                       help='of dask.distributed (default: one process for each processor)')
     return parser
-
-
-def _add_settings(group: argparse._ArgumentGroup, cls: type, *names: str) -> None:
-    """Add an option for each of some fields of settings; without it the field has its default."""
-    for name in names:
-        item = parameter_fields(cls)[name]
-        info, is_range = item.metadata[METADATA_KEY], isinstance(item.default, tuple)
-        defaults = item.default if isinstance(item.default, tuple) else (item.default,)
-        unit = f' [{info.unit}]' if info.unit else ''
-        default = ' '.join(f'{value:g}' for value in defaults)
-        group.add_argument(
-            '--' + OPTIONS.get(name, name.replace('_', '-')), dest=name, type=type(defaults[0]),
-            nargs=2 if is_range else None, default=argparse.SUPPRESS,
-            metavar=('MIN', 'MAX') if is_range else info.unit.upper() or 'NUMBER',
-            help=f'{info.description}{unit} (default {default})')
 
 
 if __name__ == '__main__':

@@ -1,0 +1,173 @@
+"""
+Find a machine for a gondola: mechanism, motors, gears and screws, and its parameter file.
+
+The scenarios say how the gondola moves (sines, a spectrum, cable and wind, a recording), where the
+strokes on the wall are and how good the estimator is.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+import sys
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from facade_manipulator.errors import exit_status
+from facade_manipulator.files import write_table
+from facade_manipulator.lab.gondola import load_scenario, scenario_file
+from facade_manipulator.lab.sizing.axis_drive import AXES, Duty
+from facade_manipulator.lab.sizing.candidates import (
+    Candidate,
+    choice,
+    examine,
+    Examined,
+    front,
+    impossible,
+    Problem,
+    SizeLimits,
+)
+from facade_manipulator.lab.sizing.catalogue import read_motors, read_screws
+from facade_manipulator.lab.sizing.demand import Payload, task
+from facade_manipulator.lab.sizing.outcome import (
+    axis_rows,
+    FRONT,
+    front_rows,
+    write_machine,
+    write_scenario,
+)
+from facade_manipulator.lab.study import (
+    add_settings,
+    designs_of,
+    executor_of,
+    feasible,
+    folder,
+    margins,
+    progress_bar,
+)
+from facade_manipulator.parameters import parameter_fields, settings_from
+from facade_manipulator.resources import config_path
+
+REPORT = Path('design_report')
+BAD_INPUT = 2
+SHOWN = 12  # machines in the terminal; all are in the file
+SIZES = ('link_range', 'platform_range', 'length_sum', 'stroke_length', 'carriage_gap',
+         'min_y_travel', 'min_theta', 'min_difference', 'threshold', 'characteristic_length',
+         'designs', 'seed')
+EXAMPLES = """
+examples:
+  design breeze gusty --wall-force 30          one machine for two of config/scenarios
+  design my_gondola.yaml --longest-stroke 0.9 --motors my_motors.csv --screws my_screws.csv
+  demo --parameters design_report/machine.yaml --scenario design_report/breeze.yaml
+
+Wrong input ends with exit status 2 and writes nothing.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Find a machine; return the exit status."""
+    options = _parser().parse_args(argv)
+    return exit_status('design', lambda: _run(options), BAD_INPUT)
+
+
+def _run(options: argparse.Namespace) -> None:
+    scenarios = {name: load_scenario(name) for name in options.scenario}
+    problem = _problem(options, [task(one.motion(), one.mission) for one in scenarios.values()])
+    with folder(options.output) as draft:
+        examined = _examine(problem, options.scheduler)
+        candidates = front(found for one in examined for found in one.candidates)
+        if not candidates:
+            raise impossible(examined, problem)
+        chosen = choice(candidates)
+        _write(draft, candidates, chosen, problem.duty)
+        for name, scenario in scenarios.items():
+            source = scenario_file(name)
+            write_scenario(draft / f'{source.stem}.yaml', source, scenario, chosen.design.offset)
+    _show(candidates, chosen, problem.duty)
+    print(f'written in {options.output}/: machine.yaml, axes.csv, front.csv, design.png and the '
+          'scenarios at the distance of this machine')
+
+
+def _problem(options: argparse.Namespace, tasks: list[Any]) -> Problem:
+    given = vars(options)
+    problem = Problem(
+        tuple(tasks), settings_from(Payload, given), settings_from(SizeLimits, given),
+        settings_from(Duty, given), tuple(read_motors(options.motors)),
+        tuple(read_screws(options.screws)))
+    return problem._replace(distances=()) if options.keep_distance else problem
+
+
+def _examine(problem: Problem, scheduler: str | None) -> list[Examined]:
+    """Examine all designs of the box that the requirements allow, by any executor."""
+    need = problem.need
+    length, half = designs_of(need)
+    allowed = feasible(margins(length, half, need), length)
+    lengths = list(zip(length[allowed].tolist(), half[allowed].tolist(), strict=True))
+    found = []
+    with executor_of(scheduler) as executor, progress_bar('designs', len(lengths)) as tick:
+        for one in executor.map(partial(examine, problem=problem), lengths):
+            found.append(one)
+            tick()
+    return found
+
+
+def _write(draft: Path, candidates: list[Candidate], chosen: Candidate, duty: Duty) -> None:
+    from facade_manipulator.lab.gondola.pictures import save
+    from facade_manipulator.lab.sizing.picture import draw
+
+    write_table(draft / 'front.csv', FRONT, front_rows(candidates))
+    write_table(draft / 'axes.csv', ('quantity', *AXES), axis_rows(chosen, duty))
+    write_machine(draft / 'machine.yaml', chosen)
+    save(draw(candidates, chosen, duty), draft / 'design.png')
+
+
+def _show(candidates: list[Candidate], chosen: Candidate, duty: Duty) -> None:
+    console = Console(width=None if sys.stdout.isatty() else 140)
+    near = sorted(candidates, key=lambda one: (one.power, one.rail))[:SHOWN]
+    console.print(_table(f'{len(candidates)} machines of which none other is better in all '
+                         'respects; those with the weakest motors', FRONT, front_rows(near)))
+    console.print(_table(f'The first of them: {chosen.drive.name}', ('quantity', *AXES), (
+        (name, *(f'{value:.4g}' for value in values))
+        for name, *values in axis_rows(chosen, duty))))
+    console.print(f'What binds is {chosen.binds}: it exceeds what is asked {chosen.margin:.3g} '
+                  'times.')
+
+
+def _table(title: str, header: Sequence[str], rows: Any) -> Table:
+    table = Table(*map(escape, header), title=title)
+    for row in rows:
+        table.add_row(*(escape(str(cell)) for cell in row))
+    return table
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog='design', description=__doc__.strip().splitlines()[0], epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('scenario', nargs='+',
+                        help='a name in config/scenarios, or a file: the machine does them all')
+    parser.add_argument('--output', type=Path, default=REPORT, metavar='DIR',
+                        help=f'folder of the results (default {REPORT}/)')
+    choose = parser.add_argument_group('of what to choose')
+    for name in ('motors', 'screws'):
+        path = config_path('sizing') / f'{name}.csv'
+        choose.add_argument(f'--{name}', type=Path, default=path, metavar='CSV',
+                            help=f'table of {name} (default: an example, config/sizing)')
+    choose.add_argument('--keep-distance', action='store_true',
+                        help='the rail stands as far from the wall as the goals say')
+    choose.add_argument('--scheduler', metavar='ADDRESS',
+                        help='of dask.distributed (default: one process for each processor)')
+    add_settings(parser.add_argument_group('how large'), SizeLimits, *SIZES)
+    add_settings(parser.add_argument_group('what is moved'), Payload, *parameter_fields(Payload))
+    add_settings(parser.add_argument_group('how it is built and used'), Duty,
+                 *parameter_fields(Duty))
+    return parser
+
+
+if __name__ == '__main__':
+    sys.exit(main())
