@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import cycle
 import math
+from operator import mul
 
 import numpy as np
 
@@ -45,12 +46,28 @@ NEAR, FAR = slice(0, 4), slice(4, None)  # horizons, learnt apart: the near ones
 ACCELERATION_NOISE = BANDWIDTHS[LEVEL] ** 4 * noise_moments().features[
     ACCELERATION, ACCELERATION]  # variance of the level filter's acceleration, by noise density
 
-# A cubic spline through the moves: 1, t, t², t³ and a cubic from each inner horizon but the outer
-_FROM = np.concatenate((np.zeros(4), HORIZONS[2:-2]))  # s, where each begins
-_POWERS = np.minimum(np.arange(len(_FROM)), 3.0)
-_LESS = np.maximum(_POWERS - 1.0, 0.0)  # of the derivative
-# natural cubic: from its values to its coefficients
-_SPLINE = np.linalg.inv(np.maximum(HORIZONS[:, None] - _FROM, 0.0) ** _POWERS).T
+FARTHEST = float(HORIZONS[-1])  # s
+_INNER = HORIZONS[2:-2].tolist()  # s, where cubics of the spline begin
+
+
+def _terms(ahead: float) -> tuple[list[float], list[float]]:
+    """
+    Return what a spline's coefficients are multiplied by at a time [s], and the derivatives [1/s].
+
+    A cubic spline through the moves is 1, t, t², t³ and a cubic from each inner horizon but the
+    outer. Plain numbers: of so few numpy takes four times as long.
+    """
+    later = [max(ahead - begin, 0.0) for begin in _INNER]
+    return ([1.0, ahead, ahead ** 2, ahead ** 3, *[t ** 3 for t in later]],
+            [0.0, 1.0, 2.0 * ahead, 3.0 * ahead ** 2, *[3.0 * t ** 2 for t in later]])
+
+
+def _sum(terms: list[float], coefficients: list[float]) -> float:
+    return sum(map(mul, terms, coefficients))
+
+
+# from a spline's values to its coefficients
+_SPLINE = np.linalg.inv([_terms(horizon)[0] for horizon in HORIZONS.tolist()]).T
 _SECOND = np.array((1.0, -2.0, 1.0))  # difference
 _BEND = _SECOND / HORIZONS[0] ** 2  # acceleration, by the first positions
 _LATER = HORIZONS[:-1]
@@ -124,14 +141,14 @@ class DisturbancePredictor:
     def predict(self, time: float) -> MotionState:
         """Return the disturbance to compensate at a time, of the past or the future [s]."""
         ahead = time - self.stamp
-        known = min(max(ahead, 0.0), HORIZONS[-1])
-        position = self._origin + self._final @ _basis(known)
-        velocity = self._final @ _slopes(known)
-        if ahead > HORIZONS[-1]:
-            decay = math.exp((HORIZONS[-1] - ahead) / HOLD_TIME)
-            position = position + HOLD_TIME * (1.0 - decay) * velocity
-            velocity = decay * velocity
-        return MotionState(Pose(*position.tolist()), Twist(*velocity.tolist()))
+        terms, slopes = _terms(min(max(ahead, 0.0), FARTHEST))
+        decay = math.exp(min(FARTHEST - ahead, 0.0) / HOLD_TIME)
+        held = HOLD_TIME * (1.0 - decay)
+        velocities = [_sum(slopes, axis) for axis in self._final]
+        return MotionState(
+            Pose(*[_sum(terms, axis) + held * velocity for axis, velocity in zip(
+                self._final, velocities, strict=True)]),
+            Twist(*[decay * velocity for velocity in velocities]))
 
     def deviations(self, time: float) -> tuple[float, ...]:
         """Return the standard deviations of the errors at a time [s]: x, y, theta [m, m, rad]."""
@@ -165,7 +182,7 @@ class DisturbancePredictor:
         self._tones = Tones(axes)
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
         self._forecast = np.zeros((axes, len(_SPLINE.T)))
-        self._past, self._rough = np.zeros((3, axes)), np.ones(axes)
+        self._past, self._rough = (self._values, self._values), np.ones(axes)
         self._axes = np.arange(axes)
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
@@ -196,9 +213,10 @@ class DisturbancePredictor:
         self._values = expected + error
         self._bank.update(interval / steps, self._values)
         self._tones.add(stamp, self._values)
-        self._past = np.vstack((self._past[1:], self._values))
+        before, last = self._past
+        self._past = last, self._values
         self._rough += min(interval / ROUGH_TIME, 1.0) * (
-            (_SECOND @ self._past) ** 2 / (_SECOND @ _SECOND * noise) - self._rough)
+            (before - 2.0 * last + self._values) ** 2 / (_SECOND @ _SECOND * noise) - self._rough)
         return bool(stepped.any())
 
     def _lies(self, stamp: float, error: np.ndarray, noise: np.ndarray) -> np.ndarray:
@@ -231,8 +249,10 @@ class DisturbancePredictor:
 
         What was predicted from a prediction would grow with every step.
         """
-        ahead = np.minimum(time - self._believed, HORIZONS[-1])
-        return (self._forecast * _basis(ahead[:, None])).sum(axis=1)
+        return np.array([
+            _sum(_terms(min(time - believed, FARTHEST))[0], axis)
+            for believed, axis in zip(
+                self._believed.tolist(), self._forecast.tolist(), strict=True)])
 
     def _go_on(self, interval: float, noise: np.ndarray) -> None:
         """Predict from the filters as they are, and keep what to learn from."""
@@ -256,7 +276,9 @@ class DisturbancePredictor:
         believed = self._believed == self.stamp
         self._forecast = np.where(believed[:, None], full @ _SPLINE, self._forecast)
         final = mean + self._room(interval, full) * self._share * (full - mean)
-        self._final = final @ _SPLINE
+        coefficients = final @ _SPLINE
+        coefficients[:, 0] += self._origin
+        self._final = coefficients.tolist()
         sample = Sample(
             self.stamp, interval, self._values, level, seen, (full, mean, final, continued, step))
         for continuation in self._continuations:
@@ -299,13 +321,3 @@ class DisturbancePredictor:
         self._bend = np.maximum(math.exp(-interval / BEND_TIME) * self._bend, bend)
         room = np.minimum(self._acceleration / np.maximum(self._bend, 1e-9), 1.0)
         return (room * np.minimum(room / LEAST_ROOM, 1.0))[:, None]
-
-
-def _basis(ahead: float | np.ndarray) -> np.ndarray:
-    """Return what a spline's coefficients are to be multiplied by at times [s]."""
-    return np.maximum(ahead - _FROM, 0.0) ** _POWERS
-
-
-def _slopes(ahead: float) -> np.ndarray:
-    """Return the derivative of the basis [1/s]."""
-    return _POWERS * np.maximum(ahead - _FROM, 0.0) ** _LESS
