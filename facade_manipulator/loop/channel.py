@@ -23,7 +23,9 @@ MAX_MESSAGE = 1 << 16  # bytes
 BUFFER = 1 << 17  # bytes, about a second of states
 MAX_BACKLOG = 4096  # messages that must arrive: who reads none of so many has ended
 _END_OF_KIND = b'\0'
-_WITHOUT_WAITING = socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL
+# plain numbers: to combine flags of Python's takes longer than the call of the system
+_WITHOUT_WAITING = int(socket.MSG_DONTWAIT | socket.MSG_NOSIGNAL)
+_TRUNCATED = int(socket.MSG_TRUNC)
 
 
 class ChannelError(ManipulatorError):
@@ -140,14 +142,14 @@ class Channel:
             return None
         try:
             length, _, flags, _ = self._socket.recvmsg_into(
-                [self._buffer], 0, socket.MSG_DONTWAIT)
+                [self._buffer], 0, _WITHOUT_WAITING)
         except BlockingIOError:
             return None
         except OSError as error:
             raise ChannelClosedError('the other process has ended') from error
         if length == 0:
             raise ChannelClosedError('the other process has closed the channel')
-        if flags & socket.MSG_TRUNC:
+        if flags & _TRUNCATED:
             self.invalid += 1
             return None
         kind, _, packed = bytes(memoryview(self._buffer)[:length]).partition(_END_OF_KIND)

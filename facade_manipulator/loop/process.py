@@ -117,7 +117,7 @@ class LoopProcess:
         # only now does anybody else send: the setup has to be first
         self._jobs: dict[int, Future[Any]] = {}
         self._unanswered = 0
-        self._closing = False
+        self._has_spoken = self._closing = False
         self._farewell: Future[Any] | None = None
         self._latest: Message | None = None
         self._decoded: tuple[Message | None, LoopState] = None, first
@@ -154,8 +154,14 @@ class LoopProcess:
         self._send('setpoint', *setpoint)
 
     def feed(self) -> None:
-        """Show that the node is alive, read what the loop has sent, and end a loop that hangs."""
-        self._send('feed')
+        """
+        Show that the node is alive, read what the loop has sent, and end a loop that hangs.
+
+        Whatever else was sent since the last time has shown it, and has not woken the loop for it.
+        """
+        if not self._has_spoken:
+            self._send('feed')
+        self._has_spoken = False
         self.read()
         self._unanswered += 1
         bound = (MAX_UNANSWERED_WITHOUT_BUS if self.snapshot().state in WITHOUT_BUS
@@ -198,7 +204,7 @@ class LoopProcess:
 
     def _send(self, *message: Any, must_arrive: bool = False) -> None:
         try:
-            self._channel.send(*message, must_arrive=must_arrive)
+            self._has_spoken |= self._channel.send(*message, must_arrive=must_arrive)
         except ChannelClosedError:
             return  # whoever reads meets the same and says so
 

@@ -65,7 +65,7 @@ from facade_manipulator.ros import (
     run,
     service,
     SILENT,
-    steady_timer,
+    steady_timers,
     subscription,
     Transforms,
 )
@@ -200,8 +200,7 @@ class CompensatorNode(Node):
         service(self, interfaces.CANCEL, self._cancel)
         self._diagnostics = DiagnosticsPublisher(
             self, lambda: self._report.components(node_time(self), self._rejections.values()))
-        steady_timer(self, 1.0 / rate, self._update)
-        steady_timer(self, REPORT_PERIOD, self._say)
+        steady_timers(self, 1.0 / rate, self._update, REPORT_PERIOD, self._say)
 
     def _declare(self, geometry: Geometry, part: str, settings_class: type) -> Any:
         """Declare the settings of a part of the compensator, which may change while it runs."""

@@ -75,7 +75,7 @@ from facade_manipulator.ros import (
     setpoint_codec,
     SoftwareStop,
     states_codec,
-    steady_timer,
+    steady_timers,
     subscription,
 )
 
@@ -219,8 +219,9 @@ class DriverNode(ManagedNode):
         self._diagnostics = DiagnosticsPublisher(self, self._components)
         rate = self._settings.joint_states_rate
         every = math.ceil(self._setup.controller.rate / rate)
-        steady_timer(self, 1.0 / rate, lambda: self._publish_joint_states(every))
-        steady_timer(self, SUPERVISION_PERIOD, self._supervise)
+        steady_timers(
+            self, min(1.0 / rate, SUPERVISION_PERIOD), lambda: self._publish_joint_states(every),
+            SUPERVISION_PERIOD, self._supervise)
 
     def _offer_request(self, name: str, request: interfaces.Service) -> None:
         def answer(job: Future[Any]) -> Trigger.Response:

@@ -7,6 +7,7 @@ Everything that rclpy offers beyond its public interface is used in this package
 from .client import Component as Component
 from .client import ManipulatorClient as ManipulatorClient
 from .clocks import steady_timer as steady_timer
+from .clocks import steady_timers as steady_timers
 from .codec import Codec as Codec
 from .codec import estimate_codec as estimate_codec
 from .codec import IMU_FIELDS as IMU_FIELDS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import cycle
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -25,6 +26,24 @@ def steady_timer(node: Node, period: float, callback: Callable[[], Any], **optio
     """
     return node.create_timer(
         period, callback, clock=Clock(clock_type=ClockType.STEADY_TIME), **options)
+
+
+def steady_timers(
+    node: Node, period: float, often: Callable[[], Any], longer: float, seldom: Callable[[], Any]
+) -> None:
+    """
+    Call a function in each period [s], and after it another one about once in a longer period.
+
+    One timer does both: to wake a node once more costs more than most callbacks take.
+    """
+    turns = cycle([True] + (max(1, round(longer / period)) - 1) * [False])
+
+    def call() -> None:
+        often()
+        if next(turns):
+            seldom()
+
+    steady_timer(node, period, call)
 
 
 def reject_simulated_time(node: Node) -> None:

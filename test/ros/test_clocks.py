@@ -9,7 +9,7 @@ from rclpy.parameter import Parameter
 
 from facade_manipulator import nodes
 from facade_manipulator.errors import ParameterError
-from facade_manipulator.ros import steady_timer
+from facade_manipulator.ros import steady_timer, steady_timers
 from facade_manipulator.ros.clocks import reject_simulated_time
 
 SIMULATED = Parameter('use_sim_time', value=True)
@@ -18,6 +18,17 @@ SIMULATED = Parameter('use_sim_time', value=True)
 def test_a_timer_runs_on_a_clock_that_nobody_sets(ros):
     timer = steady_timer(ros.node(), 0.01, lambda: None)
     assert timer.clock.clock_type is ClockType.STEADY_TIME
+
+
+@pytest.mark.parametrize('longer, share', [(0.004, 2), (0.001, 1), (0.0098, 5)])
+def test_one_timer_calls_a_second_function_after_the_first_as_often_as_its_longer_period_says(
+        ros, longer, share):
+    calls = []
+    steady_timers(ros.node(), 0.002, lambda: calls.append('often'),
+                  longer, lambda: calls.append('seldom'))
+    ros.until(lambda: calls.count('seldom') >= 3, 'three calls of the second function')
+    turn = ['often', 'seldom', *(share - 1) * ['often']]
+    assert calls[:2 * len(turn)] == 2 * turn
 
 
 def test_a_node_rejects_simulated_time_at_its_start_and_later(ros):
