@@ -71,7 +71,8 @@ def test_a_machine_in_order_has_no_troubles_and_fits_a_small_terminal():
     known.poses = dict.fromkeys(POSES, (NOW, Pose(0.1, 0.25, 0.035)))
     shown = lines(known)
     assert shown[0] == 'gondola_1: following the goals   remark' and shown[1].startswith('pose')
-    assert len(shown) <= 23 and '1200 cycles, 3 missed' in words(shown)
+    assert len(shown) <= 23, 'a row more, or a table too wide:\n' + '\n'.join(shown)
+    assert '1200 cycles, 3 missed' in words(shown)
     assert '+100.0 +250.0 +2.01' in words(shown)
 
 

@@ -49,6 +49,10 @@ class ProfileObject(NamedTuple):
     value: int | str
     required: bool
 
+    def __repr__(self) -> str:
+        need = 'required' if self.required else 'optional'
+        return f'{self.index:04X}h:{self.subindex:02X} = {self.value}, {need}'
+
 
 @dataclass(frozen=True)
 class Quirks:

@@ -123,7 +123,7 @@ class Operation:
         require_dead_master_stop(self.name, self.session.monitors, self.session.settings)
         if self.session.forbidden:
             raise DriveStateError(f'{self.name} is not possible: {self.session.forbidden}; '
-                                  'wait until whoever set it takes it back')
+                                  'wait until whoever set it releases it')
 
     def until(self, *states: ControllerState) -> Steps:
         """

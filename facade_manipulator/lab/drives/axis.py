@@ -85,6 +85,7 @@ class SimulatedAxis:
         self._values = store.values
         self._motor = motor
         self._quirks = profile.quirks
+        self._lost_master_reaction = profile.lost_master_reaction
         self._units = scale.velocity_units_per_count
         self._motor_speed_units = replace(
             scale, velocity_unit=profile.motor_speed_unit).velocity_units_per_count
@@ -260,8 +261,8 @@ class SimulatedAxis:
             self._enter(State.FAULT)
 
     def lose_connection(self) -> None:
-        """Do what 6007 says about a lost master, NMT stop or a communication reset."""
-        option = self._values[0x6007, 0]
+        """Do what 6007, or what stands for it, says of a lost master, NMT stop or a reset."""
+        option = self._values.get((self._lost_master_reaction, 0), 0)
         command = _CONNECTION_COMMANDS.get(option)
         if command is not None:
             self._enter(TRANSITIONS.get((self.state, command), self.state))

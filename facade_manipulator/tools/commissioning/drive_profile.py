@@ -107,7 +107,8 @@ def draft(
         if (usable := _usable(item, {one.value for one in values}, dictionary, found))]
     if not set(_STOPS) <= {item.index for item in objects}:
         (found.deadly if needs_stop else found.reservations).append(
-            'a dead master does not stop it: 1016h:01 or 6007h:00 is missing')
+            'a dead master does not stop it: 1016h:01 or 6007h:00 is missing (where the maker '
+            'has another object for 6007h, write the profile by hand, with lost_master_reaction)')
     pdos = _pdos(profile, dictionary, found)
     modes = stated(dictionary.get_variable(0x6502))
     if modes is None:

@@ -28,10 +28,11 @@ from facade_manipulator.errors import (
     DriveTimeoutError,
     ParameterError,
 )
+from facade_manipulator.resources import config_path
 
 SETTINGS = ControllerSettings()
+NAMES = sorted(path.stem for path in config_path('drives').glob('*.yaml'))
 ABSENT, READ_ONLY = 0x06020000, 0x06010002
-PROFILES = ('simulated', 'epos4', 'generic_cia402')
 
 
 class Objects:
@@ -152,7 +153,7 @@ def test_only_the_compared_bits_must_be_read_back(drive):
 
 # --- what is written
 
-@pytest.mark.parametrize('name', PROFILES)
+@pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('axis', DEFAULT_AXES, ids=['q1', 'q2', 'q3'])
 def test_every_profile_gets_a_value_for_each_of_its_objects(name, axis):
     profile = load_profile(name)

@@ -124,6 +124,15 @@ def test_the_abort_connection_option_code_is_obeyed(option, state):
     assert bench.drive.state is state
 
 
+def test_a_lost_master_is_what_the_object_says_that_the_profile_names():
+    profile = replace(load_profile('simulated'), lost_master_reaction=0x605E)
+    bench = Bench(profile).configure(_6007=3, _605E=2)
+    bench.sends_heartbeat = True
+    bench.enable()
+    bench.wait(0.3)
+    assert bench.drive.state is State.SWITCH_ON_DISABLED
+
+
 # --- objects
 
 
