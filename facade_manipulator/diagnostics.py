@@ -69,7 +69,8 @@ OPERATION = DiagnosticComponent(
         'setpoint margin p1 [ms]': 'how early setpoints come; 99 % are earlier',
         'setpoint margin p50 [ms]': 'the median of that',
         'drive faults': 'stops since the start of the node',
-        'targets ahead of their SYNC [ms]': 'from the SYNC that latches a target to the instant it is meant for',
+        'targets ahead of their SYNC [ms]':
+            'from the SYNC that latches a target to the instant it is meant for',
         'version': 'of this package, with the commit where it is known',
         'parameters': 'checksum of all parameters',
         'profiles': 'checksums of the drive profiles and EDS that were read last',
