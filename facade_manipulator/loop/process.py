@@ -107,8 +107,8 @@ class LoopProcess:
         channel = Channel(ours)
         with theirs:
             process = self._launch(theirs)
-        channel.send('setup', setup)
         try:
+            channel.send('setup', setup)
             first = _receive_ready(channel)
         except ManipulatorError:
             _kill(process)

@@ -4,8 +4,8 @@ A time of its own for the threads of a test: it steps when all of them wait.
 Threads take turns, one at a time and always in the same order, and whoever waits gives his turn
 away. So nothing waits for a clock, a busy machine changes nothing, and a run is the same each
 time. Code that is to live in it needs no change: while a `SimulatedTime` is entered, the modules
-of this project, of its tests and of the libraries that wait for it find its `time`, `threading`
-and `queue` in the place of Python's.
+of this project, of its tests and of the libraries that wait for it find its `time`, `threading`,
+`queue` and `select` in the place of Python's.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import functools
 import math
 from pathlib import Path
 import queue
+import select
 import sys
 import threading
 import time
@@ -31,6 +32,7 @@ import pytest
 START = 100.0  # s, of the monotonic clock
 WALL_CLOCK = 1.7e9  # s, of the system clock then
 GLANCE = 1e-7  # s that it takes to look at a clock, so that who only looks comes to an end
+SOCKET_STEP = 1e-3  # s, in which who waits for a socket looks at it again
 PACKAGES = ('facade_manipulator.', 'can.', 'canopen.', 'durand.', 'concurrent.futures.')
 TESTS = str(Path(__file__).resolve().parents[1])
 
@@ -174,6 +176,7 @@ class SimulatedTime:
                 time, monotonic=self.monotonic, perf_counter=self.monotonic, time=self.time,
                 perf_counter_ns=lambda: round(1e9 * self.monotonic()), sleep=self.sleep),
             threading: _Changed(threading, **mine), queue: _Changed(queue, **queues),
+            select: _Changed(select, poll=functools.partial(Poll, self)),
             time.time: self.time, time.monotonic: self.monotonic, time.sleep: self.sleep,
             **{getattr(threading, name): kind for name, kind in mine.items()}}
 
@@ -281,6 +284,21 @@ class Condition:
 
     def wait_for(self, condition: Callable[[], object], timeout: float | None = None) -> bool:
         return self._time.wait(condition, timeout, self)
+
+
+class Poll:
+    """A `select.poll`: what the kernel has is there at once, and looked for each millisecond."""
+
+    def __init__(self, time: SimulatedTime) -> None:
+        self._time, self._poll = time, select.poll()
+        self.register = self._poll.register
+
+    def poll(self, timeout: float | None = None) -> list[tuple[int, int]]:
+        """Wait as long as `timeout` [ms]."""
+        end = math.inf if timeout is None else self._time.now + 1e-3 * timeout
+        while not (events := self._poll.poll(0)) and self._time.now < end:
+            self._time.sleep(min(SOCKET_STEP, end - self._time.now))
+        return events
 
 
 class Queue:

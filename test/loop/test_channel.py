@@ -73,6 +73,14 @@ def test_a_full_channel_drops_and_counts_instead_of_waiting(ends):
     assert ends[0].send('state', 'the newest')
 
 
+def test_who_sends_while_another_does_is_not_waited_for(ends):
+    with ends[0]._sending:
+        assert ends[0].send('state', 1) is ends[0].send('reply', 2, must_arrive=True) is False
+    assert ends[0].dropped == 1
+    assert ends[0].send('state', 3)
+    assert [ends[1].receive(0.0).content for _ in range(2)] == [(2,), (3,)]
+
+
 def test_what_must_arrive_waits_for_room_and_keeps_its_order(ends):
     sent = fill(ends[0])
     for number in range(3):
