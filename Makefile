@@ -17,7 +17,7 @@ demo: setup  ## Run the whole stack with simulated drives and a swaying gondola 
 	@$(IN_VENV) exec python -m facade_manipulator.lab.demo \
 	  $(if $(DURATION),--duration '$(DURATION)') $(if $(SCENARIO),--scenario '$(SCENARIO)')
 
-check: lint  ## Check the style and run what needs no clock, bus or ROS: an answer in a minute
+check: lint  ## Check the style and run what needs no clock, bus or other process: an answer in a minute
 	@$(IN_VENV) exec python .ci/test.py --check $(PYTEST_ARGS)
 
 test: setup  ## Run all tests, those of SocketCAN on a real vcan (PYTEST_ARGS='-k …')

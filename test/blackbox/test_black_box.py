@@ -36,6 +36,7 @@ def test_a_file_has_messages_parameters_versions_host_and_drive_type(make):
     assert (run.reasons, run.parameters['driver']['q1.node_id']) == (['asked'], 7)
     assert [one.message.data for one in run.topics['/a']] == [True]
     assert run.about['host'] and run.about['namespace'] == '/g'
+    assert abs(float(run.about['begin']) - time.time()) < 60.0
     assert {'epos4.yaml'} < set(run.files) and 'outcome' not in box.values()
     assert box.outcome.startswith('recorded in')
 

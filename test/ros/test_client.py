@@ -24,6 +24,7 @@ def client(ros):
         yield made
 
 
+@pytest.mark.quick
 def test_the_first_goal_reaches_all_who_listen(ros, client):
     heard = [ros.collect(ros.node(f'listener_{i}', namespace='gondola_1'), PoseStamped,
                          'goal_pose', LATEST) for i in range(3)]
@@ -33,6 +34,7 @@ def test_the_first_goal_reaches_all_who_listen(ros, client):
     assert client.goal == GOAL
 
 
+@pytest.mark.quick
 def test_a_goal_reaches_a_compensator_that_is_discovered_after_it_was_first_sent(ros, client):
     ros.collect(ros.node('bystander', namespace='gondola_1'), PoseStamped, 'goal_pose', LATEST)
     client.wait_until(lambda: client.node.count_subscribers('goal_pose') == 1, 'the bystander')
@@ -49,6 +51,7 @@ def test_a_goal_reaches_a_compensator_that_is_discovered_after_it_was_first_sent
     assert heard[0]
 
 
+@pytest.mark.quick
 def test_a_goal_that_nobody_takes_is_an_error(client, monkeypatch):
     monkeypatch.setattr(ManipulatorClient.wait_until, '__defaults__', (0.1,))
     with pytest.raises(NoAnswerError, match='subscribes to goal_pose: not within 0.1 s'):
@@ -84,12 +87,14 @@ def test_the_head_stands_on_the_rail_when_it_has_been_there_for_a_while(ros, cli
         client.stand_at(GOAL)
 
 
+@pytest.mark.quick
 def test_one_who_only_looks_publishes_nothing_of_the_machine(client):
     published = {name for name, _ in client.node.get_publisher_names_and_types_by_node(
         'supervisor', '/gondola_1')}
     assert published <= {'/rosout', '/parameter_events'}
 
 
+@pytest.mark.quick
 def test_who_looks_on_for_long_remembers_the_last_goals_alone(ros, client):
     goals = ros.node('compensator', namespace='gondola_1').create_publisher(
         DiagnosticStatus, GOAL_STATUS, RECENT)
@@ -102,6 +107,7 @@ def test_who_looks_on_for_long_remembers_the_last_goals_alone(ros, client):
     assert len(client._progress) == RECENT.depth
 
 
+@pytest.mark.quick
 def test_a_status_that_names_no_goal_is_passed_over(ros, client):
     other = ros.node('compensator', namespace='gondola_1')
     statuses = other.create_publisher(DiagnosticStatus, GOAL_STATUS, RECENT)

@@ -12,6 +12,7 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.ros import steady_timer, steady_timers
 from facade_manipulator.ros.clocks import reject_simulated_time
 
+pytestmark = pytest.mark.quick
 SIMULATED = Parameter('use_sim_time', value=True)
 
 

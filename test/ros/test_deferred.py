@@ -10,6 +10,8 @@ from std_srvs.srv import Trigger
 from facade_manipulator.errors import DriveTimeoutError, ManipulatorError
 from facade_manipulator.ros.lifecycle import Deferred, DeferredReplies, ManagedNode
 
+pytestmark = pytest.mark.quick
+
 
 def answer(job):
     return Trigger.Response(success=True, message=job.result())

@@ -17,6 +17,7 @@ from facade_manipulator.ros.diagnostics import (
     SILENT,
 )
 
+pytestmark = pytest.mark.quick
 ACTIVE = DriverStatus('active', 'holding', '', 1795320000.123456)
 IDLE = DriverStatus('inactive', 'holding', 'activate')
 

@@ -2,17 +2,26 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 import re
 
+from loop_bench import LoopThread
 import pytest
-from support import DEADLINE
 
 import facade_manipulator
 from facade_manipulator.errors import ParameterError
+from facade_manipulator.nodes.compensator import CompensatorNode
+from facade_manipulator.nodes.driver import DriverNode
+from facade_manipulator.nodes.ik_service import IkServiceNode
+from facade_manipulator.nodes.recorder import RecorderNode
+from facade_manipulator.ros import runtime
 from facade_manipulator.ros.known_parameters import NODE_NAMES, require_known_parameters
 
+pytestmark = pytest.mark.quick
 PACKAGE = Path(facade_manipulator.__file__).parent
+NODES = {'driver': partial(DriverNode, LoopThread), 'compensator': CompensatorNode,
+         'ik_service': IkServiceNode, 'recorder': RecorderNode}
 
 
 @pytest.fixture
@@ -106,7 +115,7 @@ def test_all_nodes_of_the_package_are_known():
     assert named == set(NODE_NAMES)
 
 
-@pytest.mark.parametrize('module, arguments, message', [
+@pytest.mark.parametrize('node, arguments, message', [
     ('driver', ('-p', 'nonsense:=1'), "no parameter 'nonsense'"),
     ('recorder', ('-r', '__node:=box', '-p', 'recorder:disk:=500.0'),
      "box was started as recorder and renamed: nobody reads 'disk' of recorder (given by -p)"),
@@ -122,8 +131,7 @@ def test_all_nodes_of_the_package_are_known():
     ('ik_service', ('-p', 'geometry.link_lenght:=0.3'), "'geometry.link_length'"),
 ])
 def test_a_wrong_parameter_ends_the_start_with_one_message_and_status_2(
-        start_process, module, arguments, message):
-    process = start_process(f'facade_manipulator.nodes.{module}', '--ros-args', *arguments)
-    assert process.wait(DEADLINE) == 2
-    log = process.log.read_text()
-    assert message in log and 'Traceback' not in log
+        ros_domain, handlers, capfd, node, arguments, message):
+    assert runtime.run(lambda: [NODES[node]()], ['--ros-args', *arguments]) == 2
+    said = capfd.readouterr().err
+    assert message in said and 'Traceback' not in said

@@ -12,6 +12,7 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.interfaces import EVERY, Quality, RELIABLE, STREAM, Topic
 from facade_manipulator.ros import MessageQueues, publisher
 
+pytestmark = pytest.mark.quick
 DEPTH = RELIABLE.depth
 TOLD = Topic('told', 'std_msgs/Int32', RELIABLE, (), recorded=EVERY)
 

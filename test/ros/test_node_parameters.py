@@ -6,11 +6,13 @@ from functools import partial
 import math
 import re
 
+from hypothesis import given
+from hypothesis import strategies as st
 from loop_bench import LoopThread
 import pytest
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from support import DEADLINE, wait_until
+from support import wait_until
 import yaml
 
 from facade_manipulator import config_path
@@ -21,7 +23,10 @@ from facade_manipulator.nodes.disturbance_estimator import DisturbanceEstimatorN
 from facade_manipulator.nodes.driver import DriverNode
 from facade_manipulator.nodes.ik_service import IkServiceNode
 from facade_manipulator.nodes.recorder import RecorderNode
+from facade_manipulator.parameters import check_value, ParameterInfo
+from facade_manipulator.ros import parameters, runtime
 
+pytestmark = pytest.mark.quick
 NODES = {
     'driver': partial(DriverNode, LoopThread),
     'ik_service': IkServiceNode,
@@ -169,11 +174,42 @@ def test_a_workspace_limit_that_leaves_no_workspace_is_rejected(ros):
     ('/**: {ros__parameters: [1, 2', 'yaml'),
 ])
 def test_a_parameter_file_that_cannot_be_read_is_one_sentence_and_no_traceback(
-        start_process, tmp_path, content, message):
+        ros_domain, handlers, tmp_path, capfd, content, message):
+    file = tmp_path / 'nowhere.yaml'
     if content is not None:
-        (tmp_path / 'nowhere.yaml').write_text(content)
-    process = start_process(
-        'facade_manipulator.nodes.ik_service', '--ros-args', '--params-file', 'nowhere.yaml')
-    assert process.wait(DEADLINE) == 2
-    log = process.log.read_text()
-    assert 'could not start' in log and message in log and 'Traceback' not in log
+        file.write_text(content)
+    assert runtime.run(pytest.fail, ['--ros-args', '--params-file', str(file)]) == 2
+    said = capfd.readouterr().err
+    assert 'could not start' in said and message in said and 'Traceback' not in said
+
+
+BOUNDS = st.one_of(st.none(), st.integers(-100, 100))
+
+
+@given(BOUNDS, BOUNDS, st.one_of(st.integers(-200, 200), st.integers(-200, 200).map(float)),
+       st.sampled_from(['', 'm']), st.booleans())
+def test_a_descriptor_has_the_range_that_is_checked(minimum, maximum, value, unit, read_only):
+    info = ParameterInfo('a length', unit, minimum, maximum)
+    descriptor = parameters._descriptor(info, value, read_only)
+    assert descriptor.description == ('a length [m]' if unit else 'a length')
+    assert descriptor.read_only is read_only and not descriptor.additional_constraints
+    assert len(descriptor.floating_point_range) == (
+        (minimum, maximum) != (None, None) and isinstance(value, float))
+    ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+    assert bool(ranges) == ((minimum, maximum) != (None, None))
+    try:
+        check_value('length', value, info)
+        accepted = True
+    except ParameterError:
+        accepted = False
+    assert accepted == all(one.from_value <= value <= one.to_value for one in ranges)
+
+
+@pytest.mark.parametrize('info, text', [
+    (ParameterInfo('', minimum=0.5), 'at least 0.5'),
+    (ParameterInfo('', 'm', maximum=2.0, elements=('x', 'y')), '2 elements, at most 2 m'),
+    (ParameterInfo('', choices=('a', 'b')), 'one of a, b'), (ParameterInfo(''), '')])
+def test_what_a_descriptor_has_no_field_for_it_says_in_words(info, text):
+    descriptor = parameters._descriptor(info, (1.0, 1.0), False)
+    assert descriptor.additional_constraints == text
+    assert not descriptor.floating_point_range and not descriptor.integer_range

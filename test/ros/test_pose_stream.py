@@ -11,6 +11,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import planar_pose, seconds
 from facade_manipulator.ros.conversions import PoseStream
 
+pytestmark = pytest.mark.quick
 PLACE = Pose(0.1, 0.2, math.radians(5.0))
 
 

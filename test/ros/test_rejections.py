@@ -7,6 +7,8 @@ from facade_manipulator.ros import diagnostics
 from facade_manipulator.ros.diagnostics import Rejections, RepeatedLog
 from facade_manipulator.ros.lifecycle import ManagedNode
 
+pytestmark = pytest.mark.quick
+
 
 def test_what_is_rejected_in_a_block_is_counted_and_goes_no_further(ros):
     rejections, reached = Rejections(ros.node('node')), []

@@ -29,15 +29,6 @@ def executor(request, monkeypatch):
     return request.param
 
 
-@pytest.fixture
-def handlers():
-    """Put back the signal handlers that a process of nodes has for itself."""
-    before = {number: signal.getsignal(number) for number in runtime.STOP_SIGNALS}
-    yield
-    for number, handler in before.items():
-        signal.signal(number, handler)
-
-
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_that_comes_before_a_node_is_imported_ends_it_without_a_traceback(number):
     process = subprocess.run([sys.executable, '-c', f"""

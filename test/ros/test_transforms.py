@@ -8,6 +8,7 @@ from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import seconds
 from facade_manipulator.ros import conversions, Transforms
 
+pytestmark = pytest.mark.quick
 PLACE = Pose(0.1, 0.2, 1.0)
 
 
