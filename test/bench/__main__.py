@@ -12,9 +12,10 @@ from pathlib import Path
 import sys
 import time
 
-import ros
-import sections
-import table
+sys.path.append(str(Path(__file__).resolve().parents[1] / 'helpers'))
+import ros  # noqa: E402
+import sections  # noqa: E402
+import table  # noqa: E402
 
 ROUNDS = {'quick': 3, 'full': 7}
 SECTIONS = {

@@ -2,9 +2,10 @@
 The process of the control loop, as the driver starts it, that tells what it takes.
 
 A line on stdin is answered with the ages [s] at which setpoints were taken since the last one,
-each against the instant it is meant for, and with the CPU [s] that the channel to the node has
-cost so far: all of the thread that receives, and of the control thread what it spends on sending
-states. Once active, drives that cost next to nothing take the place of the simulated ones.
+each against the instant it is meant for, and with the CPU [s] so far: what the channel to the
+node has cost, all of the thread that receives and of the control thread what it spends on sending
+states; and all that the loop has cost. Once active, drives that cost next to nothing take the
+place of the simulated ones.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ class ObservedLoop(ControlLoop):
         super().__init__(setup, *channel)
         self._ages: list[float] = []
         self._sending = 0.0
-        self._bus_channel = setup.bus.channel
+        self._bus_channel, self._rate = setup.bus.channel, setup.controller.rate
         Thread(target=self._obey, daemon=True).start()
 
     def _add_setpoint(self, time_meant: float, *rest) -> None:
@@ -44,11 +45,12 @@ class ObservedLoop(ControlLoop):
     def _obey(self) -> None:
         while self.controller.snapshot().state is not ControllerState.ACTIVE:
             time.sleep(0.01)
-        Answers(can.Bus(interface='virtual', channel=self._bus_channel))
+        drives = Answers(can.Bus(interface='virtual', channel=self._bus_channel), self._rate)
         self.simulator.stop()
         for _ in sys.stdin:
             ages, self._ages = self._ages, []
-            print(json.dumps([ages, cpu_of(main_thread()) + self._sending]), flush=True)
+            print(json.dumps([ages, cpu_of(main_thread()) + self._sending,
+                              time.process_time() - cpu_of(drives)]), flush=True)
 
 
 if __name__ == '__main__':

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import ctypes
 import json
 import os
+from pathlib import Path
 import select
 import signal
 from statistics import quantiles
@@ -15,6 +16,7 @@ import tempfile
 import time
 from typing import IO, NamedTuple
 
+from own_processes import free_domain
 from rounds import HERE, SOURCE
 
 END_WITHIN = 5.0
@@ -34,14 +36,15 @@ class Load(NamedTuple):
 class Processes:
     """Context of processes in a ROS domain of their own."""
 
-    def __init__(self, domain: int) -> None:
+    def __init__(self) -> None:
+        self._domain = free_domain()
         self._environment = {
-            **os.environ, 'ROS_DOMAIN_ID': str(domain),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONPATH': str(SOURCE)}
+            **os.environ, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PYTHONPATH': str(SOURCE)}
         self.running: dict[str, subprocess.Popen] = {}
         self._logs: dict[str, IO[str]] = {}
 
     def __enter__(self) -> Processes:
+        self._environment['ROS_DOMAIN_ID'] = str(self._domain.__enter__())
         return self
 
     def __exit__(self, *_) -> None:
@@ -59,6 +62,7 @@ class Processes:
                 process.wait()
         for log in self._logs.values():
             log.close()
+        self._domain.__exit__(None, None, None)
 
     def last_line(self, key: str) -> str:
         """Return the last that a process said."""
@@ -100,9 +104,15 @@ class Processes:
         cpu = (self.cpu(counted) - before) / (time.monotonic() - begin)
         return load(latencies, cpu)
 
-    def cpu(self, names: list[str]) -> float:
+    def cpu(self, names: Sequence[str]) -> float:
         """Return the processor time that processes have used [s]."""
         return sum(cpu_of(self.running[name].pid) for name in names)
+
+    def memory(self) -> float:
+        """Return what all processes have of their own in memory [MiB]."""
+        return sum(int(line.split()[1]) for process in self.running.values()
+                   for line in Path(f'/proc/{process.pid}/smaps_rollup').read_text().splitlines()
+                   if line.startswith('Private')) / 1024.0
 
 
 def load(latencies: list[float], cpu: float) -> Load:

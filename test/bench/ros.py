@@ -1,9 +1,12 @@
-"""R1 and R2; on real processes."""
+"""R1, R2 and S1; on real processes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
 from statistics import median
+import subprocess
+from tempfile import TemporaryDirectory
 import time
 from typing import NamedTuple, TypeVar
 
@@ -11,7 +14,6 @@ from processes import listen, Load, load, Processes, until
 from table import compare, Row
 
 T = TypeVar('T')
-DOMAIN = 94
 DEFAULT_RATE, FAST_RATE = 100.0, 500.0
 
 
@@ -22,42 +24,41 @@ class Layout(NamedTuple):
     relays: tuple[str, ...]
     executor: str  # of the relays
     inputs: str
-    listener: str
+    listener: str  # in the driver's place; ours reads as the driver does, and counts
+    counts: bool = False
 
 
 COMPENSATOR = Layout(
     ('compensator',), ('compensator_relay',), 'events', 'inputs', 'hear_poses')
 IK_SERVICE = Layout(('ik_service',), ('ik_relay',), 'events', 'poses', 'hear_setpoints')
 DEPLOYMENT = Layout(
-    ('manipulator',), ('compensator_relay', 'ik_relay'), 'single', 'inputs', 'hear_setpoints')
+    ('manipulator',), ('compensator_relay', 'ik_relay'), 'single', 'inputs', 'hear_setpoints',
+    counts=True)
+EMPTY_DEPLOYMENT = DEPLOYMENT._replace(relays=('deployment_relay',), executor='events')
+RELAY_GOALS = '<= 1.15', '<= 1.2'  # p50, CPU
+ALONE = (  # beside an empty relay: layout, rate
+    (COMPENSATOR, DEFAULT_RATE), (COMPENSATOR, FAST_RATE), (IK_SERVICE, DEFAULT_RATE))
 DRIVER = 'both processes without the CAN cycle, setpoint sent to taken'
 PATIENT = (  # of drives that must not stop where the computer is busy
     '-p', 'controller.max_missed_cycles:=10', '-p', 'controller.watchdog_timeout:=1.0',
     '-p', 'controller.heartbeat_timeout:=0.5')
-EMPTY_DEPLOYMENT = DEPLOYMENT._replace(relays=('deployment_relay',), executor='events')
-WHY = {  # of goals missed
-    'R1': 'the compensator learns at every other estimate; what takes 0.1 ms in a loop takes '
-          '0.4 ms after a sleep of 10 ms, in caches that are cold by then; the driver passes each '
-          'setpoint on to a second process, which has to be woken, and hears its state in turn',
-    'R2': 'an empty relay of the same shape takes 0.28 of the CPU of the three relays by itself; '
-          'prediction, path, limits and certificates come on top',
-}
+STACK = {True: ('manipulator', 'recorder'), False: ('deployment_relay', 'recorder_relay')}
 TIMES = {True: (0.3, 0.8), False: (1.0, 2.0)}  # warm-up and duration by quick [s]
 
 
-def again(measure: Callable[..., T], *arguments) -> T:
+def again(measure: Callable[[], T]) -> T:
     """Measure once more where a process has ended by itself or nothing was heard."""
     try:
-        return measure(*arguments)
-    except (OSError, RuntimeError) as error:
+        return measure()
+    except (OSError, RuntimeError, ValueError) as error:  # Fast DDS writes its log to stdout
         print(f'  {error}: measured again')
-        return measure(*arguments)
+        return measure()
 
 
 def run(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:
-    """Measure one layout; the listener stands in the driver's place and counts in a deployment."""
+    """Measure one layout."""
     executor = 'events' if is_ours else layout.executor
-    with Processes(DOMAIN) as processes:
+    with Processes() as processes:
         counted = list(layout.ours if is_ours else layout.relays)
         for name in counted:
             if not is_ours:
@@ -67,7 +68,7 @@ def run(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:
             else:
                 processes.node(name, f'rate:={rate}')
         listener = layout.listener
-        if layout in (DEPLOYMENT, EMPTY_DEPLOYMENT):
+        if layout.counts:
             listener = 'hear_as_the_driver' if is_ours else listener
             counted.append(listener)
         processes.role(listener, executor, rate)
@@ -75,61 +76,82 @@ def run(layout: Layout, is_ours: bool, rate: float, quick: bool) -> Load:
         return processes.measure(counted, listener, *TIMES[quick])
 
 
-def beside(layout: Layout, rate: float, rounds: int, quick: bool) -> tuple[Load, Load]:
-    """Measure ours and the relays in turns; return the medians of both."""
-    return medians(lambda is_ours: run(layout, is_ours, rate, quick), rounds)
+def medians(measures: Sequence[Callable[[], Load]], rounds: int) -> list[Load]:
+    """Measure all in turns; return the median of each."""
+    turns = [[again(measure) for measure in measures] for _ in range(rounds)]
+    return [Load(*(median(values) for values in zip(*side, strict=True)))
+            for side in zip(*turns, strict=True)]
 
 
-def medians(measure: Callable[[bool], Load], rounds: int) -> tuple[Load, Load]:
-    """Measure ours and the other in turns; return the medians of both."""
-    turns = [(again(measure, True), again(measure, False)) for _ in range(rounds)]
-    return tuple(
-        Load(*(median(values) for values in zip(*side, strict=True)))
-        for side in zip(*turns, strict=True))
+def start_driver(processes: Processes, is_ours: bool, rate: float) -> subprocess.Popen:
+    """Start the driver, or a relay in its place, with a CAN cycle of some rate."""
+    return processes.script(
+        'driver_role', 'driver' if is_ours else 'relay', str(rate), '--ros-args',
+        '-r', '__ns:=/bench', '-p', 'simulate_drives:=true',
+        '-p', 'bus.channel:=driver_bench', '-p', f'controller.rate:={rate:.0f}', *PATIENT)
 
 
-def run_driver(is_ours: bool, rate: float, quick: bool) -> Load:
+def hear_driver(processes: Processes, quick: bool, others: Sequence[str] = ()) -> tuple:
+    """Return latencies of setpoints [s], CPU of the driver without its cycle, and of all."""
+    role = processes.running['driver_role']
+    until(lambda: listen(role, 0.2)[0])
+    warm_up, duration = TIMES[quick]
+    time.sleep(warm_up)
+    before, begin = processes.cpu(others), time.monotonic()
+    taken, apart, whole = listen(role, duration)
+    if not taken:
+        raise RuntimeError(f'no setpoint was taken: {processes.last_line("driver_role")}')
+    return taken, apart, whole + (processes.cpu(others) - before) / (time.monotonic() - begin)
+
+
+def run_driver(is_ours: bool, quick: bool) -> Load:
     """Measure the driver's side of ROS: latencies of setpoints, CPU of both processes."""
-    with Processes(DOMAIN) as processes:
-        role = processes.script(
-            'driver_role', 'driver' if is_ours else 'relay', '--ros-args',
-            '-r', '__ns:=/bench', '-p', 'simulate_drives:=true',
-            '-p', 'bus.channel:=driver_bench', '-p', f'controller.rate:={FAST_RATE:.0f}',
-            *PATIENT)
-        processes.role('setpoints', 'events', rate)
-        until(lambda: listen(role, 0.2)[0])
-        warm_up, duration = TIMES[quick]
-        time.sleep(warm_up)
-        taken, cpu = listen(role, duration)
-        if not taken:
-            raise RuntimeError(f'no setpoint was taken: {processes.last_line("driver_role")}')
+    with Processes() as processes:
+        start_driver(processes, is_ours, FAST_RATE)
+        processes.role('setpoints', 'events', DEFAULT_RATE)
+        taken, apart, _ = hear_driver(processes, quick)
+        return load(taken, apart)
+
+
+def run_stack(is_ours: bool, quick: bool) -> Load:
+    """Measure driver, control loop, manipulator and recorder; drives and estimator are apart."""
+    with Processes() as processes, TemporaryDirectory() as folder:
+        start_driver(processes, is_ours, DEFAULT_RATE)
+        for name in STACK[is_ours]:
+            if is_ours:
+                processes.node(name, *[f'folder:={folder}'] * (name == 'recorder'))
+            else:
+                processes.role(name, 'events', DEFAULT_RATE)
+        processes.role('estimates', 'events', DEFAULT_RATE)
+        taken, _, cpu = hear_driver(processes, quick, STACK[is_ours])
+        print(f'  {"stack" if is_ours else "relays"}: {processes.memory():.0f} MiB')
         return load(taken, cpu)
 
 
 def nodes(rounds: int, quick: bool) -> list[Row]:
-    """R1 and R2."""
+    """R1, R2 and S1."""
+    rounds = 1 if quick else rounds
     rows = []
-    rates = (FAST_RATE,) if quick else (DEFAULT_RATE, FAST_RATE)
-    for layout, name in ((COMPENSATOR, 'compensator'), (IK_SERVICE, 'ik_service')):
-        for rate in rates:
-            ours, relay = beside(layout, rate, 1 if quick else rounds, quick)
-            rows += _both(f'{name} at {rate:g} Hz, beside an empty relay', ours, relay,
-                          'R1', ('<= 1.15', '<= 1.2'))
-    for rate in rates:
+    for layout, rate in ALONE[:1] if quick else ALONE:
         ours, relay = medians(
-            lambda is_ours, rate=rate: run_driver(is_ours, rate, quick), 1 if quick else rounds)
-        rows += _both(f'driver at {rate:g} Hz, {DRIVER}, beside an empty relay', ours, relay,
-                      'R1', ('<= 1.25', '<= 1.4'))
-    ours, relay = beside(DEPLOYMENT, FAST_RATE, 1 if quick else rounds, quick)
+            [partial(run, layout, is_ours, rate, quick) for is_ours in (True, False)], rounds)
+        rows += _both(f'{layout.ours[0]} at {rate:g} Hz, beside an empty relay', ours, relay,
+                      'R1', RELAY_GOALS)
+    ours, relay = medians([partial(run_driver, one, quick) for one in (True, False)], rounds)
+    rows += _both(f'driver at 100 Hz, {DRIVER}, beside an empty relay', ours, relay,
+                  'R1', ('<= 1.25', '<= 1.4'))
+    ours, relays, empty = medians([
+        partial(run, DEPLOYMENT, True, FAST_RATE, quick),
+        partial(run, DEPLOYMENT, False, FAST_RATE, quick),
+        partial(run, EMPTY_DEPLOYMENT, False, FAST_RATE, quick)], rounds)
     rows += _both('deployment at 500 Hz, beside three SingleThreadedExecutor relays', ours,
-                  relay, 'R2', ('<= 0.4', ''))
-    if not quick:
-        ours, relay = beside(EMPTY_DEPLOYMENT, FAST_RATE, rounds, quick)
-        rows += _both('deployment at 500 Hz, beside an empty relay of the same shape', ours,
-                      relay, 'R2', ('', '<= 1.1'))
-    for goal_id in sorted({row.goal_id for row in rows if not row.met}):
-        print(f'  missed {goal_id}: {WHY[goal_id]}')
-    return rows
+                  relays, 'R2', ('<= 0.4', ''))
+    rows += _both('deployment at 500 Hz, beside an empty relay of the same shape', ours,
+                  empty, 'R2', ('', '<= 1.1'))
+    ours, empty = medians([partial(run_stack, one, quick) for one in (True, False)], rounds)
+    return rows + _both(
+        'whole stack at 100 Hz, beside empty nodes and a CAN cycle of python-can', ours, empty,
+        'S1', ('', '<= 1.3'))
 
 
 def _both(name: str, ours: Load, relay: Load, goal_id: str, goals: tuple[str, str]) -> list[Row]:

