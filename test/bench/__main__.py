@@ -27,7 +27,7 @@ SECTIONS = {
 def main() -> int:
     """Run the sections asked for; what fails costs its rows and the exit status."""
     parser = argparse.ArgumentParser(prog='make bench', description=__doc__)
-    parser.add_argument('--quick', action='store_true', help='about a minute, fewer rounds')
+    parser.add_argument('--quick', action='store_true', help='fewer rows and rounds')
     parser.add_argument('--sections', nargs='+', choices=SECTIONS, default=list(SECTIONS))
     parser.add_argument('--output', type=Path, default=Path('bench_report'))
     parser.add_argument('--before', type=Path, help='an earlier bench.json, to put beside')

@@ -13,7 +13,7 @@ from facade_manipulator.files import atomic_write
 GOAL_HEADS = ('name', 'ours', 'competitor', 'ratio', 'goal', 'met')
 FACTORS = {'us': 1e6, '%': 100.0}
 NAME_WIDTH = 52  # characters of a line beside the bars
-DRAWN_MARGINS = (0.5, 5.0)  # what is beyond is told by its number alone
+DRAWN = 0.5, 5.0  # what is beyond is told by its number alone
 
 
 @dataclass(frozen=True)
@@ -98,33 +98,22 @@ def ratios(path: Path) -> dict[str, float]:
 
 
 def draw(rows: list[Row], path: Path) -> None:
-    """Draw how far each goal is met."""
+    """Draw how many times as good as its goal each row is: right of the line the goal is met."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 10), layout='constrained')
-    _draw_goals(figure.subplots(), rows)
-    figure.savefig(path, dpi=110)
-
-
-def _draw_goals(panel, judged: list[Row]) -> None:
-    """Bars of ratio over bound; right of the line the goal is met."""
-    names = [fill(f'{row.goal_id} {row.name}', NAME_WIDTH) for row in judged]
-    margins = [_margin(row) for row in judged]
-    low, high = DRAWN_MARGINS
-    ends = [min(max(margin, low), high) for margin in margins]
-    colours = ['#0072b2' if row.met else '#d55e00' for row in judged]
-    bars = panel.barh(range(len(names)), [end - 1.0 for end in ends], left=1.0, color=colours)
-    panel.bar_label(bars, [_factor(margin) for margin in margins], padding=3, fontsize=7)
-    panel.set_yticks(range(len(names)), names, fontsize=7)
-    panel.axvline(1.0, color='black', lw=1.0)
-    panel.set(xscale='log', xlim=(0.8 * low, 1.5 * high),
-              title='Goals met (blue) and missed (orange)', xlabel='times as good as the goal')
-    ticks = (0.5, 1.0, 2.0, 4.0)
-    panel.set_xticks(ticks, [f'{tick:g}' for tick in ticks])
-    panel.set_xticks([], minor=True)
+    panel = figure.subplots()
+    margins = [min(max(_margin(row), DRAWN[0]), DRAWN[1]) for row in rows]
+    bars = panel.barh(
+        [fill(f'{row.goal_id} {row.name}', NAME_WIDTH) for row in rows],
+        [margin - 1.0 for margin in margins], left=1.0,
+        color=['#0072b2' if row.met else '#d55e00' for row in rows])
+    panel.bar_label(bars, [f'{_margin(row):,.2f}' for row in rows], padding=3)
+    panel.axvline(1.0, color='black')
+    panel.set(
+        xscale='log', xlim=(0.8 * DRAWN[0], 1.5 * DRAWN[1]), title='Times as good as the goal')
     panel.invert_yaxis()
-    panel.margins(y=0.01)
-    panel.grid(axis='x', alpha=0.3)
+    figure.savefig(path, dpi=110)
 
 
 def _margin(row: Row) -> float:
@@ -132,7 +121,3 @@ def _margin(row: Row) -> float:
     sign, bound = row.goal.split()
     share = row.ratio / float(bound)
     return share if sign == '>=' else 1.0 / max(share, 1e-9)
-
-
-def _factor(margin: float) -> str:
-    return f'{margin:.2f}' if margin < 10.0 else f'{margin:,.0f}'
