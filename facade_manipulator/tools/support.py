@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 import io
 import os
 from pathlib import Path
 import platform
 import shutil
+import stat
 import subprocess
 import sys
 import tarfile
@@ -42,23 +44,28 @@ def _pack(options: argparse.Namespace) -> None:
     oldest = time.time() - options.days * DAY
     journals = (path for one in options.parameters
                 for path in one.resolve().parent.glob(f'{one.stem}.journal.*'))
-    files = [*options.parameters, *journals, *_files(options.folder, oldest),
-             *_files(_logs(), oldest)]
+    found = [*_files(options.folder, oldest), *_files(_logs(), oldest)]
     with atomic_write(options.output) as draft, tarfile.open(draft, 'w:gz') as archive:
-        for path in files:
-            archive.add(path, str(path.resolve()).lstrip('/'))
+        for path in (*options.parameters, *journals):
+            _add_file(archive, path)
+        for path in found:
+            with suppress(FileNotFoundError):  # a recorder that runs deletes its oldest
+                _add_file(archive, path)
+        count = len(archive.getmembers())
         for name, text in (('versions.txt', _versions()), ('journal.txt', _journal(oldest)),
                            ('doctor.txt', _output(*DOCTOR, *map(str, options.parameters)))):
             _add(archive, name, text.encode())
-    print(f'{options.output}: {len(files)} files, {options.output.stat().st_size / 1e6:.1f} MB; '
+    print(f'{options.output}: {count} files, {options.output.stat().st_size / 1e6:.1f} MB; '
           'it names hosts and users')
 
 
 def _files(folder: Path, oldest: float) -> Iterator[Path]:
     """Yield the files of a folder that are not older; lasting ones, whatever their age."""
     for path in sorted(folder.rglob('*')):
-        if path.is_file() and (path.name.startswith(LASTING) or path.stat().st_mtime >= oldest):
-            yield path
+        with suppress(FileNotFoundError):  # it was there a moment ago
+            if stat.S_ISREG((found := path.stat()).st_mode) and (
+                    path.name.startswith(LASTING) or found.st_mtime >= oldest):
+                yield path
 
 
 def _logs() -> Path:
@@ -88,6 +95,10 @@ def _output(*command: str) -> str:
     except subprocess.TimeoutExpired as error:
         return str(error)
     return done.stdout + done.stderr
+
+
+def _add_file(archive: tarfile.TarFile, path: Path) -> None:
+    archive.add(path, str(path.resolve()).lstrip('/'))
 
 
 def _add(archive: tarfile.TarFile, name: str, content: bytes) -> None:

@@ -36,3 +36,24 @@ def test_a_parameter_file_that_is_missing_leaves_no_archive(tmp_path, capsys):
     output = tmp_path / 'out.tar.gz'
     assert main(['missing.yaml', '--folder', str(tmp_path), '--output', str(output)]) == 1
     assert 'missing.yaml' in capsys.readouterr().err and not list(tmp_path.iterdir())
+
+
+def test_what_a_recorder_deletes_meanwhile_is_no_error(tmp_path, monkeypatch, capsys, ros_domain):
+    state, logs = tmp_path / 'state', tmp_path / 'log'
+    for folder in (state, logs):
+        folder.mkdir()
+    pruned, kept = state / 'blackbox_000001_a.mcap', state / 'blackbox_000002_a.mcap'
+    for path in (pruned, kept):
+        path.touch()
+
+    def prune():
+        pruned.unlink()
+        return logs
+
+    monkeypatch.setattr('facade_manipulator.tools.support._logs', prune)
+    output = tmp_path / 'out.tar.gz'
+    assert main(['--folder', str(state), '--output', str(output)]) == 0
+    assert f'{output}: 1 files' in capsys.readouterr().out
+    with tarfile.open(output) as archive:
+        names = {name.rpartition('/')[2] for name in archive.getnames()}
+    assert kept.name in names and pruned.name not in names
