@@ -12,7 +12,12 @@ from typing import Any
 
 from facade_manipulator.blackbox.messages import RecordedTopic
 from facade_manipulator.blackbox.origin import carried_files, host
-from facade_manipulator.blackbox.recording import run_metadata, write_recording
+from facade_manipulator.blackbox.recording import (
+    metadata_of,
+    run_metadata,
+    run_parameters,
+    write_recording,
+)
 from facade_manipulator.blackbox.settings import BlackBoxSettings
 from facade_manipulator.blackbox.shelf import Shelf
 from facade_manipulator.blackbox.stream import Stream
@@ -141,14 +146,20 @@ class BlackBox:
         try:
             self._shelf.folder.mkdir(parents=True, exist_ok=True)
             if not self._has_recovered:
-                self._interrupted += self._stream.recover(lambda segments: self._shelf.write(
-                    time.time(), lambda path: write_recording(
-                        path, self._topics, segments, (), INTERRUPTED), self._stream.draft()))
+                self._interrupted += self._stream.recover(self._recover)
                 self._has_recovered = True
             self._shelf.make_room(self._stream.disk)
             self._stream.flush(metadata)
         except OSError as error:
             raise self._shelf.error(error) from error
+
+    def _recover(self, segments: list[Path]) -> None:
+        driver = run_parameters(metadata_of(segments[-1])).get('driver', {})
+        path = self._shelf.write(
+            time.time(), lambda draft: write_recording(
+                draft, self._topics, segments, carried_files(driver), INTERRUPTED),
+            self._stream.draft())
+        self._log.warning(f'{INTERRUPTED}: what it had is in {path}')
 
     def _write(self, due: DueFile, metadata: Metadata, attachments: Iterable[Path]) -> Path:
         begin = time.monotonic()

@@ -95,6 +95,13 @@ def run_metadata(
         for node, values in parameters.items()}}
 
 
+def run_parameters(metadata: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, Any]]:
+    """Return the parameters of a file's records, by node and name."""
+    return {
+        record.removeprefix(PARAMETERS): {name: json.loads(value) for name, value in one.items()}
+        for record, one in metadata.items() if record.startswith(PARAMETERS)}
+
+
 def metadata_of(path: Path) -> dict[str, dict[str, str]]:
     """Return the records at the begin of a file by their name; raises a McapError without one."""
     with path.open('rb') as file:
@@ -223,6 +230,4 @@ def _note(run: RecordedRun, name: str, values: dict[str, str]) -> None:
     if name == SUMMARY:
         run.about, run.reasons = values, values['reasons'].splitlines()
         run.begin = float(values['begin'])
-    elif name.startswith(PARAMETERS):
-        run.parameters[name.removeprefix(PARAMETERS)] = {
-            parameter: json.loads(value) for parameter, value in values.items()}
+    run.parameters |= run_parameters({name: values})

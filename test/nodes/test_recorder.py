@@ -21,7 +21,11 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import Range
 from std_srvs.srv import Trigger
 
-from facade_manipulator.blackbox.recording import segment_messages
+from facade_manipulator.blackbox.recording import (
+    metadata_of,
+    read_recording,
+    segment_messages,
+)
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.maintenance import Journal
 from facade_manipulator.nodes.recorder import RecorderNode
@@ -254,11 +258,14 @@ def test_what_a_recorder_that_was_killed_had_is_the_file_of_the_next(
     arguments = ('facade_manipulator.nodes.recorder', '--ros-args', '-p', f'folder:={tmp_path}')
     killed = start_process(*arguments)
     node = ros.node('driver')
+    node.declare_parameter('q1.profile', 'epos4')
     goals = node.create_publisher(PoseStamped, 'goal_pose', RELIABLE)
     ros.until(goals.get_subscription_count, 'the recorder')
     goals.publish(pose_stamped('facade', 14.0, GOAL))
     ros.until(lambda: any(one.topic == '/goal_pose' for path in tmp_path.glob('.stream*/*.mcap')
                           for one in segment_messages(path, False)), 'a segment', 60.0)
+    ros.until(lambda: any('parameters of driver' in metadata_of(path)
+                          for path in tmp_path.glob('.stream*/*.mcap')), 'the parameters', 60.0)
     killed.kill()
     start_process(*arguments)
     path, = ros.until(lambda: [one for one in tmp_path.glob('*.mcap') if one.stat().st_size],
@@ -267,6 +274,7 @@ def test_what_a_recorder_that_was_killed_had_is_the_file_of_the_next(
     assert 'killed or lost power' in metadata['black box']['reasons']
     assert [message.pose.position.x for topic, message in messages
             if topic == '/goal_pose'] == [GOAL.x]
+    assert 'epos4.yaml' in read_recording(path).files  # for a replay on another computer
 
 
 def test_a_folder_that_cannot_be_written_is_told_and_nothing_ends(ros, tmp_path):
