@@ -23,6 +23,7 @@ POSE_NUMBERS = (
     'x', 'y', 'z', 'orientation.x', 'orientation.y', 'orientation.z', 'orientation.w')
 FACADE, RAIL, END_EFFECTOR = 'facade', 'rail', 'end_effector'  # frames, without their prefix
 STATUS_LEVELS = ('ok', 'warn', 'error', 'stale')  # of diagnostics, by number
+HOLD = 'compensator/hold was called'  # a reason in compensator/goal_status
 VARIANCES = (0, 7, 35)  # of x, y and yaw among the 36 of a pose's covariance
 
 

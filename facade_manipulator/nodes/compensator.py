@@ -32,6 +32,7 @@ from facade_manipulator.kinematics import Geometry, Pose
 from facade_manipulator.messages import (
     estimate_numbers,
     FACADE,
+    HOLD,
     planar,
     planar_wrench,
     pose_in_frame,
@@ -53,7 +54,6 @@ from facade_manipulator.ros import (
     estimate_codec,
     frames,
     goal_status,
-    HOLD,
     name_unknown_parameters,
     node_time,
     offer_trigger,

@@ -31,7 +31,7 @@ from facade_manipulator.blackbox import (
 )
 from facade_manipulator.interfaces import Quality, Topic
 from facade_manipulator.maintenance import ChangeLog
-from facade_manipulator.messages import status_values
+from facade_manipulator.messages import HOLD, status_values
 from facade_manipulator.ros import (
     Arrived,
     declare,
@@ -39,7 +39,6 @@ from facade_manipulator.ros import (
     DeferredReplies,
     diagnostic_status,
     DiagnosticsPublisher,
-    HOLD,
     is_installed,
     message_type,
     MessageQueue,

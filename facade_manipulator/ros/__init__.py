@@ -33,7 +33,6 @@ from .diagnostics import DriverStatus as DriverStatus
 from .diagnostics import DriverWatch as DriverWatch
 from .diagnostics import followed_goal as followed_goal
 from .diagnostics import goal_status as goal_status
-from .diagnostics import HOLD as HOLD
 from .diagnostics import LEVELS as LEVELS
 from .diagnostics import RejectedGoal as RejectedGoal
 from .diagnostics import rejection_status as rejection_status

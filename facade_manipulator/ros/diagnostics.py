@@ -27,7 +27,6 @@ from facade_manipulator.messages import status_values
 from facade_manipulator.ros.clocks import steady_timer
 from facade_manipulator.ros.interfaces import publisher, subscription
 
-HOLD = 'compensator/hold was called'  # a reason in compensator/goal_status
 LEVELS = {
     'ok': DiagnosticStatus.OK,
     'warn': DiagnosticStatus.WARN,

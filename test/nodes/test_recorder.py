@@ -28,9 +28,9 @@ from facade_manipulator.blackbox.recording import (
 )
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.maintenance import Journal
+from facade_manipulator.messages import HOLD
 from facade_manipulator.nodes.recorder import RecorderNode
 from facade_manipulator.ros.conversions import pose_stamped
-from facade_manipulator.ros.diagnostics import HOLD
 
 GOAL = Pose(0.1, 0.26, 0.02)
 
@@ -87,8 +87,8 @@ def test_a_stop_makes_one_file_with_reason_goal_and_parameters(machine, state, l
     machine.say('active')
     values = machine.recorder._readers['driver'].values
     machine.ros.until(lambda: 'q1.serial_number' in values, 'the parameters')
-    for _ in range(3):
-        machine.say(state, level, 'q2: following error 8611h')
+    for step in ('clear_faults', 'activate', 'activate'):
+        machine.say(state, level, f'q2: following error 8611h; next: {step}')
     metadata, messages = read(machine.first_file())
     assert metadata['black box']['reasons'] == 'driver: operation: q2: following error 8611h'
     assert json.loads(metadata['parameters of driver']['q1.serial_number']) == 4711
@@ -96,7 +96,7 @@ def test_a_stop_makes_one_file_with_reason_goal_and_parameters(machine, state, l
     assert (goal.pose.position.x, goal.pose.position.y) == GOAL[:2]
     said = [message.status[0].message for topic, message in messages if topic == '/diagnostics'
             and message.status[0].name == 'gondola_1/driver: operation']
-    assert said[:2] == ['', 'q2: following error 8611h']
+    assert said[:2] == ['', 'q2: following error 8611h; next: clear_faults']
     machine.recorder.close()
     assert len(machine.files()) == 1
 

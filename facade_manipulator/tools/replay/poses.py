@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from heapq import merge
 from typing import Any, NamedTuple
 
@@ -15,12 +15,14 @@ from facade_manipulator.errors import ManipulatorError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.messages import (
     estimate_numbers,
+    HOLD,
     in_order,
     is_of_rail,
     planar_pose,
     planar_wrench,
     projected,
     seconds,
+    status_values,
 )
 from facade_manipulator.motion import GoalSettings, Setpoint, SetpointStream
 from facade_manipulator.parameters import settings_from
@@ -143,9 +145,16 @@ def _add_estimate(compensator: Compensator, now: float, message: Any) -> None:
     compensator.add_estimate(now, seconds(message.header.stamp), place, (x, y, yaw), tilt)
 
 
+def _hold(compensator: Compensator, now: float, message: Any) -> None:
+    if status_values(message).get('reason') == HOLD:
+        with suppress(ManipulatorError):  # there was a way before the recording only
+            compensator.hold(now)
+
+
 INPUTS: dict[str, Callable[[Compensator, float, Any], None]] = {
     'goal_pose': lambda compensator, _, message: compensator.set_goal(
         planar_pose(message.pose, 'goal_pose')),
+    'compensator/goal_status': _hold,
     'disturbance': _add_estimate,
     'disturbance_odometry': _add_estimate,
     'end_effector_pose': lambda compensator, _, message: compensator.following.add_head(

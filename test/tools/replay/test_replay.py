@@ -18,6 +18,7 @@ from facade_manipulator.compensation import Compensator
 from facade_manipulator.drives.canopen import ERROR_FRAME
 from facade_manipulator.errors import ManipulatorError, ParameterError, RecordError
 from facade_manipulator.kinematics import Geometry, Pose
+from facade_manipulator.messages import HOLD
 from facade_manipulator.motion import GoalSettings, SetpointStream
 from facade_manipulator.prediction import EstimateGate, EstimateSettings
 from facade_manipulator.tools.calibration import read_table
@@ -37,7 +38,8 @@ from facade_manipulator.tools.replay.stop import (
 pytestmark = pytest.mark.long
 
 BEGIN, PERIOD, DURATION = 1000.0, 0.01, 25.0
-GOAL = Pose(0.05, 0.26, 0.02)
+GOAL, FAR = Pose(0.05, 0.26, 0.02), Pose(0.35, 0.26, 0.02)
+HELD_AT = 22.4  # s, on the way to `FAR`, which begins at 22.0
 NODE_IDS = {f'q{n}.node_id': n for n in (1, 2, 3)}
 
 
@@ -72,6 +74,13 @@ def run():
         if tick == 100:
             note('goal_pose', now - 0.001, pose_message(now, GOAL))
             compensator.set_goal(GOAL)
+        if tick == 2200:
+            note('goal_pose', now - 0.001, pose_message(now, FAR))
+            compensator.set_goal(FAR)
+        if tick == round(HELD_AT / PERIOD):
+            compensator.hold(now - 0.001)
+            note('compensator/goal_status', now - 0.001, Message(
+                values=[Message(key='reason', value=HOLD)]))
         if tick % 2:
             estimate = pose_message(now - 0.03, sway(now - 0.03))
             estimate.pose = Message(pose=estimate.pose, covariance=[1e-6] * 36)
