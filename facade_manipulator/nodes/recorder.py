@@ -146,7 +146,8 @@ class RecorderNode(Node):
                     key: values[key] for key in SOFTWARE & values.keys()})
                 stops |= self._driver_state in STOPS
             if name.partition(': ')[0] in interfaces.RECORDED:
-                self._black_box.note(name, status.message if stops else '')
+                cause, _, _ = status.message.partition('; next: ')
+                self._black_box.note(name, cause if stops else '')
 
     def _read_goal_status(self, _: float, status: DiagnosticStatus) -> None:
         if self._knows_goal:  # the first one is latched: what it says may be long past
