@@ -78,7 +78,9 @@ class Tones:
         span = np.ptp(stamps) if len(stamps) else 0.0
         if span < SHORTEST or stamps[-1] - self._stamps[axis] < STALE * span:
             return
-        window = _Window(stamps - stamps[-1], values, variance / sizes.mean())
+        window = _Window(
+            stamps - stamps[-1], values, variance / sizes.mean(), span / (len(stamps) - 1),
+            sizes.mean())
         known = self._amplitudes[axis] != 0.0
         frequencies = self._frequencies[axis, known]
         turns = np.exp(1j * frequencies * (stamps[-1] - self._stamps[axis]))
@@ -91,11 +93,13 @@ class Tones:
 
 
 class _Window(NamedTuple):
-    """Positions [m or rad] at times up to 0 [s], and the variance of their noise."""
+    """Means of positions [m or rad] about times up to 0 [s]."""
 
     times: np.ndarray
     values: np.ndarray
-    noise: float
+    noise: float  #: variance of a mean
+    block: float  #: from one mean to the next [s]
+    size: float  #: estimates in a mean
 
     def fit(
         self, frequencies: np.ndarray, amplitudes: np.ndarray
@@ -115,7 +119,13 @@ class _Window(NamedTuple):
 
     def _waves(self, frequencies: np.ndarray) -> np.ndarray:
         phases = np.outer(self.times, frequencies)
-        return np.cos(phases) + 1j * np.sin(phases)  # the same as exp(), sooner
+        waves = np.cos(phases) + 1j * np.sin(phases)  # the same as exp(), sooner
+        return waves * self._gains(np.ravel(frequencies))
+
+    def _gains(self, frequencies: np.ndarray) -> np.ndarray:
+        """Return what the mean of evenly spaced estimates has of each sine's amplitude."""
+        turns = 0.5 / np.pi * self.block * frequencies
+        return np.sinc(turns) / np.sinc(turns / self.size)
 
     def _solve(
         self, frequencies: np.ndarray, amplitudes: np.ndarray | None = None
