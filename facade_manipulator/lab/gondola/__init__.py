@@ -12,11 +12,15 @@ from .course import figures as figures
 from .course import giving_way as giving_way
 from .facade import Facade as Facade
 from .facade import FacadeSettings as FacadeSettings
+from .gondola import GondolaSettings as GondolaSettings
 from .motion import Motion as Motion
 from .motion import Sway as Sway
-from .oracle import GustsPrediction as GustsPrediction
+from .oracle import covariance as covariance
+from .oracle import FREQUENCY_DEVIATION as FREQUENCY_DEVIATION
+from .oracle import LEAST_POWER as LEAST_POWER
 from .oracle import SinesPrediction as SinesPrediction
 from .oracle import wind_law as wind_law
+from .oracle import WINDOW as WINDOW
 from .rail_sensors import RailSensors as RailSensors
 from .reaction import carriage_loads as carriage_loads
 from .reaction import PressedGondola as PressedGondola
@@ -26,6 +30,7 @@ from .scenario import MissionSettings as MissionSettings
 from .scenario import read_sections as read_sections
 from .scenario import Scenario as Scenario
 from .scenario import scenario_file as scenario_file
+from .sensors import EstimatorSettings as EstimatorSettings
 from .sensors import ForceSensor as ForceSensor
 from .sensors import SimulatedEstimator as SimulatedEstimator
 from .wall import AXES as AXES
@@ -33,3 +38,4 @@ from .wall import SCALES as SCALES
 from .wall import UNITS as UNITS
 from .wall import WallMeasurement as WallMeasurement
 from .wall import WallSample as WallSample
+from .wind import WindSettings as WindSettings

@@ -1,5 +1,5 @@
 """
-Prescribed motions of the gondola as functions of time: sums of sines, and recordings.
+Prescribed motions of the gondola as functions of time: sums of sines, spectra, recordings.
 
 What else is known at equidistant samples alone becomes a motion by `catmull_rom`.
 """
@@ -19,6 +19,7 @@ from facade_manipulator.tools.calibration import read_table
 
 DEGREE = math.pi / 180.0
 STEP = 0.01  # s, between the samples of a recording
+DENSITIES = 'x_density', 'y_density', 'theta_density'  # columns, in m²/Hz and rad²/Hz
 Motion = Callable[[float], Pose]  #: the rail in the façade's frame at a time [s]
 
 
@@ -149,3 +150,72 @@ def load_recording(path: Path) -> Recording:
     """
     table = read_table(path, ('time', 'x', 'y', 'theta'))
     return Recording(table[:, 0], table[:, 1:])
+
+
+class Spectrum:
+    """
+    A motion with given power at each frequency: one sine for each row, its phase by chance.
+
+    Parameters
+    ----------
+    frequencies : array_like, shape (n,)
+        Ascending [Hz].
+    densities : array_like, shape (n, 3)
+        One-sided power spectral densities of x, y and θ [m²/Hz, m²/Hz, rad²/Hz].
+    seed : int
+        Of phases, and of where in its row's share of the frequencies each sine is.
+
+    Raises
+    ------
+    ParameterError
+        If there are fewer than two rows, frequencies do not ascend from above 0 or a density is
+        negative.
+
+    """
+
+    def __init__(
+        self, frequencies: Iterable[float], densities: Iterable[Iterable[float]], seed: int
+    ) -> None:
+        rows, power = np.array(frequencies, dtype=float), np.array(densities, dtype=float).T
+        _check_spectrum(rows, power)
+        middles = 0.5 * (rows[1:] + rows[:-1])
+        edges = np.concatenate(([rows[0]], middles, [rows[-1]]))
+        random = np.random.default_rng(seed)
+        self._rates = math.tau * (edges[:-1] + np.diff(edges) * random.random(power.shape))
+        self._amplitudes = np.sqrt(2.0 * power * np.diff(edges))
+        self._phases = random.uniform(0.0, math.tau, power.shape)
+
+    def at(self, time: float) -> Pose:
+        """Return the pose of the rail in the façade's frame at a time [s]."""
+        return Pose(*(self._amplitudes * np.cos(
+            self._rates * time + self._phases)).sum(axis=1).tolist())
+
+
+def _check_spectrum(frequencies: np.ndarray, power: np.ndarray) -> None:
+    if len(frequencies) < 2:
+        raise ParameterError(f'a spectrum needs 2 rows at least, this has {len(frequencies)}')
+    steps = np.diff(frequencies, prepend=0.0)
+    if (steps <= 0.0).any():
+        row = int(np.argmax(steps <= 0.0))
+        raise ParameterError(f'frequency must ascend from above 0 Hz, but row {row + 1} has '
+                             f'{frequencies[row]:g} Hz')
+    if (power < 0.0).any():
+        axis, column = divmod(int(np.argmin(power)), len(frequencies))
+        raise ParameterError(f'{DENSITIES[axis]} = {power.min():g} in row {column + 1} is below '
+                             'its minimum 0')
+
+
+def load_spectrum(path: Path, seed: int) -> Spectrum:
+    """
+    Read a CSV file with the columns frequency and `DENSITIES`, as `calibration.read_table`.
+
+    Raises
+    ------
+    CalibrationError
+        If it cannot be read, lacks a column or has a cell that is no number.
+    ParameterError
+        If it is no spectrum.
+
+    """
+    table = read_table(path, ('frequency', *DENSITIES))
+    return Spectrum(table[:, 0], table[:, 1:], seed)

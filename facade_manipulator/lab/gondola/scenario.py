@@ -19,7 +19,13 @@ from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Pose
 from facade_manipulator.lab.gondola.facade import FacadeSettings
 from facade_manipulator.lab.gondola.gondola import Gondola, GondolaSettings
-from facade_manipulator.lab.gondola.motion import load_recording, Motion, Sway, SwaySettings
+from facade_manipulator.lab.gondola.motion import (
+    load_recording,
+    load_spectrum,
+    Motion,
+    Sway,
+    SwaySettings,
+)
 from facade_manipulator.lab.gondola.rail_sensors import SensorSettings
 from facade_manipulator.lab.gondola.sensors import EstimatorSettings, ForceSensorSettings
 from facade_manipulator.lab.gondola.wall import WallSettings
@@ -38,9 +44,11 @@ class MissionSettings:
 
     description: str = parameter('What happens', default='')
     motion: str = parameter(
-        'What moves the gondola', default='sway', choices=('sway', 'wind', 'recording'))
+        'What moves the gondola', default='sway',
+        choices=('sway', 'wind', 'recording', 'spectrum'))
     recording: str = parameter(
-        "CSV file of a recorded disturbance, in the scenario's file relative to that", default='')
+        "CSV file of a recorded disturbance or of its spectrum, in the scenario's file relative "
+        'to that', default='')
     duration: float = parameter(
         'How long the scenario lasts', default=60.0, unit='s', minimum=1.0, maximum=3600.0)
     goal_period: float = parameter(
@@ -101,6 +109,8 @@ MOTIONS: dict[str, Callable[[Scenario], Motion]] = {
     'sway': lambda scenario: Sway(scenario.sway).at,
     'wind': lambda scenario: Gondola(scenario.gondola, scenario.wind).at,
     'recording': lambda scenario: load_recording(Path(scenario.mission.recording)).at,
+    'spectrum': lambda scenario: load_spectrum(
+        Path(scenario.mission.recording), scenario.wind.seed).at,
 }
 
 

@@ -20,7 +20,8 @@ from rich.table import Table
 
 from facade_manipulator.errors import exit_status
 from facade_manipulator.files import write_table
-from facade_manipulator.lab.gondola import load_scenario, scenario_file
+from facade_manipulator.kinematics import Geometry
+from facade_manipulator.lab.gondola import load_scenario, Scenario, scenario_file
 from facade_manipulator.lab.sizing.axis_drive import AXES, Duty
 from facade_manipulator.lab.sizing.candidates import (
     Candidate,
@@ -34,8 +35,11 @@ from facade_manipulator.lab.sizing.candidates import (
 )
 from facade_manipulator.lab.sizing.catalogue import read_motors, read_screws
 from facade_manipulator.lab.sizing.demand import Payload, task
+from facade_manipulator.lab.sizing.forecast import forecast, SETTLED
 from facade_manipulator.lab.sizing.outcome import (
     axis_rows,
+    FORECAST,
+    forecast_rows,
     FRONT,
     front_rows,
     write_machine,
@@ -50,6 +54,7 @@ from facade_manipulator.lab.study import (
     margins,
     progress_bar,
 )
+from facade_manipulator.parameter_file import ALL_NODES, read_settings
 from facade_manipulator.parameters import parameter_fields, settings_from
 from facade_manipulator.resources import config_path
 
@@ -63,6 +68,7 @@ EXAMPLES = """
 examples:
   design breeze gusty --wall-force 30          one machine for two of config/scenarios
   design my_gondola.yaml --longest-stroke 0.9 --motors my_motors.csv --screws my_screws.csv
+  design gusty --forecast my_machine.yaml      is the gondola compensable with this machine?
   demo --parameters design_report/machine.yaml --scenario design_report/breeze.yaml
 
 Wrong input ends with exit status 2 and writes nothing.
@@ -76,7 +82,11 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(options: argparse.Namespace) -> None:
+    """Read every input, then compute, write and show."""
     scenarios = {name: load_scenario(name) for name in options.scenario}
+    if options.forecast:
+        _forecast(options, scenarios)
+        return
     problem = _problem(options, [task(one.motion(), one.mission) for one in scenarios.values()])
     with folder(options.output) as draft:
         examined = _examine(problem, options.scheduler)
@@ -91,6 +101,20 @@ def _run(options: argparse.Namespace) -> None:
     _show(candidates, chosen, problem.duty)
     print(f'written in {options.output}/: machine.yaml, axes.csv, front.csv, design.png and the '
           'scenarios at the distance of this machine')
+
+
+def _forecast(options: argparse.Namespace, scenarios: dict[str, Scenario]) -> None:
+    """Say what a machine leaves of each scenario's motion, and how long it can."""
+    geometry = read_settings([options.forecast], ALL_NODES, 'geometry', Geometry)
+    rows: list[tuple[Any, ...]] = [
+        (name, axis, *values) for name, scenario in scenarios.items()
+        for axis, values in forecast_rows(forecast(geometry, scenario, options.lag_error))]
+    with folder(options.output) as draft:
+        write_table(draft / 'forecast.csv', FORECAST, rows)
+    Console(width=None if sys.stdout.isatty() else 140).print(_table(
+        f'Expected of {options.forecast.name}, root mean squares from {SETTLED:g} s on',
+        FORECAST, ((*row[:2], *(f'{value:.3g}' for value in row[2:])) for row in rows)))
+    print(f'written in {options.output}/: forecast.csv')
 
 
 def _problem(options: argparse.Namespace, tasks: list[Any]) -> Problem:
@@ -153,6 +177,13 @@ def _parser() -> argparse.ArgumentParser:
                         help='a name in config/scenarios, or a file: the machine does them all')
     parser.add_argument('--output', type=Path, default=REPORT, metavar='DIR',
                         help=f'folder of the results (default {REPORT}/)')
+    reverse = parser.add_argument_group('is the gondola compensable?')
+    reverse.add_argument('--forecast', type=Path, metavar='YAML', nargs='?',
+                         const=config_path('manipulator.yaml'),
+                         help='forecast what the machine of a parameter file (default: that of '
+                              'config/) will leave, in place of looking for one')
+    reverse.add_argument('--lag-error', type=float, default=0.0, metavar='S',
+                         help="by how much the drives' lag is unlike controller.drive_lag [s]")
     choose = parser.add_argument_group('of what to choose')
     for name in ('motors', 'screws'):
         path = config_path('sizing') / f'{name}.csv'

@@ -11,7 +11,8 @@ import yaml
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import inverse_kinematics, Pose
-from facade_manipulator.lab.gondola import read_sections, Scenario
+from facade_manipulator.lab.gondola import AXES as AXIS_NAMES
+from facade_manipulator.lab.gondola import read_sections, SCALES, Scenario
 from facade_manipulator.lab.sizing.axis_drive import (
     AXES,
     Duty,
@@ -20,12 +21,15 @@ from facade_manipulator.lab.sizing.axis_drive import (
     torques,
 )
 from facade_manipulator.lab.sizing.candidates import Candidate
+from facade_manipulator.lab.sizing.forecast import Forecast
 from facade_manipulator.lab.sizing.screw import buckling_load, critical_speed
 from facade_manipulator.motion import MotionLimits
 from facade_manipulator.tools.stopping import read_analysis
 
 FRONT = ('l [m]', 'b [m]', 'farther from the wall [m]', 'rail [m]', 'motor', 'gear', 'screw',
          'rated power [W]', 'margin', 'area [m2]', 'ratio', 'binds')
+FORECAST = ('scenario', 'axis', 'moves', 'left by the prediction', 'by the drives',
+            'by the workspace', 'left [mm, mm, °]', 'goals in reach [%]')
 RESERVE = 1.25  # of speed and acceleration that the limits leave beyond the motion, if drives can
 RISE = 0.02  # s, in which the jerk makes the whole acceleration, as in config/manipulator.yaml
 SPEED_RESERVE, STOP_RESERVE = 1.2, 2.0  # of the drives beyond these limits, as shipped
@@ -66,6 +70,13 @@ def axis_rows(chosen: Candidate, duty: Duty) -> list[tuple[Any, ...]]:
     return [*rows, ('life of the screw [h]', *lives.tolist()),
             ('critical speed [rev/s]', *3 * [critical_speed(screw.core, length, duty.mounting)]),
             ('buckling load [N]', *3 * [buckling_load(screw.core, length, duty.mounting)])]
+
+
+def forecast_rows(of: Forecast) -> Iterator[tuple[str, tuple[float, ...]]]:
+    """Yield each axis with its figures in mm or degrees, and the share of the time in percent."""
+    columns = (of.before, of.predicted, of.lagged, of.held_back, of.residual)
+    for axis, scale, values in zip(AXIS_NAMES, SCALES, np.transpose(columns), strict=True):
+        yield axis, (*(scale * values).tolist(), 100.0 * of.inside)
 
 
 def limits_of(chosen: Candidate) -> MotionLimits:

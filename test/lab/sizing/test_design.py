@@ -100,6 +100,21 @@ def test_what_cannot_be_is_told_and_nothing_is_written(
     assert re.search(message, capsys.readouterr().err)
 
 
+@pytest.mark.parametrize('name', ['gusty', 'breeze'])
+def test_the_reverse_question_has_a_row_for_each_axis(tmp_path, name, capsys):
+    assert run(name, '--forecast', '--output', tmp_path / 'report') == 0
+    rows = table(tmp_path / 'report' / 'forecast.csv')
+    assert [row['axis'] for row in rows] == ['x', 'y', 'theta']
+    assert all(0.0 < float(row['left [mm, mm, °]']) < float(row['moves']) for row in rows)
+    assert 'Expected of manipulator.yaml' in capsys.readouterr().out
+
+
+def test_a_parameter_file_that_is_none_is_told(tmp_path, capsys):
+    assert run('breeze', '--forecast', tmp_path / 'absent.yaml', '--output',
+               tmp_path / 'report') == design.BAD_INPUT
+    assert 'absent.yaml cannot be read' in capsys.readouterr().err
+
+
 def test_a_scenario_that_is_none_is_told(tmp_path, capsys):
     assert run('hurricane', '--output', tmp_path / 'report') == design.BAD_INPUT
     assert "there is no scenario 'hurricane'" in capsys.readouterr().err
