@@ -91,7 +91,7 @@ setup(
         f'calibrate = {NAME}.tools.calibration.__main__:main',
         f'commission = {NAME}.tools.commissioning.__main__:main',
         f'replay = {NAME}.tools.replay.__main__:main',
-        f'install = {NAME}.tools.deployment:main',
+        f'install_services = {NAME}.tools.deployment:main',
         f'demo = {NAME}.lab.demo.__main__:main',
         f'doctor = {NAME}.tools.doctor:main',
         f'panel = {NAME}.tools.panel.__main__:main',

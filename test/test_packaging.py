@@ -27,8 +27,8 @@ AGREED = {
 EXECUTABLES = {
     'driver', 'ik_service', 'compensator', 'manipulator', 'drive_simulator', 'gondola_simulator',
     'demo', 'monitor', 'workspace_study', 'calibrate', 'disturbance_estimator',
-    'commission', 'install', 'recorder', 'replay', 'stopping', 'support', 'doctor', 'policies',
-    'panel', 'design',
+    'commission', 'install_services', 'recorder', 'replay', 'stopping', 'support', 'doctor',
+    'policies', 'panel', 'design',
 }
 DISTRIBUTION_OF = {
     'can': 'python-can', 'mcap_ros2': 'mcap-ros2-support', 'mpl_toolkits': 'matplotlib',

@@ -139,7 +139,7 @@ def verify_units(options: argparse.Namespace) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command; return its exit status."""
     options = _options(arguments)
-    return exit_status('install', lambda: _run(options))
+    return exit_status('install_services', lambda: _run(options))
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -177,7 +177,8 @@ The driver configures itself. Nothing has power before somebody homes and activa
 
 def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
-        prog='install', description='Install the nodes of a gondola as services of systemd.')
+        prog='install_services',
+        description='Install the nodes of a gondola as services of systemd.')
     parser.add_argument('--check', action='store_true',
                         help='write nothing: say what is missing, other, or wrong')
     parser.add_argument('--user', action='store_true',
