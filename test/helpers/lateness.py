@@ -1,0 +1,83 @@
+"""How late this machine wakes who sleeps: whether it can run what counts on its clock."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+import os
+import threading
+import time
+
+import pytest
+
+STEP = 0.01  # s
+CALM = 0.3  # s, for which nobody may have been woken late
+URGENCY = 70  # above all that is tested
+
+
+class Lateness:
+    """
+    Watch from a thread of its own how late it is woken.
+
+    Parameters
+    ----------
+    bound : float
+        What the tests bear [s].
+    patience : float
+        How long all tests together wait for a calm machine [s]; after that each waits for `CALM`.
+
+    Attributes
+    ----------
+    worst : float
+        The latest since it was set to 0 [s].
+
+    """
+
+    def __init__(self, bound: float, patience: float) -> None:
+        self.bound, self.worst = bound, 0.0
+        self._patience, self._ended = patience, threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        with suppress(OSError):  # where that is not permitted, it is later, as those it speaks for
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(URGENCY))
+        while not self._ended.is_set():
+            due = time.monotonic() + STEP
+            time.sleep(STEP)
+            self.worst = max(self.worst, time.monotonic() - due)
+
+    def require_calm(self) -> None:
+        """Wait until the machine keeps its time; fail, with what was measured, if it does not."""
+        begin = now = time.monotonic()
+        while True:
+            self.worst = 0.0
+            time.sleep(CALM)
+            before, now = now, time.monotonic()
+            if not self.was_late:
+                return
+            self._patience -= now - before
+            if self.is_hopeless:
+                pytest.fail(
+                    f'this machine is too busy: it was up to {self.worst:.2f} s late within '
+                    f'{now - before:.1f} s, bound {self.bound:g} s, and not better within '
+                    f'{now - begin:.0f} s; run this again with less beside it', pytrace=False)
+
+    @property
+    def was_late(self) -> bool:
+        """Return whether somebody was woken later than the tests bear."""
+        return self.worst > self.bound
+
+    @property
+    def is_hopeless(self) -> bool:
+        """Return whether no test waits for a calm machine any more."""
+        return self._patience <= 0.0
+
+    def __str__(self) -> str:
+        verdict = 'too busy for it' if self.was_late else 'not the reason'
+        return (f'this machine was up to {self.worst:.2f} s late meanwhile, bound '
+                f'{self.bound:g} s: {verdict}')
+
+    def close(self) -> None:
+        """Watch no longer."""
+        self._ended.set()
+        self._thread.join()
