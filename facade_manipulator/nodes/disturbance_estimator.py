@@ -46,11 +46,8 @@ from facade_manipulator.ros import (
     run,
     SensorReader,
     steady_timer,
-    subscription,
 )
 
-WATCH_PERIOD = 0.05  # s, between looks whether the inertial sensor is silent
-COASTING_PERIOD = 0.01  # s, of estimates while it is; at all times that timer costs 1.4 %
 WAITING = 100  # messages of a sensor from one estimate to the next: 1000 Hz for 0.1 s
 SILENT = 1.0  # s without a measurement of a sensor
 MOST_OUTLIERS = 0.5  # share of the measurements of a sensor since it was looked at last
@@ -64,7 +61,11 @@ SCALES = (1e3, 1e3, math.degrees(1.0))  # mm and degrees of metres and radians
 
 
 class DisturbanceEstimatorNode(Node):
-    """Publish where the rail is as often as the inertial sensor measures, up to a rate."""
+    """
+    Publish where the rail is at a rate, by what has come until then.
+
+    The sensors wake nobody: to be called for each measurement costs more than to make use of it.
+    """
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__('disturbance_estimator', **kwargs)
@@ -72,11 +73,8 @@ class DisturbanceEstimatorNode(Node):
         names = declare(self, SensorNames)
         setup = EstimatorSetup.read(names, partial(declare, self))
         self._estimator = DisturbanceEstimator(setup)
-        self._period = 0.9 / names.rate  # a measurement that comes a little early counts
-        self._published = -math.inf
         self._motion: RailMotion | None = None
-        self._received: list[bytes] = []  # of the inertial sensor
-        self._imu_came = -math.inf
+        self._published = -math.inf
         self._seen: dict[str, tuple[int, int]] = {}
         self._logged = 0.0
         self._rejections = Rejections(self)
@@ -84,43 +82,35 @@ class DisturbanceEstimatorNode(Node):
         self._codec = odometry_codec(
             'disturbance_odometry', self._frames.facade, self._frames.rail)
         self._odometry = publisher(self, interfaces.DISTURBANCE_ODOMETRY)
-        self._imu, *others = [
-            (taken, name, self._reader(taken, name)) for name, taken in inputs(setup).items()]
-        subscription(self, interfaces.IMU, self._receive_imu, raw=True)
         self._queues = [
-            (one, MessageQueue(self, INTERFACES[one[0]]._replace(name=one[1]), WAITING))
-            for one in others]
+            ((taken, name, self._reader(taken, name)),
+             MessageQueue(self, INTERFACES[taken]._replace(name=name), WAITING))
+            for name, taken in inputs(setup).items()]
         self._diagnostics = DiagnosticsPublisher(self, self._components)
-        steady_timer(self, WATCH_PERIOD, self._watch)
-        self._coasting = steady_timer(
-            self, COASTING_PERIOD, lambda: self._publish(node_time(self)))
+        steady_timer(self, 1.0 / names.rate, self._publish)
 
     def _reader(self, taken: Input, name: str) -> Codec | SensorReader:
         return estimate_codec(name, self._frames.facade) if taken is POSE else SensorReader(
             class_of(INTERFACES[taken]), FIELDS[taken], taken.numbers_of, name)
 
-    def _receive_imu(self, data: bytes) -> None:
-        """Keep it until the next estimate, which is due with every measurement or so."""
-        self._imu_came = node_time(self)
-        self._received.append(data)
-        self._publish(self._imu_came)
+    def _publish(self) -> None:
+        now = self._take()
+        motion = self._motion = self._estimator.advance(now)
+        if motion is not None and motion.stamp != self._published:
+            self._published = motion.stamp
+            self._odometry.publish(self._codec.write(motion.stamp, odometry_numbers(motion)))
+        self._log_events()
 
     def _take(self) -> float:
         """Hand over what has come; return the time then [s], which is later than all of it."""
-        received = [(self._imu, data) for data in self._received]
-        self._received.clear()
-        received += [(source, data) for source, queue in self._queues for _, data in queue.take()]
+        received = [(source, data) for source, queue in self._queues for _, data in queue.take()]
         now = node_time(self)
         for (taken, name, reader), data in received:
             with self._rejections:
                 taken.add(self._estimator, name, now, *reader.read(data))
         return now
 
-    def _watch(self) -> None:
-        """Write down what has happened; look whether the inertial sensor is silent."""
-        is_silent = not 0.0 <= node_time(self) - self._imu_came < WATCH_PERIOD
-        if is_silent == self._coasting.is_canceled():
-            (self._coasting.reset if is_silent else self._coasting.cancel)()
+    def _log_events(self) -> None:
         events = self._estimator.events
         if not events or events[-1].stamp <= self._logged:
             return
@@ -128,15 +118,6 @@ class DisturbanceEstimatorNode(Node):
             if event.stamp > self._logged:
                 self.get_logger().info(f'{event.subject}: {event.reason}')
         self._logged = events[-1].stamp
-
-    def _publish(self, now: float) -> None:
-        if 0.0 <= now - self._published < self._period:
-            return
-        now = self._take()
-        motion = self._motion = self._estimator.advance(now)
-        if motion is not None:
-            self._published = now
-            self._odometry.publish(self._codec.write(motion.stamp, odometry_numbers(motion)))
 
     def _components(self) -> list[DiagnosticStatus]:
         now = node_time(self)
