@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import cycle
+import math
+import time
 from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
@@ -34,13 +35,17 @@ def steady_timers(
     """
     Call a function in each period [s], and after it another one about once in a longer period.
 
-    One timer does both: to wake a node once more costs more than most callbacks take.
+    One timer does both: to wake a node once more costs more than most callbacks take. On a
+    computer so busy that the timer comes late both are called each time it comes.
     """
-    turns = cycle([True] + (max(1, round(longer / period)) - 1) * [False])
+    due = -math.inf
 
     def call() -> None:
+        nonlocal due
         often()
-        if next(turns):
+        now = time.monotonic()
+        if now >= due:
+            due = now + longer - 0.5 * period
             seldom()
 
     steady_timer(node, period, call)
