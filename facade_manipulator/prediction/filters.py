@@ -97,7 +97,15 @@ class FilterBank:
         decay = np.exp(interval * _RATES)
         self.modes = values[:, None, None] + decay * (self.modes - values[:, None, None])
 
-    def features(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return features, shape (axes, FEATURES), and the level, shape (axes,)."""
-        seen = self.modes.view(float).reshape(len(self.modes), -1) @ _SEEN
+    def features(self, without: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+        """
+        Return features, shape (axes, FEATURES), and the level, shape (axes,).
+
+        Parameters
+        ----------
+        without : numpy.ndarray, shape (axes, bandwidths, 2)
+            Modes that are left out.
+
+        """
+        seen = (self.modes - without).view(float).reshape(len(self.modes), -1) @ _SEEN
         return seen[:, :-1], seen[:, -1]

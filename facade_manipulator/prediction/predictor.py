@@ -19,9 +19,10 @@ import numpy as np
 
 from facade_manipulator.kinematics import MotionState, Pose, Twist
 from facade_manipulator.parameters import parameter, settings
-from facade_manipulator.prediction.continuation import Continuation, Sample
+from facade_manipulator.prediction.continuation import Continuation, Sample, UNKNOWN
 from facade_manipulator.prediction.estimate import Variances
 from facade_manipulator.prediction.filters import ACCELERATION, BANDWIDTHS, FilterBank, LEVEL
+from facade_manipulator.prediction.jumps import DISBELIEF, JumpDecision, JumpDetector, SUSPECT
 from facade_manipulator.prediction.prior import HORIZONS, noise_moments
 from facade_manipulator.prediction.tones import Tones
 
@@ -37,8 +38,7 @@ LEAST_ROOM = 0.3  # of the acceleration that fits, below which even less is comp
 MEAN_TIME = 5.0  # s, of the mean that remains where nothing is predicted
 BEND_TIME = 0.5  # s, time constant with which the sharpest bend is forgotten
 MOST_STEPS = 100  # over a gap
-OUTLIER, RETURNED = 4.0, 2.0  # standard deviations: from and until which estimates lie
-DISBELIEF = 0.25  # s: for as long outliers are an error of the estimator's, then it has stepped
+PUSH_SHARE = 0.5  # of the greatest acceleration, that a push has
 ROUGH_TIME = 10.0  # s, over which the noise is seen to be correlated
 LARGEST_STEP = 3.0  # standard deviations, towards tones that are trusted; 1 where they are not
 HOLD_TIME = 0.2  # s in which the velocity dies out beyond the last horizon
@@ -70,7 +70,6 @@ def _sum(terms: list[float], coefficients: list[float]) -> float:
 _SPLINE = np.linalg.inv([_terms(horizon)[0] for horizon in HORIZONS.tolist()]).T
 _SECOND = np.array((1.0, -2.0, 1.0))  # difference
 _BEND = _SECOND / HORIZONS[0] ** 2  # acceleration, by the first positions
-_LATER = HORIZONS[:-1]
 
 
 @settings
@@ -172,18 +171,16 @@ class DisturbancePredictor:
         axes = len(measured)
         self.since, self._next_learning = stamp, stamp + LEARNING_PERIOD
         self._origin = measured
-        self._suspected_since = np.full(axes, math.inf)
-        self._believed = np.full(axes, stamp)
-        self._off, self._drift, self._spread = np.zeros((3, axes))
-        self._bank = FilterBank(axes)
+        self._believed, self._spread = np.full(axes, stamp), np.zeros(axes)
+        self._bank, self._suspected = FilterBank(axes), FilterBank(axes)  # all, suspected
+        self._jumps = JumpDetector(PUSH_SHARE * self._acceleration)
         near, far = self._continuations = [
             Continuation(axes, group, self.settings.memory) for group in (NEAR, FAR)]
         self._turns = zip(cycle((near, near, near, far)), cycle(range(axes)), strict=False)
         self._tones = Tones(axes)
         self._values, self._mean, self._peak, self._bend = np.zeros((4, axes))
-        self._forecast = np.zeros((axes, len(_SPLINE.T)))
+        self._forecast = self._led = np.zeros((axes, len(_SPLINE.T)))
         self._past, self._rough = (self._values, self._values), np.ones(axes)
-        self._axes = np.arange(axes)
         self._known = noise * (self._interval * ACCELERATION_NOISE)
         self._solve(self._continuations, noise)
 
@@ -193,25 +190,26 @@ class DisturbancePredictor:
         """
         Lead the filters to an estimate; a gap along the prediction, corrected to end there.
 
-        Outliers are taken for what was predicted. Those that last are true: not the gondola has
-        jumped, but what the estimator measures from, and all that is kept with it. Return whether.
+        What doubted estimates do to the filters, which are linear, is kept apart, so that it can
+        be taken out of them. Return whether what the estimator measures from has stepped.
         """
         expected = self._expected(stamp)
         error = measured - self._origin - expected
-        suspected = self._lies(stamp, error, noise) & (interval <= HORIZONS[-1])
-        self._suspected_since = np.where(
-            suspected, np.minimum(self._suspected_since, stamp), math.inf)
-        stepped = stamp - self._suspected_since >= DISBELIEF
+        wrong, stepped = self._evaluate(stamp, interval, measured - self._origin, error, noise)
         self._origin = self._origin + np.where(stepped, error, 0.0)
-        self._suspected_since[stepped] = math.inf
-        self._off[stepped] = self._drift[stepped] = error[suspected] = 0.0
+        error[stepped] = 0.0
+        suspected, is_any = self._jumps.is_open, self._jumps.is_any
+        if (wrong | stepped).any():
+            self._bank.modes[wrong | stepped] -= self._suspected.modes[wrong | stepped]
+        self._suspected.modes[~suspected] = 0.0
         steps = min(max(round(interval / self._interval), 1), MOST_STEPS)
-        for share in [step / steps for step in range(1, steps)]:
+        for share in [step / steps for step in range(1, steps + 1)]:
             between = self._expected(stamp - (1.0 - share) * interval)
             self._bank.update(interval / steps, between + share ** 2 * error)
-        self._believed[~suspected | stepped] = stamp
-        self._values = expected + error
-        self._bank.update(interval / steps, self._values)
+            if is_any:
+                self._suspected.update(interval / steps, share ** 2 * error * suspected)
+        self._believed[~suspected] = stamp
+        self._values = expected + np.where(self._jumps.lies, 0.0, error)
         self._tones.add(stamp, self._values)
         before, last = self._past
         self._past = last, self._values
@@ -219,29 +217,26 @@ class DisturbancePredictor:
             (before - 2.0 * last + self._values) ** 2 / (_SECOND @ _SECOND * noise) - self._rough)
         return bool(stepped.any())
 
-    def _lies(self, stamp: float, error: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    def _evaluate(
+        self, stamp: float, interval: float, values: np.ndarray, error: np.ndarray,
+        noise: np.ndarray,
+    ) -> JumpDecision:
         """
-        Return along which axes an estimate is far from both the prediction and its errors' course.
+        Judge an estimate by what was expected before the doubt, and by what it led to.
 
-        What pushes the gondola leads the estimates away in a course, a fading-memory line through
-        their errors: an acceleration bends it, nothing that moves leaves it at once. The more,
-        by the noise, an acceleration makes within an interval, the sooner the course follows.
-        An estimate counts as hardly more certain than those a moment before: of an axis that has
-        just been found again little is predicted yet, and what differs from that is no lie.
+        It counts as hardly more certain than those a moment before: of an axis that has just
+        been found again little is predicted yet, and what differs from that is no lie.
         """
-        later = stamp - self._believed
-        known = self._variances[self._axes, _LATER.searchsorted(later)]
         self._spread = np.maximum(noise, math.exp(-self._interval / DISBELIEF) * self._spread)
-        jump = error - self._off - later * self._drift
-        bend = self._acceleration * self._interval ** 2
-        bound = bend + np.sqrt(known + self._spread) * np.where(
-            self._suspected_since < math.inf, RETURNED, OUTLIER)
-        lies = np.minimum(abs(error), abs(jump)) > bound
-        way = 0.5 * bend / np.sqrt(noise)  # within an interval, in standard deviations
-        kept = 1.0 + 0.5 * way - np.sqrt(way + 0.25 * way ** 2)  # so that (1 − kept)² = way kept
-        self._off = np.where(lies, self._off, error - kept ** 2 * jump)
-        self._drift = np.where(lies, self._drift, self._drift + (1.0 - kept) ** 2 / later * jump)
-        return lies
+        if not self._jumps.is_any and interval <= HORIZONS[0]:
+            deviation = np.sqrt(self._variances[:, 0] + self._spread)
+            return self._jumps.evaluate(stamp, error, deviation, abs(error) < SUSPECT * deviation)
+        later = np.stack((stamp - self._believed, np.full(len(values), interval)), axis=1)
+        known = np.array([np.interp(times, HORIZONS, variances, right=UNKNOWN)
+                          for times, variances in zip(later, self._variances, strict=True)])
+        deviation, at_once = np.sqrt(known.T + self._spread)
+        led = abs(values - self._led @ _terms(min(interval, FARTHEST))[0])
+        return self._jumps.evaluate(stamp, error, deviation, led < SUSPECT * at_once)
 
     def _expected(self, time: float) -> np.ndarray:
         """
@@ -256,7 +251,8 @@ class DisturbancePredictor:
 
     def _go_on(self, interval: float, noise: np.ndarray) -> None:
         """Predict from the filters as they are, and keep what to learn from."""
-        seen, level = self._bank.features()
+        seen, level = self._bank.features(
+            self._jumps.lies[:, None, None] * self._suspected.modes if self._jumps.is_any else 0.0)
         floor = noise * (self._interval * ACCELERATION_NOISE)
         self._peak = np.maximum(
             math.exp(-interval / PEAK_TIME) * self._peak,
@@ -273,8 +269,8 @@ class DisturbancePredictor:
             self._tones.at(self.stamp, HORIZONS) - continued, -most), most)
         full = continued + self._trust * step
         mean = np.repeat(self._mean[:, None], len(HORIZONS), axis=1)
-        believed = self._believed == self.stamp
-        self._forecast = np.where(believed[:, None], full @ _SPLINE, self._forecast)
+        self._led = full @ _SPLINE
+        self._forecast = np.where(self._jumps.is_open[:, None], self._forecast, self._led)
         final = mean + self._room(interval, full) * self._share * (full - mean)
         coefficients = final @ _SPLINE
         coefficients[:, 0] += self._origin

@@ -1,5 +1,6 @@
 """The correction fades, switches and bridges, but never jumps."""
 
+from copy import deepcopy
 import math
 
 import numpy as np
@@ -37,13 +38,13 @@ class Run:
         self.random = np.random.default_rng(0)
         self.courses = []
 
-    def go(self, duration, heard=True, known=ALL_KNOWN):
+    def go(self, duration, heard=True, known=ALL_KNOWN, lie=(0.0, 0.0, 0.0)):
         for k in range(round(duration / PERIOD)):
             self.now += PERIOD
             if heard and k % 2:
                 stamp = self.now - 0.05
                 noise = self.random.standard_normal(3) * (1e-3, 1e-3, 1.7e-3)
-                pose = Pose(*(np.array(self.motion(stamp)) + noise).tolist())
+                pose = Pose(*(np.array(self.motion(stamp)) + noise + lie).tolist())
                 self.correction.add_estimate(Estimate(stamp, pose, VARIANCES, known))
             self.courses.append(self.correction.at(self.now, self.now + HORIZON))
         return self
@@ -149,3 +150,29 @@ def test_an_axis_counts_as_known_when_it_has_been_for_a_while():
         assert run.correction.known == (True, False, True)
     run.go(0.3)
     assert run.correction.known == ALL_KNOWN
+
+
+@pytest.fixture(scope='module')
+def settled():
+    return Run().go(20.0)
+
+
+def moved(settled, size, duration, after=1.0):
+    """Return how much a lie by so many standard deviations moves x, y, theta; then again."""
+    lie, courses = size * np.sqrt(VARIANCES), []
+    for wrong in (lie, 0.0 * lie):
+        run = deepcopy(settled).go(duration, lie=wrong).go(after)
+        courses.append([course.position for course in run.courses])
+    return abs(np.subtract(*courses)).max(axis=0)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize('duration', [0.06, 0.1, 0.2])
+@pytest.mark.parametrize('size', [3.0, 4.0, 5.0, -5.0, 6.0, 8.0, 30.0, -100.0])
+def test_estimates_that_lie_for_a_moment_hardly_move_the_head(settled, size, duration):
+    assert (moved(settled, size, duration) < 6.0 * np.sqrt(VARIANCES)).all()
+
+
+@pytest.mark.long
+def test_the_head_goes_where_estimates_have_stepped_to(settled):
+    assert (moved(settled, 30.0, 8.0) > 27.0 * np.sqrt(VARIANCES)).all()
