@@ -22,6 +22,7 @@ from facade_manipulator.parameters import parameter, settings
 
 UNITS = 'm, rad'
 SHORTEST = 1e-9  # m or rad: an axis with less to go stands
+LAST = 1e-6  # s: 1e-18 m before the end, and 10 times what a clock since 1970 resolves
 
 
 @settings
@@ -114,7 +115,8 @@ class ReferencePath:
             with suppress(ManipulatorError):  # met where the remainder of a path is 1e-14
                 calculate(self._planner, plan, trajectory)
                 self._trajectory, self._start = trajectory, time
-                self._end = _motion(trajectory, trajectory.duration)
+                # at rest: ruckig's rounding there, 1e-17 m/s, may leave no path to go on with
+                self._end = HeadMotion(_motion(trajectory, trajectory.duration).position)
                 return
         raise ManipulatorError(f'no jerk-limited path {where}')
 
@@ -125,7 +127,7 @@ class ReferencePath:
     def at(self, time: float) -> HeadMotion:
         """Return the motion at a time [s]; before the path begins its start, later its end."""
         elapsed = max(time - self._start, 0.0)
-        if elapsed >= self._trajectory.duration:
+        if elapsed >= self._trajectory.duration - LAST:
             return self._end
         return _motion(self._trajectory, elapsed)
 

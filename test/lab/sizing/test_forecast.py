@@ -49,7 +49,7 @@ def gondola(number):
         sway |= {f'{axis}_amplitude': tuple(random.uniform(0.2, 0.7, count) * largest),
                  f'{axis}_frequency': tuple(random.uniform(0.08, 0.4, count)),
                  f'{axis}_phase': tuple(random.uniform(0.0, math.tau, count))}
-    far = round(random.uniform(0.0, 0.18), 3)
+    far = random.uniform(0.0, 0.18)
     mission = MissionSettings(
         motion='wind' if number % 2 else 'sway', duration=60.0,
         goals=(far, 0.25, 0.0, far, 0.22, 0.03, -far, 0.25, 0.0))
