@@ -36,7 +36,7 @@ NODES = {
     'gondola_simulator': GondolaSimulatorNode,
 }
 OF_ROS = ('use_sim_time', 'start_type_description_service', 'qos_overrides.')
-MOST_PARAMETERS = 162  # more only for what a user must or may want to set, not for a constant
+MOST_PARAMETERS = 165  # more only for what a user must or may want to set, not for a constant
 NUMBERS = ('INTEGER', 'DOUBLE', 'INTEGER_ARRAY', 'DOUBLE_ARRAY')
 
 
