@@ -5,9 +5,10 @@ from command_watch import differences
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
+from ruckig import InputParameter, Ruckig, Trajectory
 
-from facade_manipulator.errors import ParameterError
-from facade_manipulator.motion.limits import CarriageMotion, MotionLimits, PathLimiter
+from facade_manipulator.errors import ManipulatorError, ParameterError
+from facade_manipulator.motion.limits import calculate, CarriageMotion, MotionLimits, PathLimiter
 
 PERIOD = 0.01
 LIMITS = MotionLimits(speed=0.5, acceleration=3.0, jerk=150.0)
@@ -128,3 +129,27 @@ def test_an_acceleration_that_rounding_has_put_beyond_its_limit_does_not_end_the
 def test_a_jerk_that_would_make_ramps_endless_is_rejected():
     with pytest.raises(ParameterError, match='jerk = 1 m/s'):
         MotionLimits(acceleration=3.0, jerk=1.0)
+
+
+# inputs of one axis that users of ruckig have reported as "error in step 1" (issues 100 and 160)
+@pytest.mark.parametrize(('position', 'velocity', 'acceleration', 'target', 'limits'), [
+    (0.02853333333333339, 0.6800000000000006, 7.999999999999993, 0.0, (1.0, 10.0, 100.0)),
+    (-0.04895883258572608, 1.425883388427091e-14, -2.370282711878416e-12, -0.04895883258572691,
+     (5.0, 10.0, 150.0)),
+    (0.0, 0.0, 0.0, 0.012, (0.2, 0.6, 6.0))])
+def test_a_path_is_found_where_ruckig_alone_had_none(
+        position, velocity, acceleration, target, limits):
+    plan, trajectory = InputParameter(1), Trajectory(1)
+    plan.current_position, plan.target_position = [position], [target]
+    plan.current_velocity, plan.current_acceleration = [velocity], [acceleration]
+    plan.max_velocity, plan.max_acceleration, plan.max_jerk = ([limit] for limit in limits)
+    calculate(Ruckig(1), plan, trajectory)
+    assert trajectory.at_time(trajectory.duration)[0] == pytest.approx([target], abs=1e-8)
+    assert plan.max_jerk == [limits[2]]
+
+
+def test_limits_that_make_no_sense_have_no_path():
+    plan = InputParameter(1)
+    plan.max_velocity, plan.max_acceleration, plan.max_jerk = [-1.0], [1.0], [1.0]
+    with pytest.raises(ManipulatorError, match='no path inside the motion limits'):
+        calculate(Ruckig(1), plan, Trajectory(1))

@@ -46,6 +46,24 @@ def test_limits_of_speed_acceleration_and_jerk_hold(start, goal):
         assert abs(jerks).max(initial=0.0) <= SETTINGS.jerk[i] * (1 + 1e-3)
 
 
+@pytest.mark.parametrize('axis', range(3))
+@pytest.mark.parametrize('share', [1.0, -1.0, 1.0 + 1e-12, 1.0 - 1e-12])
+def test_on_the_border_of_two_kinds_of_path_there_is_one(axis, share):
+    most, jerk = SETTINGS.acceleration[axis], SETTINGS.jerk[axis]
+    start = [0.0, 0.25, 0.0]
+    goal = start.copy()
+    goal[axis] += share * 2.0 * most ** 3 / jerk ** 2  # the acceleration is just reached: 12 mm
+    reference = planned(Pose(*start), Pose(*goal))
+    assert reference.at(reference.arrival()).position == pytest.approx(goal, abs=1e-8)
+
+
+@pytest.mark.parametrize('step', [0.001, 0.005])
+def test_to_each_whole_millimetre_there_is_a_path(step):
+    for number in range(1, 200):
+        planned(Pose(0.0, 0.25, 0.0), Pose(number * step, 0.25 - 0.1 * number * step, 0.0))
+        planned(Pose(0.0, 0.25, 0.0), Pose(0.0, 0.25 + number * step, 0.0))
+
+
 @given(poses, poses, poses)
 @example(Pose(0.02464045505922593, 0.25, 0.0), Pose(0.02464045505922593, 0.22, 0.03),
          Pose(-0.02464045505922593, 0.25, 0.0))  # ruckig ends it at 1e-17 m/s, and knew no way on
