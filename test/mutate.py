@@ -26,8 +26,8 @@ from typing import NamedTuple
 
 TOP = Path(__file__).resolve().parents[1]
 PACKAGE = 'facade_manipulator'
-PLACES = ('kinematics', 'prediction', 'compensation', 'motion', 'drives/canopen', 'drives/cia402',
-          'drives/controller', 'loop', 'blackbox', 'maintenance', 'ros', 'nodes')
+PLACES = ('kinematics', 'estimation', 'prediction', 'compensation', 'motion', 'drives/canopen',
+          'drives/cia402', 'drives/controller', 'loop', 'blackbox', 'maintenance', 'ros', 'nodes')
 BESIDE = {  # tests that belong to a package besides those of its own folder
     'drives/canopen': ('test/drives/controller',), 'drives/cia402': ('test/drives/controller',),
     'drives/controller': ('test/loop',), 'motion': ('test/drives/controller', 'test/loop'),
@@ -178,7 +178,8 @@ def main() -> int:
     """Print what no test notices and the share of each package."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('places', nargs='*', choices=[*PLACES, []], help='packages')
-    parser.add_argument('--count', type=int, default=10, help='changes of each package')
+    parser.add_argument('--count', type=int, default=10,
+                        help='changes of each package; of constants all are tried')
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--constants', action='store_true')
     parser.add_argument('--check', action='store_true', help='with the tests of make check alone')
@@ -189,7 +190,8 @@ def main() -> int:
     for place in options.places or PLACES:
         possible = [row for file in sorted((TOP / PACKAGE / place).rglob('*.py'))
                     for row in find(file.relative_to(TOP))]
-        chosen = choose.sample(possible, min(options.count, len(possible)))
+        count = len(possible) if options.constants else min(options.count, len(possible))
+        chosen = choose.sample(possible, count)
         left = survivors(place, chosen, selection, options.workers)
         print(*left, sep='\n')
         print(f'{place}: {len(chosen) - len(left)} of {len(chosen)} noticed '
