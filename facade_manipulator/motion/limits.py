@@ -13,7 +13,6 @@ neighbour that stands dead.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 import math
 from typing import NamedTuple
 
@@ -40,7 +39,6 @@ PLAN_TOLERANCE = 1e-9  # m, and per s and s²: such a motion is the one that was
 ROUNDING = 1e-9  # relative
 TOLERANCE = 1e-6  # relative: rounding of a path adds up over its periods
 MARGIN = 0.001  # m, for the speed that a carriage still gains until it brakes
-FOUND = Result.Working, Result.Finished
 
 
 @settings
@@ -348,19 +346,23 @@ def calculate(planner: Ruckig, plan: InputParameter, trajectory: Trajectory) -> 
     On the border of two kinds of path, as of 12 mm from rest with 0.6 m/s² and 6 m/s³, ruckig may
     find neither ("error in step 1"); a millionth less of jerk is beside it.
     """
-    with suppress(RuckigError):
-        if planner.calculate(plan, trajectory) in FOUND:
-            return
+    if not _failure(planner, plan, trajectory):
+        return
     jerk = plan.max_jerk
     plan.max_jerk = [(1.0 - TOLERANCE) * most for most in jerk]
+    failure = _failure(planner, plan, trajectory)
+    plan.max_jerk = jerk
+    if failure:
+        raise ManipulatorError(f'no path inside the motion limits: {failure}')
+
+
+def _failure(planner: Ruckig, plan: InputParameter, trajectory: Trajectory) -> str:
+    """Return why there is no trajectory, nothing if there is one."""
     try:
         result = planner.calculate(plan, trajectory)
     except RuckigError as error:
-        raise ManipulatorError(f'no path inside the motion limits: {error}') from None
-    finally:
-        plan.max_jerk = jerk
-    if result not in FOUND:
-        raise ManipulatorError(f'no path inside the motion limits: {result}')
+        return str(error)
+    return '' if result in (Result.Working, Result.Finished) else str(result)
 
 
 def _plan(limits: MotionLimits, interface: ControlInterface) -> InputParameter:
