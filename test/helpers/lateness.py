@@ -56,7 +56,7 @@ class Lateness:
             if not self.was_late:
                 return
             self._patience -= now - before
-            if self.is_hopeless:
+            if self._patience <= 0.0:
                 pytest.fail(
                     f'this machine is too busy: it was up to {self.worst:.2f} s late within '
                     f'{now - before:.1f} s, bound {self.bound:g} s, and not better within '
@@ -66,11 +66,6 @@ class Lateness:
     def was_late(self) -> bool:
         """Return whether somebody was woken later than the tests bear."""
         return self.worst > self.bound
-
-    @property
-    def is_hopeless(self) -> bool:
-        """Return whether no test waits for a calm machine any more."""
-        return self._patience <= 0.0
 
     def __str__(self) -> str:
         verdict = 'too busy for it' if self.was_late else 'not the reason'

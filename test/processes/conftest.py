@@ -7,14 +7,12 @@ import itertools
 import os
 from pathlib import Path
 
-from _pytest.runner import runtestprotocol
 from lateness import Lateness
 from link import IFF_UP, set_flags
 from own_processes import free_domain
 import pytest
 import rclpy
 from stack import bring_up, come_down, PATIENCE, Stack, start_drives
-from support import second_tries
 from vcan import MISSING
 from watcher import Watcher
 
@@ -24,7 +22,6 @@ from facade_manipulator.ros.client import ManipulatorClient
 FLAGS = Path('/sys/class/net/vcan0/flags')
 LATE = 0.05  # s, five cycles of the fault table: 0.02 s where tests passed, 0.09 where they failed
 CALM_WITHIN = 25.0  # s, for all tests of a bus of the kernel's: a busy machine says so in a minute
-TRIES = 2  # of a test in which the machine was late
 WATCH = pytest.StashKey[Lateness]()
 _numbers = itertools.count()
 
@@ -36,26 +33,6 @@ def pytest_runtest_makereport(item):
     if report.failed and WATCH in item.stash:
         report.sections.append(('lateness', str(item.stash[WATCH])))
     return report
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_runtest_protocol(item, nextitem):
-    """Try a test again, and count it, that failed while the machine did not keep its time."""
-    if not item.get_closest_marker('vcan'):
-        return None
-    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
-    for left in reversed(range(TRIES)):
-        reports = runtestprotocol(item, nextitem=nextitem, log=False)
-        watch = item.stash.get(WATCH, None)
-        was_late = watch is not None and watch.was_late and not watch.is_hopeless
-        if not left or not was_late or not any(report.failed for report in reports):
-            break
-        second_tries.append(str(watch))
-        item._initrequest()
-    for report in reports:
-        item.ihook.pytest_runtest_logreport(report=report)
-    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
-    return True
 
 
 @pytest.fixture(scope='session')
