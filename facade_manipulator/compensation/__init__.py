@@ -7,6 +7,7 @@ within the workspace and the limits of motion, for the instant it is meant for. 
 clock or I/O.
 """
 
+from .compensator import CompensationSettings as CompensationSettings
 from .compensator import Compensator as Compensator
 from .compensator import CompensatorSettings as CompensatorSettings
 from .compensator import CorrectedPose as CorrectedPose

@@ -18,6 +18,7 @@ from .geometry import Wrench as Wrench
 from .inverse import branch_number as branch_number
 from .inverse import carriage_velocity as carriage_velocity
 from .inverse import certify as certify
+from .inverse import CONDITIONING_RATIO as CONDITIONING_RATIO
 from .inverse import inverse_kinematics as inverse_kinematics
 from .inverse import links as links
 from .inverse import MIN_CONDITIONING as MIN_CONDITIONING

@@ -10,6 +10,7 @@ from .course import Course as Course
 from .course import decibels as decibels
 from .course import figures as figures
 from .course import giving_way as giving_way
+from .course import rms as rms
 from .facade import Facade as Facade
 from .facade import FacadeSettings as FacadeSettings
 from .gondola import GondolaSettings as GondolaSettings

@@ -45,10 +45,15 @@ class Course(NamedTuple):
 
 def figures(course: Course) -> dict[str, dict[str, float | None]]:
     """Return RMS of disturbance and error and the attenuation of each axis."""
-    without, errors = (np.sqrt(np.mean(values[course.counts] ** 2, axis=0)).tolist()
+    without, errors = (rms(values[course.counts]).tolist()
                        for values in (course.uncompensated, course.errors))
     return {axis: compared(*pair)
             for axis, *pair in zip(AXES, without, errors, strict=True)}
+
+
+def rms(values: np.ndarray) -> np.ndarray:
+    """Return the root mean square of each column."""
+    return np.sqrt(np.mean(values ** 2, axis=0))
 
 
 def decibels(attenuation: float | None) -> str:

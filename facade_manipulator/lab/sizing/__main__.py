@@ -14,7 +14,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -47,6 +46,7 @@ from facade_manipulator.lab.sizing.outcome import (
 )
 from facade_manipulator.lab.study import (
     add_settings,
+    console,
     designs_of,
     executor_of,
     feasible,
@@ -60,6 +60,7 @@ from facade_manipulator.resources import config_path
 
 REPORT = Path('design_report')
 BAD_INPUT = 2
+WIDTH = 140  # columns
 SHOWN = 12  # machines in the terminal; all are in the file
 SIZES = ('link_range', 'platform_range', 'length_sum', 'stroke_length', 'carriage_gap',
          'min_y_travel', 'min_theta', 'min_difference', 'threshold', 'characteristic_length',
@@ -111,7 +112,7 @@ def _forecast(options: argparse.Namespace, scenarios: dict[str, Scenario]) -> No
         for axis, values in forecast_rows(forecast(geometry, scenario, options.lag_error))]
     with folder(options.output) as draft:
         write_table(draft / 'forecast.csv', FORECAST, rows)
-    Console(width=None if sys.stdout.isatty() else 140).print(_table(
+    console(WIDTH).print(_table(
         f'Expected of {options.forecast.name}, root mean squares from {SETTLED:g} s on',
         FORECAST, ((*row[:2], *(f'{value:.3g}' for value in row[2:])) for row in rows)))
     print(f'written in {options.output}/: forecast.csv')
@@ -151,15 +152,15 @@ def _write(draft: Path, candidates: list[Candidate], chosen: Candidate, duty: Du
 
 
 def _show(candidates: list[Candidate], chosen: Candidate, duty: Duty) -> None:
-    console = Console(width=None if sys.stdout.isatty() else 140)
+    shown = console(WIDTH)
     near = sorted(candidates, key=lambda one: (one.power, one.rail))[:SHOWN]
-    console.print(_table(f'{len(candidates)} machines of which none other is better in all '
+    shown.print(_table(f'{len(candidates)} machines of which none other is better in all '
                          'respects; those with the weakest motors', FRONT, front_rows(near)))
-    console.print(_table(f'The first of them: {chosen.drive.name}', ('quantity', *AXES), (
+    shown.print(_table(f'The first of them: {chosen.drive.name}', ('quantity', *AXES), (
         (name, *(f'{value:.4g}' for value in values))
         for name, *values in axis_rows(chosen, duty))))
-    console.print(f'What binds is {chosen.binds}: it exceeds what is asked {chosen.margin:.3g} '
-                  'times.')
+    shown.print(f'What binds is {chosen.binds}: it exceeds what is asked {chosen.margin:.3g} '
+                'times.')
 
 
 def _table(title: str, header: Sequence[str], rows: Any) -> Table:

@@ -9,6 +9,7 @@ import numpy as np
 
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Carriages
+from facade_manipulator.lab.gondola import rms
 from facade_manipulator.lab.sizing.demand import Demand
 from facade_manipulator.lab.sizing.screw import (
     BallScrew,
@@ -149,7 +150,7 @@ def motor_margins(drive: AxisDrive, of: Demand, duty: Duty) -> Margins:
     """Return what a motor permits by what is asked of it, of each axis, by what binds."""
     motor, torque = drive.motor, torques(drive, of, duty)
     return {
-        'rated torque': _share(motor.rated_torque, np.sqrt(np.mean(torque ** 2, axis=0))),
+        'rated torque': _share(motor.rated_torque, rms(torque)),
         'peak torque': _share(motor.peak_torque, _greatest(torque)),
         'motor speed': _share(motor.peak_speed, drive.turns * _greatest(of.speed))}
 

@@ -15,6 +15,7 @@ import numpy as np
 from facade_manipulator.kinematics import (
     Arrays,
     branch_number,
+    CONDITIONING_RATIO,
     Geometry,
     index_of,
     link_arrays,
@@ -26,7 +27,6 @@ from facade_manipulator.motion import HeadMotion, ReferencePath, ReferenceSettin
 from facade_manipulator.parameters import parameter, settings
 
 STEP = 0.01  # s, between samples: at 2 Hz second differences are 1 % too small
-RATIO = 0.348  # b over the unit of length of the conditioning index, as in kinematics.inverse
 CLEARANCE = 0.014  # m, of reach and gap: where the workspace limit begins to bend y and θ
 ROOM = 0.034  # m, at either end of the rail, where it begins to bend x
 
@@ -93,9 +93,13 @@ def rates(values: np.ndarray) -> np.ndarray:
 
 def in_rail(of: Task, offset: float = 0.0) -> np.ndarray:
     """Return the head in frame rail, which stands farther from the wall by an offset [m]."""
-    x, y, theta = (of.head - of.rail).T
+    return _along_rail(of, of.head - of.rail + (0.0, offset, 0.0))
+
+
+def _along_rail(of: Task, values: np.ndarray) -> np.ndarray:
+    """Return what has x, y and θ along the façade's axes along those of the rail."""
+    x, y, theta = values.T
     sine, cosine = np.sin(of.rail[:, 2]), np.cos(of.rail[:, 2])
-    y = y + offset
     return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, theta])
 
 
@@ -125,7 +129,7 @@ def reachable(geometry: Geometry, at: Arrays) -> bool:
     length, half = geometry.link_length, geometry.platform_half_length
     gap = half * cosine - np.maximum(s1, s2)
     with np.errstate(invalid='ignore'):
-        well = index_of(geometry, at, half / RATIO) > MIN_CONDITIONING
+        well = index_of(geometry, at, half / CONDITIONING_RATIO) > MIN_CONDITIONING
     return bool(
         np.max(np.maximum(np.abs(u1), np.abs(u2))) < length - CLEARANCE
         and np.min(gap) > geometry.carriage_gap + CLEARANCE
@@ -159,10 +163,7 @@ def _positions(
 def _wrench(of: Task, payload: Payload) -> np.ndarray:
     """Return what the head exerts in the rail's directions: on the wall, and on its own mass."""
     mass = np.array(Pose(payload.head_mass, payload.head_mass, payload.head_inertia))
-    wall = mass * rates(rates(of.head)) + np.array((0.0, payload.wall_force, 0.0))
-    sine, cosine = np.sin(of.rail[:, 2]), np.cos(of.rail[:, 2])
-    return np.column_stack([cosine * wall[:, 0] + sine * wall[:, 1],
-                            cosine * wall[:, 1] - sine * wall[:, 0], wall[:, 2]])
+    return _along_rail(of, mass * rates(rates(of.head)) + (0.0, payload.wall_force, 0.0))
 
 
 def _carriage_forces(
@@ -170,8 +171,6 @@ def _carriage_forces(
 ) -> np.ndarray:
     """Return what the carriages themselves take along a rail that moves: mass and friction."""
     speeds = rates(of.rail)
-    moved = rates(speeds)
-    yaw = of.rail[:, 2]
-    along = np.cos(yaw) * moved[:, 0] + np.sin(yaw) * moved[:, 1]
-    absolute = acceleration + along[:, None] - speeds[:, 2:] ** 2 * position
+    along = _along_rail(of, rates(speeds))[:, :1]
+    absolute = acceleration + along - speeds[:, 2:] ** 2 * position
     return payload.carriage_mass * absolute + payload.friction * np.sign(speed)

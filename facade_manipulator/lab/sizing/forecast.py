@@ -23,6 +23,7 @@ from facade_manipulator.lab.gondola import (
     FREQUENCY_DEVIATION,
     LEAST_POWER,
     Motion,
+    rms,
     Scenario,
     SinesPrediction,
     Sway,
@@ -76,18 +77,14 @@ def forecast(geometry: Geometry, scenario: Scenario, lag_error: float = 0.0) -> 
                      for time, rail in zip(times.tolist(), rails.tolist(), strict=True)])
     held = np.abs(back).max(axis=1) > OUTSIDE
     return Forecast(
-        _rms(rails), _predicted(scenario, motion), abs(lag_error) * _rms(speeds), _rms(back),
+        rms(rails), _predicted(scenario, motion), abs(lag_error) * rms(speeds), rms(back),
         float(1.0 - held.mean()))
-
-
-def _rms(values: np.ndarray) -> np.ndarray:
-    return np.sqrt(np.mean(values ** 2, axis=0))
 
 
 def _predicted(scenario: Scenario, motion: Motion) -> np.ndarray:
     """Return the errors that the prediction makes at the head, which yaw moves by its lever."""
     x, y, yaw = _rail_errors(scenario, motion)
-    lever = _rms(np.array(scenario.mission.plan))
+    lever = rms(np.array(scenario.mission.plan))
     return np.array((math.hypot(x, lever[1] * yaw), math.hypot(y, lever[0] * yaw), yaw))
 
 
@@ -148,4 +145,4 @@ def sines_bound(scenario: Scenario, ahead: float) -> np.ndarray:
         bound.update(stamp, Sway(scenario.sway).at(stamp), estimator.variances())
         if stamp + ahead >= SETTLED and number % SKIPPED == 0:
             errors.append(bound.deviations(stamp + ahead))
-    return _rms(np.array(errors))
+    return rms(np.array(errors))

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from facade_manipulator.compensation import CompensationSettings
 from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import inverse_kinematics, Pose
 from facade_manipulator.lab.gondola import AXES as AXIS_NAMES
-from facade_manipulator.lab.gondola import read_sections, SCALES, Scenario
+from facade_manipulator.lab.gondola import read_sections, rms, SCALES, Scenario
 from facade_manipulator.lab.sizing.axis_drive import (
     AXES,
     Duty,
@@ -31,13 +32,12 @@ FRONT = ('l [m]', 'b [m]', 'farther from the wall [m]', 'rail [m]', 'motor', 'ge
 FORECAST = ('scenario', 'axis', 'moves', 'left by the prediction', 'by the drives',
             'by the workspace', 'left [mm, mm, °]', 'goals in reach [%]')
 RESERVE = 1.25  # of speed and acceleration that the limits leave beyond the motion, if drives can
-RISE = 0.02  # s, in which the jerk makes the whole acceleration, as in config/manipulator.yaml
 SPEED_RESERVE, STOP_RESERVE = 1.2, 2.0  # of the drives beyond these limits, as shipped
 HEADER = """# A machine found by design: {drive}.
 # Lengths, screws and motors are as calculated; node ids, profile and home positions are examples.
 """
-#: of the compensator at the shipped limits of 0.5 m/s and 3 m/s²; they grow with them
-SPEED, ACCELERATION = (0.45, 0.4, 1.2), (2.8, 2.5, 7.0)
+#: as shipped, of driver and compensator; those of the compensator grow with the driver's
+LIMITS, PACE = MotionLimits(), CompensationSettings()
 
 
 def front_rows(candidates: Iterable[Candidate]) -> Iterator[tuple[Any, ...]]:
@@ -61,7 +61,7 @@ def axis_rows(chosen: Candidate, duty: Duty) -> list[tuple[Any, ...]]:
         signals = {'speed [m/s]': of.speed, 'acceleration [m/s2]': of.acceleration,
                    'force [N]': of.force, 'motor torque [N m]': torque, 'motor power [W]': power}
         for name, values in signals.items():
-            quantities.setdefault(f'{name} RMS', []).append(np.sqrt(np.mean(values ** 2, axis=0)))
+            quantities.setdefault(f'{name} RMS', []).append(rms(values))
             quantities.setdefault(f'{name} peak', []).append(np.abs(values).max(axis=0))
         quantities.setdefault('stroke used [m]', []).append(np.ptp(of.position, axis=0))
     rows = [(name, *np.max(values, axis=0).tolist()) for name, values in quantities.items()]
@@ -86,7 +86,8 @@ def limits_of(chosen: Candidate) -> MotionLimits:
         reserve * max(float(np.abs(getattr(of, name)).max()) for of in chosen.design.demands)
         for name in ('speed', 'acceleration'))
     acceleration = round(acceleration, 3)
-    return MotionLimits(round(speed, 3), acceleration, round(acceleration / RISE, 1))
+    rise = LIMITS.acceleration / LIMITS.jerk  # s, of the whole acceleration
+    return MotionLimits(round(speed, 3), acceleration, round(acceleration / rise, 1))
 
 
 def write_machine(path: Path, chosen: Candidate) -> None:
@@ -110,7 +111,8 @@ def write_machine(path: Path, chosen: Candidate) -> None:
 
 def _parameters(chosen: Candidate) -> dict[str, Any]:
     limits, drive, geometry = limits_of(chosen), chosen.drive, chosen.design.geometry
-    pace = limits.speed / MotionLimits().speed, limits.acceleration / MotionLimits().acceleration
+    speed, acceleration = (
+        limits.speed / LIMITS.speed, limits.acceleration / LIMITS.acceleration)
     axis = {'profile': 'epos4', 'lead': drive.screw.lead, 'gear_ratio': drive.gear_ratio,
             'rated_torque': drive.motor.rated_torque,
             'max_speed': round(SPEED_RESERVE * limits.speed, 3)} | dict.fromkeys(
@@ -126,8 +128,8 @@ def _parameters(chosen: Candidate) -> dict[str, Any]:
         '/**': {'geometry': lengths | {'stroke': [round(end, 4) for end in geometry.stroke]}},
         '/**/driver': {'limits': vars(limits)} | axes,
         '/**/compensator': {
-            'speed': [round(pace[0] * value, 3) for value in SPEED],
-            'acceleration': [round(pace[1] * value, 3) for value in ACCELERATION]}}
+            'speed': [round(speed * value, 3) for value in PACE.speed],
+            'acceleration': [round(acceleration * value, 3) for value in PACE.acceleration]}}
     return {name: {'ros__parameters': values} for name, values in sections.items()}
 
 

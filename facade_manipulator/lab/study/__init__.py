@@ -11,6 +11,7 @@ from .gcw import Grid as Grid
 from .gcw import PoseCount as PoseCount
 from .optimise import designs_of as designs_of
 from .options import add_settings as add_settings
+from .output import console as console
 from .output import folder as folder
 from .output import progress_bar as progress_bar
 from .reach import Interval as Interval

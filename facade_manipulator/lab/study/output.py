@@ -12,6 +12,7 @@ import json
 import os
 from pathlib import Path
 import shutil
+import sys
 import tempfile
 from typing import Any
 
@@ -20,6 +21,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from facade_manipulator.errors import file_errors
 from facade_manipulator.files import atomic_write
+
+
+def console(width: int) -> Console:
+    """Return where tables are shown; so wide [columns] where the output is no terminal."""
+    return Console(width=None if sys.stdout.isatty() else width)
 
 
 @contextmanager

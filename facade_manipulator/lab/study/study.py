@@ -13,14 +13,12 @@ from dataclasses import asdict
 from pathlib import Path
 import sys
 
-from rich.console import Console
-
 from facade_manipulator.errors import exit_status, ParameterError
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.study.accuracy import DriveTrain
 from facade_manipulator.lab.study.optimise import OBJECTIVES
 from facade_manipulator.lab.study.options import add_settings
-from facade_manipulator.lab.study.output import folder, json_file, progress_bar
+from facade_manipulator.lab.study.output import console, folder, json_file, progress_bar
 from facade_manipulator.lab.study.requirements import Requirements
 from facade_manipulator.lab.study.tables import PARTS, Study
 from facade_manipulator.parameter_file import ALL_NODES, read_settings
@@ -74,12 +72,11 @@ def _run(options: argparse.Namespace) -> None:
         content = stack.enter_context(json_file(options.json)) if options.json else {}
         content['inputs'] = {**asdict(geometry), 'threshold': study.need.threshold,
                              'characteristic_length': study.need.characteristic_length}
-        # Wide enough for every column where the output is no terminal.
-        console = Console(width=None if sys.stdout.isatty() else 120)
+        shown = console(120)
         for name in parts:
             key, data, table = PARTS[name](study, options)
             content[key] = data
-            console.print(table)
+            shown.print(table)
         if draft:
             _draw(draft, study)
     if options.figures:

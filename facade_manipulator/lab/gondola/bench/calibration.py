@@ -19,6 +19,7 @@ import numpy as np
 
 from facade_manipulator.kinematics import Geometry
 from facade_manipulator.lab.gondola.bench.__main__ import run_scenario
+from facade_manipulator.lab.gondola.course import rms
 from facade_manipulator.lab.gondola.machines import (
     make_machine,
     measure_heads,
@@ -83,11 +84,6 @@ def try_machines(machines: int) -> Trial:
             rms(spread(found.geometry, UNKNOWNS, found.covariance, held))))
     deviations, before, after, share = (np.array(column) for column in zip(*rows, strict=True))
     return Trial(deviations, before, after, share, blamed)
-
-
-def rms(values: np.ndarray) -> np.ndarray:
-    """Return the root mean square of each column."""
-    return np.sqrt((values ** 2).mean(axis=0))
 
 
 def trial_table(trial: Trial) -> list[str]:
