@@ -112,11 +112,13 @@ def test_a_grid_that_cannot_be_is_rejected(theta, resolution, words):
         lci_grid(DESIGN, theta, resolution)
 
 
-def test_the_study_is_imported_without_what_it_draws_with():
+@pytest.mark.parametrize(('module', 'needless'), [
+    ('kinematics.maps', ('matplotlib', 'scipy', 'rich')), ('lab.study', ('matplotlib', 'scipy'))])
+def test_maps_and_study_are_imported_without_what_they_do_not_need(module, needless):
     import subprocess
     import sys
-    code = ('import sys, facade_manipulator.lab.study; '
-            'print([name for name in ("matplotlib", "scipy") if name in sys.modules])')
+    code = (f'import sys, facade_manipulator.{module}; '
+            f'print([name for name in {needless} if name in sys.modules])')
     shown = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True,
                            check=True, timeout=60)
     assert shown.stdout.strip() == '[]'

@@ -56,6 +56,7 @@ def test_every_profile_requires_what_keeps_the_machine_safe(name):
     profile = load_profile(name)
     assert {item.value for item in profile.objects if item.required} >= SAFETY
     assert all(profile.location(quantity) for quantity in SAFETY)
+    assert (profile.lost_master_reaction, 0, 3, True) in profile.objects
     assert profile.stops_without_master
 
 
