@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+from itertools import pairwise
 import math
+from pathlib import Path
 import re
 import time
 from types import SimpleNamespace
@@ -15,7 +17,9 @@ from qualities import LATCHED, RELIABLE
 from rich.console import Console
 from sensor_msgs.msg import JointState
 
+import facade_manipulator
 from facade_manipulator.kinematics import Pose
+from facade_manipulator.messages import CARRIAGES
 from facade_manipulator.nodes.monitor import LINE_PERIOD, Observer, render, screen
 from facade_manipulator.nodes.overview import overview, POSES, Seen
 from facade_manipulator.ros.client import Component, ManipulatorClient
@@ -46,6 +50,22 @@ def lines(known, width=80, now=NOW):
     return console.file.getvalue().splitlines()
 
 
+def full_machine(*more):
+    known = seen(*((name, 'ok', 'following the goals', {'cycles': 1200, 'missed cycles': 3}) for (
+        name) in ('driver: operation', 'driver: bus', 'compensator: correction',
+                  'ik_service: goal', 'recorder: black box', *more)),
+        *((f'driver: q{n}', 'ok', 'operation enabled') for n in (1, 2, 3)))
+    known.poses = dict.fromkeys(POSES, (NOW, Pose(0.1, 0.25, 0.035)))
+    return known
+
+
+def tables(shown):
+    """Return the heads of the tables in full, and the names of their rows."""
+    heads = [above.split() for above, line in pairwise(shown) if line.startswith('──')]
+    names = {re.split(r'\s{2,}', line)[0] for line in shown[1:] if line[:1].isalpha()}
+    return heads, names
+
+
 def words(text):
     return ' '.join(' '.join(text).split())
 
@@ -64,16 +84,20 @@ def test_a_stop_has_its_cause_and_next_step_on_top_in_full_and_says_so_without_c
 
 
 def test_a_machine_in_order_has_no_troubles_and_fits_a_small_terminal():
-    known = seen(*((name, 'ok', 'following the goals', {'cycles': 1200, 'missed cycles': 3}) for (
-        name) in ('driver: operation', 'driver: bus', 'compensator: correction',
-                  'ik_service: goal', 'recorder: black box', 'gondola_simulator: wall')),
-        *((f'driver: q{n}', 'ok', 'operation enabled') for n in (1, 2, 3)))
-    known.poses = dict.fromkeys(POSES, (NOW, Pose(0.1, 0.25, 0.035)))
-    shown = lines(known)
+    shown = lines(full_machine('gondola_simulator: wall'))
     assert shown[0] == 'gondola_1: following the goals   remark' and shown[1].startswith('pose')
     assert len(shown) <= 23, 'a row more, or a table too wide:\n' + '\n'.join(shown)
     assert '1200 cycles, 3 missed' in words(shown)
     assert '+100.0 +250.0 +2.01' in words(shown)
+
+
+def test_the_screen_in_the_documents_has_the_tables_and_rows_that_there_are():
+    page = (Path(facade_manipulator.__file__).parents[1] / 'docs/operation.md').read_text()
+    sample = re.search(r'```\n(gondola_1: active .*?)```', page, re.DOTALL)[1].splitlines()
+    known = full_machine()
+    known.joints = NOW, JointState(
+        name=CARRIAGES, position=[0.1] * 3, velocity=[0.0] * 3, effort=[1.0] * 3)
+    assert tables(sample) == tables(lines(known))
 
 
 @pytest.mark.parametrize('level, word', [
