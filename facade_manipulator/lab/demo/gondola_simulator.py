@@ -154,10 +154,10 @@ class GondolaSimulatorNode(Node):
 
     def _publish_sensors(self, sample: WallSample, wrench: Wrench) -> None:
         """Publish what sensors on the head measure of the wall."""
-        sensor = self._force_sensor
-        if sensor and (measured := sensor.measure(sample.time, wrench)):
+        if self._force_sensor is not None:
             self._wrench.publish(wrench_stamped(
-                self._frames.end_effector, sample.time, measured))
+                self._frames.end_effector, sample.time,
+                self._force_sensor.measure(sample.time, wrench)))
         if self._measures_slip and sample.settled:
             message = PointStamped(point=Point(x=sample.lateral_offset))
             message.header.frame_id = self._frames.end_effector

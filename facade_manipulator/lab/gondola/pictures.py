@@ -25,7 +25,6 @@ WITHOUT, WITH, GOAL = '#999999', '#0072b2', '#d55e00'
 DOTS_PER_INCH = 110
 LOWEST, HIGHEST = 0.02, 10.0  # Hz, between which spectra are drawn
 BANDS_PER_DECADE = 12
-HOW_FAR = 'How far the head is from where it should be on the wall'
 GIVES_WAY = 'gives way to the wall: its shift from the goal is meant'
 LEAST_SHARE = 0.01  # of the largest amplitude: where there is no disturbance there is no ratio
 
@@ -37,16 +36,14 @@ def new_figure(width: float, height: float, title: str, size: float = 12.0) -> F
     return figure
 
 
-def time_courses(
-    course: Course, axes: dict[str, Any], giving_way: Collection[str], title: str = HOW_FAR
-) -> Figure:
+def time_courses(course: Course, axes: dict[str, Any], giving_way: Collection[str]) -> Figure:
     """
     Draw the error on the wall over the run, with and without, and alone on a scale of its own.
 
     It is that from the head's path to the goal; with the summary's figures, but for axes that give
     way to the wall.
     """
-    figure = new_figure(13, 9, title, 13.0)
+    figure = new_figure(13, 9, 'How far the head is from where it should be on the wall', 13.0)
     panels = figure.subplots(3, 2, sharex=True, width_ratios=(1.2, 1.0))
     without, errors = (np.multiply(SCALES, of) for of in (course.uncompensated, course.errors))
     for i, (pair, (axis, result)) in enumerate(zip(panels, axes.items(), strict=True)):

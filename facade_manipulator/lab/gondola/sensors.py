@@ -1,8 +1,7 @@
-"""Sensors as there are: an estimator of the disturbance, a force sensor; noisy, late, broken."""
+"""Sensors as there are: an estimator of the disturbance, noisy, late and lying; a force sensor."""
 
 from __future__ import annotations
 
-from collections import deque
 import heapq
 import math
 
@@ -13,8 +12,6 @@ from facade_manipulator.kinematics import Pose, Wrench
 from facade_manipulator.lab.gondola.motion import Motion
 from facade_manipulator.parameters import inherited, parameter, settings
 from facade_manipulator.prediction import Estimate, EstimateSettings, estimator_motion, Variances
-
-FAULTS = ('none', 'silent', 'stuck', 'jump', 'reversed', 'late')
 
 
 @settings
@@ -133,20 +130,12 @@ class SimulatedEstimator:
 
 @settings
 class ForceSensorSettings:
-    """How well the sensor measures the wrench on the head, and how it breaks."""
+    """How well the sensor measures the wrench on the head."""
 
     force_noise: float = parameter(
         'Standard deviation of the forces', default=0.5, unit='N', minimum=0.0, maximum=100.0)
     moment_noise: float = parameter(
         'Standard deviation of the moment', default=0.05, unit='N m', minimum=0.0, maximum=100.0)
-    fault: str = parameter('How the sensor breaks', default='none', choices=FAULTS)
-    fault_from: float = parameter(
-        'When it breaks, counted from its first measurement', default=0.0, unit='s', minimum=0.0)
-    jump: float = parameter(
-        'By how much the force jumps', default=20.0, unit='N', minimum=-1e3, maximum=1e3)
-    delay: float = parameter(
-        'How late a late sensor is, without saying so', default=0.2, unit='s', minimum=0.0,
-        maximum=2.0)
     seed: int = parameter('Seed of the noise', default=1, minimum=0)
 
 
@@ -154,32 +143,9 @@ class ForceSensor:
     """Measure the wrench of the wall on the head."""
 
     def __init__(self, settings: ForceSensorSettings) -> None:
-        self._settings = settings
         self._random = np.random.default_rng(settings.seed)
-        self._deviation = np.array(
-            (settings.force_noise, settings.force_noise, settings.moment_noise))
-        self._begin: float | None = None
-        self._past: deque[tuple[float, Wrench]] = deque()
-        self._stuck: Wrench | None = None
+        self._deviation = (settings.force_noise, settings.force_noise, settings.moment_noise)
 
-    def measure(self, time: float, wrench: Wrench) -> Wrench | None:
-        """Return what the sensor shows of a wrench at a time [s]; None if it is silent."""
-        noise = self._deviation * self._random.standard_normal(len(self._deviation))
-        measured = Wrench(*(np.array(wrench) + noise).tolist())
-        self._begin = time if self._begin is None else self._begin
-        self._past.append((time, measured))
-        while len(self._past) > 1 and self._past[1][0] <= time - self._settings.delay:
-            self._past.popleft()
-        broken = time - self._begin >= self._settings.fault_from
-        return self._broken(measured) if broken else measured
-
-    def _broken(self, measured: Wrench) -> Wrench | None:
-        self._stuck = self._stuck or measured
-        shown = {
-            'silent': None,
-            'stuck': self._stuck,
-            'jump': measured._replace(fy=measured.fy - self._settings.jump),
-            'reversed': Wrench(*(-value for value in measured)),
-            'late': self._past[0][1],
-        }
-        return shown.get(self._settings.fault, measured)
+    def measure(self, time: float, wrench: Wrench) -> Wrench:
+        """Return what the sensor shows of a wrench at a time [s]."""
+        return Wrench(*self._random.normal(wrench, self._deviation).tolist())

@@ -2,8 +2,8 @@
 Bench of the compensation: every scenario in a closed loop, beside plain and ideal predictions.
 
 Run it by ``python -m facade_manipulator.lab.gondola.bench``. It prints tables and writes
-compensation.json, pictures of each scenario, one of what each prediction leaves, one of the sweep
-and one of the force that a gondola can press with.
+compensation.json, a picture of what each prediction leaves and one of the force that a gondola can
+press with; ``make demo`` draws a scenario.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from facade_manipulator.lab.gondola.bench.comparison import (
     put_beside,
     WITHOUT_ANY,
 )
-from facade_manipulator.lab.gondola.bench.pictures import draw_forces, draw_scenario, draw_sweep
+from facade_manipulator.lab.gondola.bench.pictures import draw_forces
 from facade_manipulator.lab.gondola.bench.plain import (
     AccelerationPrediction,
     HeldPrediction,
@@ -127,9 +127,9 @@ def run_predictions(scenario: Scenario) -> dict[str, Run]:
             for name, predictor in ({LEARNT: None} | others).items()}
 
 
-def evaluate(scenario: Scenario, seeds: int = 1) -> tuple[dict[str, Any], Run]:
+def evaluate(scenario: Scenario, seeds: int = 1) -> dict[str, Any]:
     """
-    Return what the report says of a scenario, over seeds, and the first run it is about.
+    Return what the report says of a scenario, over seeds; of force and rejections the first run.
 
     ``rms`` is what is left of the disturbance by prediction and axis [m, m, rad]; an axis along
     which the head presses has none.
@@ -147,7 +147,7 @@ def evaluate(scenario: Scenario, seeds: int = 1) -> tuple[dict[str, Any], Run]:
             [runs[LEARNT].within() for runs in trials], axis=0).tolist(),
         'contact_force': _contact(scenario, run.steps),
         'rejections': len(run.loop.rejections), 'brakes': run.loop.follower.brakes,
-    }, run
+    }
 
 
 def _together(
@@ -211,14 +211,6 @@ def table(results: dict[str, Any]) -> Iterator[str]:
         f'{item["frequency_hz"]:g} Hz {100 * item["ratio"]:.0f}%' for item in results['sweep'])
 
 
-def _report(output: Path, name: str, scenario: Scenario, seeds: int) -> dict[str, Any]:
-    """Evaluate a scenario and draw it."""
-    result, run = evaluate(scenario, seeds)
-    title = f'{name}: {scenario.mission.description}'
-    draw_scenario(output / f'{name}.png', title, run.steps, scenario)
-    return result
-
-
 def main(args: list[str] | None = None) -> int:
     """Run the bench; return the exit status."""
     parser = argparse.ArgumentParser(prog='bench', description=__doc__.splitlines()[1])
@@ -234,8 +226,7 @@ def main(args: list[str] | None = None) -> int:
         output = options.output
         output.mkdir(parents=True, exist_ok=True)
         results: dict[str, Any] = {'scenarios': {
-            name: _report(output, Path(name).stem, scenario, options.seeds)
-            for name, scenario in scenarios.items()},
+            name: evaluate(scenario, options.seeds) for name, scenario in scenarios.items()},
             'sweep': [ratios_at(frequency) for frequency in SWEEP]}
         if options.before:
             put_beside(results['scenarios'], json.loads(
@@ -243,7 +234,6 @@ def main(args: list[str] | None = None) -> int:
     except (ManipulatorError, OSError, ValueError) as error:
         print(error, file=sys.stderr)
         return 2
-    draw_sweep(output / 'sweep.png', results['sweep'])
     draw_forces(output / 'forces.png')
     draw_comparison(output / 'predictions.png', results['scenarios'], SCALES, TITLES,
                     'Error of the head on the wall by prediction (RMS)')
