@@ -16,7 +16,7 @@ from facade_manipulator.kinematics import Geometry, joints, Pose
 
 COLOUR_MAP = 'viridis'  # even in lightness, safe for the colour-blind, and in grey
 # Okabe and Ito's colours, distinct to every eye.
-BLUE, ORANGE, GREEN, PURPLE = '#0072B2', '#D55E00', '#009E73', '#CC79A7'
+BLUE, ORANGE, GREEN = '#0072B2', '#D55E00', '#009E73'
 BLACK, GREY, PALE = '#000000', '#777777', '#D9D9D9'
 MILLIMETRES = 1e3
 MACHINE_MODE = '+-'  # signs of the roots in eqs 7 and 8

@@ -34,11 +34,7 @@ from facade_manipulator.lab.study.drawing import (
     X_LABEL,
     Y_LABEL,
 )
-from facade_manipulator.lab.study.figures_design import (
-    figure_accuracy,
-    figure_optimum,
-    figure_singularity,
-)
+from facade_manipulator.lab.study.figures_accuracy import figure_accuracy
 from facade_manipulator.lab.study.figures_postures import draw_extremes, figure_3, figure_5
 from facade_manipulator.lab.study.gcw import case_geometry, count_poses, PAPER
 from facade_manipulator.lab.study.singularities import configurations, parallel_curves
@@ -259,7 +255,5 @@ FIGURES: dict[str, Callable[[Study], Figure]] = {
     'figure_08_cases.png': figure_8,
     'figure_09_conditioning.png': figure_9,
     'figure_11_ranges.png': figure_11,
-    'figure_parallel_singularity.png': figure_singularity,
     'figure_accuracy.png': figure_accuracy,
-    'figure_optimum.png': figure_optimum,
 }

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from facade_manipulator.errors import ParameterError
 from facade_manipulator.kinematics import Geometry, pose_map
 from facade_manipulator.lab.study.section import section_area
 from facade_manipulator.lab.study.volume import theta_end, union_area
@@ -76,10 +75,9 @@ def count_poses(
     Raises
     ------
     ParameterError
-        If a spacing, the threshold or the characteristic length is not positive.
+        If the characteristic length is not positive.
 
     """
-    _check(grid, threshold)
     turns = int(theta_end(geometry) / grid.theta)
     of = pose_map(geometry, grid_y(geometry, grid)[:, None],
                   grid.theta * np.arange(-turns, turns + 1), characteristic_length)
@@ -94,14 +92,6 @@ def grid_y(geometry: Geometry, grid: Grid) -> np.ndarray:
     count = int(geometry.link_length / grid.y + 1e-9)
     # Rounded, so that 352 times 0.001 is the link's 0.352 and not a bit beside it.
     return np.round(np.arange(1, count + 1) * grid.y, 12)
-
-
-def _check(grid: Grid, threshold: float) -> None:
-    for name, value in zip(grid._fields, grid, strict=True):
-        if not (np.isfinite(value) and value > 0.0):
-            raise ParameterError(f'grid spacing of {name} = {value} is not positive')
-    if not (np.isfinite(threshold) and threshold >= 0.0):
-        raise ParameterError(f'threshold = {threshold} is not a conditioning index')
 
 
 class PaperRow(NamedTuple):
